@@ -7,8 +7,8 @@ PYTHON ?= python3
 CORES ?= 2
 BIN := .venv/bin
 INSTALLED := .venv/.installed
-KERNELS := src/egosplat/kernels
-RAYS := src/egosplat/rays
+KERNELS := src/egosplat/rasterize/kernels
+RAYS := src/egosplat_apartments/rays
 COMPILED := $(KERNELS)/libegosplat_generic.so
 PAGES := contact_sheet.png instances.png crops.png transient.png splats.png language.png queries.png scene.html story.html
 
@@ -33,7 +33,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 $(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,targets.py compiling.py) $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
 	@echo "Compiling the C++ kernels: about a minute."
 	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
-	@$(BIN)/python -c 'from egosplat.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'
+	@$(BIN)/python -c 'from egosplat.rasterize.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'
 
 demo: install
 	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/metrics.json $(addprefix results/adt/scene1/,$(PAGES))

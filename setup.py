@@ -12,13 +12,13 @@ from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
 
 ROOT = Path(__file__).resolve().parent
-KERNELS, RAYS = "egosplat/kernels", "egosplat/rays"
+KERNELS, RAYS = "egosplat/rasterize/kernels", "egosplat_apartments/rays"
 
 sys.path.insert(0, str(ROOT / "src"))
 
-from egosplat.kernels.compiling import compile_kernels, compile_rays
-from egosplat.kernels.targets import VARIANTS
-from egosplat.rays.library import LIBRARY
+from egosplat.rasterize.kernels.compiling import compile_kernels, compile_rays
+from egosplat.rasterize.kernels.targets import VARIANTS
+from egosplat_apartments.rays.library import LIBRARY
 
 
 class BuildKernels(build_ext):
@@ -49,6 +49,6 @@ class PlatformWheel(bdist_wheel):
 
 
 setup(
-    ext_modules=[Extension("egosplat.kernels.library", [f"src/{KERNELS}/source/kernels.cpp"])],
+    ext_modules=[Extension("egosplat.rasterize.kernels.library", [f"src/{KERNELS}/source/kernels.cpp"])],
     cmdclass={"build_ext": BuildKernels, "bdist_wheel": PlatformWheel},
 )

@@ -13,9 +13,9 @@ from egosplat.evaluation.intervals import (
     clustered_interval,
     mean_of_scenes,
 )
-from egosplat.tables.paper_tables import average_chance
-from egosplat.tables.scored_scenes import CHANCE, ScoredScene
-from egosplat.tables.table import Cell
+from egosplat.report.tables.paper_tables import average_chance
+from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene
+from egosplat.report.tables.table import Cell
 
 # Name and query group of the scores in a table.
 SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), ("mean_iou", "all"))

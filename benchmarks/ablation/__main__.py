@@ -25,9 +25,9 @@ from benchmarks.scores import (
     told,
 )
 from egosplat.pipeline.scene_folder import title_of
-from egosplat.tables.paper_tables import average, average_chance
-from egosplat.tables.scored_scenes import CHANCE, ScoredScene, check_protocol, read_scored_scene
-from egosplat.tables.table import Cell, number
+from egosplat.report.tables.paper_tables import average, average_chance
+from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, check_protocol, read_scored_scene
+from egosplat.report.tables.table import Cell, number
 
 # Folder of each variant inside the scene's folder.
 VARIANTS = {

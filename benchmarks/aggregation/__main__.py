@@ -24,7 +24,7 @@ from egosplat.features.compression import fit
 from egosplat.features.supervision import reconstruction, spread
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 from egosplat.progress import track
-from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS
+from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
 from training.small_models.worlds import read_world
 
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)

@@ -12,7 +12,7 @@ import yaml
 from benchmarks.common import ROOT, markdown
 from benchmarks.scores import METHOD, SCORES, psnr, told
 from egosplat.errors import UserError
-from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
 SCENE = Path("results/adt/scene1")
 

@@ -33,8 +33,8 @@ from egosplat.evaluation.intervals import (
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.progress import log
-from egosplat.tables.scored_scenes import UNTOUCHED
-from egosplat.tables.table import Cell
+from egosplat.evaluation.scored_scenes import UNTOUCHED
+from egosplat.report.tables.table import Cell
 
 COLUMNS = (
     "things",

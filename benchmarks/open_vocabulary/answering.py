@@ -11,7 +11,7 @@ from egosplat.evaluation.options import MetricsOptions, metrics_options
 from egosplat.evaluation.run_queries import run_queries
 from egosplat.evaluation.scores import Result
 from egosplat.pipeline.config import Config, stage_values
-from egosplat.report.queries_asking import open_asker, open_finished
+from egosplat.report.sheets.queries_asking import open_asker, open_finished
 
 
 @dataclass(frozen=True)

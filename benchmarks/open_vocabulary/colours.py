@@ -10,9 +10,9 @@ from egosplat.frames.recording import Instance
 from egosplat.frames.rectify import pinhole
 from egosplat.geometry import CLOCKWISE
 from egosplat.pipeline.config import Config
-from egosplat.synthetic.camera.lens import pinhole_lens
-from egosplat.synthetic.stage import make_renderer
-from egosplat.synthetic.world.world import World, camera_pose, make_world
+from egosplat_apartments.camera.lens import pinhole_lens
+from egosplat_apartments.stage import make_renderer
+from egosplat_apartments.world.world import World, camera_pose, make_world
 from training.small_models.attributes import COLOURS, find_appearance
 from training.small_models.captions import MAIN_SHARE, TRACE_SHARE
 

@@ -19,8 +19,8 @@ from benchmarks.common import command, markdown, scene_folders
 from egosplat.errors import UserError
 from egosplat.evaluation.presence import separation
 from egosplat.output_files import picture_kind
-from egosplat.report.figure import plt, save_figure
-from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
+from egosplat.drawing import plt, save_figure
+from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 
 PICTURE = picture_kind("benchmarks/presence")
 

@@ -18,7 +18,7 @@ from benchmarks.common import command
 from benchmarks.rasterizer import comparison, gpu, table
 from egosplat.errors import UserError
 from egosplat.files import atomic_file
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 
 HERE = Path(__file__).resolve().parent
 COMMITTED = HERE / "rasterizer.json"

@@ -8,8 +8,8 @@ from torch import Tensor
 
 from benchmarks.rasterizer.scenes import SCENES, Problem, make_problem, make_scene
 from benchmarks.rasterizer.timing import Sample, sample
-from egosplat.kernels import library
-from egosplat.kernels.raster import composite
+from egosplat.rasterize.kernels import library
+from egosplat.rasterize.kernels.raster import composite
 from egosplat.rasterize.reference.rasterizer import composite as composite_in_torch
 
 # Returns the image (H, W, X), then the gradients to means2d, conics, opacities and channels.

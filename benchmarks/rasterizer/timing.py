@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from egosplat.kernels.library import VARIABLE
+from egosplat.rasterize.kernels.library import VARIABLE
 
 
 @dataclass(frozen=True)

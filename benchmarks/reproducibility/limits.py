@@ -55,7 +55,7 @@ def choices() -> dict[str, str]:
     import torch
     from numpy._core._multiarray_umath import __cpu_features__ as features
 
-    from egosplat.kernels import library
+    from egosplat.rasterize.kernels import library
 
     return {
         "kernels": library.variant(),

@@ -19,7 +19,7 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.survey_file import read_survey
-from egosplat.tables.scored_scenes import read_scored_scene
+from egosplat.evaluation.scored_scenes import read_scored_scene
 
 
 def row(folder: Path) -> dict[str, object]:

@@ -39,7 +39,7 @@ from egosplat.pipeline.config import Config, stage_values
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.stages import run_stage
 from egosplat.progress import log, track
-from egosplat.tables.scored_scenes import ScoredScene, read_scored_scene
+from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 
 PRESETS = ROOT / "config" / "presets"
 TARGETS = ("view", "average")

@@ -21,7 +21,7 @@ from benchmarks.scores import (
     seconds,
 )
 from egosplat.pipeline.scene_folder import title_of
-from egosplat.tables.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
 COLUMNS = (
     "scene",

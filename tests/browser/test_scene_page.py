@@ -12,8 +12,8 @@ from PIL import Image
 from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.page.container import unpack
-from egosplat.page.words import words_to_try
+from egosplat.viewing.container import unpack
+from egosplat.viewing.words import words_to_try
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import find_things
@@ -261,7 +261,7 @@ def test_instances_have_colours_and_the_words_are_suggested(scene, clip):
 def test_a_thinned_scene_without_a_text_tower_says_so(tmp_path, open_tab, monkeypatch):
     """A page with fewer Gaussians tells how many there are; without a text tower it answers its list alone."""
     put_page_scene(tmp_path, origin="real")
-    monkeypatch.setattr("egosplat.page.words.MOST_NUMBERS", 1000)
+    monkeypatch.setattr("egosplat.viewing.words.MOST_NUMBERS", 1000)
     page = write_page(tmp_path, max_gaussians=400)
     tab = open_tab(PHONE)
     tab.page.goto(page.as_uri())

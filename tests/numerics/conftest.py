@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 
 settings.register_profile(
     "numerics",

@@ -14,8 +14,8 @@ from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.page.stage import ScenePageOptions, run
-from egosplat.page.visibility import STEP
+from egosplat.viewing.stage import ScenePageOptions, run
+from egosplat.viewing.visibility import STEP
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import Surface

@@ -87,7 +87,7 @@ build_model("timm's", model)
 
 def test_the_words_of_a_query_need_no_matplotlib():
     """The answer is printed before the library of the picture is imported."""
-    assert "matplotlib" not in imported_by("import egosplat.report.query_command")
+    assert "matplotlib" not in imported_by("import egosplat.query.command")
 
 
 def test_reading_frames_never_imports_annotation_code():

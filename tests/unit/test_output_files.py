@@ -16,9 +16,9 @@ from egosplat.errors import UserError
 from egosplat.export.ply import PLY, write_ply
 from egosplat.output_files import check_output, output_file, picture_kind, stage_json_kind, write_text_file
 from egosplat.pipeline.stages import PAGES, STAGES
-from egosplat.report.figure import plt, save_figure
-from egosplat.report.query_answers import QUERY_PICTURE
-from egosplat.tables import stage as tables_stage
+from egosplat.drawing import plt, save_figure
+from egosplat.query.answers import QUERY_PICTURE
+from egosplat.report.tables import stage as tables_stage
 
 DOCUMENTS = ("metrics", "method_metrics", "survey")
 """Stages that write JSON; the others but the sheets write artifacts."""

@@ -8,7 +8,7 @@ import pytest
 
 from egosplat.pipeline import config
 from egosplat.pipeline.scenes import Scene, read_scenes
-from egosplat.tables.scored_scenes import UNTOUCHED
+from egosplat.evaluation.scored_scenes import UNTOUCHED
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "config" / "scenes.tsv"

@@ -16,10 +16,10 @@ from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS
 from egosplat.geometry import CLOCKWISE, Camera, invert, rotation_angle, transform
 from egosplat.pipeline.config import defaults
 from egosplat.poses import stage as poses_stage
-from egosplat.synthetic.adt_format.adt import write_sequence
-from egosplat.synthetic.adt_format.aria import device_from_camera
-from egosplat.synthetic.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Sequence
-from egosplat.synthetic.stage import make_sequence
+from egosplat_apartments.adt_format.adt import write_sequence
+from egosplat_apartments.adt_format.aria import device_from_camera
+from egosplat_apartments.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Sequence
+from egosplat_apartments.stage import make_sequence
 
 KEYS = defaults()
 

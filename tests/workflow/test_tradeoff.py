@@ -78,5 +78,5 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     costs = [cost for stage in small["stages"].values() for name, cost in stage.items() if name != "disk_mb"]
     assert costs and None not in costs
     assert planned(workdir, narrow) == {}
-    workdir.edit("tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
+    workdir.edit("report/tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
     assert planned(workdir, narrow) == {"tradeoff": 1}

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.synthetic.camera.raycasting import Geometry
-from egosplat.synthetic.objects.textures import Texture
+from egosplat_apartments.camera.raycasting import Geometry
+from egosplat_apartments.objects.textures import Texture
 
 Floats = NDArray[np.float32]
 

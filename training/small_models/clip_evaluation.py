@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from open_clip import CLIP, SimpleTokenizer
 from torch import Tensor
 
-from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS
+from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
 from training.small_models.attributes import COLOURS
 from training.small_models.captions import Claims, Truth, facts, main_colour, make_claims, unseen_combination
 from training.small_models.clip_model import encode_texts

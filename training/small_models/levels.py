@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from egosplat.synthetic.camera.raycasting import Geometry
-from egosplat.synthetic.world.world import World
+from egosplat_apartments.camera.raycasting import Geometry
+from egosplat_apartments.world.world import World
 
 Ints = NDArray[np.int32]
 

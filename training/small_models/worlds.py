@@ -11,9 +11,9 @@ from egosplat.errors import UserError
 from egosplat.files import atomic_directory
 from egosplat.frames.rectify import pinhole
 from egosplat.geometry import CLOCKWISE
-from egosplat.synthetic.camera.lens import pinhole_lens
-from egosplat.synthetic.stage import make_renderer
-from egosplat.synthetic.world.world import World, camera_pose, make_world
+from egosplat_apartments.camera.lens import pinhole_lens
+from egosplat_apartments.stage import make_renderer
+from egosplat_apartments.world.world import World, camera_pose, make_world
 from training.small_models.levels import Levels, find_levels
 
 # The paper's focal length of rectified pictures, at a side of 1408 px.

@@ -12,7 +12,7 @@ from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks
 from egosplat.pipeline.replacements import asked_results, replacement_notices
 from egosplat.pipeline.scenes import find_scene, requested_targets
 from egosplat.pipeline.variants import check_target
-from egosplat.tradeoff.points import measured_points, read_scenes_with_points
+from egosplat.pipeline.sweeps import measured_points, read_scenes_with_points
 
 PRESETS = Path(workflow.basedir).parent / "config/presets"
 

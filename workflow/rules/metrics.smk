@@ -119,8 +119,8 @@ rule tables:
     input:
         metrics=lambda _: table_scores(scenes.values()),
         pictures=lambda _: table_pictures(scenes.values()),
-        printed=PACKAGE / "tables/paper_numbers.csv",
-        page=PACKAGE / "tables/tables.html.j2",
+        printed=PACKAGE / "report/tables/paper_numbers.csv",
+        page=PACKAGE / "report/tables/tables.html.j2",
     output:
         expand(
             "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
@@ -138,7 +138,7 @@ rule tables:
         runtime="10m",
     params:
         pictures=get_picture_flags,
-        code=code_hash("egosplat.tables.stage", ("jinja2", "jsonschema", "pandas")),
+        code=code_hash("egosplat.report.tables.stage", ("jinja2", "jsonschema", "pandas")),
     shell:
         "egosplat tables"
         " --output results/benchmark"

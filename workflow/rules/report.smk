@@ -273,7 +273,7 @@ rule methods_sheet:
         runtime=30,
     params:
         title=get_title,
-        code=code_hash("egosplat.report.methods_sheet", ("matplotlib", "torch")),
+        code=code_hash("egosplat.report.sheets.methods_sheet", ("matplotlib", "torch")),
     shell:
         "egosplat methods-sheet"
         " --title {params.title:q}"

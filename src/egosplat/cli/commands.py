@@ -75,7 +75,7 @@ def check(folders: tuple[Path, ...]) -> None:
 )
 def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) -> None:
     """Write METRICS, metrics.json of several scenes, as the paper's tables, next to its printed numbers."""
-    from egosplat.tables.stage import run
+    from egosplat.report.tables.stage import run
 
     run(metrics, output, pictures=pictures)
 
@@ -90,7 +90,7 @@ def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) 
 @click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
 def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
     """Compare cost and accuracy of points. The workflow lists the points."""
-    from egosplat.tradeoff.stage import run
+    from egosplat.report.tradeoff.stage import run
 
     run(points, output)
 
@@ -100,7 +100,7 @@ def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
 @click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
 def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
     """Compare cost and accuracy over several scenes: DOCUMENTS are their files tradeoff.json."""
-    from egosplat.tradeoff.stage import run_scenes
+    from egosplat.report.tradeoff.stage import run_scenes
 
     run_scenes(documents, output)
 
@@ -111,7 +111,7 @@ def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
 @click.option("--output", type=ARTIFACT, required=True, help="Output picture, .png.")
 def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path) -> None:
     """Draw answers of methods side by side: METRICS are metrics.json of one scene's variants."""
-    from egosplat.report.methods_sheet import run
+    from egosplat.report.sheets.methods_sheet import run
 
     run(metrics, output, title)
 

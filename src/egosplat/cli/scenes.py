@@ -30,7 +30,7 @@ def query_command() -> click.Command:
         **keys: Any,
     ) -> None:
         from egosplat.query.options import QueryOptions
-        from egosplat.report.query_command import Asking, run
+        from egosplat.query.command import Asking, run
 
         check_scene_folder(folder, ("frames", "poses", "splats", "language"))
         asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)

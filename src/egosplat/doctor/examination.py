@@ -81,7 +81,7 @@ def _models_device(config: Config) -> str:
 def _rasterizer(config: Config) -> str:
     """The variant of the C++ kernels if they render, else the name of the backend."""
     from egosplat.gaussians.device import training_device
-    from egosplat.kernels import library
+    from egosplat.rasterize.kernels import library
 
     backend = config["splats"]["backend"]
     try:

@@ -75,7 +75,7 @@ def _gsplat(config: Config) -> Finding:
 
 
 def _compiler() -> Finding:
-    from egosplat.kernels.compiling import find_compiler
+    from egosplat.rasterize.kernels.compiling import find_compiler
 
     command = find_compiler()
     if command is None:
@@ -87,8 +87,8 @@ def _compiler() -> Finding:
 
 
 def _kernels(config: Config) -> Finding:
-    from egosplat.kernels import library
-    from egosplat.kernels.targets import HERE, VARIANTS
+    from egosplat.rasterize.kernels import library
+    from egosplat.rasterize.kernels.targets import HERE, VARIANTS
 
     if problem := library.why_not():
         first, _, advice = problem.partition("\n")
@@ -99,7 +99,7 @@ def _kernels(config: Config) -> Finding:
 
 
 def _ray_caster() -> Finding:
-    from egosplat.rays import library
+    from egosplat_apartments.rays import library
 
     try:
         library.load()

@@ -22,7 +22,7 @@ from egosplat.output_files import check_output
 from egosplat.progress import log
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene_query import ask_scene, index_scene
-from egosplat.report.query_command import open_question, open_sources
+from egosplat.query.command import open_question, open_sources
 
 # The files of each format; the others are folders.
 _FILES = {"ply": PLY, "spz": SPZ, "instances": PLY}

@@ -21,7 +21,7 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import SceneAnswer, ask_scene, index_scene
 from egosplat.query.sources import QuerySources
 from egosplat.query.things import Thing
-from egosplat.report.query_command import open_question, open_sources
+from egosplat.query.command import open_question, open_sources
 from egosplat.sampling import evenly_spaced
 from egosplat.viewer.pictures import Painted, heat
 

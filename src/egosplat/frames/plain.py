@@ -18,7 +18,7 @@ from egosplat.calibration.known_poses import (
     unmatched_line,
 )
 from egosplat.calibration.lens import Lens, Rectifier
-from egosplat.colmap.distortion import lens_of_frames
+from egosplat.calibration.colmap.distortion import lens_of_frames
 from egosplat.errors import UserError
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture

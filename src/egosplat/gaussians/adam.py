@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 
 # As in 3DGS. Epsilon is far below torch's 1e-8, because gradients of single Gaussians are tiny.
 BETA1, BETA2, EPS = 0.9, 0.999, 1e-15
@@ -26,7 +26,7 @@ def adam_step(
     """
     if not _can_fuse(param):
         return torch_step(param, grad, exp_avg, exp_avg_sq, rates, step)
-    from egosplat.kernels.adam import adam_step as fused
+    from egosplat.rasterize.kernels.adam import adam_step as fused
 
     fused(param, grad, exp_avg, exp_avg_sq, rates, beta1=BETA1, beta2=BETA2, eps=EPS, step=step)
 

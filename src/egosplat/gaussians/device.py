@@ -5,7 +5,7 @@ import importlib.util
 import torch
 
 from egosplat.errors import UserError
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 from egosplat.progress import log
 from egosplat.rasterize.cuda import load_gsplat
 

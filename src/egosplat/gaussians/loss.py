@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from egosplat.image_quality import WINDOW_RADIUS, structural_similarity
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 
 # The denominator of SSIM contains fourth powers, which must stay finite in float32.
 LARGEST_VALUE = 1e8
@@ -37,7 +37,7 @@ def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: 
     _check(render, target, weight)
     if not _can_fuse(render, target, weight):
         return torch_l1_ssim(render, target, weight, ssim_lambda)
-    from egosplat.kernels.loss import l1_ssim as fused
+    from egosplat.rasterize.kernels.loss import l1_ssim as fused
 
     return fused(render, target, weight, ssim_lambda)
 

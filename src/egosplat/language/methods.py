@@ -6,17 +6,17 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.centres import centred
-from egosplat.language.clustered import clustered
+from egosplat.baselines.occam import centred
+from egosplat.baselines.splat_feature_solver import clustered
 from egosplat.language.dominant import lifted
-from egosplat.language.field import field
-from egosplat.language.granular import granular
+from egosplat.baselines.lerf import field
+from egosplat.baselines.gags import granular
 from egosplat.language.options import LanguageOptions
-from egosplat.language.projection import projected
-from egosplat.language.quantised import quantised
+from egosplat.baselines.semantic_gaussians import projected
+from egosplat.baselines.legaussians import quantised
 from egosplat.language.result import Coded
-from egosplat.language.sparse import sparse
-from egosplat.language.tile_views import TileViews
+from egosplat.baselines.langsplat_v2 import sparse
+from egosplat.baselines.tile_views import TileViews
 from egosplat.language.training import trained
 from egosplat.language.views import CodeViews
 

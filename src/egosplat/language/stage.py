@@ -32,7 +32,7 @@ from egosplat.language.joint import joint
 from egosplat.language.methods import METHODS, TILE_METHODS, masks_stand_in
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
-from egosplat.language.tile_views import TileViews
+from egosplat.baselines.tile_views import TileViews
 from egosplat.language.views import select_code_views
 from egosplat.progress import log
 

@@ -78,7 +78,7 @@ _SAM2 = {"models": ("sam2_config", "sam2_checkpoint", "device", "precision")}
 _STAGES = (
     Stage(
         "synthetic",
-        "egosplat.synthetic.stage",
+        "egosplat_apartments.stage",
         "Make the recording of a synthetic apartment, in ADT's format.",
         output="recording",
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
@@ -191,7 +191,7 @@ _STAGES = (
     ),
     Stage(
         "tiles",
-        "egosplat.features.tiles_stage",
+        "egosplat.baselines.tiles_stage",
         "Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them.",
         output="tiles.zarr",
         inputs=("frames",),
@@ -201,7 +201,7 @@ _STAGES = (
     ),
     Stage(
         "prompts",
-        "egosplat.segments.depth_prompts_stage",
+        "egosplat.baselines.depth_prompts_stage",
         "Place the point prompts of each training frame by depth, for the method of others that needs them.",
         output="prompts.zarr",
         inputs=("frames", "poses", "splats"),
@@ -241,7 +241,7 @@ _STAGES = (
     ),
     Stage(
         "method_metrics",
-        "egosplat.evaluation.external",
+        "egosplat.baselines.external_maps",
         "Score another method's relevancy maps like egosplat's own.",
         output="method_metrics.json",
         inputs=("frames", "poses", "annotations", "relevancy"),
@@ -253,7 +253,7 @@ _STAGES = (
     ),
     Stage(
         "contact_sheet",
-        "egosplat.report.contact_sheet",
+        "egosplat.report.sheets.contact_sheet",
         "Draw a scene's frames, annotations, and its trajectory from above.",
         output="contact_sheet.png",
         inputs=("frames", "annotations", "poses"),
@@ -262,7 +262,7 @@ _STAGES = (
     ),
     Stage(
         "language_sheet",
-        "egosplat.report.language_sheet",
+        "egosplat.report.sheets.language_sheet",
         "Draw the Gaussians' codes from several directions, at each level.",
         output="language.png",
         inputs=("poses", "splats", "language"),
@@ -271,7 +271,7 @@ _STAGES = (
     ),
     Stage(
         "transient_sheet",
-        "egosplat.report.transient_sheet",
+        "egosplat.report.sheets.transient_sheet",
         "Draw transient probability, masks, and the renders without the masked objects.",
         output="transient.png",
         inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
@@ -280,7 +280,7 @@ _STAGES = (
     ),
     Stage(
         "crops_sheet",
-        "egosplat.report.crops_sheet",
+        "egosplat.report.sheets.crops_sheet",
         "Draw the crops of instances in order of time, with outlier views crossed out.",
         output="crops.png",
         inputs=("frames", "instances", "view_features", "features"),
@@ -289,7 +289,7 @@ _STAGES = (
     ),
     Stage(
         "instances_sheet",
-        "egosplat.report.instances_sheet",
+        "egosplat.report.sheets.instances_sheet",
         "Draw the instances of each level in frames and from above, and crops before and after merging.",
         output="instances.png",
         inputs=("frames", "poses", "segments", "instances"),
@@ -298,7 +298,7 @@ _STAGES = (
     ),
     Stage(
         "splats_sheet",
-        "egosplat.report.splats_sheet",
+        "egosplat.report.sheets.splats_sheet",
         "Draw held-out frames next to their renders, and the training curves.",
         output="splats.png",
         inputs=("frames", "splats"),
@@ -307,7 +307,7 @@ _STAGES = (
     ),
     Stage(
         "queries_sheet",
-        "egosplat.report.queries_sheet",
+        "egosplat.report.sheets.queries_sheet",
         "Draw the queries with the best and the worst answers.",
         output="queries.png",
         inputs=("frames", "poses", "annotations", "splats", "language", "metrics"),
@@ -317,7 +317,7 @@ _STAGES = (
     ),
     Stage(
         "scene_page",
-        "egosplat.page.stage",
+        "egosplat.viewing.stage",
         "Write the scene as one HTML file that answers queries in the browser.",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),

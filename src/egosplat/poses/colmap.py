@@ -17,9 +17,9 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.colmap.database import Project, check_features, quiet_colmap
-from egosplat.colmap.mapping import MIN_IMAGES, build_models, choose_model
-from egosplat.colmap.matching import Matching, match_images
+from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
+from egosplat.calibration.colmap.mapping import MIN_IMAGES, build_models, choose_model
+from egosplat.calibration.colmap.matching import Matching, match_images
 from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose

@@ -6,7 +6,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 from egosplat.progress import log
 from egosplat.rasterize.contract import Arguments, Render, check
 

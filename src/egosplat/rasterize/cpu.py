@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 
 from egosplat.errors import UserError
-from egosplat.kernels import library
-from egosplat.kernels import pixel_weights as kernels
-from egosplat.kernels.raster import Projection, composite, project, sum_pixels
-from egosplat.kernels.sparse import composite_sparse
+from egosplat.rasterize.kernels import library
+from egosplat.rasterize.kernels import pixel_weights as kernels
+from egosplat.rasterize.kernels.raster import Projection, composite, project, sum_pixels
+from egosplat.rasterize.kernels.sparse import composite_sparse
 from egosplat.rasterize.contract import (
     MIN_DEPTH_ALPHA,
     Arguments,

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.report.instances_sheet import palette
+from egosplat.report.sheets.instances_sheet import palette
 from egosplat.viewer.panel import ANSWERS_LEVEL, BEST_LEVEL, FIT, AskTab, instances_choice
 from egosplat.viewer.pictures import Painted, heat, instances
 from egosplat.viewer.questions import Reply

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from egosplat.synthetic.camera.effects import Effects
-from egosplat.synthetic.camera.exposure import LONGEST_S, auto_exposure, expose, white_balance
-from egosplat.synthetic.camera.lens import develop
-from egosplat.synthetic.camera.sensor import WHITE, add_noise, falloff
+from egosplat_apartments.camera.effects import Effects
+from egosplat_apartments.camera.exposure import LONGEST_S, auto_exposure, expose, white_balance
+from egosplat_apartments.camera.lens import develop
+from egosplat_apartments.camera.sensor import WHITE, add_noise, falloff
 
 NOISY = Effects(shot_noise=0.01, read_noise=0.001)
 

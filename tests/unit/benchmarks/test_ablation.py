@@ -4,7 +4,7 @@ from pathlib import Path
 
 from benchmarks.ablation.__main__ import COMPARED, VARIANTS, differences, table
 from benchmarks.scores import accuracy_difference, iou_difference, paired, queries_of
-from egosplat.tables.scored_scenes import ScoredScene
+from egosplat.evaluation.scored_scenes import ScoredScene
 
 OPTIONS = {"options": {"confidence": 0.95}}
 

@@ -21,8 +21,8 @@ from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scores import Result
 from egosplat.frames.recording import Instance
 from egosplat.pipeline import config as configuration
-from egosplat.synthetic.objects.catalogue import CATEGORY_UIDS
-from egosplat.synthetic.world.world import make_world
+from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
+from egosplat_apartments.world.world import make_world
 from training.small_models.attributes import COLOURS
 from training.small_models.clip_vocabulary import known_words
 from training.small_models.concepts import WHOLES

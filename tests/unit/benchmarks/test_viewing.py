@@ -6,7 +6,7 @@ from benchmarks.viewing import pages
 from benchmarks.viewing.multiplied import multiply
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.page.container import unpack
+from egosplat.viewing.container import unpack
 from tests.support.page_scene import data_of, put_page_scene, write_page
 
 

@@ -13,10 +13,10 @@ from egosplat.doctor import machine
 from egosplat.doctor.examination import examine
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
-from egosplat.kernels import compiling, library
+from egosplat.rasterize.kernels import compiling, library
 from egosplat.pipeline.validation import schema
 from egosplat.rasterize import cuda
-from egosplat.rays import library as rays
+from egosplat_apartments.rays import library as rays
 
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"
 

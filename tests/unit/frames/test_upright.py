@@ -20,7 +20,7 @@ from egosplat.frames import adt
 from egosplat.frames.adt import AdtRecording, rectification
 from egosplat.frames.adt_annotations import AdtAnnotations
 from egosplat.frames.rectify import clockwise_turns, pinhole, turns_from_rotation
-from egosplat.synthetic.adt_format.aria import calibration_json
+from egosplat_apartments.adt_format.aria import calibration_json
 
 RGB = "camera-rgb"
 BUILDS = [

@@ -8,7 +8,7 @@ from torchmetrics.functional.image import structural_similarity_index_measure
 from egosplat.gaussians import loss
 from egosplat.gaussians.loss import l1_ssim, l2, torch_l1_ssim
 from egosplat.image_quality import WINDOW_RADIUS, structural_similarity
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 
 
 def pictures(height: int = 30, width: int = 26, dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor]:

@@ -8,7 +8,7 @@ import torch
 from egosplat.gaussians import adam
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 
 RATES = LearningRates(means=1e-3)
 

@@ -11,7 +11,7 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.report import instances_sheet, merged_crops
-from egosplat.report.figure import plt
+from egosplat.drawing import plt
 from tests.unit.instances.conftest import COLORS, FRAMES, LEFT, RIGHT, SIZE, options
 
 

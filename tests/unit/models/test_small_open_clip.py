@@ -13,9 +13,9 @@ from torch.nn import functional as F
 
 from egosplat.models.configs import SMALL_CLIP
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
-from egosplat.synthetic.camera.raycasting import Body, build_geometry, interpolated, static_scene
-from egosplat.synthetic.objects.atlas import Atlas
-from egosplat.synthetic.objects.catalogue import CORE, GROUPS, REST, Kind
+from egosplat_apartments.camera.raycasting import Body, build_geometry, interpolated, static_scene
+from egosplat_apartments.objects.atlas import Atlas
+from egosplat_apartments.objects.catalogue import CORE, GROUPS, REST, Kind
 
 KINDS = {kind.category: kind for kind in (*CORE, *REST, *(one for group in GROUPS for one in group))}
 NAMES = (

@@ -9,7 +9,7 @@ from egosplat.pipeline import config
 from egosplat.pipeline.dag import tracks_by_survey
 from egosplat.pipeline.replacements import Asked, find_replaced, replacement_notices, stages_of
 from egosplat.pipeline.stages import PIPELINE, STAGES
-from egosplat.tradeoff.points import with_points
+from egosplat.pipeline.sweeps import with_points
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 MADE = PIPELINE[1:]

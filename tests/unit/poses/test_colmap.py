@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.colmap.alignment import trajectory_error
-from egosplat.colmap.database import Project
-from egosplat.colmap.mapping import format_ranges, model_lines, too_few_message
-from egosplat.colmap.matching import every_pair, sequential_pairs
+from egosplat.calibration.colmap.database import Project
+from egosplat.calibration.colmap.mapping import format_ranges, model_lines, too_few_message
+from egosplat.calibration.colmap.matching import every_pair, sequential_pairs
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.colmap import (

@@ -6,7 +6,7 @@ import pycolmap
 import pytest
 
 from egosplat.calibration.lens import Lens, Rectifier
-from egosplat.colmap.distortion import (
+from egosplat.calibration.colmap.distortion import (
     FALSE_ALARM,
     MAX_PICTURES,
     _choices,

@@ -4,7 +4,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from egosplat.colmap.joining import join_models
+from egosplat.calibration.colmap.joining import join_models
 
 TURNED = pycolmap.Sim3d(
     0.37, pycolmap.Rotation3d(np.array([0, 0, np.sin(0.4), np.cos(0.4)])), [1.0, 2.0, 3.0]

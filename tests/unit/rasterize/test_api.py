@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from egosplat.errors import UserError
-from egosplat.kernels import library
+from egosplat.rasterize.kernels import library
 from egosplat.rasterize import api
 from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference import rasterizer as reference

@@ -6,7 +6,7 @@ from itertools import combinations
 import pytest
 from matplotlib.figure import Figure
 
-from egosplat.report import figure
+from egosplat import drawing as figure
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from egosplat.geometry import Camera
-from egosplat.report.contact_sheet import overlay, run
-from egosplat.report.figure import ground_axes
+from egosplat.report.sheets.contact_sheet import overlay, run
+from egosplat.drawing import ground_axes
 from tests.support.scenes import camera_facts, put
 
 HEIGHT, WIDTH = 24, 24

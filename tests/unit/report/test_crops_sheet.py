@@ -6,7 +6,7 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.features.aggregation import NORMS, aggregate
-from egosplat.report.crops_sheet import (
+from egosplat.report.sheets.crops_sheet import (
     COLUMNS,
     DISTINCT,
     MOST_OUTLIERS,

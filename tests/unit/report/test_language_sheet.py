@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.report.language_sheet import UNKNOWN, choose_frames, principal_colours, run
+from egosplat.report.sheets.language_sheet import UNKNOWN, choose_frames, principal_colours, run
 from tests.support.scenes import LEVELS, put_scene
 
 CAMERA = Camera(36, 24, 18.0, 18.0, 18.0, 12.0)

@@ -8,8 +8,8 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.pipeline.config import stage_keys
-from egosplat.report.methods_sheet import over_methods, run
-from egosplat.report.queries_choice import ScoredQuery
+from egosplat.report.sheets.methods_sheet import over_methods, run
+from egosplat.report.sheets.queries_choice import ScoredQuery
 
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from egosplat.geometry import Camera
-from egosplat.report.splats_sheet import error_map, run
+from egosplat.report.sheets.splats_sheet import error_map, run
 from tests.support.scenes import camera_facts, put_scene
 
 HEIGHT, WIDTH = 20, 30

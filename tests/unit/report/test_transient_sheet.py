@@ -9,7 +9,7 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.report.transient_sheet import LABELS, MOVING, PICTURES, choose_frames, label_places, run
+from egosplat.report.sheets.transient_sheet import LABELS, MOVING, PICTURES, choose_frames, label_places, run
 from tests.support.scenes import put_scene
 
 HEIGHT, WIDTH = 20, 30

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.synthetic.objects.catalogue import COFFEE_TABLE, CORE, GROUPS, REST
+from egosplat_apartments.objects.catalogue import COFFEE_TABLE, CORE, GROUPS, REST
 from training.small_models.attributes import COLOURS
 from training.small_models.captions import (
     describe,

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from egosplat.synthetic.world.world import make_world
+from egosplat_apartments.world.world import make_world
 from training.small_models import worlds
 from training.small_models.levels import find_levels
 from training.small_models.worlds import NOTHING, ClipSettings, read_world, render_world

@@ -1,0 +1,153 @@
+"""Method ``granular``: the distillation of GAGS (Peng et al. 2024). One code for three levels, which the training weighs."""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.codes.targets import CodeTargets
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.baselines.decoders import Layers, described
+from egosplat.language.lifting import shares
+from egosplat.language.loop import Step, Trainee, adam, train
+from egosplat.language.options import LanguageOptions
+from egosplat.baselines.pixel_views import PixelViews
+from egosplat.baselines.regions import Sample, mean_over_regions, sample_regions, variance_within
+from egosplat.language.result import Coded, fewer_iterations
+from egosplat.language.views import CodeViews
+
+# Published: numbers of a code, layers of both decoders, learning rates, and iterations.
+CHANNELS = 16
+HIDDEN = (256,) * 8
+SKIPS = ((0, 2), (2, 5))
+SCALES = (CHANNELS, 64, 128, 64, 32, 16, 3)
+_CODE_RATE, _LAYER_RATE = 1e-3, 1e-4
+_ITERATIONS = 30_000
+
+# Published: weights of the entropy in the two halves of training, and of the variance in the second.
+ENTROPY, VARIANCE = (0.001, 0.002), 0.1
+
+# Published: half of the resolution, and the side of the square over which weights of levels are averaged there.
+_STRIDE, _SMOOTHED = 2, 5
+
+
+def granular(
+    gaussians: Gaussians,
+    views: CodeViews,
+    settings: RenderSettings,
+    targets: CodeTargets,
+    options: LanguageOptions,
+    checkpoint: Checkpoint,
+) -> Coded:
+    """Train codes, their decoder and the decoder that weighs the levels.
+
+    Raises:
+        UserError: there are not three levels, or training diverges.
+    """
+    if len(targets.levels) != 3:
+        raise UserError(
+            f"language.method = granular needs three levels, not {', '.join(targets.levels)}; set segments.levels to all"
+        )
+    pixels = PixelViews(gaussians, views, settings, options.pixels)
+    codes = GranularCodes(pixels, targets.uncompressed(), options)
+    curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
+    share = shares(gaussians, views, settings, lambda frame: targets.known(frame).all(dim=0, keepdim=True))
+    by_depth = options.segmenter == "sam2" and options.point_prompts == "depth"
+    stands_in = (
+        *(() if by_depth else ("distillation alone: the segments are shared, not prompted by depth",)),
+        *fewer_iterations(options.iterations, _ITERATIONS),
+        f"the loss of {options.pixels:,} pixels of a view, drawn by region",
+    )
+    return Coded(codes.code.detach()[:, None], share, ["granular"], codes.decoder.trained(), curve, stands_in)
+
+
+def weighted_target(weights: Tensor, features: Tensor, known: Tensor) -> Tensor:
+    """(S, D) sum of the levels' features by weight, not normalized; 0 where a level has none.
+
+    Args:
+        weights: (S, 3), they get a gradient.
+        features: (3, S, D).
+        known: (3, S) bool.
+    """
+    return torch.einsum("sl,lsd->sd", weights, features) * known.all(dim=0)[:, None]
+
+
+def entropy(weights: Tensor) -> Tensor:
+    """() mean over all entries of ``-w log(w + 1e-6)``."""
+    return -(weights * (weights + 1e-6).log()).mean()
+
+
+class GranularCodes(Trainee):
+    """Codes with two decoders.
+
+    Attributes:
+        code: (N, 16), from zeros.
+        decoder: from codes to features.
+        scales: from codes to the logits of the three levels' weights.
+    """
+
+    advice = "use another language.seed"
+
+    def __init__(self, pixels: PixelViews, targets: CodeTargets, options: LanguageOptions) -> None:
+        """Start from zero codes and random decoders."""
+        super().__init__()
+        device = pixels.gaussians.means.device
+        self.code = nn.Parameter(torch.zeros(pixels.gaussians.count, CHANNELS, device=device))
+        layers = described((CHANNELS, *HIDDEN, targets.channels), skips=SKIPS)
+        self.decoder = Layers(layers, options.seed, device)
+        self.scales = Layers(described(SCALES), options.seed, device)
+        self.optimizers = [
+            adam([([self.code], _CODE_RATE)]),
+            torch.optim.Adam([self.decoder.values, self.scales.values], lr=_LAYER_RATE),
+        ]
+        self._pixels, self._targets, self._half = pixels, targets, options.iterations / 2
+
+    def loss(self, step: Step) -> Tensor:
+        """Return the region-balanced L1, the entropy of the levels' weights, and in the second half the variance."""
+        camera, frame = self._pixels.views.camera, self._pixels.frame(step.view)
+        grid = _grid(camera.width, camera.height)
+        labels = self._targets.labels(frame)[:, ::_STRIDE, ::_STRIDE]
+        with torch.no_grad():
+            coarse = self._pixels.renderer(step.view, grid.flatten(0, 1))(self.code)
+            region = regions(self.weights(coarse).unflatten(0, grid.shape[:2]), labels)
+        sample = sample_regions(region.flatten().cpu(), self._pixels.count, step.draw)
+        rendered = self._pixels.renderer(step.view, grid.flatten(0, 1)[sample.pixel])(self.code)
+        later = step.iteration > self._half
+        loss = self._balanced(step.view, rendered, labels.flatten(1)[:, sample.pixel], grid, sample)
+        drawn = torch.randint(len(coarse), (self._pixels.count,), generator=step.draw)
+        loss = loss + ENTROPY[later] * entropy(self.weights(coarse[drawn]))
+        return loss + VARIANCE * variance_within(rendered, sample, len(coarse)) if later else loss
+
+    def weights(self, rendered: Tensor) -> Tensor:
+        """(..., 16) -> (..., 3) weights of the levels; the codes get no gradient."""
+        return self.scales(rendered.detach()).softmax(dim=-1)
+
+    def _balanced(self, view: int, rendered: Tensor, labels: Tensor, grid: Tensor, sample: Sample) -> Tensor:
+        features, known = self._targets.of_labels(self._pixels.frame(view), labels)
+        target = weighted_target(self.weights(rendered), features, known)
+        decoded = F.normalize(self.decoder(rendered), dim=-1)
+        error = (decoded - target).abs().mean(dim=1) * known.all(dim=0)
+        if (weight := self._pixels.views.weight(view)) is not None:
+            columns, rows = grid.flatten(0, 1)[sample.pixel].T
+            error = error * weight[rows, columns]
+        return mean_over_regions(error, sample)
+
+
+def regions(weights: Tensor, labels: Tensor) -> Tensor:
+    """(h, w) int64 instance of each pixel at the level of largest weight, -1 for none.
+
+    Args:
+        weights: (h, w, 3), averaged over 5 x 5 pixels first.
+        labels: (3, h, w) int64 instances, of one level each; -1 for none.
+    """
+    smooth = F.avg_pool2d(weights.movedim(-1, 0)[None], _SMOOTHED, 1, _SMOOTHED // 2, count_include_pad=False)
+    level = smooth[0].argmax(dim=0)
+    return labels.gather(0, level[None])[0]
+
+
+def _grid(width: int, height: int) -> Tensor:
+    """(h, w, 2) column and row of every second pixel."""
+    rows, columns = torch.arange(0, height, _STRIDE), torch.arange(0, width, _STRIDE)
+    return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1)

@@ -1,0 +1,157 @@
+"""Stage ``tiles``: encode the tiles of each training frame with OpenCLIP, at seven scales, as LERF does."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from egosplat.artifacts import provenance
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.frames import FRAMES, lies_on_its_side
+from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.tiles import TILES, scale_name
+from egosplat.artifacts.writer import Writer, create
+from egosplat.baselines.tiles import Scale, pyramid
+from egosplat.errors import UserError
+from egosplat.features.crops import encode, resize
+from egosplat.baselines.image_maps import image_maps
+from egosplat.models.checkpoints import CLIP, SAM2, model_hash
+from egosplat.models.configs import SMALL
+from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.models.sam2_loader import load_sam2
+from egosplat.progress import log, track
+
+Pixels = NDArray[np.uint8]
+Halves = NDArray[np.float16]
+
+_CHECKPOINT_S = 60.0
+
+
+@dataclass(frozen=True)
+class TilesOptions:
+    """Configuration keys of the stage, and the models' of ``models``; ``config.schema.yaml`` describes each."""
+
+    regulariser: str
+    batch: int
+    clip_model: str
+    clip_checkpoint: str
+    sam2_config: str
+    sam2_checkpoint: str
+    device: str
+    precision: str
+
+
+def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: Path | None = None) -> None:
+    """Write the tiles of the training frames. A killed run resumes and gives identical features.
+
+    Args:
+        survey_path: excludes frames.
+
+    Raises:
+        UserError: an input or a model cannot be read, or no frame trains.
+    """
+    frames = open_artifact(frames_path, FRAMES)
+    kept, by_survey = kept_frames(frames, survey_path)
+    rows = np.flatnonzero(frames.read("train") & kept)
+    if not len(rows):
+        raise UserError(f"{frames_path}: no frame is for training; see frames.holdout")
+    clip = load_open_clip(options.clip_model, options.clip_checkpoint, options.device, options.precision)
+    used = _model_hashes(options)
+    record = provenance.begin_from("tiles", asdict(options) | by_survey, [frames], used)
+    _, height, width, _ = frames.shape("rgb")
+    scales, turned = pyramid(height, width), lies_on_its_side(frames)
+    checkpoint = Checkpoint(output, provenance.key_of(record), _CHECKPOINT_S)
+    done = _resumed(checkpoint)
+    for row in track(rows[len(done) :], "encoding tiles"):
+        done.append(encode_tiles(clip, frames.row("rgb", row), scales, turned, options.batch))
+        checkpoint.save_if_due(lambda: {"done": [torch.from_numpy(one) for one in done]})
+    facts = _facts(scales, options, used)
+    with create(output, TILES, record) as artifact:
+        artifact.put("frame", rows.astype(np.int32))
+        _put_tiles(artifact, done, scales)
+        if options.regulariser == "sam2":
+            keys = options.sam2_config, options.sam2_checkpoint, options.device, options.precision
+            maps, facts["variance"] = image_maps(load_sam2(*keys), lambda row: frames.row("rgb", row), rows)
+            artifact.put("regulariser", maps)
+        artifact.facts = facts
+    checkpoint.remove()
+    lost = sum(int((~one.any(axis=1)).sum()) for one in done)
+    log(
+        f"{sum(map(len, done)):,} tiles of {len(rows)} frames"
+        + (f", {lost} without a feature" if lost else "")
+    )
+
+
+def encode_tiles(clip: OpenClip, rgb: Pixels, scales: list[Scale], turned: bool, batch: int) -> Halves:
+    """Encode all tiles of one frame, scale by scale, row by row.
+
+    Args:
+        rgb: (H, W, 3) uint8.
+        turned: whether tiles are turned upright first.
+        batch: tiles at a time.
+
+    Returns:
+        (T, D) float16 of unit norm; 0 where the model gives no finite feature.
+    """
+    wanted = clip.preprocessing
+    tiles = [
+        resize(np.rot90(tile, -1) if turned else tile, wanted.image_size, wanted.interpolation)
+        for scale in scales
+        for tile in cut_tiles(rgb, scale)
+    ]
+    parts = [encode(clip, np.stack(tiles[begin : begin + batch])) for begin in range(0, len(tiles), batch)]
+    return np.nan_to_num(np.concatenate(parts)).astype(np.float16)
+
+
+def cut_tiles(rgb: Pixels, scale: Scale) -> Iterator[Pixels]:
+    """Yield the (K, K, 3) tiles of an image, row by row; black beyond its border."""
+    margin, side = scale.kernel // 2, scale.kernel
+    padded = np.pad(rgb, ((margin, margin), (margin, margin), (0, 0)))
+    for row in range(scale.rows):
+        for column in range(scale.columns):
+            top, left = row * scale.stride, column * scale.stride
+            yield padded[top : top + side, left : left + side]
+
+
+def _model_hashes(options: TilesOptions) -> dict[str, str]:
+    kinds = [CLIP, SAM2] if options.regulariser == "sam2" else [CLIP]
+    keys = asdict(options)
+    return {
+        kind.checkpoint_key: model_hash(
+            kind, {key: keys[key] for key in (kind.config_key, kind.checkpoint_key)}
+        )
+        for kind in kinds
+    }
+
+
+def _resumed(checkpoint: Checkpoint) -> list[Halves]:
+    saved = checkpoint.load()
+    done = [] if saved is None else [one.numpy() for one in saved["done"]]
+    if done:
+        log(f"encoding resumes after {len(done)} frames")
+    return done
+
+
+def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> None:
+    begin = 0
+    for number, scale in enumerate(scales):
+        end, shape = begin + scale.rows * scale.columns, (scale.rows, scale.columns, done[0].shape[1])
+        artifact.allocate(scale_name(number), (len(done), *shape))
+        for view, tiles in enumerate(done):
+            artifact.put_row(scale_name(number), view, tiles[begin:end].reshape(shape))
+        begin = end
+
+
+def _facts(scales: list[Scale], options: TilesOptions, used: dict[str, str]) -> dict[str, Any]:
+    checkpoint = options.clip_checkpoint
+    clip = {"model": options.clip_model, "checkpoint": checkpoint, "hash": used[CLIP.checkpoint_key]}
+    return {
+        "clip": clip | {"small": checkpoint == SMALL},
+        "scales": [asdict(scale) for scale in scales],
+        "regulariser": options.regulariser,
+    }

@@ -1,0 +1,238 @@
+"""Whether pictures ask for radial distortion: two cameras, fitted to the same observations, are compared.
+
+Both are COLMAP's models of one focal length: SIMPLE_PINHOLE, and RADIAL with two more parameters. Two more parameters always
+lower the squared reprojection error, so two questions decide:
+
+- Is it more than chance? The drop is taken picture by picture. Errors inside a picture depend on each other, and
+  pictures hardly do, so a paired t-test over the pictures asks whether the mean drop is above 0.
+- Does it matter? Between the best pinhole camera and the lens, some feature must move by more than the median reprojection
+  error, the precision of the features themselves.
+
+The features must reach towards the corners: outside of them the distortion is extrapolated, and a polynomial may be far off.
+"""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+from scipy import stats
+
+from egosplat.calibration.lens import Lens
+from egosplat.calibration.colmap.adjustment import adjust
+from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
+from egosplat.calibration.colmap.mapping import build_models
+from egosplat.calibration.colmap.matching import match_images
+from egosplat.errors import UserError
+from egosplat.files import scratch_directory
+from egosplat.geometry import Camera
+from egosplat.progress import log
+
+# All pairs of them are matched, so that the time does not grow with the recording.
+MAX_PICTURES = 30
+# Fewer give a t-test that only a strong lens passes, and a lens that is hardly known.
+MIN_PICTURES = 8
+# Probability with which a lens without distortion is called distorted.
+FALSE_ALARM = 0.001
+# Within 70 % of the way to the corners lie 3/4 of a picture's pixels.
+MIN_REACH = 0.7
+# Pictures that are too far apart to match are tried again with this fraction of their distance.
+_CLOSER = 8
+_SEED = 0
+
+ReadFrames = Callable[[NDArray[np.int64]], Iterable[NDArray[np.uint8]]]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the comparison found.
+
+    Attributes:
+        pictures, observations: number of them in both fits.
+        pinhole_px, radial_px: root mean square reprojection error of each camera [px].
+        median_px: median reprojection error of the radial camera [px].
+        chance: probability of such a drop of the error without distortion.
+        bend_px: largest distance between the two cameras at a feature [px].
+        reach: distance from the centre within which 99 % of the features lie, in half diagonals of the picture.
+        k1, k2: the distortion.
+        distorted: whether the pictures ask for it.
+    """
+
+    pictures: int
+    observations: int
+    pinhole_px: float
+    radial_px: float
+    median_px: float
+    chance: float
+    bend_px: float
+    reach: float
+    k1: float
+    k2: float
+    distorted: bool
+
+    def facts(self) -> dict[str, float | int | bool]:
+        """As plain JSON."""
+        return asdict(self)
+
+    def line(self) -> str:
+        """The log line."""
+        verdict = "radial distortion" if self.distorted else "no distortion to rectify"
+        return (
+            f"lens: {verdict}: reprojection error {self.pinhole_px:.3f} px without it, {self.radial_px:.3f} px with it "
+            f"(probability by chance {self.chance:.1g}); it moves features by up to {self.bend_px:.2f} px, "
+            f"which are precise to {self.median_px:.2f} px and reach {self.reach:.0%} of the way to the corners"
+        )
+
+
+def estimate_lens(
+    read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera
+) -> tuple[Lens, Evidence]:
+    """Estimate a radial lens from some frames, and whether they ask for it.
+
+    Args:
+        read: yields the (H, W, 3) uint8 frames of increasing indices.
+        count: number of frames.
+        valid: (H, W) bool: pixels that show the scene.
+        camera: a guess.
+
+    Raises:
+        UserError: COLMAP cannot build a model of ``MIN_PICTURES`` of them.
+    """
+    found = 0
+    for frames in _choices(count):
+        models = _models(read(frames), valid, camera)
+        model = max(models, key=lambda one: one.num_reg_images(), default=None)
+        found = model.num_reg_images() if model else 0
+        if model and 2 * found >= len(frames) and found >= MIN_PICTURES:
+            return compare(model)
+    raise UserError(f"{found} frames can be oriented to each other, and {MIN_PICTURES} are needed")
+
+
+def _choices(count: int) -> Iterator[NDArray[np.int64]]:
+    """Up to ``MAX_PICTURES`` frames in the middle of the recording, from far apart to neighbours."""
+    step = max(1, -(-count // MAX_PICTURES))
+    while True:
+        number = min(MAX_PICTURES, -(-count // step))
+        first = (count - 1 - (number - 1) * step) // 2
+        yield first + step * np.arange(number, dtype=np.int64)
+        if step == 1:
+            return
+        step = max(1, step // _CLOSER)
+
+
+def _models(
+    images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], camera: Camera
+) -> list[pycolmap.Reconstruction]:
+    """COLMAP's models of images, with a radial camera."""
+    # The result does not depend on the number of threads.
+    threads = len(os.sched_getaffinity(0))
+    with scratch_directory("egosplat-lens-") as folder, quiet_colmap():
+        project = Project(folder)
+        project.write_images(images, camera)
+        pycolmap.set_random_seed(_SEED)
+        project.write_mask(valid)
+        project.import_images(camera, camera_known=False)
+        check_features(project.extract(camera, threads=threads))
+        match_images(project, "exhaustive", overlap=1, seed=_SEED, threads=threads)
+        radial = [camera.fx, camera.cx, camera.cy, 0.0, 0.0]
+        project.set_camera(
+            pycolmap.Camera(model="RADIAL", width=camera.width, height=camera.height, params=radial)
+        )
+        return build_models(project, camera_known=False, seed=_SEED, distortion=True)
+
+
+def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
+    """Fit a pinhole and a radial camera to the observations of a model, and compare them picture by picture.
+
+    Args:
+        model: with one RADIAL camera.
+    """
+    with quiet_colmap():
+        pinhole, without = _fitted(model, "SIMPLE_PINHOLE")
+        radial, with_it = _fitted(model, "RADIAL")
+    drops = np.array([without[image].mean() - with_it[image].mean() for image in sorted(without)])
+    spread = drops.std(ddof=1)
+    # Equal drops have no spread; then they are no chance, unless they are 0.
+    score = drops.mean() * np.sqrt(len(drops)) / spread if spread > 0 else np.inf * np.sign(drops.mean())
+    chance = float(stats.t.sf(np.nan_to_num(score), len(drops) - 1))
+    lens = Lens("RADIAL", radial.width, radial.height, tuple(map(float, radial.params)))
+    f, cx, cy = map(float, pinhole.params)
+    features = _features(model)
+    bend = lens.bend_px(Camera(pinhole.width, pinhole.height, f, f, cx, cy), features)
+    away = np.linalg.norm(features - [cx, cy], axis=1) / np.hypot(cx, cy)
+    reach = float(np.quantile(away, 0.99))
+    squares = np.concatenate(list(with_it.values()))
+    median = float(np.sqrt(np.median(squares)))
+    evidence = Evidence(
+        pictures=len(drops),
+        observations=len(squares),
+        pinhole_px=float(np.sqrt(np.concatenate(list(without.values())).mean())),
+        radial_px=float(np.sqrt(squares.mean())),
+        median_px=median,
+        chance=chance,
+        bend_px=bend,
+        reach=reach,
+        k1=lens.params[3],
+        k2=lens.params[4],
+        distorted=bool(chance < FALSE_ALARM and bend > median and reach >= MIN_REACH),
+    )
+    return lens, evidence
+
+
+def _fitted(model: pycolmap.Reconstruction, name: str) -> tuple[pycolmap.Camera, dict[int, NDArray]]:
+    """The camera after bundle adjustment with a camera model, and the squared errors [px^2] of each image."""
+    fitted = pycolmap.Reconstruction(model)
+    (camera,) = fitted.cameras.values()
+    params = list(camera.params)
+    camera.model = getattr(pycolmap.CameraModelId, name)
+    camera.params = params[:3] if name == "SIMPLE_PINHOLE" else params
+    adjust(fitted, focal_length=True, distortion=True)
+    return camera, {
+        number: _squared_errors(fitted, fitted.images[number]) for number in fitted.reg_image_ids()
+    }
+
+
+def _features(model: pycolmap.Reconstruction) -> NDArray[np.float64]:
+    """(N, 2) positions of all observations [px]."""
+    images = [model.images[number] for number in model.reg_image_ids()]
+    return np.array([point.xy for image in images for point in image.points2D if point.has_point3D()])
+
+
+def _squared_errors(model: pycolmap.Reconstruction, image: pycolmap.Image) -> NDArray[np.float64]:
+    seen = [point for point in image.points2D if point.has_point3D()]
+    world = np.array([model.points3D[point.point3D_id].xyz for point in seen]).reshape(-1, 3)
+    pose = image.cam_from_world().matrix()
+    shown = image.camera.img_from_cam(world @ pose[:, :3].T + pose[:, 3])
+    return ((shown - np.array([point.xy for point in seen]).reshape(-1, 2)) ** 2).sum(axis=1)
+
+
+def lens_of_frames(
+    wanted: str, read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera
+) -> tuple[Lens | None, dict[str, float | int | bool] | None]:
+    """The lens that frames are rectified from, and the evidence, by ``frames.lens``.
+
+    Args:
+        wanted: ``auto``: a lens if the frames ask for it. ``radial``: always. ``pinhole``: never.
+        read, count, valid, camera: see ``estimate_lens``.
+
+    Raises:
+        UserError: ``radial`` is wanted, and the lens cannot be estimated.
+    """
+    if wanted == "pinhole":
+        return None, None
+    log("lens: looking for distortion in the frames (frames.lens=pinhole skips this)")
+    try:
+        lens, evidence = estimate_lens(read, count, valid, camera)
+        rectified = evidence.distorted or wanted == "radial"
+        if rectified:
+            lens.check("the estimated lens")
+    except UserError as error:
+        reason = str(error).partition("\n")[0]
+        if wanted == "radial":
+            raise UserError(f"frames.lens = radial: the lens cannot be estimated: {reason}") from error
+        log(f"lens: taken as a pinhole camera, because it cannot be estimated: {reason}")
+        return None, None
+    log(evidence.line())
+    return (lens if rectified else None), evidence.facts()

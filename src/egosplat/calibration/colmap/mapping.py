@@ -1,0 +1,207 @@
+"""COLMAP's third step: incremental mapping, and the choice of the model."""
+
+import math
+import time
+from collections.abc import Iterator
+
+import pycolmap
+
+from egosplat.calibration.colmap.database import Project
+from egosplat.calibration.colmap.joining import Joined, join_models
+from egosplat.calibration.colmap.matching import MatchingResult
+from egosplat.errors import UserError
+from egosplat.progress import log
+
+MIN_IMAGES = 3
+# A model with fewer points is noise, not a scene.
+MIN_POINTS = 50
+
+# A smaller median shift between images means that the camera did not move [px].
+_MIN_SHIFT_PX = 1.0
+# Number of frame ranges listed in a message.
+_MAX_RANGES = 12
+_SECONDS_BETWEEN_LINES = 5.0
+
+
+def build_models(
+    project: Project, camera_known: bool, seed: int, distortion: bool = False
+) -> list[pycolmap.Reconstruction]:
+    """Reconstruct by incremental mapping with bundle adjustment.
+
+    Args:
+        camera_known: whether the focal lengths are kept fixed.
+        distortion: whether the distortion of the camera in the database is estimated.
+
+    Returns:
+        The models with enough points. Images without common views end in different models, or in none.
+    """
+    project.check_free_space()
+    options = pycolmap.IncrementalPipelineOptions(
+        # With more threads, the result depends on their order.
+        num_threads=1,
+        random_seed=seed,
+        min_model_size=MIN_IMAGES,
+        ba_refine_focal_length=not camera_known,
+        # A principal point is hardly observable.
+        ba_refine_principal_point=False,
+        ba_refine_extra_params=distortion,
+    )
+    options.mapper.abs_pose_refine_focal_length = not camera_known
+    progress = _MappingProgress(len(project.names))
+    models = pycolmap.incremental_mapping(
+        project.database,
+        project.images,
+        project.models,
+        options,
+        initial_image_pair_callback=progress.started,
+        next_image_callback=progress.registered,
+    )
+    progress.log()
+    return [model for model in models.values() if model.num_points3D() >= MIN_POINTS]
+
+
+class _MappingProgress:
+    """Logs every few seconds how many images the current model registers."""
+
+    def __init__(self, frames: int) -> None:
+        self.frames = frames
+        self.count = 0
+        self.last = time.perf_counter()
+
+    def started(self) -> None:
+        self.count = 2  # the initial pair
+
+    def registered(self) -> None:
+        self.count += 1
+        if time.perf_counter() - self.last >= _SECONDS_BETWEEN_LINES:
+            self.log()
+
+    def log(self) -> None:
+        self.last = time.perf_counter()
+        log(f"COLMAP: mapping: {self.count} of {self.frames} images in this model")
+
+
+def choose_model(
+    models: list[pycolmap.Reconstruction],
+    matches: MatchingResult,
+    project: Project,
+    camera_known: bool,
+    min_registered: float,
+) -> Joined:
+    """The largest model with those that can be joined to it; log what has no pose, and why.
+
+    Args:
+        matches: explain why there is no model.
+        project: with the names of all images.
+        camera_known: see ``build_models``.
+        min_registered: required fraction of registered images.
+
+    Raises:
+        UserError: there is no model, or it registers too few images.
+    """
+    if not models:
+        raise UserError(_no_model_message(matches))
+    joined = join_models(models, camera_known)
+    frames = len(project.names)
+    registered = frames_of_model(joined.model, project)
+    others = [frames_of_model(other, project) for other in joined.others]
+    if len(registered) < min_registered * frames:
+        raise UserError(too_few_message(registered, others, frames, min_registered, matches.strategy))
+    for line in model_lines(joined.parts, registered, others, joined.reasons, frames):
+        log(f"COLMAP: {line}")
+    return joined
+
+
+def model_lines(
+    parts: int, registered: set[int], others: list[set[int]], reasons: list[str], frames: int
+) -> Iterator[str]:
+    """Lines about joined models, models that are left out, and frames without a pose; none if all is well.
+
+    Args:
+        parts: number of models that became one.
+        registered: its frames.
+        others, reasons: frames of each model that is left out, and why.
+        frames: number of all frames.
+    """
+    if parts > 1:
+        yield f"{parts} models share frames and are joined to one of {len(registered)} frames"
+    for other, reason in zip(others, reasons, strict=True):
+        yield f"a model of {len(other)} frames ({format_ranges(other)}) is left out: it {reason}"
+    if others:
+        yield "to connect the models, record the ways between them, or lower frames.stride"
+    lost = set(range(frames)) - registered
+    if lost:
+        yield (
+            f"{len(lost)} of {frames} frames have no pose and are not used (indices from 0): {format_ranges(lost)}; "
+            "they are blurred, blank, or share too little with the others"
+        )
+
+
+def frames_of_model(model: pycolmap.Reconstruction, project: Project) -> set[int]:
+    """The frames that a model registers."""
+    return {project.frame_of(model.images[number].name) for number in model.reg_image_ids()}
+
+
+def too_few_message(
+    registered: set[int], others: list[set[int]], frames: int, min_registered: float, strategy: str
+) -> str:
+    """The error of a largest model with too few frames.
+
+    Args:
+        registered: frames of the largest model.
+        others: frames of each other model.
+        min_registered: required fraction.
+        strategy: of matching, ``exhaustive`` or ``sequential``.
+    """
+    lost = format_ranges(set(range(frames)) - registered)
+    problem = (
+        f"COLMAP registers {len(registered)} of {frames} frames, and poses.min_registered requires "
+        f"{min_registered:.0%}; not registered (indices from 0): {lost}"
+    )
+    if others:
+        second = max(others, key=len)
+        problem += (
+            f". A second model registers {len(second)} ({format_ranges(second)}): the two share too few views"
+        )
+    # Rounded down, so that the suggested value accepts this model.
+    share = math.floor(100 * len(registered) / frames) / 100
+    wider = "set poses.matching=exhaustive or a larger poses.overlap, " if strategy == "sequential" else ""
+    return (
+        f"{problem}\nAdd views in between (a smaller frames.stride), remove blurred and blank frames, "
+        f"{wider}or accept the loss: poses.min_registered={share:g}"
+    )
+
+
+def format_ranges(frames: set[int]) -> str:
+    """Sorted numbers with runs as ``3 to 7``; at most ``_MAX_RANGES`` runs."""
+    runs: list[list[int]] = []
+    for frame in sorted(frames):
+        if runs and frame == runs[-1][1] + 1:
+            runs[-1][1] = frame
+        else:
+            runs.append([frame, frame])
+    listed = [str(first) if first == last else f"{first} to {last}" for first, last in runs[:_MAX_RANGES]]
+    return ", ".join([*listed, *(["..."] if len(runs) > _MAX_RANGES else [])])
+
+
+def _no_model_message(matches: MatchingResult) -> str:
+    if matches.verified == 0:
+        return (
+            f"COLMAP finds no two frames of the same scene ({matches.compared} pairs compared):"
+            " use a smaller frames.stride, or sharper frames"
+        )
+    if matches.median_shift_px < _MIN_SHIFT_PX:
+        return (
+            f"COLMAP finds no parallax: features move by {matches.median_shift_px:.2f} px between frames,"
+            " so the camera stands still; a still camera shows no depth. Use frames of a moving camera, or a larger "
+            "frames.stride"
+        )
+    if matches.with_parallax == 0:
+        return (
+            f"COLMAP finds no parallax in {matches.verified} pairs of frames: the camera only turns,"
+            " or the scene is flat; use frames in which it moves sideways, or a larger frames.stride"
+        )
+    return (
+        f"COLMAP builds no model, although {matches.verified} pairs of frames match"
+        f" ({matches.with_parallax} with parallax): use more frames, a smaller frames.stride, or larger frames"
+    )

@@ -1,0 +1,183 @@
+"""COLMAP's second step: match features between images and verify the matches."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pycolmap
+
+from egosplat.calibration.colmap.database import Project
+from egosplat.progress import log
+
+# Names of two images.
+Pair = tuple[str, str]
+
+# For every 5th image COLMAP looks up the 5 most similar ones.
+_LOOP_PERIOD = 5
+_LOOP_IMAGES = 5
+# Descriptors per visual word that clustering needs.
+_DESCRIPTORS_PER_WORD = 40
+_MAX_DESCRIPTORS = 200_000
+_MAX_WORDS = 4096
+
+
+def every_pair(project: Project) -> list[Pair]:
+    """Every pair of images."""
+    with pycolmap.Database.open(project.database) as database:
+        generator = pycolmap.ExhaustivePairGenerator(pycolmap.ExhaustivePairingOptions(), database)
+        return _named(database, generator)
+
+
+def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
+    """Pairs near in time, and pairs of similar images further apart, which close loops.
+
+    Args:
+        overlap: each image is paired with this many next ones, and with those 2, 4, ..., 2^(overlap - 1) later.
+        seed: of the choice of descriptors; clustering takes COLMAP's.
+    """
+    with pycolmap.Database.open(project.database) as database:
+        pairs = _near_in_time(database, overlap)
+        # COLMAP's vocabulary of visual words is a download; this one is clustered from the recording's descriptors.
+        if not _write_vocabulary(project, database, seed):
+            log("COLMAP: too few features for a vocabulary; loops are not closed")
+            return pairs
+        loops = pycolmap.SequentialPairingOptions(
+            overlap=1,
+            quadratic_overlap=False,
+            num_threads=1,
+            loop_detection=True,
+            loop_detection_period=_LOOP_PERIOD,
+            loop_detection_num_images=_LOOP_IMAGES,
+            loop_detection_min_index_distance=overlap + 1,
+            vocab_tree_path=project.vocabulary,
+        )
+        similar = _named(database, pycolmap.SequentialPairGenerator(loops, database))
+    known = set(pairs)
+    closing = [pair for pair in similar if pair not in known]
+    log(f"COLMAP: {len(pairs)} pairs near in time, {len(closing)} more of similar images")
+    return pairs + closing
+
+
+def _near_in_time(database: pycolmap.Database, overlap: int) -> list[Pair]:
+    pairs: set[Pair] = set()
+    # COLMAP's quadratic overlap (offsets 1, 2, 4, ...) replaces the plain one, so both are generated.
+    for quadratic in (False, True):
+        options = pycolmap.SequentialPairingOptions(
+            overlap=overlap, quadratic_overlap=quadratic, num_threads=1
+        )
+        pairs.update(_named(database, pycolmap.SequentialPairGenerator(options, database)))
+    return sorted(pairs)
+
+
+def _named(database: pycolmap.Database, generator: pycolmap.PairGenerator) -> list[Pair]:
+    """The generator's pairs by name, sorted and without duplicates."""
+    names = {image.image_id: image.name for image in database.read_all_images()}
+    pairs: set[Pair] = set()
+    for one, other in generator.all_pairs():
+        first, second = sorted((names[one], names[other]))
+        # The generator also pairs images with themselves.
+        if first != second:
+            pairs.add((first, second))
+    return sorted(pairs)
+
+
+def _write_vocabulary(project: Project, database: pycolmap.Database, seed: int) -> bool:
+    """Cluster descriptors of all images into visual words.
+
+    Returns:
+        False if there are too few descriptors for a vocabulary.
+    """
+    images = sorted(database.read_all_images(), key=lambda image: image.name)
+    per_image = math.ceil(_MAX_DESCRIPTORS / len(images))
+    rng = np.random.default_rng(seed)
+    sampled = []
+    for image in images:
+        descriptors = database.read_descriptors(image.image_id).to_float().data
+        chosen = rng.permutation(len(descriptors))[:per_image]
+        sampled.append(np.asarray(descriptors)[np.sort(chosen)])
+    data = np.concatenate(sampled)
+    words = min(_MAX_WORDS, len(data) // _DESCRIPTORS_PER_WORD)
+    if words < 2:
+        return False
+    log(f"COLMAP: clustering {len(data)} descriptors into {words} visual words")
+    options = pycolmap.VisualIndex.BuildOptions(
+        num_visual_words=words, num_iterations=20, num_rounds=1, num_threads=1
+    )
+    index = pycolmap.VisualIndex.create(data.shape[1], data.shape[1] // 2)
+    index.build(options, pycolmap.FeatureDescriptorsFloat(pycolmap.FeatureExtractorType.SIFT, data))
+    index.write(project.vocabulary)
+    return True
+
+
+Matching = Literal["auto", "exhaustive", "sequential"]
+
+# ``auto`` compares every pair of up to this many images (3,160 pairs).
+EXHAUSTIVE_UP_TO = 80
+
+_PAIRS_PER_BATCH = 100
+
+
+@dataclass(frozen=True)
+class MatchingResult:
+    """Statistics of feature matching.
+
+    Attributes:
+        strategy: ``exhaustive`` or ``sequential``.
+        compared: number of pairs compared.
+        verified: number of pairs whose matches are consistent with a rigid scene.
+        with_parallax: number of verified pairs with parallax: the camera moved past objects at different depths.
+        median_shift_px: median over verified pairs of the median distance between matches [px]; 0 without pairs.
+    """
+
+    strategy: str
+    compared: int
+    verified: int
+    with_parallax: int
+    median_shift_px: float
+
+
+def match_images(
+    project: Project, matching: Matching, overlap: int, seed: int, threads: int
+) -> MatchingResult:
+    """Match features between images and verify the matches geometrically.
+
+    Args:
+        matching: ``exhaustive``: every pair. ``sequential``: each image with the ``overlap`` next ones, with those
+            2, 4, 8, ... later, and with similar images, which closes loops. ``auto``: exhaustive for up to
+            ``EXHAUSTIVE_UP_TO`` images.
+        seed: of RANSAC and of the vocabulary.
+        threads: number of threads; the result does not depend on it.
+    """
+    project.check_free_space()
+    exhaustive = matching == "exhaustive" or (matching == "auto" and len(project.names) <= EXHAUSTIVE_UP_TO)
+    pairs = every_pair(project) if exhaustive else sequential_pairs(project, overlap, seed)
+    options = pycolmap.FeatureMatchingOptions(num_threads=threads)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    for batch in project.in_batches(pairs, _PAIRS_PER_BATCH, "COLMAP: matching images", "pair"):
+        project.pairs.write_text("".join(f"{first} {second}\n" for first, second in batch))
+        listed = pycolmap.ImportedPairingOptions(match_list_path=project.pairs)
+        pycolmap.match_image_pairs(project.database, options, listed, verification, pycolmap.Device.cpu)
+    return _summary(project, "exhaustive" if exhaustive else "sequential", len(pairs))
+
+
+def _summary(project: Project, strategy: str, compared: int) -> MatchingResult:
+    with pycolmap.Database.open(project.database) as database:
+        pair_ids, geometries = database.read_two_view_geometries()
+        keypoints = {
+            image.image_id: database.read_keypoints(image.image_id) for image in database.read_all_images()
+        }
+    kinds = pycolmap.TwoViewGeometryConfiguration
+    verified, with_parallax, shifts = 0, 0, []
+    for pair_id, geometry in zip(pair_ids, geometries, strict=True):
+        inliers = geometry.inlier_matches
+        if len(inliers) == 0:
+            continue
+        verified += 1
+        with_parallax += kinds(geometry.config) in (kinds.CALIBRATED, kinds.UNCALIBRATED)
+        first, second = pycolmap.pair_id_to_image_pair(pair_id)
+        shift = keypoints[first][inliers[:, 0], :2] - keypoints[second][inliers[:, 1], :2]
+        shifts.append(float(np.median(np.linalg.norm(shift, axis=1))))
+    shift_px = float(np.median(shifts)) if shifts else 0.0
+    return MatchingResult(strategy, compared, verified, with_parallax, shift_px)

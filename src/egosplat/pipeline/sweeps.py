@@ -1,0 +1,188 @@
+"""The points of a trade-off: presets, and single keys with other values, each a variant of the scene.
+
+A point that changes nothing is the scene itself. Each point is run with several seeds. The variants ``seed-1``, ... are
+the scene with another seed; ``POINT-seed-1`` extends both the point and the seed, and shares their artifacts.
+"""
+
+import difflib
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from egosplat.errors import UserError
+from egosplat.pipeline.config import Config, section_keys
+from egosplat.pipeline.presets import QUESTIONS, preset_keys
+from egosplat.pipeline.scenes import Scene, read_scenes
+from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant_folder
+from egosplat.pipeline.sweep_recipes import recipe_of
+
+# The knob whose values are presets.
+PRESET = "preset"
+
+# Sections whose seeds change together.
+SEEDED = ("features", "transient", "splats", "language")
+
+# Maximum length of a value in a variant's name [characters].
+_LONGEST = 60
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A knob, ``preset`` or a key such as ``features.dims``, with a value."""
+
+    knob: str
+    value: Any
+
+
+@dataclass
+class Point:
+    """A point.
+
+    Attributes:
+        settings: all settings that give this point; for the scene itself, its own value of each knob.
+        variants: one variant per seed, the scene's own seed first; None is the scene itself.
+    """
+
+    settings: list[Setting] = field(default_factory=list)
+    variants: list[str | None] = field(default_factory=list)
+
+
+def read_scenes_with_points(config: Config, presets: Path) -> dict[tuple[str, str], Scene]:
+    """Read the table of scenes and add the variants of each scene's points, see ``read_scenes`` and ``with_points``."""
+    scenes = read_scenes(config)
+    return {
+        key: replace(scene, config=with_points(scene.config, presets, scene.format))
+        for key, scene in scenes.items()
+    }
+
+
+def measured_points(scene: Scene) -> list[dict[str, Any]]:
+    """The points of a scene for ``egosplat tradeoff``: settings, recipe, and the metrics.json of each run."""
+    return [
+        {
+            "settings": [[one.knob, one.value] for one in point.settings],
+            "recipe": recipe_of(scene, point.variants[0]).as_json(),
+            "metrics": [
+                f"{scene.results}/{variant_folder(variant)}metrics.json" for variant in point.variants
+            ],
+        }
+        for point in points_of(scene.config, scene.name)
+    ]
+
+
+def with_points(config: Config, presets: Path, format: str) -> Config:
+    """Add the variants of a scene's points to its configuration.
+
+    Args:
+        presets: folder of the preset files.
+        format: format of the recording.
+
+    Raises:
+        UserError: a knob is not valid, or a variant of the configuration has the name of a point.
+    """
+    settings: Config = {}
+    for setting in _settings(config):
+        name = variant_name(setting)
+        if name in settings:
+            raise UserError(
+                f"tradeoff.sweep: two values of {setting.knob} have the name {name}; remove one of them"
+            )
+        settings[name] = _keys(setting, presets, format)
+    found = dict(settings)
+    for seed in config["tradeoff"]["seeds"]:
+        seed_variant = _seed_name(seed)
+        found[seed_variant] = {section: {"seed": seed} for section in SEEDED}
+        found |= {_with_seed(name, seed): {EXTENDS: [name, seed_variant]} for name in settings}
+    if taken := sorted(set(found) & set(config["variants"])):
+        raise UserError(
+            f"variants: {taken[0]} is the name of a point of the section tradeoff; rename the variant"
+        )
+    return config | {"variants": config["variants"] | found}
+
+
+def points_of(config: Config, where: str) -> list[Point]:
+    """The points of a scene: the scene itself, then the others in the order of the configuration.
+
+    Args:
+        config: configuration of the scene, from ``with_points``.
+
+    Raises:
+        UserError: a value is not allowed, or a seed is the scene's own.
+    """
+    seeds = config["tradeoff"]["seeds"]
+    for seed in seeds:
+        if not reaches("metrics", config, variant_config(config, _seed_name(seed), where)):
+            raise UserError(
+                f"{where}: tradeoff.seeds: {seed} is the scene's own seed; give other seeds, or none"
+            )
+    scene = Point(list(_own_settings(config)), [None, *map(_seed_name, seeds)])
+    points = [scene]
+    for setting in _settings(config):
+        name = variant_name(setting)
+        if reaches("metrics", config, variant_config(config, name, where)):
+            variants = [name, *(_with_seed(name, seed) for seed in seeds)]
+            points.append(Point([setting], variants))
+        elif setting not in scene.settings:
+            scene.settings.append(setting)
+    return points
+
+
+def variant_name(setting: Setting) -> str:
+    """The name of a setting's variant, such as ``features-dims-8``; for a preset, the name of the preset."""
+    text = shown(setting.value)
+    safe = re.sub("[^A-Za-z0-9_-]", "_", text)[:_LONGEST]
+    # A hash keeps names unique after characters are replaced: masks-threshold-0_5-d2cbad is 0.5 only.
+    if safe != text:
+        safe += f"-{hashlib.sha256(text.encode()).hexdigest()[:6]}"
+    return safe if setting.knob == PRESET else f"{setting.knob.replace('.', '-')}-{safe}"
+
+
+def shown(value: Any) -> str:
+    """Format a value: text as it is, other values as JSON."""
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _settings(config: Config) -> Iterator[Setting]:
+    about = config["tradeoff"]
+    yield from (Setting(PRESET, name) for name in about["presets"])
+    for knob, values in about["sweep"].items():
+        _check_knob(knob)
+        yield from (Setting(knob, value) for value in values)
+
+
+def _own_settings(config: Config) -> Iterator[Setting]:
+    for knob in config["tradeoff"]["sweep"]:
+        section, _, key = knob.partition(".")
+        yield Setting(knob, config[section][key])
+
+
+def _check_knob(knob: str) -> None:
+    section, _, key = knob.partition(".")
+    known = section_keys(section)
+    if key not in known:
+        near = difflib.get_close_matches(key, known, n=1)
+        advice = f"did you mean {section}.{near[0]}?" if near else "egosplat keys lists all keys"
+        raise UserError(f"tradeoff.sweep: no key {knob}; {advice}")
+    if section in QUESTIONS or knob in QUESTIONS:
+        raise UserError(f"tradeoff.sweep: scores with other values of {knob} cannot be compared; remove it")
+    if key == "seed" or section == "tradeoff":
+        raise UserError(f"tradeoff.sweep: {knob} cannot be swept; remove it (seeds are in tradeoff.seeds)")
+
+
+def _keys(setting: Setting, presets: Path, format: str) -> Config:
+    if setting.knob == PRESET:
+        return preset_keys(setting.value, presets, format)
+    section, _, key = setting.knob.partition(".")
+    return {section: {key: setting.value}}
+
+
+def _seed_name(seed: int) -> str:
+    return f"seed-{seed}"
+
+
+def _with_seed(name: str, seed: int) -> str:
+    return f"{name}-{_seed_name(seed)}"

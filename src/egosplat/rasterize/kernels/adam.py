@@ -1,0 +1,75 @@
+"""Adam on the CPU in one pass over parameters, gradients and moments. float32."""
+
+import ctypes
+import functools
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from egosplat.rasterize.kernels import library
+from egosplat.rasterize.kernels.arrays import address
+
+_INT, _INT64, _DOUBLE, _POINTER = ctypes.c_int, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+
+
+@torch.no_grad()
+def adam_step(
+    param: Tensor,
+    grad: Tensor,
+    exp_avg: Tensor,
+    exp_avg_sq: Tensor,
+    rates: float | Tensor,
+    *,
+    beta1: float,
+    beta2: float,
+    eps: float,
+    step: int,
+) -> int:
+    """Update ``param`` and its moments in place, as ``torch.optim.Adam`` does (Kingma & Ba 2015, algorithm 1).
+
+    A parameter whose gradient and moments are zero keeps its bits. A row is skipped, moments included, if one of
+    its gradients is not finite or larger than 1e18 (its square would overflow). Results do not depend on the
+    number of threads.
+
+    Args:
+        param, grad, exp_avg, exp_avg_sq: (N, columns), contiguous.
+        rates: learning rate of all columns, or (columns,) of each.
+        step: number of this step, from 1, for the bias correction.
+
+    Returns:
+        Number of skipped rows.
+
+    Raises:
+        ValueError: a tensor is not contiguous float32 on the CPU, shapes do not match, or ``step`` or ``eps``
+            is not positive.
+        UserError: the kernels are not built.
+    """
+    tensors = {"param": param, "grad": grad, "exp_avg": exp_avg, "exp_avg_sq": exp_avg_sq}
+    for name, tensor in tensors.items():
+        _check(name, tensor, tuple(param.shape))
+    if param.ndim != 2:
+        raise ValueError(f"param: shape {tuple(param.shape)}, not (N, columns)")
+    if step < 1 or eps <= 0:
+        raise ValueError(f"step {step} and eps {eps} must be positive")
+    rows, columns = param.shape
+    rates = rates if isinstance(rates, Tensor) else torch.full((columns,), rates)
+    _check("rates", rates, (columns,))
+    # ``rates`` and the tensors stay referenced until the call returns: the kernel gets addresses only.
+    addresses = map(address, (rates, *tensors.values()))
+    return _function()(rows, columns, torch.get_num_threads(), beta1, beta2, eps, step, *addresses)
+
+
+def _check(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:
+    if tuple(tensor.shape) != shape:
+        raise ValueError(f"{name}: shape {tuple(tensor.shape)}, not {shape}")
+    if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or not tensor.is_contiguous():
+        raise ValueError(f"{name}: {tensor.dtype} on {tensor.device}, not contiguous float32 on the CPU")
+
+
+@functools.cache
+def _function() -> Any:
+    function = library.load().egosplat_adam
+    function.argtypes = [_INT64, _INT, _INT, _DOUBLE, _DOUBLE, _DOUBLE, _INT64, *[_POINTER] * 5]
+    function.restype = _INT64
+    return function

@@ -1,0 +1,256 @@
+"""Differentiable projection and compositing with the compiled kernels. float32 on the CPU.
+
+Images are planar, (channels, height, width), as the kernels write them.
+"""
+
+import ctypes
+import functools
+import weakref
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from egosplat.rasterize.kernels import library
+from egosplat.rasterize.kernels.arrays import address, plain
+
+_INT, _POINTER = ctypes.c_int, ctypes.c_void_p
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Settings of the projection into one image.
+
+    Attributes:
+        width, height: image size [px].
+        intrinsics: fx, fy, cx, cy [px].
+        near_plane, far_plane: Gaussians with camera z outside this range are culled [m].
+        radius_clip: Gaussians with both radii at most this are culled [px].
+        eps2d: added to both variances in the image [px²].
+        antialiased: whether to lower opacities to compensate for the blur of ``eps2d``.
+        coefficients: number of spherical harmonics to evaluate; 0 without colour.
+        depth: whether to append camera z as the last channel.
+    """
+
+    width: int
+    height: int
+    intrinsics: tuple[float, float, float, float]
+    near_plane: float
+    far_plane: float
+    radius_clip: float
+    eps2d: float
+    antialiased: bool
+    coefficients: int
+    depth: bool
+
+
+def project(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    sh: Tensor | None,
+    features: Tensor | None,
+    viewmat: Tensor,
+    settings: Projection,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Project Gaussians into one image and evaluate their channels for this view.
+
+    Args:
+        means: (N, 3) [m]; quats: (N, 4) wxyz; scales: (N, 3) [m]; opacities: (N,).
+        sh: (N, K, 3), required if ``settings.coefficients`` is not 0.
+        features: (N, F) or None.
+        viewmat: (4, 4) world_to_camera.
+
+    Returns:
+        means2d (N, 2), conics (N, 3), depths (N,), opacities (N,), channels (N, X), variances_y (N,) and radii
+        (N, 2) int32; all 0 where culled. The X channels are colour, features and depth, those that exist.
+    """
+    return _Project.apply(means, quats, scales, opacities, sh, features, viewmat, settings)
+
+
+def composite(
+    means2d: Tensor,
+    conics: Tensor,
+    depths: Tensor,
+    opacities: Tensor,
+    channels: Tensor,
+    variances_y: Tensor | None,
+    radii: Tensor,
+    background: Tensor | None,
+    width: int,
+    height: int,
+) -> tuple[Tensor, Tensor]:
+    """Composite projected Gaussians, nearest first.
+
+    Args:
+        means2d: (N, 2) [px]; conics: (N, 3) [1/px²]; depths: (N,), used for the order only; opacities: (N,).
+        channels: (N, X).
+        variances_y: (N,) variance in y of each Gaussian in the image [px²]; None to compute it from the conics,
+            which is inexact for elongated Gaussians. It gets no gradient.
+        radii: (N, 2) int32, 0 where culled.
+        background: (X,) or None for zeros.
+
+    Returns:
+        (X, height, width) and alpha (height, width).
+    """
+    return _Composite.apply(
+        means2d, conics, depths, opacities, channels, variances_y, radii, background, width, height
+    )
+
+
+def sum_pixels(
+    means2d: Tensor,
+    conics: Tensor,
+    depths: Tensor,
+    opacities: Tensor,
+    variances_y: Tensor,
+    radii: Tensor,
+    image: Tensor,
+) -> Tensor:
+    """Sum an image over the compositing weights of projected Gaussians, without rendering one.
+
+    Args:
+        means2d, conics, depths, opacities, variances_y, radii: as ``project`` returns them.
+        image: (X, H, W).
+
+    Returns:
+        (N, X): to the bit the gradient of ``composite`` by its channels, where ``image`` is that of its render.
+    """
+    channels, height, width = image.shape
+    sums = torch.zeros(len(means2d), channels)
+    inputs = (means2d, conics, variances_y, opacities, depths, radii, image)
+    # The list keeps copies alive during the call.
+    arrays = [*map(plain, inputs), sums]
+    _functions().egosplat_raster_sum(
+        len(means2d), channels, width, height, torch.get_num_threads(), *map(address, arrays)
+    )
+    return sums
+
+
+class _Project(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
+        *tensors, settings = arguments
+        means, quats, scales, opacities, sh, features, viewmat = (plain(tensor) for tensor in tensors)
+        layout = _layout(means, sh, features, settings)
+        count, channels = len(means), 3 * bool(settings.coefficients) + layout[3] + settings.depth
+        sizes = ((count, 2), (count, 3), (count,), (count,), (count, channels))
+        outputs = [torch.empty(size) for size in sizes]
+        variances_y, radii = torch.empty(count), torch.empty(count, 2, dtype=torch.int32)
+        camera = _camera(viewmat, settings)
+        inputs = (means, quats, scales, opacities, sh, features)
+        _functions().egosplat_project_forward(
+            *layout, torch.get_num_threads(), camera, *map(address, (*inputs, *outputs, variances_y, radii))
+        )
+        ctx.layout, ctx.camera = layout, camera
+        ctx.save_for_backward(means, quats, scales, opacities, sh, radii, outputs[-1])
+        ctx.mark_non_differentiable(variances_y, radii)
+        return (*outputs, variances_y, radii)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        means, quats, scales, opacities, sh, radii, channels = ctx.saved_tensors
+        needed = ctx.needs_input_grad
+        geometry = any(needed[:4]) or needed[6]
+        results = [
+            torch.empty_like(value) if geometry else None for value in (means, quats, scales, opacities)
+        ]
+        results.append(torch.empty_like(sh) if needed[4] else None)
+        results.append(torch.empty(len(means), ctx.layout[3]) if needed[5] else None)
+        pose = torch.zeros(12, dtype=torch.float64) if needed[6] else None
+        given = [plain(gradient) for gradient in gradients[:5]]
+        inputs = (means, quats, scales, opacities, sh, radii, channels)
+        _functions().egosplat_project_backward(
+            *ctx.layout,
+            torch.get_num_threads(),
+            ctx.camera,
+            *map(address, (*inputs, *given, *results, pose)),
+        )
+        return (*results, None if pose is None else _pose_gradient(pose), None)
+
+
+class _Composite(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
+        *tensors, width, height = arguments
+        means2d, conics, depths, opacities, channels, variances_y, radii, background = map(plain, tensors)
+        render, alpha = torch.empty(channels.shape[1], height, width), torch.empty(height, width)
+        inputs = (means2d, conics, variances_y, opacities, channels, depths, radii, background, render, alpha)
+        handle = _functions().egosplat_raster_forward(
+            len(means2d), channels.shape[1], width, height, torch.get_num_threads(), *map(address, inputs)
+        )
+        ctx.raster = _Raster(handle)
+        ctx.save_for_backward(conics, channels, render, alpha)
+        # A missing gradient of alpha arrives as None, which saves the kernel a plane of zeros.
+        ctx.set_materialize_grads(False)
+        return render, alpha
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, v_render: Tensor | None, v_alpha: Tensor | None) -> tuple[Tensor | None, ...]:
+        conics, channels, render, alpha = ctx.saved_tensors
+        needed = ctx.needs_input_grad
+        v_render = torch.zeros_like(render) if v_render is None else plain(v_render)
+        count = len(conics)
+        # With a frozen geometry the kernel skips its derivatives and sums those of the channels only.
+        geometry = needed[0] or needed[1] or needed[3]
+        sizes = ((count, 2), (count, 3), (count,)) if geometry else ()
+        results = [torch.zeros(size) for size in sizes] or [None] * 3
+        v_channels = torch.zeros_like(channels)
+        inputs = (conics, render, alpha, v_render, plain(v_alpha), *results, v_channels)
+        _functions().egosplat_raster_backward(
+            ctx.raster.handle, torch.get_num_threads(), *map(address, inputs)
+        )
+        v_means2d, v_conics, v_opacities = results
+        v_background = ((1.0 - alpha) * v_render).sum(dim=(1, 2)) if needed[7] else None
+        return v_means2d, v_conics, None, v_opacities, v_channels, None, None, v_background, None, None
+
+
+class _Raster:
+    """Owns the kernel's memory between the forward and the backward pass of compositing."""
+
+    def __init__(self, handle: int) -> None:
+        self.handle = handle
+        weakref.finalize(self, _functions().egosplat_raster_free, handle)
+
+
+def _layout(
+    means: Tensor, sh: Tensor | None, features: Tensor | None, settings: Projection
+) -> tuple[int, ...]:
+    stored = 0 if sh is None else sh.shape[1]
+    feature_count = 0 if features is None else features.shape[1]
+    size = (len(means), stored, settings.coefficients, feature_count, int(settings.depth))
+    return (*size, settings.width, settings.height, int(settings.antialiased))
+
+
+def _camera(viewmat: Tensor, settings: Projection) -> ctypes.Array:
+    pose = viewmat.double()
+    limits = (settings.near_plane, settings.far_plane, settings.radius_clip, settings.eps2d)
+    numbers = (*pose[:3, :3].flatten().tolist(), *pose[:3, 3].tolist(), *settings.intrinsics, *limits)
+    return (ctypes.c_double * len(numbers))(*numbers)
+
+
+def _pose_gradient(pose: Tensor) -> Tensor:
+    gradient = torch.zeros(4, 4)
+    gradient[:3, :3], gradient[:3, 3] = pose[:9].reshape(3, 3), pose[9:]
+    return gradient
+
+
+@functools.cache
+def _functions() -> ctypes.CDLL:
+    loaded = library.load()
+    camera = ctypes.POINTER(ctypes.c_double)
+    loaded.egosplat_project_forward.argtypes = [*[_INT] * 9, camera, *[_POINTER] * 13]
+    loaded.egosplat_project_backward.argtypes = [*[_INT] * 9, camera, *[_POINTER] * 19]
+    loaded.egosplat_raster_forward.argtypes = [*[_INT] * 5, *[_POINTER] * 10]
+    loaded.egosplat_raster_backward.argtypes = [_POINTER, _INT, *[_POINTER] * 9]
+    loaded.egosplat_raster_sum.argtypes = [*[_INT] * 5, *[_POINTER] * 8]
+    loaded.egosplat_raster_free.argtypes = [_POINTER]
+    loaded.egosplat_raster_forward.restype = _POINTER
+    for name in ("project_forward", "project_backward", "raster_backward", "raster_sum", "raster_free"):
+        getattr(loaded, f"egosplat_{name}").restype = None
+    return loaded

@@ -1,0 +1,207 @@
+"""Draw a scene on one page: frames, annotated evaluation frames, and the trajectory from above."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.colors import hsv_to_rgb
+from numpy.typing import NDArray
+
+from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.output_files import check_output, picture_kind
+from egosplat.drawing import (
+    draw_heading,
+    ground_axes,
+    inner_point,
+    plt,
+    save_figure,
+    show,
+)
+from egosplat.page_text import add_name
+from egosplat.sampling import evenly_spaced
+
+PAGE = picture_kind("egosplat contact-sheet")
+
+# Maximum number of frames, and of evaluation frames.
+PICTURES = 8
+
+COLUMNS = 4
+
+# Height of the page [inches].
+HEIGHT = 11.0
+
+# ADT's category of walls, floor and ceiling; it gets no tint and no name, so that the objects are easy to
+# see.
+ROOM = "shelter"
+
+# Minimum extent of the view from above [m].
+LEAST_EXTENT = 1.0
+
+# Maximum number of named instances in an evaluation frame, the largest first.
+LABELS = 10
+
+# Minimum share of the image of a named instance.
+LEAST_SHARE = 0.002
+
+
+def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Path, *, title: str) -> None:
+    """Draw the contact sheet of a scene as PNG, atomically."""
+    check_output(output, PAGE)
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    annotations = open_artifact(annotations_path, ANNOTATIONS)
+    shown = evenly_spaced(frames.shape("rgb")[0], PICTURES)
+    rows = evenly_spaced(annotations.shape("frame")[0], PICTURES)
+    columns = min(COLUMNS, max(len(shown), len(rows)))
+    above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
+    widths = (HEIGHT * 0.72, _grid_width(frames, columns, above + below))
+    figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
+    summary = _summary(frames, annotations, poses)
+    draw_heading(figure, f"{title}: {summary}", warnings_of(frames, poses), 14)
+    left, right = figure.subfigures(1, 2, width_ratios=widths)
+    draw_from_above(left.subplots(), poses)
+    grid = right.subplots(above + below, columns, squeeze=False)
+    for cell in grid.flat:
+        cell.set_axis_off()
+    _draw_frames(grid[:above], frames, shown)
+    _draw_evaluation_frames(grid[above:], frames, annotations, rows)
+    save_figure(figure, output, PAGE)
+
+
+def _grid_width(frames: Artifact, columns: int, rows: int) -> float:
+    """Width [inches] with which ``rows`` of images fill the page's height, within limits."""
+    _, height, width, _ = frames.shape("rgb")
+    cell = (HEIGHT - 0.8) / rows - 0.3
+    return float(np.clip(columns * cell * width / height, 6.0, 16.0))
+
+
+def _summary(frames: Artifact, annotations: Artifact, poses: Artifact) -> str:
+    count, height, width, _ = frames.shape("rgb")
+    seconds = float(np.ptp(frames.read("timestamp_ns"))) * 1e-9
+    return (
+        f"{frames.facts['recording']}, origin {frames.origin}\n"
+        f"{count} frames {width}×{height} in {seconds:.1f} s: "
+        f"{int(frames.read('train').sum())} for training, {int(frames.read('evaluation').sum())} for evaluation, "
+        f"{int(poses.read('registered').sum())} with a pose; {len(annotations.facts['instances'])} instances"
+    )
+
+
+def draw_from_above(axes: Axes, poses: Artifact) -> None:
+    """Draw points, trajectory and viewing directions of the poses artifact, seen from above."""
+    up, registered = poses.read("up"), poses.read("registered")
+    camera_to_world = poses.read("camera_to_world")[registered]
+    plane = ground_axes(up)
+    path = camera_to_world[:, :3, 3] @ plane.T
+    points = _scatter_points(axes, poses, plane, up, heights=camera_to_world[:, :3, 3] @ up)
+    segments = np.stack([path[:-1], path[1:]], axis=1)
+    line = LineCollection(list(segments), cmap="plasma", linewidths=2.2, zorder=3)
+    line.set_array(np.linspace(0, 1, len(segments)))
+    axes.add_collection(line)
+    directions = camera_to_world[:, :3, 2] @ plane.T
+    step = max(1, len(path) // 40)
+    axes.quiver(*path[::step].T, *directions[::step].T, scale=28, width=0.0025, color="0.15", zorder=4)
+    axes.scatter(*path[0], s=70, c="limegreen", edgecolors="k", zorder=5, label="start")
+    axes.scatter(*path[-1], s=70, c="crimson", edgecolors="k", zorder=5, label="end")
+    _widen(axes, LEAST_EXTENT)
+    unit = "arbitrary unit" if poses.facts["notes"].get("scale") == "arbitrary" else "m"
+    title = "From above: the points, and the trajectory from dark to light"
+    axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
+    if points is not None:
+        bar = {"location": "bottom", "shrink": 0.6, "aspect": 40}
+        axes.figure.colorbar(points, ax=axes, label=f"height of a point [{unit}]", **bar)
+    axes.legend(loc="upper right")
+    axes.grid(alpha=0.2)
+
+
+def _widen(axes: Axes, least: float) -> None:
+    """Widen each axis to at least ``least``."""
+    # Otherwise millimetres of noise in the poses fill the page like a real trajectory.
+    for get, set_ in ((axes.get_xlim, axes.set_xlim), (axes.get_ylim, axes.set_ylim)):
+        low, high = get()
+        if high - low < least:
+            set_((low + high - least) / 2, (low + high + least) / 2)
+
+
+def _scatter_points(
+    axes: Axes,
+    poses: Artifact,
+    plane: NDArray[np.float64],
+    up: NDArray[np.float64],
+    heights: NDArray[np.float64],
+) -> PathCollection | None:
+    """Draw the points below the highest camera; returns None if there are none."""
+    points = poses.read("points/xyz")
+    # The ceiling would hide the room.
+    points = points[points @ up < heights.max()]
+    if len(points) > 60_000:
+        points = points[:: len(points) // 60_000 + 1]
+    if not len(points):
+        return None
+    flat, height = points @ plane.T, points @ up
+    low, high = np.percentile(flat, [0.5, 99.5], axis=0)
+    inside = ((flat >= low) & (flat <= high)).all(axis=1)
+    return axes.scatter(
+        *flat[inside].T,
+        c=height[inside],
+        s=float(np.clip(2e4 / len(flat), 1.2, 8)),
+        cmap="viridis",
+        linewidths=0,
+        rasterized=True,
+    )
+
+
+def _draw_frames(cells: NDArray[np.object_], frames: Artifact, shown: list[int]) -> None:
+    times = frames.read("timestamp_ns")
+    for cell, index in zip(cells.flat, shown, strict=False):
+        show(cell, frames.row("rgb", index), f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s")
+
+
+def _draw_evaluation_frames(
+    cells: NDArray[np.object_], frames: Artifact, annotations: Artifact, rows: list[int]
+) -> None:
+    names = [instance["category"] for instance in annotations.facts["instances"]]
+    index, annotated = annotations.read("frame"), annotations.read("annotated")
+    for cell, row in zip(cells.flat, rows, strict=False):
+        image, title = frames.row("rgb", index[row]), f"evaluation frame {index[row]}"
+        if annotated[row]:
+            count = _draw_annotated(cell, image, annotations.row("instance_map", row), names)
+            cell.set_title(f"{title}: {count} instances", fontsize=8)
+        else:
+            show(cell, image, f"{title}: not annotated", 8)
+
+
+def _draw_annotated(
+    cell: Axes, image: NDArray[np.uint8], instance_map: NDArray[np.int32], names: list[str]
+) -> int:
+    """Draw an image with tinted and named instances; return the number of visible instances."""
+    rooms = [index for index, name in enumerate(names) if name == ROOM]
+    cell.imshow(overlay(image, np.where(np.isin(instance_map, rooms), -1, instance_map)))
+    values, sizes = np.unique(instance_map[instance_map >= 0], return_counts=True)
+    objects = [value for value in values[np.argsort(-sizes, kind="stable")] if value not in rooms]
+    for value in objects[:LABELS]:
+        mask = instance_map == value
+        if mask.mean() >= LEAST_SHARE:
+            add_name(cell, *inner_point(mask), names[value])
+    return len(values)
+
+
+def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """Tint an image by instance.
+
+    Args:
+        picture: (H, W, 3) uint8.
+        instance_map: (H, W) int32, -1 without annotation.
+
+    Returns:
+        (H, W, 3) uint8; pixels without annotation keep their colour.
+    """
+    # Golden-angle hues: neighbouring indices get very different colours.
+    hue = (np.arange(instance_map.max() + 2) * 0.618034) % 1.0
+    colours = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255
+    tinted = 0.6 * picture + 0.4 * colours[instance_map]
+    return np.where((instance_map >= 0)[..., None], tinted, picture).astype(np.uint8)

@@ -1,0 +1,156 @@
+"""Draw the instances on one page: in frames of the video, from above, and crops before and after merging."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import hsv_to_rgb
+from numpy.typing import NDArray
+
+from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.artifacts.consistency import check_made_from
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.segments import SEGMENTS
+from egosplat.output_files import check_output, picture_kind
+from egosplat.drawing import draw_heading, ground_axes, plt, save_figure, show
+from egosplat.report.sheets.merged_crops import draw_merged_crops, largest_and_most_changed, shown_in
+from egosplat.sampling import evenly_spaced
+
+PAGE = picture_kind("egosplat instances-sheet")
+
+# Maximum number of frames, evenly spaced.
+PICTURES = 6
+
+# Width of an image on the page [inches].
+CELL = 2.9
+
+# Height of a crop relative to that of an image.
+CROP = 0.6
+
+# Opacity of an instance's colour.
+TINT = 0.55
+
+# Gaussians up to this share of the cameras' height above the floor are drawn from above: no ceiling hides the rest.
+BELOW = 1.1
+
+
+def run(
+    frames_path: Path,
+    poses_path: Path,
+    segments_path: Path,
+    instances_path: Path,
+    output: Path,
+    *,
+    title: str,
+) -> None:
+    """Draw the page as PNG, atomically.
+
+    Raises:
+        UserError: the inputs do not belong together.
+    """
+    check_output(output, PAGE)
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    segments, instances = open_artifact(segments_path, SEGMENTS), open_artifact(instances_path, INSTANCES)
+    check_made_from(instances, frames, axes=("frame",))
+    check_made_from(instances, segments, axes=("frame", "height", "width"))
+    count, height, width, _ = frames.shape("rgb")
+    shown = evenly_spaced(count, PICTURES)
+    levels, repeats = instances.facts["levels"], instances.facts.get("repeats", {})
+    in_3d = instances.shape("gaussians/xyz")[0] > 0
+    columns = len(shown) + in_3d
+    # Tracks are what they were before.
+    seen = shown_in(segments, instances) if in_3d else {}
+    cropped = largest_and_most_changed(instances, seen) if in_3d else []
+    heights = [1.0] * (1 + len(levels)) + [CROP] * (2 * len(cropped))
+    size = (CELL * columns, sum(CELL * height / width * part + 0.25 for part in heights) + 0.9)
+    figure, grid = plt.subplots(
+        len(heights), columns, squeeze=False, figsize=size, layout="constrained", height_ratios=heights
+    )
+    draw_heading(figure, f"{title}: {_summary(instances)}", warnings_of(instances))
+    colours = palette(instances.shape("instances/level")[0])
+    for column, frame in enumerate(shown):
+        image, labels = frames.row("rgb", frame), instances.row("labels", frame)
+        show(grid[0, column], image, f"frame {frame}")
+        for level, name in enumerate(levels):
+            visible = len(np.unique(labels[level][labels[level] >= 0]))
+            heading = (
+                f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {visible} instances"
+            )
+            show(grid[1 + level, column], tinted(image, labels[level], colours), heading)
+    if in_3d:
+        _draw_from_above(grid[: 1 + len(levels), -1], poses, instances, colours)
+    for place, instance in enumerate(cropped):
+        rows = grid[1 + len(levels) + 2 * place :][:2]
+        rows[0, -1].set_axis_off(), rows[1, -1].set_axis_off()
+        draw_merged_crops(rows[:, :-1], frames, segments, instances, instance, seen)
+    save_figure(figure, output, PAGE)
+
+
+def _summary(instances: Artifact) -> str:
+    facts = instances.facts
+    by_level = ", ".join(f"{number} {name}s" for name, number in facts["instances"].items())
+    made = "tracks" if facts["source"] == "tracks" else "masks merged in 3D"
+    return f"{by_level} ({made}), origin {instances.origin}\nan instance has the same colour everywhere"
+
+
+def _draw_from_above(
+    cells: NDArray[np.object_], poses: Artifact, instances: Artifact, colours: NDArray[np.float64]
+) -> None:
+    """Draw the Gaussians of each level's instances from above, without what is higher than the cameras."""
+    up = poses.read("up")
+    plane, xyz = ground_axes(up), instances.read("gaussians/xyz").astype(np.float64)
+    owner, height = instances.read("gaussians/instance"), xyz @ up
+    camera = np.median(poses.read("camera_to_world")[poses.read("registered"), :3, 3] @ up)
+    # Stray Gaussians far outside would shrink the rest.
+    low, high = np.percentile(xyz, [1, 99], axis=0)
+    floor = np.percentile(height, 1)
+    inside = ((xyz >= low) & (xyz <= high)).all(axis=1) & (height < floor + BELOW * (camera - floor))
+    cells[0].set_axis_off()
+    for level, name in enumerate(instances.facts["levels"]):
+        drawn = np.flatnonzero(inside & (owner[:, level] >= 0))
+        drawn = drawn[np.argsort(height[drawn], kind="stable")]
+        cell = cells[1 + level]
+        cell.scatter(*(xyz[drawn] @ plane.T).T, s=0.6, c=colours[owner[drawn, level]], linewidths=0)
+        cell.set(aspect="equal", xticks=[], yticks=[])
+        cell.set_title(f"{name}: from above", fontsize=9)
+
+
+def palette(count: int) -> NDArray[np.float64]:
+    """(count, 3) colours in 0..1; consecutive ones have very different hues."""
+    hues = (np.arange(count) * 0.61803398875) % 1.0
+    value = 0.75 + 0.25 * ((np.arange(count) // 7) % 2)
+    hsv = np.stack([hues, np.full(count, 0.85), value], axis=1)
+    return hsv_to_rgb(hsv).reshape(count, 3)
+
+
+def tinted(
+    picture: NDArray[np.uint8], labels: NDArray[np.int32], colours: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Tint and outline the instances of an image; the rest is grey.
+
+    Args:
+        picture: (H, W, 3) uint8.
+        labels: (H, W) instances, -1 for none.
+        colours: (N, 3) in 0..1.
+
+    Returns:
+        (H, W, 3) float64 in 0..1.
+    """
+    light = picture / 255.0
+    grey = np.repeat(light.mean(axis=2, keepdims=True), 3, axis=2)
+    if not len(colours):
+        return 0.6 * grey
+    tint = (1 - TINT) * grey + TINT * colours[np.maximum(labels, 0)]
+    shown = np.where((labels >= 0)[..., None], tint, 0.6 * grey)
+    shown[_borders(labels)] = 1.0
+    return shown
+
+
+def _borders(labels: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(H, W) bool pixels whose right or lower neighbour has another label."""
+    borders = np.zeros(labels.shape, dtype=bool)
+    borders[:, :-1] |= labels[:, :-1] != labels[:, 1:]
+    borders[:-1] |= labels[:-1] != labels[1:]
+    return borders

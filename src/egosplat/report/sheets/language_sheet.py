@@ -1,0 +1,181 @@
+"""Draw the codes of the Gaussians on one page: views through the recording, with the codes of each level as colours."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.artifacts.consistency import check_made_from
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.codes.rendering import render_codes
+from egosplat.geometry import Camera
+from egosplat.output_files import check_output, picture_kind
+from egosplat.query.scene import TrainedScene, read_trained_scene
+from egosplat.drawing import draw_heading, plt, save_figure, show
+
+PAGE = picture_kind("egosplat language-sheet")
+
+# Maximum number of views.
+VIEWS = 6
+
+# Maximum side of a rendered image [px].
+LONGEST_SIDE = 512
+
+# Width of an image on the page [inches].
+CELL = 2.9
+
+# Grey level, 0..1, of pixels without a code.
+UNKNOWN = 0.25
+
+# Range of the colours, in standard deviations on either side of the mean.
+SPREAD = 2.0
+
+
+@dataclass(frozen=True)
+class CodeColours:
+    """An affine map of C-dimensional codes to colours: the first three principal components as red, green, blue.
+
+    Attributes:
+        mean: (C,) code shown as medium grey.
+        axes: (3, C) principal axes, divided by the width of their range; 0 for a missing component.
+    """
+
+    mean: NDArray[np.float64]
+    axes: NDArray[np.float64]
+
+    def paint(self, codes: NDArray[np.float32], coverage: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(..., 3) colours in [0, 1] of (..., C) codes, blended with grey where the (...) coverage is below 1."""
+        colours = np.clip(0.5 + (codes - self.mean) @ self.axes.T, 0.0, 1.0)
+        share = np.clip(coverage, 0.0, 1.0)[..., None]
+        return share * colours + (1 - share) * UNKNOWN
+
+
+def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, *, title: str) -> None:
+    """Draw the page as PNG, atomically.
+
+    Raises:
+        UserError: the inputs do not belong together.
+    """
+    check_output(output, PAGE)
+    poses, splats = open_artifact(poses_path, POSES), open_artifact(splats_path, SPLATS)
+    language = open_artifact(language_path, LANGUAGE)
+    check_made_from(splats, poses)
+    check_made_from(language, poses, splats)
+    scene = read_trained_scene(splats, "auto")
+    levels = language.facts["levels"]
+    camera = _reduced(scene.camera)
+    camera_to_world = camera_poses(poses, splats)
+    frames = choose_frames(camera_to_world, poses.read("registered"), VIEWS)
+    size = (CELL * VIEWS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
+    figure, grid = plt.subplots(1 + len(levels), VIEWS, squeeze=False, figsize=size, layout="constrained")
+    for cell in grid.flat:
+        cell.set_axis_off()
+    draw_heading(figure, f"{title}: {_summary(language)}", warnings_of(language))
+    _draw_views(grid, scene, {frame: camera_to_world[frame] for frame in frames}, language, camera)
+    save_figure(figure, output, PAGE)
+
+
+def _reduced(camera: Camera) -> Camera:
+    """Scale a camera down to a longer side of at most ``LONGEST_SIDE``."""
+    factor = min(LONGEST_SIDE / max(camera.width, camera.height), 1.0)
+    return camera.scaled_to(max(round(factor * camera.width), 1), max(round(factor * camera.height), 1))
+
+
+def _summary(language: Artifact) -> str:
+    return (
+        f"language codes of the Gaussians ({language.facts['method']}), origin {language.origin}\n"
+        "views of the recording, as different as possible: rendered colours, and codes of each level; similar colours are "
+        "similar features; "
+        "dark grey: no code, because no training view shows an instance"
+    )
+
+
+@torch.no_grad()
+def _draw_views(
+    grid: NDArray[np.object_],
+    scene: TrainedScene,
+    poses: Mapping[int, NDArray[np.float64]],
+    language: Artifact,
+    camera: Camera,
+) -> None:
+    """Draw a column for each frame of ``poses``, which has its (4, 4) camera_to_world."""
+    code, share = language.read("code"), language.read("share")
+    colours, device = principal_colours(code, share), scene.gaussians.means.device
+    for column, (frame, pose) in enumerate(poses.items()):
+        show(grid[0, column], scene.picture(camera, pose), f"as in frame {frame}")
+        rendered = render_codes(
+            scene.gaussians,
+            torch.from_numpy(code).to(device),
+            torch.from_numpy(share).to(device),
+            camera,
+            pose,
+            scene.settings,
+        )
+        for row, name in enumerate(language.facts["levels"]):
+            coverage = rendered.coverage[row].cpu().numpy()
+            picture = colours.paint(rendered.codes[row].cpu().numpy(), coverage)
+            show(grid[1 + row, column], picture, f"{name}: {coverage.mean():.0%} covered by codes")
+
+
+def principal_colours(code: NDArray[np.float32], share: NDArray[np.float32]) -> CodeColours:
+    """Fit one colour map to the codes of all levels, so that equal codes have equal colours at every level.
+
+    Args:
+        code: (N, L, C), weighted by their shares.
+        share: (N, L) in [0, 1].
+    """
+    channels = code.shape[2]
+    total, first, second = 0.0, np.zeros(channels), np.zeros((channels, channels))
+    for level in range(code.shape[1]):
+        seen = share[:, level] > 0
+        values, weight = code[seen, level].astype(np.float64), share[seen, level].astype(np.float64)
+        total += weight.sum()
+        first += weight @ values
+        second += (values * weight[:, None]).T @ values
+    mean = first / max(total, np.finfo(float).tiny)
+    variance, vectors = np.linalg.eigh(second / max(total, np.finfo(float).tiny) - np.outer(mean, mean))
+    return CodeColours(mean, _scaled(variance[::-1][:3], vectors.T[::-1][:3]))
+
+
+def _scaled(variance: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, C) axes of ``CodeColours`` from at most three principal components, the largest first."""
+    axes = np.zeros((3, vectors.shape[1]))
+    for axis, value, vector in zip(axes, variance, vectors, strict=False):
+        if value > 1e-9 * max(variance[0], 1e-9):
+            # The sign of an eigenvector is arbitrary. Making its largest entry positive keeps colours reproducible.
+            sign = np.sign(vector[np.argmax(np.abs(vector))])
+            axis[:] = sign * vector / (2 * SPREAD * np.sqrt(value))
+    return axes
+
+
+def choose_frames(
+    camera_to_world: NDArray[np.float64], registered: NDArray[np.bool_], most: int
+) -> list[int]:
+    """Choose frames that see different parts of the scene: each is as far as possible from all chosen before.
+
+    Cameras of the recording saw what they look at; a virtual camera may look where nothing is.
+
+    Args:
+        camera_to_world: (F, 4, 4), OpenCV axes.
+        registered: (F,) which frames have a pose, at least one.
+
+    Returns:
+        At most ``most`` frames, in order of time, the first registered one among them.
+    """
+    rows = np.flatnonzero(registered)
+    places, directions = camera_to_world[rows, :3, 3], camera_to_world[rows, :3, 2]
+    # A step across all places counts as much as a half turn.
+    extent = max(float(np.linalg.norm(np.ptp(places, axis=0))), np.finfo(float).tiny)
+    described = np.concatenate([2.0 * places / extent, directions], axis=1)
+    chosen, nearest = [0], np.full(len(rows), np.inf)
+    while len(chosen) < min(most, len(rows)):
+        nearest = np.minimum(nearest, np.linalg.norm(described - described[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(nearest)))
+    return sorted(int(rows[one]) for one in set(chosen))

@@ -1,0 +1,146 @@
+"""Draw the training of a scene's Gaussians on one page: training curves, and held-out frames with their renders.
+
+Where poses or exposures were corrected, also the corrections.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+
+from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.gaussians.evaluation import Scores
+from egosplat.output_files import check_output, picture_kind
+from egosplat.report.sheets.corrections_figure import draw_gains, draw_poses, has_corrections
+from egosplat.drawing import draw_heading, label_log_axis, middles_of_parts, plt, save_figure, show
+
+PAGE = picture_kind("egosplat splats-sheet")
+
+# Maximum number of held-out frames.
+PICTURES = 4
+
+# Height of an image [inches].
+CELL = 3.0
+
+# Mean absolute error over the channels, 0..1, with the brightest colour of the error map.
+ERROR_LIMIT = 0.3
+
+
+def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> None:
+    """Draw the page as PNG, atomically."""
+    check_output(output, PAGE)
+    frames, splats = open_artifact(frames_path, FRAMES), open_artifact(splats_path, SPLATS)
+    shown = middles_of_parts(splats.shape("held_out/frame")[0], PICTURES)
+    columns = max(len(shown), 2)
+    _, height, width, _ = frames.shape("rgb")
+    cell = CELL * float(np.clip(width / height, 0.6, 1.8))
+    more = 4.0 if has_corrections(splats) else 0.0
+    figure = plt.figure(figsize=(5.4 + columns * cell, 3 * CELL + 1.2 + more), layout="constrained")
+    summary = _summary(frames, splats)
+    draw_heading(figure, f"{title}: {summary}", warnings_of(splats), 13)
+    page = figure
+    if more:
+        page, below = figure.subfigures(2, 1, height_ratios=(3 * CELL + 1.2, more))
+        from_above, over_time = below.subplots(1, 2)
+        draw_poses(from_above, splats)
+        draw_gains(over_time, splats)
+    left, right = page.subfigures(1, 2, width_ratios=(4.6, columns * cell + 0.8))
+    _draw_curves(left.subplots(3, 1, sharex=True), splats)
+    grid = right.subplots(3, columns, squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    errors = [_draw_frame(grid[:, column], frames, splats, row) for column, row in enumerate(shown)]
+    if errors:
+        bar = right.colorbar(
+            errors[0], ax=grid[2].tolist(), extend="max", label="error, mean over the channels"
+        )
+        ticks = [0.0, ERROR_LIMIT / 2, ERROR_LIMIT]
+        bar.set_ticks(ticks, labels=[f"{tick:.0%}" for tick in ticks])
+    else:
+        grid[0, 0].set_title("no frame was held out", loc="left")
+    save_figure(figure, output, PAGE)
+
+
+def _summary(frames: Artifact, splats: Artifact) -> str:
+    facts, scores = splats.facts, Scores(splats.read("held_out/psnr"), splats.read("held_out/ssim"))
+    held_out = "no frame held out"
+    if count := len(scores.psnr):
+        held_out = f"{count} held out: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
+    if count and has_corrections(splats):
+        given = Scores(splats.read("held_out/psnr_given"), splats.read("held_out/ssim_given"))
+        held_out += f" (without corrections {given.mean_psnr:.2f} dB, {given.mean_ssim:.3f})"
+    return (
+        f"{frames.facts['recording']}, origin {splats.origin}\n"
+        f"{splats.shape('means')[0]} Gaussians of iteration {facts['iteration']}, "
+        f"{facts['views']['training']} training views, {held_out}; "
+        f"{facts['training_s']:.0f} s of training, {facts['rasterizer']}"
+    )
+
+
+def _draw_curves(axes: NDArray[np.object_], splats: Artifact) -> None:
+    """Draw loss, PSNR and number of Gaussians over the iterations."""
+    iteration = splats.read("curve/iteration")
+    above, middle, below = axes
+    above.semilogy(iteration, splats.read("curve/loss"), color="0.75", linewidth=0.8)
+    above.semilogy(iteration, _smoothed(splats.read("curve/loss")), color="tab:blue")
+    above.set(ylabel="loss")
+    label_log_axis(above.yaxis)
+    _draw_psnr(middle, splats)
+    below.plot(iteration, splats.read("curve/gaussians"), color="tab:green")
+    below.set(ylabel="Gaussians", xlabel="iteration", ylim=(0, None))
+    for one in axes:
+        one.grid(alpha=0.3)
+
+
+def _draw_psnr(axes: Axes, splats: Artifact) -> None:
+    values = splats.read("history/psnr")
+    if np.isfinite(values).any():
+        axes.plot(splats.read("history/iteration"), values, marker="o", markersize=4, label="held out")
+        axes.legend(loc="lower right")
+    else:
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "no frame was held out", transform=axes.transAxes, ha="center", va="center")
+    axes.set(ylabel="PSNR [dB]")
+
+
+def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Moving average over a fiftieth of all values; the window is shorter at the ends."""
+    half = len(values) // 100
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    low = np.maximum(np.arange(len(values)) - half, 0)
+    high = np.minimum(np.arange(len(values)) + half + 1, len(values))
+    return (sums[high] - sums[low]) / (high - low)
+
+
+def _draw_frame(cells: NDArray[np.object_], frames: Artifact, splats: Artifact, row: int) -> AxesImage:
+    """Draw a photograph, its render and their difference in one column; returns the difference."""
+    frame = splats.read("held_out/frame")[row]
+    photograph, render = frames.row("rgb", frame), splats.row("held_out/render", row)
+    error = error_map(photograph, render, frames.read("valid"))
+    psnr, ssim = splats.read("held_out/psnr")[row], splats.read("held_out/ssim")[row]
+    above, middle, below = cells
+    show(above, photograph, f"held out, frame {frame}", 10)
+    show(middle, render, f"rendered: {psnr:.2f} dB, SSIM {ssim:.3f}", 10)
+    mean = 100 * np.nanmean(error) if np.isfinite(error).any() else 0
+    return show(below, error, f"mean error {mean:.1f} %", 10, cmap="inferno", vmin=0.0, vmax=ERROR_LIMIT)
+
+
+def error_map(
+    photograph: NDArray[np.uint8], render: NDArray[np.uint8], valid: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Mean absolute difference over the channels.
+
+    Args:
+        photograph, render: (H, W, 3) uint8.
+        valid: (H, W) bool.
+
+    Returns:
+        (H, W) float64 in 0..1; NaN where not valid.
+    """
+    difference = np.abs(photograph.astype(np.float64) - render).mean(axis=-1) / 255.0
+    return np.where(valid, difference, np.nan)

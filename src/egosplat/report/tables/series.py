@@ -1,0 +1,116 @@
+"""Group scenes into rows: one method, variant, origin and set of models. Untouched apartments are separate rows."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from egosplat.errors import UserError
+from egosplat.models.suitability import BRIEF
+from egosplat.evaluation.scored_scenes import Model, ScoredScene
+
+# Names of the datasets in the paper.
+NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
+
+APARTMENTS = "synthetic apartments"
+UNTOUCHED_APARTMENTS = "untouched synthetic apartments"
+
+# Name of egosplat's own rows.
+OWN = "EgoSplat"
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Scenes whose scores may be averaged.
+
+    Attributes:
+        dataset, variant, origin: common to all scenes.
+        untouched: whether the scenes are ``UNTOUCHED`` apartments.
+        own: whether the method is EgoSplat.
+        foreign: whether another program ran the method.
+        scenes: scores by name of the scene.
+    """
+
+    dataset: str
+    variant: str
+    origin: str
+    untouched: bool
+    method: str
+    own: bool
+    foreign: bool
+    checkpoints: str
+    scenes: Mapping[str, ScoredScene]
+
+    @property
+    def data(self) -> str:
+        """Name of the data."""
+        if self.origin == "synthetic":
+            return UNTOUCHED_APARTMENTS if self.untouched else APARTMENTS
+        return NAMES.get(self.dataset, self.dataset)
+
+    @property
+    def notice(self) -> str | None:
+        """Notice that the models do not suit the recordings, and what to do; None if they do."""
+        notices = (scene.document["notice"] for scene in self.scenes.values())
+        return next(filter(None, notices), None)
+
+    @property
+    def about(self) -> str:
+        """Data and checkpoints."""
+        parts = (self.data, self.checkpoints, BRIEF if self.notice else "")
+        return ", ".join(filter(None, parts))
+
+    @property
+    def label(self) -> str:
+        """Method, data and checkpoints."""
+        by = "egosplat" if self.own else "scored by egosplat" if self.foreign else "reimplemented by egosplat"
+        return f"{self.method} ({by}, {self.about})"
+
+
+def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
+    """Group scenes into series; egosplat's own come first, then sorted by method and checkpoints.
+
+    Raises:
+        UserError: two files have scores of one scene in one series.
+    """
+    found: dict[tuple, dict[str, ScoredScene]] = {}
+    # Scores of different data, variants or models must not be averaged.
+    for one in scenes:
+        key = (one.dataset, one.variant, one.origin, one.untouched, one.method, one.foreign, one.models)
+        other = found.setdefault(key, {}).setdefault(one.scene, one)
+        if other is not one:
+            raise UserError(f"{one.path} and {other.path}: are scores of the same scene; give one of them")
+    names = _checkpoint_names({models for *_, models in found})
+    series = [
+        Series(
+            dataset,
+            variant,
+            origin,
+            untouched,
+            method or OWN,
+            method is None,
+            foreign,
+            names[models],
+            dict(sorted(own.items())),
+        )
+        for (dataset, variant, origin, untouched, method, foreign, models), own in found.items()
+    ]
+    return sorted(series, key=lambda one: (not one.own, one.method, one.variant, one.checkpoints))
+
+
+def _checkpoint_names(kinds: set[tuple[Model, ...]]) -> dict[tuple[Model, ...], str]:
+    """Names of sets of models; equal names get the beginning of the hashes."""
+    plain = {models: _checkpoints(models) for models in kinds}
+    times = Counter(plain.values())
+    return {
+        models: f"{name} {'/'.join(model.hash[:8] for model in models)}" if times[name] > 1 else name
+        for models, name in plain.items()
+    }
+
+
+def _checkpoints(models: Sequence[Model]) -> str:
+    if not models:
+        return ""
+    if all(model.small for model in models):
+        return "small checkpoints"
+    parts = (f"{model.key.removesuffix('_checkpoint')} {model.checkpoint}" for model in models)
+    return f"checkpoints {', '.join(parts)}"

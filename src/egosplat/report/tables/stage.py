@@ -1,0 +1,56 @@
+"""Stage ``tables``: write the paper's tables, with measured numbers below the printed ones."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from egosplat.output_files import check_output, write_text_file
+from egosplat.progress import log
+from egosplat.report.tables.formats import CSV, LATEX, MARKDOWN, to_csv, to_latex, to_markdown
+from egosplat.report.tables.page import HTML, read_picture, to_html
+from egosplat.report.tables.paper_layouts import LAYOUTS, in_a_table
+from egosplat.report.tables.paper_tables import paper_tables
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.report.tables.series import find_series
+
+PAGE = "tables.html"
+
+_FORMATS = ((CSV, to_csv), (MARKDOWN, to_markdown), (LATEX, to_latex))
+
+
+def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
+    """Write each of ``egosplat.report.tables.paper_layouts.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
+
+    Files are written atomically; equal inputs give equal bytes.
+
+    Args:
+        metrics: ``metrics.json`` files of egosplat's variants and of other methods, see ``read_scored_scene``. Files that
+            belong to no table are logged and left out.
+        output: folder of the files, created if it does not exist.
+        pictures: PNG or JPEG files of scenes, for the end of the page.
+
+    Raises:
+        UserError: a file cannot be read, two files are of the same scene, protocols differ, or a file would replace
+            something else.
+    """
+    kinds = {output / f"{layout.name}{kind.suffix}": kind for layout in LAYOUTS for kind, _ in _FORMATS}
+    # All outputs are checked before the first is written.
+    for path, kind in (*kinds.items(), (output / PAGE, HTML)):
+        check_output(path, kind)
+    scenes = _with_a_place([read_scored_scene(path) for path in metrics])
+    check_protocol(scenes)
+    series = find_series(scenes)
+    tables = paper_tables(series)
+    confidence = next((scene.protocol["confidence"] for scene in scenes), None)
+    page = to_html(tables, series, [read_picture(path) for path in pictures], confidence)
+    for table in tables:
+        for kind, form in _FORMATS:
+            write_text_file(output / f"{table.name}{kind.suffix}", form(table), kind)
+    write_text_file(output / PAGE, page, HTML)
+    log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
+
+
+def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
+    for one in scenes:
+        if not in_a_table(one):
+            log(f"{one.path}: no table shows {one.dataset}/{one.scene}, variant {one.variant}")
+    return [one for one in scenes if in_a_table(one)]

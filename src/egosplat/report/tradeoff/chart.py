@@ -1,0 +1,200 @@
+"""The plot of a trade-off: a line for each scene, and labels that do not overlap."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.text import Annotation, Text
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.transforms import Bbox
+
+from egosplat.output_files import picture_kind
+from egosplat.drawing import plt, save_figure
+from egosplat.report.tradeoff.estimates import front
+from egosplat.report.tradeoff.measured import ACCURACY, CPU, MEAN_IOU, PSNR, WALL, Measure
+from egosplat.pipeline.sweeps import PRESET
+from egosplat.report.tradeoff.scenes import Entry, mean_of, mean_points
+
+PICTURE = picture_kind("egosplat tradeoff")
+
+# Cost and gain of each panel.
+PANELS = ((WALL, ACCURACY), (CPU, ACCURACY), (CPU, MEAN_IOU), (CPU, PSNR))
+
+# The axis of time: half a minute to a day [min].
+_FROM, _TO = 0.5, 1440.0
+_TICKS = {
+    0.5: "½ min",
+    1: "1",
+    2: "2",
+    5: "5",
+    10: "10",
+    20: "20",
+    60: "1 h",
+    120: "2 h",
+    300: "5 h",
+    720: "12 h",
+    1440: "1 day",
+}
+
+_BLUE = "tab:blue"
+
+# Places of a label around its point, the first free one is taken: distance [points] and directions, with the label's alignment.
+_DISTANCES = (7, 18, 30, 44, 60)
+_DIRECTIONS = (
+    (-1, 0.4, "right", "bottom"),
+    (1, -0.4, "left", "top"),
+    (1, 0.4, "left", "bottom"),
+    (-1, -0.4, "right", "top"),
+    (0, 1, "center", "bottom"),
+    (0, -1, "center", "top"),
+)
+
+
+def draw(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
+    """Plot one or more ``tradeoff.json`` as PNG, atomically.
+
+    A marker is the mean of a point, with its interval. The front is connected and labelled; presets are labelled, too. Of
+    several scenes, each has a thin line, and the means of all scenes are labelled.
+    """
+    figure = plt.figure(figsize=(13.5, 10.5), layout="constrained")
+    names = ", ".join(document["scene"] for document in documents)
+    figure.suptitle(f"{names}: speed against accuracy, {documents[0]['about']}", fontsize=13, wrap=True)
+    panels = list(zip(figure.subplots(2, 2).flat, PANELS, strict=True))
+    for axes, (cost, gain) in panels:
+        _draw_panel(axes, documents, cost, gain)
+    # The layout is settled before labels are placed, because their size on the page decides what overlaps.
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes, (cost, gain) in panels:
+        _label_points(axes, mean_points(documents), cost, gain)
+    save_figure(figure, output, PICTURE)
+
+
+def _draw_panel(axes: Axes, documents: Sequence[Mapping[str, Any]], cost: Measure, gain: Measure) -> None:
+    if len(documents) > 1:
+        for number, document in enumerate(documents):
+            _draw_line(axes, document["points"], cost, gain, f"C{number + 1}", document["scene"], thin=True)
+    _draw_line(
+        axes, mean_points(documents), cost, gain, _BLUE, "mean" if len(documents) > 1 else None, thin=False
+    )
+    axes.set(xlabel=cost.heading, ylabel=f"{gain.heading} [{gain.unit}]")
+    _draw_time_axis(axes)
+    axes.grid(alpha=0.3)
+    axes.margins(y=0.2)
+    if len(documents) > 1:
+        axes.legend(loc="lower right", fontsize=8)
+
+
+def _draw_line(
+    axes: Axes,
+    points: Sequence[Entry],
+    cost: Measure,
+    gain: Measure,
+    color: str,
+    name: str | None,
+    thin: bool,
+) -> None:
+    """Draw the points of a scene, and their front as a line."""
+    known = _known(points, cost, gain)
+    places = [(mean_of(one, cost), mean_of(one, gain)) for one in known]
+    if not thin:
+        for point, place in zip(known, places, strict=True):
+            around = {"xerr": _around(point, cost), "yerr": _around(point, gain)}
+            axes.errorbar(*place, **around, fmt="o", color="0.6", elinewidth=0.8)
+    best = front(places)
+    columns, rows = ([places[index][axis] for index in best] for axis in (0, 1))
+    style = (
+        {"linewidth": 1, "alpha": 0.6, "markersize": 3}
+        if thin
+        else {"linewidth": 2, "markersize": 6, "zorder": 4}
+    )
+    axes.plot(columns, rows, "o-", drawstyle="steps-post", color=color, label=name, **style)
+
+
+def _draw_time_axis(axes: Axes) -> None:
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    axes.set_xlim(min(low, _FROM), max(high, _TO))
+    axes.xaxis.set_major_locator(FixedLocator(list(_TICKS)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda minutes, _: _TICKS[minutes]))
+
+
+def _label_points(axes: Axes, points: Sequence[Entry], cost: Measure, gain: Measure) -> None:
+    """Label the front and the presets."""
+    known = _known(points, cost, gain)
+    places = [(mean_of(one, cost), mean_of(one, gain)) for one in known]
+    best = front(places)
+    named = [*best, *(index for index, one in enumerate(known) if index not in best and _is_preset(one))]
+    place_labels(axes, places, {known[index]["label"]: places[index] for index in named})
+
+
+def place_labels(
+    axes: Axes, points: Sequence[tuple[float, float]], labels: Mapping[str, tuple[float, float]]
+) -> None:
+    """Write labels beside their points, so that none covers another label or a point, while there is room.
+
+    Args:
+        points: every drawn point, in data coordinates.
+        labels: labels with their points.
+    """
+    renderer = axes.figure.canvas.get_renderer()
+    taken = (
+        [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in axes.transData.transform(points)] if points else []
+    )
+    frame = axes.get_window_extent(renderer)
+    for text, place in labels.items():
+        for label in _candidates(axes, text, place):
+            box = box_of(label, renderer)
+            inside = frame.contains(*box.min) and frame.contains(*box.max)
+            if inside and not box.count_overlaps(taken):
+                break
+            label.remove()
+        else:
+            label = next(_candidates(axes, text, place))  # no room: better over something than lost
+            box = box_of(label, renderer)
+        taken.append(box)
+
+
+def box_of(label: Annotation, renderer: RendererAgg) -> Bbox:
+    """The box of a label's text in pixels, without its line."""
+    label.update_positions(renderer)
+    return Text.get_window_extent(label, renderer)
+
+
+def _candidates(axes: Axes, text: str, place: tuple[float, float]) -> Iterator[Annotation]:
+    """The label at each place around its point, nearest first; a line leads to a distant one."""
+    for distance in _DISTANCES:
+        line = {"arrowstyle": "-", "color": "0.5", "linewidth": 0.6} if distance > _DISTANCES[0] else None
+        for right, up, horizontal, vertical in _DIRECTIONS:
+            offset = (right * distance, up * distance)
+            yield axes.annotate(
+                text,
+                place,
+                offset,
+                textcoords="offset points",
+                ha=horizontal,
+                va=vertical,
+                fontsize=8,
+                zorder=5,
+                arrowprops=line,
+            )
+
+
+def _known(points: Sequence[Entry], cost: Measure, gain: Measure) -> list[Entry]:
+    return [one for one in points if one["measures"][cost.name] and one["measures"][gain.name]]
+
+
+def _is_preset(point: Entry) -> bool:
+    return any(setting["knob"] == PRESET for setting in point["settings"])
+
+
+def _around(point: Entry, measure: Measure) -> list[list[float]] | None:
+    """Lengths of the error bars below and above, cut off at 0; None without an interval."""
+    found = point["measures"][measure.name]
+    if found["low"] is None:
+        return None
+    below = found["mean"] - max(found["low"], 0.0)
+    return [[below * measure.scale], [(found["high"] - found["mean"]) * measure.scale]]

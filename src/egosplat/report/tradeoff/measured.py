@@ -1,0 +1,199 @@
+"""Read measured points from ``metrics.json``, one file per seed."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from egosplat.errors import UserError
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.report.tables.series import find_series
+from egosplat.report.tradeoff.estimates import Chance, Sample, pooled
+from egosplat.pipeline.sweeps import PRESET, Setting, shown
+from egosplat.pipeline.sweep_recipes import Recipe
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A cost or a gain.
+
+    Attributes:
+        scale: factor from the unit in files to the unit on the page.
+        decimals: number of decimals on the page.
+        more_is_better: whether it is a gain; else it is a cost.
+    """
+
+    name: str
+    heading: str
+    unit: str
+    scale: float
+    decimals: int
+    more_is_better: bool
+    about: str
+
+    def text(self, value: float | None) -> str:
+        """Format a value in the unit of the page; ``-`` for None."""
+        return "-" if value is None else f"{value * self.scale:.{self.decimals}f}"
+
+
+WALL = Measure(
+    "wall_s", "time", "min", 1 / 60, 1, False, "wall time of all stages of the scene, one after the other"
+)
+CPU = Measure("cpu_s", "CPU time", "min", 1 / 60, 1, False, "processor time of all threads")
+MEMORY = Measure("peak_memory_mb", "memory", "MiB", 1.0, 0, False, "peak of all stages")
+DISK = Measure("disk_mb", "disk", "MiB", 1.0, 0, False, "of all artifacts")
+ACCURACY = Measure("accuracy", "accuracy", "%", 100.0, 1, True, "share of queries that hit")
+MEAN_IOU = Measure("mean_iou", "mIoU", "%", 100.0, 1, True, "mean over all queries")
+PSNR = Measure("psnr", "static PSNR", "dB", 1.0, 2, True, "of static pixels in held-out frames")
+
+COSTS = (WALL, CPU, MEMORY, DISK)
+
+MEASURES = (*COSTS, ACCURACY, MEAN_IOU, PSNR)
+
+# Stages that only score a scene; they do not count in its costs.
+EVALUATION = ("annotations", "metrics")
+
+# Costs of a stage by the names of ``COSTS``; None if not measured.
+Costs = Mapping[str, float | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run of a point with one seed.
+
+    Attributes:
+        stages: costs by stage.
+    """
+
+    scored: ScoredScene
+    stages: Mapping[str, Costs]
+
+    def value(self, measure: Measure) -> float | None:
+        """The value of a measure; costs include shared stages, but not ``EVALUATION``."""
+        document = self.scored.document
+        if measure is PSNR:
+            return document["rendering"]["static"]["psnr"]
+        if measure in (ACCURACY, MEAN_IOU):
+            return document["scores"]["all"][measure.name]
+        values = [costs[measure.name] for stage, costs in self.stages.items() if stage not in EVALUATION]
+        # A sum without one of its parts would be too small, without a word.
+        if None in values:
+            return None
+        return max(values) if measure.name.startswith("peak") else sum(values)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredPoint:
+    """A point with its runs.
+
+    Attributes:
+        settings: all settings that give this point.
+        runs: one run per seed.
+        recipe: keys and command that make it.
+        about: data and checkpoints.
+    """
+
+    settings: tuple[Setting, ...]
+    runs: tuple[Run, ...]
+    recipe: Recipe
+    about: str
+
+    @property
+    def label(self) -> str:
+        """Name of the point, for the scene itself with the name of its preset."""
+        presets = [setting.value for setting in self.settings if setting.knob == PRESET]
+        if self.variant is None:
+            return f"the scene ({', '.join(presets)})" if presets else "the scene"
+        return presets[0] if presets else "; ".join(f"{one.knob}={shown(one.value)}" for one in self.settings)
+
+    @property
+    def variant(self) -> str | None:
+        """The variant of the first run; None for the scene itself."""
+        first = self.runs[0].scored.path.parent
+        return first.name if first.parent.name == "variants" else None
+
+    @property
+    def queries(self) -> int:
+        return self.runs[0].scored.document["scores"]["all"]["count"]
+
+    def sample(self, measure: Measure) -> Sample | None:
+        """The values of a measure in all runs; None if a run has no value."""
+        values = [run.value(measure) for run in self.runs]
+        if None in values:
+            return None
+        return Sample(tuple(values), step=1 / self.queries if measure is ACCURACY else 0.0)
+
+    def stage_costs(self) -> dict[str, dict[str, float | None]]:
+        """Mean costs over the runs, by stage and measure."""
+        names = dict.fromkeys(stage for run in self.runs for stage in run.stages)
+        return {
+            stage: {
+                cost.name: _mean(run.stages[stage][cost.name] for run in self.runs if stage in run.stages)
+                for cost in COSTS
+            }
+            for stage in names
+        }
+
+
+def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
+    """Read the scores of points.
+
+    Args:
+        points: ``settings``, pairs of a key and a value, ``recipe``, and ``metrics``, paths of files, of each point.
+
+    Raises:
+        UserError: a file cannot be read, misses an artifact, or cannot be compared with the others.
+    """
+    read = [[_run(Path(path)) for path in point["metrics"]] for point in points]
+    scenes = [run.scored for runs in read for run in runs]
+    check_protocol(scenes)
+    if others := [one for one in scenes if (one.dataset, one.scene) != (scenes[0].dataset, scenes[0].scene)]:
+        raise UserError(
+            f"{others[0].path}: is of another scene than {scenes[0].path}; compare points of one scene"
+        )
+    about = {scene.path: series.about for series in find_series(scenes) for scene in series.scenes.values()}
+    return [
+        MeasuredPoint(
+            settings=tuple(Setting(*pair) for pair in point["settings"]),
+            runs=tuple(runs),
+            recipe=Recipe(**point["recipe"]),
+            about=about[runs[0].scored.path],
+        )
+        for point, runs in zip(points, read, strict=True)
+    ]
+
+
+def chances(points: Sequence[MeasuredPoint]) -> dict[Measure, Chance]:
+    """Pooled chance of all points, by measure; for costs it is that of their logarithms."""
+    # Costs vary in proportion to their size, so their logarithms have about the same variance.
+    found = {}
+    for measure in MEASURES:
+        samples = [sample for point in points if (sample := point.sample(measure))]
+        found[measure] = pooled(samples if measure.more_is_better else [one.logarithms for one in samples])
+    return found
+
+
+def _run(path: Path) -> Run:
+    scored = read_scored_scene(path)
+    if scored.method is not None:
+        raise UserError(
+            f"{path}: holds the scores of another method, {scored.method}, which has no stages to compare"
+        )
+    artifacts = scored.document["artifacts"]
+    if lost := [name for name, entry in artifacts.items() if entry is None]:
+        raise UserError(
+            f"{path}: has no costs of {lost[0]}, which was missing.\nDelete it and run Snakemake again: rm {path}"
+        )
+    records = [*artifacts.values(), scored.document["provenance"]]
+    return Run(scored, {record["stage"]: _costs(record) for record in records})
+
+
+def _costs(record: Mapping[str, Any]) -> Costs:
+    # The wall time of an interrupted stage is that of its last run; the training time is that of all runs.
+    wall = max(record["wall_s"], record.get("training_s", 0.0))
+    return {cost.name: record.get(cost.name) for cost in COSTS} | {WALL.name: wall}
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = list(values)
+    return None if None in known else sum(known) / len(known)

@@ -1,0 +1,37 @@
+"""Put the recording on the page: poses of all frames, and small pictures of some."""
+
+import numpy as np
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.geometry import Array, known_poses
+from egosplat.viewing.container import Arrays, Facts
+from egosplat.resize import shrink_image
+from egosplat.sampling import evenly_spaced
+from egosplat.webp import encode_webp
+
+# Largest number of pictures, their longer side [px] and the quality of WebP.
+PICTURES, SIDE, QUALITY = 40, 192, 60
+
+
+def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts]:
+    """Pack the poses of all frames that have one, and the pictures of evenly spaced ones.
+
+    Args:
+        camera_to_world: (F, 4, 4) float64, NaN without a pose.
+
+    Returns:
+        ``poses`` (P, 3, 4) float32 and ``pictures`` uint8, the bytes of all WebP files in a row.
+    """
+    posed = known_poses(camera_to_world)
+    shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()
+    files = [encode_webp(shrink_image(frames.row("rgb", frame), SIDE), QUALITY) for frame in shown]
+    arrays = {
+        "poses": camera_to_world[posed, :3].astype(np.float32),
+        "pictures": np.concatenate(files) if files else np.zeros(0, np.uint8),
+    }
+    seconds = (frames.read("timestamp_ns")[posed] - frames.read("timestamp_ns")[posed[:1]]) / 1e9
+    return arrays, {
+        "frames": posed.tolist(),
+        "seconds": np.round(seconds, 2).tolist(),
+        "pictures": [{"frame": frame, "bytes": len(file)} for frame, file in zip(shown, files, strict=True)],
+    }

@@ -1,0 +1,106 @@
+"""Quantise Gaussians for the scene page, in an order in which neighbours are near each other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.gaussians.initialization import SH_C0
+from egosplat.gaussians.model import Gaussians
+from egosplat.viewing.container import Arrays, Facts
+
+# Gaussians that share one box for their quantised centres.
+BLOCK = 256
+
+# Degree of the spherical harmonics on the page.
+SH_DEGREE = 1
+
+# Share of the coefficients above degree 0 that are cut off at the limit: the largest of all would coarsen the others.
+_CUT_OFF = 0.001
+
+
+def keep_largest(gaussians: Gaussians, most: int) -> NDArray[np.int64]:
+    """Indices of the ``most`` Gaussians that cover most: opacity times the area of the two longest axes."""
+    scales = np.sort(gaussians.scales.cpu().numpy(), axis=1)
+    cover = gaussians.opacities.cpu().numpy() * scales[:, 1] * scales[:, 2]
+    return np.argsort(-cover, kind="stable")[:most]
+
+
+def spatial_order(means: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Order of (N, 3) centres along a Z-order curve, on which Gaussians of one index range are near each other."""
+    low, high = np.quantile(means, [0.01, 0.99], axis=0) if len(means) else (np.zeros(3), np.ones(3))
+    cell = np.clip((means - low) / np.maximum(high - low, 1e-9) * 1023, 0, 1023).astype(np.int64)
+    code = np.zeros(len(means), np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= (cell[:, axis] >> bit & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
+
+
+@dataclass(frozen=True)
+class _Range:
+    """Equal steps between two numbers, for bytes."""
+
+    low: float
+    high: float
+
+    @staticmethod
+    def of(values: NDArray[np.float32]) -> "_Range":
+        low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+        return _Range(low, max(high, low + 1e-6))
+
+    def quantise(self, values: NDArray[np.float32]) -> NDArray[np.uint8]:
+        return np.rint((values - self.low) / (self.high - self.low) * 255).clip(0, 255).astype(np.uint8)
+
+
+def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]:
+    """Quantise N Gaussians to 26 bytes each.
+
+    Centres have 16 bits in the box of their block. A covariance is stored as its rotation and the logarithms of its
+    standard deviations, so its error is relative. Colours have spherical harmonics of degree 1.
+
+    Args:
+        gaussians: in their final order.
+        sh_degree: degree in use, 0 to 3; higher degrees than 1 are left out.
+    """
+    means, opacities = (values.cpu().numpy() for values in (gaussians.means, gaussians.opacities))
+    log_scales = gaussians.scales.log().cpu().numpy()
+    colours = gaussians.sh.cpu().numpy()[:, : (min(sh_degree, SH_DEGREE) + 1) ** 2]
+    base, bands = colours[:, 0] * SH_C0 + 0.5, colours[:, 1:].reshape(len(means), -1)
+    scale_range, base_range = _Range.of(log_scales), _Range.of(base)
+    limit = float(np.quantile(np.abs(bands), 1 - _CUT_OFF)) if bands.size else 0.0
+    position, block_low, block_step = _quantise_centres(means)
+    quats = gaussians.quats.cpu().numpy()
+    quats = quats / np.linalg.norm(quats, axis=1, keepdims=True)
+    arrays = {
+        "position": position,
+        "block_low": block_low,
+        "block_step": block_step,
+        "log_scale": scale_range.quantise(log_scales).T,
+        "rotation": np.rint(quats * 127).astype(np.int8).T,
+        "opacity": np.rint(opacities * 255).astype(np.uint8),
+        "colour": base_range.quantise(base).T,
+        "bands": np.rint(bands / max(limit, 1e-9) * 127).clip(-127, 127).astype(np.int8).T,
+    }
+    facts = {
+        "count": len(means),
+        "block": BLOCK,
+        "log_scale_range": [scale_range.low, scale_range.high],
+        "colour_range": [base_range.low, base_range.high],
+        "band_limit": limit,
+        "bands": bands.shape[1] // 3,
+    }
+    return arrays, facts
+
+
+def _quantise_centres(
+    means: NDArray[np.float32],
+) -> tuple[NDArray[np.uint16], NDArray[np.float32], NDArray[np.float32]]:
+    """(3, N) steps within the block, (3, B) lowest corner and (3, B) step of each block."""
+    starts = np.arange(0, len(means), BLOCK)
+    low = np.minimum.reduceat(means, starts).astype(np.float32)
+    high = np.maximum.reduceat(means, starts).astype(np.float32)
+    step = np.maximum((high - low) / 65535, 1e-12).astype(np.float32)
+    block = np.arange(len(means)) // BLOCK
+    steps = np.rint((means - low[block]) / step[block]).clip(0, 65535).astype(np.uint16)
+    return steps.T, low.T, step.T

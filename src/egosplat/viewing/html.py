@@ -1,0 +1,58 @@
+"""Assemble the scene page: one HTML file with its styles, scripts, shaders and data."""
+
+from html import escape
+from importlib import resources
+
+from egosplat.output_files import text_kind
+
+# Generator named in the page's metadata.
+GENERATOR = "egosplat page"
+PAGE = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
+
+# Scripts of the page, in the order of their definitions.
+SCRIPTS = (
+    "container.js",
+    "scene.js",
+    "text.js",
+    "answer.js",
+    "camera.js",
+    "renderer.js",
+    "picking.js",
+    "controls.js",
+    "main.js",
+)
+
+# Scripts that run in a worker: neighbours and the order of depths.
+WORKER = ("worker.js",)
+
+
+def scene_html(title: str, data: str) -> str:
+    """Build the page.
+
+    Args:
+        title: title of the scene, any text.
+        data: of ``container.pack``.
+    """
+    scripts = "\n".join(map(_source, SCRIPTS))
+    parts = {
+        "title": escape(title),
+        "generator": GENERATOR,
+        "style": _source("page.css"),
+        "vertex": _source("splat.vert.glsl"),
+        "fragment": _source("splat.frag.glsl"),
+        "worker": "\n".join(map(_source, WORKER)),
+        # A scope of its own: nothing but ``egosplat`` becomes global.
+        "script": f'"use strict";\n(() => {{\n{scripts}\n}})();',
+        "data": data,
+    }
+    page = _source("page.html")
+    for name, text in parts.items():
+        before, mark, after = page.partition(f"<!--{{{name}}}-->")
+        if not mark:
+            raise ValueError(f"page.html lacks the mark of {name}")
+        page = before + text + after
+    return page
+
+
+def _source(name: str) -> str:
+    return (resources.files(__package__) / "source" / name).read_text(encoding="utf-8")

@@ -1,0 +1,86 @@
+"""A palette of codes: each Gaussian stores which entry is nearest to its code, at every level."""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from egosplat.codes.decoder import Decoder, decode
+from egosplat.viewing.container import Arrays
+
+# Entries of a level.
+ENTRIES = 512
+
+# Codes that entries are fitted to, and rounds of k-means.
+_SAMPLE, _ROUNDS = 20_000, 10
+
+# Rows compared with all entries at a time.
+_ROWS = 16_384
+
+Floats = NDArray[np.float32]
+
+
+def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> Arrays:
+    """Replace codes by the nearest of at most ``ENTRIES`` codes a level, and decode these.
+
+    Args:
+        code, share: (N, L, C) and (N, L) of language.zarr.
+
+    Returns:
+        ``code_index`` (L, N) uint16, ``code_share`` (L, N) uint8 in 1/255, and ``palette`` (L, ENTRIES, D) float16 features of unit
+        norm, 0 where an entry is not used.
+    """
+    levels = code.shape[1]
+    index = np.zeros((levels, len(code)), np.uint16)
+    palette = np.zeros((levels, ENTRIES, decoder.widths[-1]), np.float16)
+    for level in range(levels):
+        used = share[:, level] > 0
+        if not used.any():
+            continue
+        entries = fit_palette(code[used, level], ENTRIES, seed)
+        index[level, used] = nearest(code[used, level], entries)
+        features = decode(torch.from_numpy(entries), decoder).numpy()
+        palette[level, : len(entries)] = features
+    return {
+        "code_index": index,
+        # A share above 0 stays above 0: without a share, the Gaussian has no code.
+        "code_share": np.where(share > 0, np.rint(share * 255).clip(1, 255), 0).astype(np.uint8).T,
+        "palette": palette,
+    }
+
+
+def fit_palette(rows: Floats, count: int, seed: int) -> Floats:
+    """K-means centres of (M, C) rows; the distinct rows themselves if there are at most ``count``.
+
+    Returns:
+        (K, C) float32, K at most ``count``.
+    """
+    rng = np.random.default_rng(seed)
+    sample = rows[rng.permutation(len(rows))[:_SAMPLE]]
+    if len(distinct := np.unique(sample, axis=0)) <= count and len(sample) == len(rows):
+        return distinct
+    centres = _spread(sample, count, rng)
+    for _ in range(_ROUNDS):
+        owner = nearest(sample, centres)
+        sums, size = np.zeros_like(centres), np.bincount(owner, minlength=len(centres))
+        np.add.at(sums, owner, sample)
+        centres = np.where(size[:, None] > 0, sums / np.maximum(size, 1)[:, None], centres)
+    return centres.astype(np.float32)
+
+
+def nearest(rows: Floats, entries: Floats) -> NDArray[np.int64]:
+    """(M,) index of the entry nearest to each row."""
+    half = (entries**2).sum(axis=1) / 2
+    parts = [
+        (part @ entries.T - half).argmax(axis=1) for part in np.split(rows, range(_ROWS, len(rows), _ROWS))
+    ]
+    return np.concatenate(parts)
+
+
+def _spread(rows: Floats, count: int, rng: np.random.Generator) -> Floats:
+    """Rows far from each other, as k-means++ chooses them."""
+    chosen = [rows[rng.integers(len(rows))]]
+    distance = ((rows - chosen[0]) ** 2).sum(axis=1)
+    while len(chosen) < count and distance.sum() > 0:
+        chosen.append(rows[rng.choice(len(rows), p=distance / distance.sum())])
+        distance = np.minimum(distance, ((rows - chosen[-1]) ** 2).sum(axis=1))
+    return np.stack(chosen)

@@ -1,0 +1,131 @@
+"""Errands: a person carries an object from its place to another piece of furniture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat_apartments.objects.catalogue import TV_STAND
+from egosplat_apartments.objects.model import Surface, bounds_at
+from egosplat_apartments.objects.textures import Rng
+from egosplat_apartments.people.smooth import smoothstep
+from egosplat_apartments.world.apartment import Apartment
+from egosplat_apartments.world.floorplan import FloorPlan
+from egosplat_apartments.world.layout import Layout, Placed, on_surface
+
+Array = NDArray[np.float64]
+
+_REACH_M = 0.78
+_TRIES = 400
+# Time from the start of a reach to the grip, and from the release until the arm hangs again.
+REACHING_S = 0.9
+LIFTING_S = 0.7
+
+
+@dataclass(frozen=True)
+class Errand:
+    """An object, its destination, and where a person stands to pick it up and put it down.
+
+    Attributes:
+        thing: the object at its first place; target: (4, 4) final pose; support: number of its final support.
+        pick_stand, put_stand: (2,) x and z.
+        route: (N, 2) route between them.
+    """
+
+    thing: Placed
+    target: Array
+    support: int
+    pick_stand: Array
+    put_stand: Array
+    route: Array
+
+    @property
+    def walk_m(self) -> float:
+        """Length of the route."""
+        return length_of(self.route)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A scheduled errand, with the times of the grip and of the release [s]."""
+
+    errand: Errand
+    grip_s: float
+    release_s: float
+
+    def reach(self, times: Array) -> Array:
+        """(N,) 0..1: how far the arms are stretched to the object; 1 while they hold it."""
+        return smoothstep((times - self.grip_s) / REACHING_S + 1) * smoothstep(
+            (self.release_s - times) / REACHING_S + 1
+        )
+
+    def bend(self, times: Array) -> tuple[Array, Array]:
+        """(N,) 0..1 each: how far the person bends to pick the object up, and to put it down."""
+        return tuple(
+            smoothstep((times - moment) / REACHING_S + 1) * smoothstep((moment - times) / REACHING_S + 1)
+            for moment in (self.grip_s, self.release_s)
+        )  # type: ignore[return-value]
+
+    def held(self, times: Array) -> Array:
+        """(N,) 0..1: lift of the object from its place into the carrying position and back."""
+        return smoothstep((times - self.grip_s) / LIFTING_S) * smoothstep(
+            (self.release_s - times) / LIFTING_S
+        )
+
+
+def length_of(route: Array) -> float:
+    """Length of a polyline through (N, 2) places [m]."""
+    return float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
+
+
+def find_errands(apartment: Apartment, rng: Rng, count: int) -> list[Errand]:
+    """Up to ``count`` feasible errands, in random order."""
+    layout = Layout(apartment.room, list(apartment.things))
+    things = [thing for thing in apartment.things if thing.kind.hand]
+    carriable = [thing for thing in things if _in_reach(apartment, thing.support, thing.surface)]
+    surfaces = [
+        (thing, surface)
+        for thing in apartment.things
+        for surface in thing.model.surfaces
+        if _in_reach(apartment, thing.number, surface)
+    ]
+    errands: list[Errand] = []
+    for _ in range(_TRIES if carriable else 0):
+        thing = carriable[rng.integers(len(carriable))]
+        support, surface = surfaces[rng.integers(len(surfaces))]
+        errand = _errand(layout, apartment.plan, thing, support, surface, rng)
+        if errand is not None:
+            errands.append(errand)
+        if len(errands) == count:
+            break
+    return errands
+
+
+def _in_reach(apartment: Apartment, support: int | None, surface: Surface | None) -> bool:
+    """Whether a person can put an object there without meeting a shelf above or the television."""
+    if support is None or surface is None:
+        return False
+    kind = apartment.things[support].kind
+    return (
+        surface.use in ("table", "soft")
+        and surface.height < 1.0
+        and kind.place != "wall"
+        and kind != TV_STAND
+    )
+
+
+def _errand(
+    layout: Layout, plan: FloorPlan, thing: Placed, support: Placed, surface: Surface, rng: Rng
+) -> Errand | None:
+    if support.number == thing.support:
+        return None
+    target = on_surface(support, surface, thing.kind, thing.model, rng)
+    if target is None or not layout.is_free(
+        np.stack(bounds_at(thing.model, target)), {support.number, thing.number}
+    ):
+        return None
+    ends = [pose[[0, 2], 3] for pose in (thing.pose, target)]
+    stands = [plan.nearest(end) for end in ends]
+    if max(np.linalg.norm(end - stand, axis=-1) for end, stand in zip(ends, stands, strict=True)) > _REACH_M:
+        return None
+    return Errand(thing, target, support.number, stands[0], stands[1], plan.route(stands[0], stands[1]))

@@ -1,0 +1,139 @@
+"""Stage ``synthetic``: a synthetic apartment's recording, in ADT's on-disk format."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat_apartments.adt_format.adt import write_sequence
+from egosplat_apartments.adt_format.points import semidense_points
+from egosplat_apartments.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Sequence
+from egosplat_apartments.camera.drift import Drift, estimated_trajectory
+from egosplat_apartments.camera.effects import IDEAL, CameraOptions, Effects, make_effects
+from egosplat_apartments.camera.filming import Film
+from egosplat_apartments.camera.lens import Lens, make_lens
+from egosplat_apartments.camera.lighting import make_lights
+from egosplat_apartments.camera.render import Renderer
+from egosplat_apartments.in_order import in_order
+from egosplat_apartments.world.world import World, make_world
+
+
+@dataclass(frozen=True)
+class SyntheticOptions(CameraOptions):
+    """The schema's keys of ``synthetic``; ``config.schema.yaml`` describes each."""
+
+    seed: int
+    size: int
+    fps: float
+    seconds: float
+    objects: int
+    motion: float
+
+
+def run(output: Path, options: SyntheticOptions) -> None:
+    """Write the recording's folder at ``output``."""
+    camera = {field.name for field in fields(CameraOptions)}
+    world = {name: value for name, value in asdict(options).items() if name not in camera}
+    effects = make_effects(options)
+    sequence = make_sequence(name=f"synthetic_apartment_seed{options.seed}", **world, effects=effects)
+    write_sequence(sequence, output, jpeg_quality=effects.jpeg_quality)
+
+
+_MARGIN_NS = 200_000_000
+# What the frames say of themselves: the exposure time of an instant, and the gain of a middle exposure.
+_EXPOSURE_S, _GAIN = 0.0045, 2.0
+
+
+def make_sequence(
+    *,
+    name: str,
+    seed: int,
+    size: int,
+    fps: float,
+    seconds: float,
+    objects: int = 24,
+    motion: float | str = 0.5,
+    effects: Effects = IDEAL,
+) -> Sequence:
+    """Make a recording of a furnished apartment.
+
+    Args:
+        seed: determines apartment and walk; the same seed gives the same recording, bit by bit.
+        size: side of the square image [px]; fps: frames per second; seconds: length.
+        objects: number of labelled objects, 16 to 40.
+        motion: ``none``, ``low``, ``high``, or the fraction 0..1 of the time in which people are at work.
+            Carrying one object takes some seconds, so a short recording may have a larger fraction.
+        effects: of the camera; their JPEG quality is for ``write_sequence``.
+
+    Raises:
+        UserError: the objects do not fit.
+        ValueError: ``motion`` is out of range.
+    """
+    world = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion)
+    renderer = make_renderer(world, make_lens(size))
+    return record_world(world, renderer, name=name, fps=fps, seconds=seconds, effects=effects)
+
+
+def record_world(
+    world: World, renderer: Renderer, *, name: str, fps: float, seconds: float, effects: Effects = IDEAL
+) -> Sequence:
+    """Record a world; see ``make_sequence``."""
+    count = max(1, round(seconds * fps))
+    captures = world.start_ns + np.round(np.arange(count) * 1e9 / fps).astype(np.int64)
+    device_pose = world.head.device_pose(world.start_ns)
+    span = (int(captures[0]) - _MARGIN_NS, int(captures[-1]) + _MARGIN_NS)
+    drift = Drift(effects, world.seed, *span)
+    points, inv_dist_std, dist_std = semidense_points(
+        world, renderer, captures, np.random.default_rng([world.seed, 5]), drift if effects.drifts else None
+    )
+    poses = [np.eye(4), *(thing.pose for thing in world.apartment.things)]
+    things = zip(world.apartment.instances, poses, strict=True)
+    return Sequence(
+        name=name,
+        size=renderer.lens.size,
+        fps=fps,
+        instances=world.instances,
+        world_from_static={one.instance_id: pose for one, pose in things if one.motion_type == "static"},
+        device_pose=device_pose,
+        start_ns=span[0],
+        end_ns=span[1],
+        points=points,
+        inv_dist_std=inv_dist_std,
+        dist_std=dist_std,
+        frames=lambda: render_frames(world, renderer, captures, effects),
+        frame_count=count,
+        wearer=world.people[0].instance.instance_id if world.people else None,
+        estimated_pose=estimated_trajectory(device_pose, effects, drift, *span),
+    )
+
+
+def make_renderer(world: World, lens: Lens) -> Renderer:
+    """A renderer of the world's surfaces and light through a lens."""
+    lights = make_lights(world.apartment.room, np.random.default_rng([world.seed, 3]))
+    return Renderer(world.geometry, lights, lens, np.random.default_rng([world.seed, 4]))
+
+
+def render_frames(
+    world: World, renderer: Renderer, captures: NDArray[np.int64], effects: Effects
+) -> Iterator[Frame]:
+    """Yield the frames captured at (F,) nanoseconds, in order; several are rendered at a time."""
+    seconds = (captures + ROLLING_SHUTTER_MIDDLE_NS - world.start_ns) * 1e-9
+    film = Film(world, renderer, seconds, effects)
+
+    def frame(number: int) -> Frame:
+        moment, shot, exposure = float(seconds[number]), film.shoot(number), film.exposures[number]
+        moved = world.moved_things(moment)
+        return Frame(
+            capture_ns=int(captures[number]),
+            exposure_s=exposure.open_s or _EXPOSURE_S,
+            gain=_GAIN * exposure.gain,
+            rgb=shot.rgb,
+            with_people=shot.with_people,
+            without_people=shot.without_people,
+            world_from_object=world.thing_poses(moment),
+            skeletons={person.instance.instance_id: person.joints(moment, moved) for person in world.people},
+        )
+
+    return in_order(frame, range(len(captures)))

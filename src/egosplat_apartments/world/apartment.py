@@ -1,0 +1,104 @@
+"""A randomly furnished apartment: the room, its objects, and their names and ids in ADT's style."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from egosplat.errors import UserError
+from egosplat_apartments.adt_format.sequence import Instance
+from egosplat_apartments.objects.catalogue import CATEGORY_UIDS, CORE, Kind, Motion, random_ids, wish_list
+from egosplat_apartments.objects.model import Model, bounds_at
+from egosplat_apartments.objects.shapes import Part
+from egosplat_apartments.objects.textures import Rng
+from egosplat_apartments.world.floorplan import FloorPlan, floor_plan
+from egosplat_apartments.world.layout import Layout, Placed, place_kind
+from egosplat_apartments.world.room import Room, opening_box, random_room
+from egosplat_apartments.world.shell import build_shell
+
+_LAYOUTS = 200
+_LEAST_WALK_M2 = 2.5
+
+
+@dataclass(frozen=True)
+class Apartment:
+    """A room with its objects at the beginning of the recording.
+
+    Attributes:
+        room: its size and openings; shell: its parts, in world axes.
+        things: the objects, by number.
+        instances: the shell's instance, then one for each of ``things``, in their order.
+        plan: the walkable floor.
+    """
+
+    room: Room
+    shell: tuple[Part, ...]
+    things: tuple[Placed, ...]
+    instances: tuple[Instance, ...]
+    plan: FloorPlan
+
+
+def make_apartment(rng: Rng, objects: int) -> Apartment:
+    """Furnish an apartment.
+
+    Args:
+        objects: number of labelled objects, without the shell; 16 to 40.
+
+    Raises:
+        UserError: the objects do not fit.
+    """
+    for _ in range(_LAYOUTS):
+        layout = _furnish(random_room(rng), rng, objects)
+        if layout is None:
+            continue
+        plan = floor_plan(layout)
+        if plan.walkable_m2 >= _LEAST_WALK_M2 and plan.reaches_door:
+            shell = tuple(build_shell(layout.room, rng))
+            return Apartment(
+                layout.room, shell, tuple(layout.placed), tuple(_instances(layout, shell, rng)), plan
+            )
+    raise UserError(
+        f"synthetic.objects = {objects}: they fit into none of {_LAYOUTS} rooms. "
+        "Use fewer, or another synthetic.seed."
+    )
+
+
+def _furnish(room: Room, rng: Rng, objects: int) -> Layout | None:
+    """A layout with exactly ``objects`` objects, including ``CORE``; None if they do not fit."""
+    layout = Layout(room)
+    layout.keep_clear.append(opening_box(room, room.door))
+    models: dict[str, Model] = {}
+    variants: Counter[str] = Counter()
+    for kind in wish_list(rng, objects):
+        if kind.varied or kind.prototype not in models:
+            models[kind.prototype] = kind.build(rng)
+        named = (
+            replace(kind, prototype=f"{kind.prototype}{variants[kind.prototype] + 1:02d}")
+            if kind.varied
+            else kind
+        )
+        if place_kind(layout, named, models[kind.prototype], rng):
+            variants[kind.prototype] += 1
+        elif kind in CORE:
+            return None
+        if len(layout.placed) == objects:
+            return layout
+    return None
+
+
+def _instances(layout: Layout, shell: tuple[Part, ...], rng: Rng) -> list[Instance]:
+    ids = random_ids(rng, len(layout.placed) + 1)
+    counts: Counter[str] = Counter()
+    room = Model(shell)
+    instances = [_instance(ids[0], "ApartmentEnv", "ApartmentEnv", "shelter", "static", room)]
+    for uid, thing in zip(ids[1:], layout.placed, strict=True):
+        kind: Kind = thing.kind
+        counts[kind.prototype] += 1
+        name = f"{kind.prototype}_{counts[kind.prototype]}"
+        instances.append(_instance(uid, name, kind.prototype, kind.category, kind.motion_type, thing.model))
+    return instances
+
+
+def _instance(uid: int, name: str, prototype: str, category: str, motion: Motion, model: Model) -> Instance:
+    bounds = np.stack(bounds_at(model, np.eye(4)))
+    return Instance(uid, name, prototype, category, CATEGORY_UIDS[category], motion, "object", bounds)

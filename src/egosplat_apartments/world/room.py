@@ -1,0 +1,113 @@
+"""The room: its size, its walls and the openings in them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat_apartments.objects.textures import Rng
+
+Array = NDArray[np.float64]
+
+CORRIDOR_DEPTH_M, CORRIDOR_WIDTH_M = 1.3, 3.0
+
+# Thickness of the walls, visible in doors and windows.
+REVEAL_M = 0.12
+
+# Free depth before the door, so that people can walk in.
+_DOOR_CLEAR_M = 1.0
+_UP = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A hole in a wall.
+
+    Attributes:
+        wall: its number, 0 to 3.
+        left, right: distance along the wall from its left end as seen from inside [m].
+        bottom, top: heights [m]. door: True for the door to the corridor, False for a window.
+    """
+
+    wall: int
+    left: float
+    right: float
+    bottom: float
+    top: float
+    door: bool
+
+
+@dataclass(frozen=True)
+class Room:
+    """The room's size and openings.
+
+    World axes: y up, the floor at y = 0, the room's centre above the origin. The inward normals of walls 0..3
+    are +z, +x, -z, -x.
+    """
+
+    width: float
+    depth: float
+    height: float
+    openings: tuple[Opening, ...]
+
+    def normal(self, wall: int) -> Array:
+        """(3,) inward unit normal of a wall."""
+        return np.array([(0, 0, 1), (1, 0, 0), (0, 0, -1), (-1, 0, 0)], dtype=np.float64)[wall]
+
+    def right(self, wall: int) -> Array:
+        """(3,) unit vector to the right along a wall, as seen from inside."""
+        return np.cross(_UP, self.normal(wall))
+
+    def length(self, wall: int) -> float:
+        """Length of a wall [m]."""
+        return self.width if wall % 2 == 0 else self.depth
+
+    def corner(self, wall: int) -> Array:
+        """(3,) lower left corner of a wall, as seen from inside."""
+        reach = self.depth if wall % 2 == 0 else self.width
+        return -self.normal(wall) * reach / 2 - self.right(wall) * self.length(wall) / 2
+
+    def at(self, wall: int, along: float, height: float, away: float = 0.0) -> Array:
+        """(3,) point at a distance along a wall, a height, and a distance from the wall into the room [m]."""
+        return self.corner(wall) + self.right(wall) * along + _UP * height + self.normal(wall) * away
+
+    @property
+    def door(self) -> Opening:
+        """The opening that is the door."""
+        return next(opening for opening in self.openings if opening.door)
+
+    @property
+    def windows(self) -> tuple[Opening, ...]:
+        """All openings except the door."""
+        return tuple(opening for opening in self.openings if not opening.door)
+
+
+def random_room(rng: Rng) -> Room:
+    """A room with a door and two windows in three different walls."""
+    width, depth, height = rng.uniform(5.0, 5.8), rng.uniform(4.1, 4.8), rng.uniform(2.5, 2.7)
+    room = Room(width, depth, height, ())
+    walls = rng.permutation(4)
+    door_left = rng.uniform(0.25, room.length(int(walls[0])) - 1.2)
+    openings = [Opening(int(walls[0]), door_left, door_left + 0.9, 0.0, 2.05, True)]
+    for wall in walls[1:3].tolist():
+        span = rng.uniform(1.1, 1.7)
+        left = rng.uniform(0.6, room.length(wall) - span - 0.6)
+        openings.append(
+            Opening(wall, left, left + span, rng.uniform(0.85, 1.0), rng.uniform(2.1, 2.25), False)
+        )
+    return Room(width, depth, height, tuple(openings))
+
+
+def corridor_bounds(room: Room) -> tuple[float, float, float, float]:
+    """Left and right end along the door's wall, near and far distance behind it [m]."""
+    middle = (room.door.left + room.door.right) / 2
+    half = CORRIDOR_WIDTH_M / 2
+    return middle - half, middle + half, REVEAL_M, REVEAL_M + CORRIDOR_DEPTH_M
+
+
+def opening_box(room: Room, opening: Opening) -> Array:
+    """(2, 3) box in front of an opening that must stay free."""
+    away = _DOOR_CLEAR_M if opening.door else 0.25
+    first = room.at(opening.wall, opening.left, opening.bottom)
+    last = room.at(opening.wall, opening.right, opening.top, away)
+    return np.stack([np.minimum(first, last), np.maximum(first, last)])

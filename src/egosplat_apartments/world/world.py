@@ -1,0 +1,162 @@
+"""A furnished apartment, its people, and the pose of everything at any moment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+from egosplat_apartments.adt_format.sequence import Instance
+from egosplat_apartments.camera.raycasting import Body, Geometry, build_geometry
+from egosplat_apartments.objects.catalogue import random_ids
+from egosplat_apartments.people.jobs import Errand, find_errands
+from egosplat_apartments.people.limbs import random_clothes
+from egosplat_apartments.people.motion import HeadMotion, plan_head
+from egosplat_apartments.people.people import Person, make_other, make_wearer, plan_other
+from egosplat_apartments.world.apartment import Apartment, make_apartment
+
+Array = NDArray[np.float64]
+
+# Named fractions of the time in which people are at work.
+MOTIONS = {"none": 0.0, "low": 0.25, "high": 1.0}
+
+# If people work for less time than this, only the wearer works.
+_OTHER_FROM_S = 7.0
+_HOMES, _PLANS, _ERRANDS = 8, 6, 30
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """The full state of a recording before rendering.
+
+    Attributes:
+        apartment: the room and its objects; head: the wearer's head; people: the wearer and a visitor.
+        geometry: all surfaces; seed: for the randomness of rendering; start_ns: start of the recording.
+    """
+
+    apartment: Apartment
+    head: HeadMotion
+    people: tuple[Person, ...]
+    geometry: Geometry
+    seed: int
+    start_ns: int
+
+    @property
+    def instances(self) -> list[Instance]:
+        """Instances of the shell, the objects and the people."""
+        return [*self.apartment.instances, *(person.instance for person in self.people)]
+
+    def moved_things(self, seconds: float) -> dict[int, Array]:
+        """(4, 4) poses of the objects that anybody carries at some time, by object number."""
+        return {
+            number: pose for person in self.people for number, pose in person.thing_poses(seconds).items()
+        }
+
+    def thing_poses(self, seconds: float) -> dict[int, Array]:
+        """(4, 4) pose of every object labelled dynamic, by instance id."""
+        moved = self.moved_things(seconds)
+        things = zip(self.apartment.instances[1:], self.apartment.things, strict=True)
+        return {
+            one.instance_id: moved.get(thing.number, thing.pose)
+            for one, thing in things
+            if one.motion_type == "dynamic"
+        }
+
+    def body_poses(self, seconds: float) -> dict[int, Array]:
+        """(4, 4) pose of every body that is not static, by its number in the geometry."""
+        moved = self.moved_things(seconds)
+        uid_of = {
+            thing.number: one.instance_id
+            for one, thing in zip(self.apartment.instances[1:], self.apartment.things, strict=True)
+        }
+        by_id = {uid_of[number]: iter([pose]) for number, pose in moved.items()}
+        by_id |= {
+            person.instance.instance_id: iter(person.limb_poses(seconds, moved)) for person in self.people
+        }
+        first = self.geometry.group("static")[1]
+        return {
+            number: next(by_id[body.instance_id])
+            for number, body in enumerate(self.geometry.bodies)
+            if number >= first
+        }
+
+
+def make_world(*, seed: int, seconds: float, objects: int, motion: float | str) -> World:
+    """Make the world to be rendered; parameters as for ``make_sequence``."""
+    share = MOTIONS[motion] if isinstance(motion, str) else float(motion)
+    if not 0 <= share <= 1:
+        raise ValueError(f"motion is {motion}, not within 0..1")
+    layout_rng, motion_rng, people_rng = (np.random.default_rng([seed, stream]) for stream in range(3))
+    apartment, errands = _apartment(layout_rng, objects, share > 0)
+    head, people = _plan_motion(apartment, errands, motion_rng, people_rng, seconds, share * seconds)
+    carried = {job.errand.thing.number for person in people for job in person.jobs}
+    bodies = [Body(apartment.instances[0].instance_id, apartment.shell, np.eye(4), "static")]
+    for one, thing in zip(apartment.instances[1:], apartment.things, strict=True):
+        role = "thing" if thing.number in carried else "static"
+        bodies.append(Body(one.instance_id, thing.model.parts, thing.pose, role))
+    bodies += [body for person in people for body in person.bodies()]
+    start_ns = 80_000_000_000_000 + int(motion_rng.integers(20_000_000_000_000))
+    return World(apartment, head, people, build_geometry(bodies), seed, start_ns)
+
+
+def _apartment(rng: np.random.Generator, objects: int, at_work: bool) -> tuple[Apartment, list[Errand]]:
+    """An apartment and, if ``at_work``, at least one errand for people to run."""
+    for _ in range(_HOMES):
+        apartment = make_apartment(rng, objects)
+        errands = find_errands(apartment, rng, _ERRANDS) if at_work else []
+        if errands or not at_work:
+            return apartment, errands
+    raise UserError(
+        f"synthetic.objects = {objects}: in {_HOMES} apartments no object can be carried. "
+        "Use another number or another synthetic.seed."
+    )
+
+
+def _plan_motion(
+    apartment: Apartment,
+    errands: list[Errand],
+    rng: np.random.Generator,
+    people_rng: np.random.Generator,
+    seconds: float,
+    work_s: float,
+) -> tuple[HeadMotion, tuple[Person, ...]]:
+    """Plan the wearer's way and the second person for ``work_s`` seconds of work.
+
+    Some ways of the wearer leave no room for a second person, so several are tried.
+    """
+    wanted = 0 if work_s <= 0 else 1 if work_s < _OTHER_FROM_S else 2
+    wanted_m = float(np.clip(0.5 * (work_s - 3.0), 0.8, 3.0))
+    for _ in range(_PLANS):
+        few = [errands[k] for k in rng.integers(len(errands), size=8)] if errands else []
+        errand = min(few, key=lambda one: abs(one.walk_m - wanted_m), default=None)
+        head = plan_head(apartment, rng, seconds, errand)
+        people = _people(apartment, errands, people_rng, head, seconds, work_s)
+        if len(people) >= wanted:
+            break
+    return head, people
+
+
+def _people(
+    apartment: Apartment,
+    errands: list[Errand],
+    rng: np.random.Generator,
+    head: HeadMotion,
+    seconds: float,
+    work_s: float,
+) -> tuple[Person, ...]:
+    """The wearer and, for longer work, a second person; nobody without work."""
+    if work_s <= 0:
+        return ()
+    used = {one.instance_id for one in apartment.instances}
+    ids = [uid for uid in random_ids(rng, 4) if uid not in used]
+    people = [make_wearer(ids[0], head, random_clothes(rng))]
+    if work_s >= _OTHER_FROM_S:
+        plan = plan_other(apartment, errands, rng, head, seconds, work_s)
+        if plan is not None:
+            people.append(make_other(ids[1], plan, random_clothes(rng)))
+    return tuple(people)
+
+
+def camera_pose(world: World, seconds: float) -> Array:
+    """(4, 4) ``world_from_camera``, sensor orientation, at a time of the recording."""
+    return world.head.world_from_camera(np.array([seconds]))[0]

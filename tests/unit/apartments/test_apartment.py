@@ -1,0 +1,161 @@
+"""Apartments are plausible: objects stand on objects and do not intersect."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from egosplat.geometry import transform
+from egosplat_apartments.camera.lighting import face_normals
+from egosplat_apartments.camera.raycasting import Body, body_scene, build_geometry
+from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
+from egosplat_apartments.objects.model import boxes_touch
+from egosplat_apartments.world.apartment import make_apartment
+
+DIRECTIONS = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+"""Along no axis and no diagonal: a ray through an edge or a corner says nothing of where its origin lies."""
+
+
+def surface_points(thing, inwards):
+    """Points on an object's surface, moved below it by some metres."""
+    vertices = np.concatenate([part.shape.vertices for part in thing.model.parts])
+    normals = np.concatenate([part.shape.normals for part in thing.model.parts])
+    return transform(thing.pose, vertices - inwards * normals)
+
+
+def is_inside(thing, points):
+    """Whether points lie within one of a thing's parts.
+
+    Each part is looked at alone: where a lid lies on a box, two surfaces share a plane, and which of them a ray meets
+    first says nothing. Looking out from within, one sees a part's inner side, most ways that one looks.
+    """
+    points = points.astype(np.float32)
+    found = np.zeros(len(points), dtype=bool)
+    for part in thing.model.parts:
+        geometry = build_geometry([Body(1, (part,), thing.pose, "static")])
+        scene, votes = body_scene(geometry, 0, 1), np.zeros(len(points), dtype=int)
+        for direction in DIRECTIONS:
+            rays = np.broadcast_to(direction, points.shape)
+            hits = scene.cast(points, rays)
+            outward = face_normals(geometry, hits.face, np.zeros_like(rays))
+            votes += (hits.face >= 0) & ((outward * rays).sum(axis=1) > 0)
+        found |= votes > len(DIRECTIONS) / 2
+    return found
+
+
+def as_geometry(apartment):
+    things = apartment.things
+    return build_geometry(
+        [Body(thing.number + 1, thing.model.parts, thing.pose, "static") for thing in things]
+    )
+
+
+@pytest.mark.parametrize(("objects", "seed"), [(16, 1), (40, 3)])
+def test_number_of_labelled_objects_is_as_configured(objects, seed):
+    instances = make_apartment(np.random.default_rng(seed), objects).instances
+    assert len(instances) == objects + 1
+    assert [one.category for one in instances].count("shelter") == 1
+    assert len({one.category for one in instances}) > 12
+    for one in instances:
+        assert CATEGORY_UIDS[one.category] == one.category_uid
+        assert (one.bounds[0] < one.bounds[1]).all()
+    for values in ([one.name for one in instances], [one.instance_id for one in instances]):
+        assert len(set(values)) == len(values)
+    assert {one.motion_type for one in instances} == {"static", "dynamic"}
+
+
+def test_categories_are_adts(real_data):
+    lists = json.loads((real_data("adt_names") / "adt_visible_objects_lists.json").read_text())
+    assert set(CATEGORY_UIDS) - {"person"} <= set(lists["visible_object_categories"])
+    assert len(set(CATEGORY_UIDS.values())) == len(CATEGORY_UIDS)
+
+
+def test_category_uids_equal_those_of_adts_sample(real_data):
+    instances = json.loads((real_data("adt_sample") / "instances.json").read_text()).values()
+    known = {one["category"]: one["category_uid"] for one in instances}
+    assert {name: known[name] for name in CATEGORY_UIDS if name in known}.items() <= CATEGORY_UIDS.items()
+
+
+def test_different_seeds_give_different_apartments(apartment, recorded):
+    homes = [apartment, recorded.world.apartment, make_apartment(np.random.default_rng(0), 24)]
+    for one, other in itertools.combinations(homes, 2):
+        assert abs(one.room.width - other.room.width) + abs(one.room.depth - other.room.depth) > 0.01
+        assert {kind.category for kind in one.instances} != {kind.category for kind in other.instances}
+        assert not {kind.instance_id for kind in one.instances} & {
+            kind.instance_id for kind in other.instances
+        }
+        # Every apartment has a couch; its place and its cover differ.
+        couches = [
+            next(thing for thing in home.things if thing.kind.category == "couch") for home in (one, other)
+        ]
+        assert np.linalg.norm(couches[0].pose[:3, 3] - couches[1].pose[:3, 3]) > 0.3
+        colours = [couch.model.parts[3].texture.pixels.mean(axis=(0, 1)) for couch in couches]
+        assert np.abs(colours[0] - colours[1]).max() > 8
+        walls = [next(part for part in home.shell if part.name == "wall 0") for home in (one, other)]
+        assert np.abs(walls[0].texture.pixels.astype(float) - walls[1].texture.pixels).mean() > 8
+
+
+def test_objects_do_not_intersect(apartment):
+    checked = 0
+    for one, other in itertools.permutations(apartment.things, 2):
+        if boxes_touch(one.bounds, other.bounds, 0.05):
+            inside = is_inside(other, surface_points(one, inwards=0.004))
+            assert not inside.any(), f"{one.kind.category} reaches into {other.kind.category}"
+            checked += 1
+    assert checked > 5
+
+
+def test_all_objects_are_in_the_room(apartment):
+    room = apartment.room
+    half = np.array([room.width / 2, room.depth / 2])
+    for thing in apartment.things:
+        assert (np.abs(thing.bounds[:, [0, 2]]) <= half + 1e-6).all()
+        assert thing.bounds[0, 1] >= -1e-6 and thing.bounds[1, 1] < room.height
+
+
+def test_objects_stand_on_the_floor_or_on_their_support(apartment):
+    geometry = as_geometry(apartment)
+    carried = [thing for thing in apartment.things if thing.support is not None]
+    assert len(carried) >= 6
+    for thing in carried:
+        points = surface_points(thing, inwards=0.0)
+        foot = points[points[:, 1] < points[:, 1].min() + 0.002].astype(np.float32)
+        down = np.broadcast_to(np.array([0, -1, 0], np.float32), foot.shape)
+        hits = body_scene(geometry, thing.support, thing.support + 1).cast(foot + [0, 0.02, 0], down)
+        gap = hits.distance.min() - 0.02
+        assert -0.004 < gap < 0.006, f"{thing.kind.category} floats {gap} m above its support"
+        # The support lies under its middle, so it does not topple.
+        assert (foot.min(axis=0) - 0.01 <= points.mean(axis=0)).all(where=[True, False, True])
+    for thing in apartment.things:
+        if thing.support is None and thing.kind.place not in ("wall", "window"):
+            assert thing.bounds[0, 1] == pytest.approx(0, abs=1e-9)
+
+
+def test_objects_on_walls_touch_the_wall(apartment):
+    hung = [thing for thing in apartment.things if thing.kind.place in ("wall", "window")]
+    assert hung
+    for thing in hung:
+        half = np.array([apartment.room.width / 2, apartment.room.depth / 2])
+        assert np.abs(half - np.abs(thing.bounds[:, [0, 2]])).min() < 0.05
+
+
+def test_the_floor_is_walkable_and_the_door_reachable(apartment):
+    assert apartment.plan.reaches_door
+    assert apartment.plan.walkable_m2 > 2.5
+    cells = np.argwhere(apartment.plan.inside)
+    ends = apartment.plan.place(cells[[0, -1]])
+    route = apartment.plan.route(ends[0], ends[1])
+    assert np.linalg.norm(np.diff(route, axis=0), axis=1).max() < 0.1
+    for thing in apartment.things:
+        if thing.bounds[0, 1] < 1.8:
+            over = (route > thing.bounds[0, [0, 2]]) & (route < thing.bounds[1, [0, 2]])
+            assert not over.all(axis=1).any()
+
+
+def test_objects_consist_of_parts(apartment):
+    for thing in apartment.things:
+        names = [part.name for part in thing.model.parts]
+        assert len(set(names)) == len(names)
+        assert len(names) > 1 or thing.kind.category == "basketball"

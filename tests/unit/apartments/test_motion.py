@@ -1,0 +1,109 @@
+"""The wearer's head moves smoothly through free space and looks around."""
+
+import numpy as np
+import pytest
+
+from egosplat.geometry import invert, is_rigid, rotation_angle, transform
+from egosplat_apartments.adt_format.aria import device_from_camera
+from egosplat_apartments.people.smooth import SmoothTrack, control_times, limited, smoothstep
+from egosplat_apartments.world.world import camera_pose
+
+STEP_S = 1e-3
+
+
+def sample(sequence, step_s):
+    times = np.arange(sequence.start_ns, sequence.end_ns, round(step_s * 1e9), dtype=np.int64)
+    return times, sequence.device_pose(times)
+
+
+def test_poses_are_rigid_at_any_nanosecond(recorded):
+    times, poses = sample(recorded.sequence, 0.01)
+    assert times[0] > 10**13, "device time starts large"
+    assert poses.shape == (len(times), 4, 4) and poses.dtype == np.float64
+    assert is_rigid(poses, 1e-9).all()
+    # Times keep nanosecond resolution: 1 us gives a thousandth of the motion of 1 ms.
+    t = times[500]
+    places = recorded.sequence.device_pose(np.array([t, t + 1000, t + 1_000_000]))[:, :3, 3]
+    speed = np.linalg.norm(np.diff(places, axis=0), axis=1) / [1e-6, 999e-6]
+    assert speed[0] == pytest.approx(speed[1], rel=0.02)
+
+
+def test_accelerations_are_bounded_and_without_jumps(recorded):
+    _, poses = sample(recorded.sequence, STEP_S)
+    places = poses[:, :3, 3]
+    acceleration = np.diff(places, 2, axis=0) / STEP_S**2
+    assert np.linalg.norm(acceleration, axis=1).max() < 6.0
+    assert np.linalg.norm(np.diff(acceleration, axis=0), axis=1).max() < 0.15
+    turns = np.swapaxes(poses[:-1, :3, :3], -1, -2) @ poses[1:, :3, :3]
+    spin = np.stack([turns[:, 2, 1] - turns[:, 1, 2], turns[:, 0, 2] - turns[:, 2, 0]], -1) / (2 * STEP_S)
+    assert np.abs(spin).max() < 2.5
+    spin_up = np.diff(spin, axis=0) / STEP_S
+    assert np.abs(spin_up).max() < 12.0
+    assert np.abs(np.diff(spin_up, axis=0)).max() < 0.5
+
+
+def test_images_overlap_and_the_camera_has_parallax(recorded):
+    _, poses = sample(recorded.sequence, 0.1)
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    assert steps.max() < 0.2
+    assert steps.sum() > 4.0
+    assert np.degrees(rotation_angle(invert(poses[:-1]) @ poses[1:])).max() < 15
+    forward = (poses[:, :3, :3] @ device_from_camera()[:3, :3])[:, :, 2]
+    yaw = np.unwrap(np.arctan2(forward[:, 0], forward[:, 2]))
+    assert np.ptp(yaw) > np.radians(120), "the gaze moves around"
+    assert forward[:, 1].min() < -0.4 and forward[:, 1].max() < 0.5, "and down to the picked object"
+
+
+def test_stays_in_the_room_clear_of_furniture(recorded):
+    _, poses = sample(recorded.sequence, 0.2)
+    cameras = poses @ device_from_camera()
+    room = recorded.world.apartment.room
+    places = cameras[:, :3, 3]
+    assert (np.abs(places[:, [0, 2]]) < [room.width / 2 - 0.15, room.depth / 2 - 0.15]).all()
+    assert (places[:, 1] > 0.7).all() and (places[:, 1] < 1.8).all()
+    rng = np.random.default_rng(0)
+    ways = rng.normal(size=(400, 3)).astype(np.float32)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    clear = [recorded.renderer.static.cast(place.astype(np.float32), ways).distance.min() for place in places]
+    assert min(clear) > 0.12
+
+
+def test_the_body_keeps_away_from_the_furniture(recorded):
+    walk = recorded.world.head.walk
+    places = walk.place(np.arange(0, 16, 0.1))
+    assert recorded.world.apartment.plan.clearance_at(places).min() > 0.12
+
+
+def test_camera_pose_follows_from_the_device_pose(recorded):
+    world = recorded.world
+    time = world.start_ns + 3_141_592_653
+    camera = world.head.device_pose(world.start_ns)(np.array([time]))[0] @ device_from_camera()
+    assert np.allclose(camera, camera_pose(world, 3.141592653), atol=1e-9)
+    # Its optical axis and its "up" direction.
+    upright = world.head.world_from_upright(np.array([3.141592653]))[0]
+    assert np.allclose(transform(camera, np.array([0, 0, 1.0])), transform(upright, np.array([0, 0, 1.0])))
+
+
+def test_smooth_track_blurs_but_does_not_overshoot():
+    grid = control_times(0.0, 4.0)
+    track = SmoothTrack(grid, np.where(grid < 2, 0.0, 1.0))
+    values = track(np.linspace(0, 4, 401))
+    assert values.min() >= -1e-12 and values.max() <= 1 + 1e-12
+    assert (np.diff(values) > -1e-12).all()
+    assert values[0] == pytest.approx(0, abs=1e-12) and values[-1] == pytest.approx(1, abs=1e-12)
+    line = SmoothTrack(grid, 3 * grid)(np.array([0.7, 2.9]))
+    assert np.allclose(line, [2.1, 8.7])
+
+
+def test_limited_angles_go_the_short_way():
+    assert np.allclose(
+        limited(np.radians([170.0, -170.0, -170.0]), np.radians(30)), np.radians([170, 190, 190])
+    )
+    assert np.allclose(limited(np.radians([0.0, 90.0, 90.0]), np.radians(30)), np.radians([0, 30, 60]))
+
+
+def test_smoothstep_ends_without_a_kink():
+    t = np.linspace(-0.5, 1.5, 2001)
+    values = smoothstep(t)
+    assert values[0] == 0 and values[-1] == 1 and values[1000] == pytest.approx(0.5)
+    assert np.abs(np.diff(values, 3)).max() < 1e-6

@@ -1,0 +1,59 @@
+"""A recording is the same on every processor, whatever instruction set the libraries choose."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+# Each variable makes a library choose the code path of another processor. Unknown names are ignored.
+LIMITS = {
+    "NumPy without AVX-512": {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR"},
+    "NumPy without AVX2, OpenBLAS of an early processor": {
+        "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+        "OPENBLAS_CORETYPE": "Nehalem",
+    },
+    "OpenCV without AVX2 and IPP": {
+        "OPENCV_CPU_DISABLE": "AVX512-SKX,AVX512-ICL,AVX2,FMA3",
+        "OPENCV_IPP": "disabled",
+    },
+}
+
+DIGEST = """
+import hashlib
+from egosplat.pipeline.config import defaults
+from egosplat_apartments.camera.effects import make_effects
+from egosplat_apartments.camera.lens import make_lens
+from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world
+from egosplat_apartments.world.world import make_world
+digest = hashlib.sha256()
+world = make_world(seed=1, seconds=4, objects=24, motion=0.5)
+renderer = make_renderer(world, make_lens(96))
+for camera in ("ideal", "real"):
+    effects = make_effects(SyntheticOptions(**defaults()["synthetic"] | {"camera": camera}))
+    sequence = record_world(world, renderer, name="x", fps=1, seconds=4, effects=effects)
+    digest.update(sequence.points.round(9).tobytes() if camera == "real" else sequence.points.tobytes())
+    for frame in sequence.frames():
+        digest.update(frame.rgb.tobytes())
+        for view in (frame.with_people, frame.without_people):
+            digest.update(view.segmentation.tobytes() + view.depth_mm.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def recording(limit: dict[str, str]) -> str:
+    """Digest of a small recording's frames, labels, depths and points, made in another process."""
+    done = subprocess.run(
+        [sys.executable, "-c", DIGEST], env=os.environ | limit, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
+
+
+@pytest.fixture(scope="module")
+def unlimited() -> str:
+    return recording({})
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_a_recording_does_not_depend_on_the_instruction_set(name, unlimited):
+    assert recording(LIMITS[name]) == unlimited

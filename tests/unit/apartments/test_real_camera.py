@@ -1,0 +1,198 @@
+"""A recording of a real camera: which effects the keys give, what each changes, and what stays true."""
+
+import functools
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from egosplat.pipeline.config import defaults, section_keys
+from egosplat_apartments.adt_format.adt import write_sequence
+from egosplat_apartments.camera.effects import IDEAL, REAL, CameraOptions, Effects, make_effects
+from egosplat_apartments.camera.lens import make_lens
+from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world, run
+from egosplat_apartments.world.world import make_world
+
+TINY = {"seed": 8, "size": 64, "fps": 2.0, "seconds": 3.0, "objects": 16, "motion": 0.5}
+
+
+def effects_of(**changes):
+    keys = defaults()["synthetic"] | changes
+    return make_effects(SyntheticOptions(**keys))
+
+
+@pytest.fixture(scope="module")
+def film():
+    """``film(effects)``: the recording of one small world, and its frames."""
+    world = make_world(seed=8, seconds=3.0, objects=16, motion=0.5)
+    renderer = make_renderer(world, make_lens(64))
+
+    @functools.cache
+    def make(effects=IDEAL):
+        sequence = record_world(world, renderer, name="tiny", fps=2.0, seconds=3.0, effects=effects)
+        return sequence, list(sequence.frames())
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def ideal(film):
+    return film()
+
+
+@pytest.fixture(scope="module")
+def real(film):
+    return film(effects_of(camera="real"))
+
+
+def test_the_ideal_camera_records_what_it_always_did(ideal):
+    """Frames, labels, depth, points and poses of a tiny recording, to the last bit (poses to 1e-9)."""
+    sequence, frames = ideal
+    digest = hashlib.sha256(sequence.points.round(9).tobytes())
+    times = np.linspace(sequence.start_ns, sequence.end_ns, 50).astype(np.int64)
+    digest.update((sequence.device_pose(times).round(9) + 0.0).tobytes())
+    for frame in frames:
+        digest.update(frame.rgb.tobytes())
+        for view in (frame.with_people, frame.without_people):
+            digest.update(view.segmentation.tobytes() + view.depth_mm.tobytes())
+        digest.update(f"{frame.exposure_s} {frame.gain:.9f}".encode())
+    assert sequence.estimated_pose is None
+    assert digest.hexdigest() == "38583d1b9d2afe1466f0e464171a4b04ca567e712531ec705135eb2b029f377f"
+
+
+def test_defaults_are_an_ideal_camera():
+    assert effects_of() == IDEAL
+    keys = set(section_keys("synthetic"))
+    assert {*REAL, "jpeg_quality"} <= set(CameraOptions.__dataclass_fields__) <= keys
+
+
+def test_descriptions_name_the_values_of_a_real_camera():
+    """The description of each key says what auto is."""
+    keys = section_keys("synthetic")
+    for key, value in REAL.items():
+        assert f"auto is {value:g} under real" in keys[key]["description"], key
+
+
+def test_a_real_camera_has_every_effect():
+    effects = effects_of(camera="real")
+    differs = [name for name, value in vars(effects).items() if value != getattr(IDEAL, name)]
+    assert sorted(differs) == sorted(set(vars(effects)) - {"drift_s"})
+    assert effects.exposure_s == pytest.approx(0.009) and effects.time_offset_ns == 2_500_000
+
+
+def test_each_effect_can_be_set_alone():
+    assert effects_of(drift_mm=5) == Effects(drift_m=0.005)
+    assert effects_of(readout_ms=16) == Effects(readout_s=0.016)
+    assert effects_of(jpeg_quality=70) == Effects(jpeg_quality=70)
+    without = effects_of(camera="real", exposure_ms=0)
+    assert without.exposure_s == 0 and without.readout_s == pytest.approx(0.005)
+
+
+def test_strength_is_a_factor_on_all_effects():
+    once, twice = (effects_of(camera="real", camera_strength=k) for k in (1, 2))
+    for name in vars(once):
+        if name not in ("drift_s", "jpeg_quality"):
+            assert getattr(twice, name) == pytest.approx(2 * getattr(once, name)), name
+    assert (once.jpeg_quality, twice.jpeg_quality) == (90, 85)
+    assert effects_of(camera="real", camera_strength=0) == IDEAL
+    assert effects_of(drift_mm=3, camera_strength=2) == Effects(drift_m=0.006)
+    assert effects_of(jpeg_quality=1, camera_strength=16).jpeg_quality == 1
+
+
+ON_TRAJECTORY = (
+    Effects(drift_m=0.02),
+    Effects(drift_rad=0.004),
+    Effects(time_offset_ns=2_500_000),
+    Effects(jpeg_quality=50),
+)
+ON_LIGHT = (
+    Effects(exposure_s=0.02),
+    Effects(readout_s=0.01),
+    Effects(exposure_stops=1.0),
+    Effects(white_balance=0.05),
+    Effects(shot_noise=0.02),
+    Effects(read_noise=0.01),
+    Effects(vignetting=0.2),
+)
+
+
+@pytest.mark.parametrize("effects", ON_TRAJECTORY)
+def test_errors_of_the_trajectory_change_no_frame(film, ideal, effects):
+    sequence, frames = film(effects)
+    assert all(np.array_equal(a.rgb, b.rgb) for a, b in zip(ideal[1], frames, strict=True))
+    times = np.linspace(sequence.start_ns, sequence.end_ns, 20).astype(np.int64)
+    assert np.array_equal(sequence.device_pose(times), ideal[0].device_pose(times))
+    assert np.array_equal(sequence.points, ideal[0].points) != effects.drifts
+    assert (sequence.estimated_pose is None) == (effects.jpeg_quality == 50)
+    if sequence.estimated_pose:
+        assert np.abs(sequence.estimated_pose(times) - sequence.device_pose(times)).max() > 1e-5
+
+
+@pytest.mark.parametrize("effects", ON_LIGHT)
+def test_effects_on_light_change_frames_alone(film, ideal, effects):
+    sequence, frames = film(effects)
+    assert sequence.estimated_pose is None and np.array_equal(sequence.points, ideal[0].points)
+    for one, other in zip(ideal[1], frames, strict=True):
+        assert np.array_equal(one.with_people.segmentation, other.with_people.segmentation)
+        assert np.array_equal(one.without_people.depth_mm, other.without_people.depth_mm)
+        assert one.with_people.visibility == other.with_people.visibility
+    change = np.mean(
+        [np.abs(a.rgb.astype(int) - b.rgb).mean() for a, b in zip(ideal[1], frames, strict=True)]
+    )
+    assert 0.05 < change < 30
+
+
+def test_one_effect_does_not_change_the_randomness_of_another(film, real):
+    """Drift, white balance and noise come from streams of their own, so that all others can be switched off."""
+    full = effects_of(camera="real")
+    drift_alone, _ = film(Effects(drift_m=full.drift_m, drift_rad=full.drift_rad, drift_s=full.drift_s))
+    times = np.linspace(real[0].start_ns + 10**8, real[0].end_ns - 10**8, 20).astype(np.int64)
+    shift = [
+        one.estimated_pose(times)[:, :3, 3] - one.device_pose(times + ahead)[:, :3, 3]
+        for one, ahead in ((real[0], full.time_offset_ns), (drift_alone, 0))
+    ]
+    assert np.allclose(*shift, atol=1e-12)
+    assert np.array_equal(real[0].points, drift_alone.points)
+    noisy, silent = (film(effects_of(camera="real", **keys))[1] for keys in ({}, {"shot_noise_percent": 0}))
+    louder, quieter = (
+        film(effects_of(camera="real", vignetting_percent=0, **keys))[1]
+        for keys in ({}, {"shot_noise_percent": 0})
+    )
+    # The noise of a frame is the same with and without vignetting: a product of the same draws.
+    a = noisy[2].rgb.astype(float) - silent[2].rgb
+    b = louder[2].rgb.astype(float) - quieter[2].rgb
+    inside = (noisy[2].rgb > 20) & (noisy[2].rgb < 235)
+    assert np.corrcoef(a[inside], b[inside])[0, 1] > 0.8
+
+
+def test_frames_say_how_they_were_exposed(real):
+    exposures = np.array([frame.exposure_s for frame in real[1]])
+    gains = np.array([frame.gain for frame in real[1]])
+    assert (exposures <= 0.014).all() and (exposures > 0.004).all() and (gains >= 2).all()
+    factors = exposures * gains
+    assert np.log2(factors.max() / factors.min()) <= 1.0 + 1e-6
+
+
+def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, tmp_path):
+    """poses.trajectory ground_truth reads exact poses, closed_loop those of an estimate."""
+    options = SyntheticOptions(**defaults()["synthetic"] | TINY | {"camera": "real"})
+    run(tmp_path / "real", options)
+    same_name = replace(ideal[0], name="synthetic_apartment_seed8")
+    write_sequence(same_name, tmp_path / "ideal", jpeg_quality=IDEAL.jpeg_quality)
+    name = "mps/slam/closed_loop_trajectory.csv"
+    truth, exact = (tmp_path / one / "aria_trajectory.csv" for one in ("real", "ideal"))
+    assert truth.read_bytes() == exact.read_bytes()
+    loops = [pd.read_csv(tmp_path / one / name) for one in ("real", "ideal")]
+    assert loops[0]["tracking_timestamp_us"].equals(loops[1]["tracking_timestamp_us"])
+    columns = [f"t{axis}_world_device" for axis in "xyz"]
+    error = np.linalg.norm(loops[0][columns] - loops[1][columns], axis=1)
+    assert 0.001 < np.sqrt((error**2).mean()) < 0.05
+    assert "error of an estimate" in (tmp_path / "real/mps/slam/summary.json").read_text()
+    for name in ("scene_objects.csv", "segmentations.vrs", "depth_images_with_skeleton.vrs"):
+        different = (tmp_path / "real" / name).read_bytes() != (tmp_path / "ideal" / name).read_bytes()
+        # VRS records carry the frame's exposure and gain.
+        assert different == name.endswith(".vrs"), name
+    video = [(tmp_path / one / "video.vrs").stat().st_size for one in ("real", "ideal")]
+    assert video[0] < 1.3 * video[1]

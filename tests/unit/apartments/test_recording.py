@@ -1,0 +1,186 @@
+"""A whole recording: motion, static objects, and reproducibility by seed."""
+
+import json
+
+import numpy as np
+import pytest
+
+from egosplat.geometry import invert, transform
+from egosplat_apartments.adt_format.adt import write_documents
+from egosplat_apartments.adt_format.aria import DEVICE_SERIAL
+from egosplat_apartments.stage import make_sequence
+from egosplat_apartments.world.world import make_world
+
+TINY = {"name": "tiny", "seed": 8, "size": 64, "fps": 1.5, "seconds": 4.0, "objects": 16}
+
+
+@pytest.fixture(scope="module")
+def still():
+    """A recording in which nobody works."""
+    sequence = make_sequence(**TINY, motion="none")
+    return sequence, list(sequence.frames())
+
+
+def test_the_same_seed_gives_the_same_recording(still):
+    sequence, frames = still
+    again = make_sequence(**TINY, motion=0.0)
+    assert again.instances[3].name == sequence.instances[3].name
+    assert again.points.tobytes() == sequence.points.tobytes()
+    for one, other in zip(frames, again.frames(), strict=True):
+        assert one.rgb.tobytes() == other.rgb.tobytes()
+        assert one.with_people.segmentation.tobytes() == other.with_people.segmentation.tobytes()
+        assert one.with_people.depth_mm.tobytes() == other.with_people.depth_mm.tobytes()
+        assert one.with_people.visibility == other.with_people.visibility
+
+
+def test_without_motion_the_scene_is_static_and_empty(still):
+    sequence, frames = still
+    assert all(one.instance_type == "object" for one in sequence.instances)
+    for frame in frames:
+        assert frame.skeletons == {}
+        assert np.array_equal(frame.with_people.segmentation, frame.without_people.segmentation)
+        for uid, pose in frame.world_from_object.items():
+            assert np.array_equal(pose, frames[0].world_from_object[uid])
+    assert frames[0].world_from_object, "dynamic objects exist even without motion"
+
+
+def test_frames_have_the_configured_number_and_rate(recorded):
+    sequence, frames = recorded.sequence, recorded.frames
+    assert len(frames) == sequence.frame_count == 40
+    captures = np.array([frame.capture_ns for frame in frames])
+    assert np.allclose(np.diff(captures), 1e9 / sequence.fps, atol=1)
+    assert sequence.start_ns < captures[0] and captures[-1] < sequence.end_ns
+    objects = [one for one in sequence.instances if one.instance_type == "object"]
+    known = {one.instance_id for one in sequence.instances}
+    assert set(sequence.world_from_static) == {
+        one.instance_id for one in objects if one.motion_type == "static"
+    }
+    for frame in frames:
+        assert set(frame.world_from_object) == {
+            one.instance_id for one in objects if one.motion_type == "dynamic"
+        }
+        for view in (frame.with_people, frame.without_people):
+            seen = set(np.unique(view.segmentation).tolist()) - {0}
+            assert seen <= known and seen == set(view.visibility)
+            assert all(0 <= share <= 1 for share in view.visibility.values())
+        assert 0.001 < frame.exposure_s < 0.02 and frame.gain > 0
+    gains = [frame.gain for frame in frames]
+    assert 0.01 < np.ptp(gains) / np.mean(gains) < 0.2
+
+
+def test_most_objects_are_visible(recorded):
+    seen = set().union(*(frame.with_people.visibility for frame in recorded.frames))
+    objects = {one.instance_id for one in recorded.world.apartment.instances}
+    assert len(seen & objects) > 0.85 * len(objects)
+
+
+def test_people_are_visible_only_in_the_view_with_people(recorded):
+    people = [one.instance_id for one in recorded.sequence.instances if one.category == "person"]
+    assert len(people) == 2
+    for person in people:
+        pixels = [(frame.with_people.segmentation == person).mean() for frame in recorded.frames]
+        assert max(pixels) > 0.01, "clearly visible in some frame"
+        assert min(pixels) < 0.001, "and absent in another"
+    for frame in recorded.frames:
+        assert not np.isin(frame.without_people.segmentation, people).any()
+        nearer = frame.with_people.depth_mm.astype(int) - frame.without_people.depth_mm
+        assert (nearer <= 0).all()
+        assert (nearer[frame.with_people.segmentation == frame.without_people.segmentation] == 0).all()
+
+
+def test_hands_come_from_below_while_carrying(recorded):
+    wearer = recorded.world.people[0]
+    job = wearer.jobs[0]
+    moments = [(frame.capture_ns - recorded.world.start_ns) * 1e-9 for frame in recorded.frames]
+    busy = [
+        np.rot90(frame.with_people.segmentation, -1) == wearer.instance.instance_id
+        for frame, moment in zip(recorded.frames, moments, strict=True)
+        if job.grip_s + 1 < moment < job.release_s - 1
+    ]
+    assert busy
+    for mask in busy:
+        assert mask.mean() > 0.01
+        assert np.nonzero(mask)[0].mean() > 0.55 * mask.shape[0]
+
+
+def test_carried_objects_end_elsewhere_and_others_stay(recorded):
+    world = recorded.world
+    ids = [one.instance_id for one in world.apartment.instances[1:]]
+    first, last = world.thing_poses(-1.0), world.thing_poses(30.0)
+    targets = {ids[job.errand.thing.number]: job.errand for person in world.people for job in person.jobs}
+    assert len(targets) >= 2
+    assert len(first) > len(targets), "other dynamic objects stay"
+    for uid in first:
+        path = [frame.world_from_object[uid] for frame in recorded.frames]
+        moved = np.linalg.norm(last[uid][:3, 3] - first[uid][:3, 3])
+        if uid in targets:
+            assert moved > 0.25
+            assert np.array_equal(last[uid], targets[uid].target)
+            steps = np.linalg.norm(np.diff([pose[:3, 3] for pose in path], axis=0), axis=1)
+            assert steps.max() < 1.6 / recorded.sequence.fps * 1.5, "it moves without jumps"
+            # It ends on another piece of furniture.
+            assert targets[uid].support != targets[uid].thing.support
+            surface = max(s.height for s in world.apartment.things[targets[uid].support].model.surfaces)
+            assert last[uid][1, 3] <= surface + 0.01
+        else:
+            assert all(np.array_equal(pose, first[uid]) for pose in path)
+
+
+def test_carried_objects_are_held(recorded):
+    """A palm is next to the object all the time from grip to release."""
+    for person in recorded.world.people:
+        for job in person.jobs:
+            number = job.errand.thing.number
+            box = np.concatenate([part.shape.vertices for part in job.errand.thing.model.parts])
+            for moment in np.linspace(job.grip_s + 0.1, job.release_s - 0.1, 9):
+                poses = person.thing_poses(float(moment))
+                joints = person.joints(float(moment), poses)
+                right_hand = joints[11]
+                local = transform(invert(poses[number]), right_hand[None])[0]
+                outside = np.maximum(0, np.maximum(box.min(axis=0) - local, local - box.max(axis=0)))
+                assert np.linalg.norm(outside) < 0.16, (job.errand.thing.kind.category, moment - job.grip_s)
+
+
+def test_skeletons_belong_to_the_people(recorded):
+    people = {one.instance_id for one in recorded.sequence.instances if one.instance_type == "human"}
+    joints = {uid: np.array([frame.skeletons[uid] for frame in recorded.frames]) for uid in people}
+    for person in recorded.world.people:
+        track = joints[person.instance.instance_id]
+        assert track.shape[1:] == (20, 3) and np.isfinite(track).all()
+        assert track[..., 1].min() > -0.05 and track[..., 1].max() < 1.9
+        # Bones keep their lengths.
+        for a, b, length in ((4, 5, 0.29), (5, 6, 0.26), (12, 13, 0.43), (13, 14, 0.42)):
+            assert np.allclose(np.linalg.norm(track[:, a] - track[:, b], axis=1), length, atol=1e-6)
+    places = [joints[uid][:, 0][:, [0, 2]] for uid in people]
+    assert np.linalg.norm(places[0] - places[1], axis=1).min() > 0.3
+
+
+def test_points_lie_on_surfaces_and_most_are_good(recorded):
+    sequence = recorded.sequence
+    points, inverse, distance = sequence.points, sequence.inv_dist_std, sequence.dist_std
+    assert 20_000 <= len(points) <= 60_000 and np.isfinite(points).all()
+    good = (inverse < 0.001) & (distance < 0.15)
+    assert 0.7 < good.mean() < 0.97
+    surfaces = recorded.renderer.static
+    rng = np.random.default_rng(0)
+    ways = rng.normal(size=(300, 3)).astype(np.float32)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+
+    def near(which):
+        chosen = points[which][rng.choice(which.sum(), 150, replace=False)].astype(np.float32)
+        return np.array([surfaces.cast(point, ways).distance.min() for point in chosen])
+
+    assert np.median(near(good)) < 0.01 and np.percentile(near(good), 95) < 0.1
+    assert np.median(near(~good)) > np.median(near(good))
+
+
+def test_invalid_motion_is_rejected():
+    with pytest.raises(ValueError, match="motion"):
+        make_world(seed=1, seconds=5, objects=16, motion=1.5)
+
+
+def test_the_device_is_associated_with_the_wearer(recorded, still, tmp_path):
+    for sequence, expected in ((recorded.sequence, 1), (still[0], 0)):
+        write_documents(tmp_path, sequence)
+        people = json.loads((tmp_path / "skeleton_aria_association.json").read_text())["SkeletonMetadata"]
+        assert sum(person["AssociatedDeviceSerial"] == DEVICE_SERIAL for person in people) == expected

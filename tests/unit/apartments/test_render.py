@@ -1,0 +1,254 @@
+"""Images, labels and depth agree with independent computations from the scene."""
+
+import numpy as np
+import pytest
+
+from egosplat.frames.rectify import Rectification, pinhole
+from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, transform
+from egosplat_apartments.adt_format.aria import camera_calibration
+from egosplat_apartments.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS
+from egosplat_apartments.camera.lens import make_lens, pinhole_lens, tone, untone
+from egosplat_apartments.camera.lighting import Lights
+from egosplat_apartments.camera.raycasting import Body, body_scene, build_geometry
+from egosplat_apartments.camera.render import Renderer
+from egosplat_apartments.objects.atlas import Atlas
+from egosplat_apartments.objects.shapes import Part, box, sheet
+from egosplat_apartments.objects.textures import make_texture
+from egosplat_apartments.world.world import camera_pose
+
+SIZE = 192
+GREY = make_texture(np.full((16, 16, 3), 0.5), 1.0)
+LIGHTS = Lights(np.array([0, 3, 0], np.float32), np.array([0, 1, 0], np.float32), ())
+
+
+def pixel_rays(size):
+    """(H, W, 3) rays with z = 1 straight from the calibration, NaN where the lens is opaque."""
+    calibration = camera_calibration(size)
+    rays = np.full((size, size, 3), np.nan)
+    for row in range(size):
+        for column in range(size):
+            ray = calibration.unproject(np.array([column, row], dtype=np.float64))
+            if ray is not None:
+                rays[row, column] = ray / ray[2]
+    return rays
+
+
+@pytest.fixture(scope="module")
+def rays():
+    return pixel_rays(SIZE)
+
+
+def camera_of(recorded, frame):
+    seconds = (frame.capture_ns + ROLLING_SHUTTER_MIDDLE_NS - recorded.world.start_ns) * 1e-9
+    return camera_pose(recorded.world, seconds)
+
+
+def project(points, size):
+    """(N, 2) pixels of (N, 3) points in camera axes; NaN outside the image."""
+    calibration = camera_calibration(size)
+    found = [calibration.project(point) if point[2] > 0 else None for point in points]
+    return np.array([[np.nan, np.nan] if pixel is None else pixel for pixel in found]) + ARIA_PIXEL_OFFSET
+
+
+def shoot(parts, camera, size=64, poses=None, bodies=()):
+    """Render parts with instance ids 1, 2, ..., nearly without noise."""
+    all_bodies = [Body(number + 1, (part,), np.eye(4), "static") for number, part in enumerate(parts)]
+    renderer = Renderer(
+        build_geometry([*all_bodies, *bodies]), LIGHTS, make_lens(size), np.random.default_rng(0)
+    )
+    return renderer.shoot(camera, poses or {}, 1.0, np.random.default_rng(0))
+
+
+def test_rays_project_back_to_their_pixels():
+    lens, calibration = make_lens(96), camera_calibration(96)
+    rows, columns = np.nonzero(lens.valid)
+    for number in range(0, len(rows), 97):
+        pixel = calibration.project_no_checks(lens.directions[number].astype(np.float64)) + ARIA_PIXEL_OFFSET
+        assert pixel == pytest.approx((columns[number] + 0.5, rows[number] + 0.5), abs=0.01)
+    # The ray's change to the next pixel, and the angle that a pixel covers.
+    inside = np.flatnonzero((lens.radius < 0.9) & (columns < 95))[:-1]
+    step = lens.directions[inside + 1] - lens.directions[inside]
+    same_row = rows[inside + 1] == rows[inside]
+    assert np.allclose(step[same_row], lens.right[inside][same_row], atol=2e-3)
+    middle = lens.radius < 0.1
+    assert np.median(lens.angle[middle]) == pytest.approx(1 / calibration.get_focal_lengths()[0], rel=0.05)
+
+
+def test_pinhole_rays_are_upright_and_end_at_the_lens_circle():
+    camera = pinhole(64, 460)
+    lens = pinhole_lens(camera)
+    rows, columns = np.nonzero(lens.valid)
+    pixels = camera.project(lens.directions.astype(np.float64))
+    assert pixels == pytest.approx(np.stack([columns, rows], axis=1) + 0.5, abs=1e-4)
+    # The rectified image of the same side is valid at the same pixels, except at the rim of the circle.
+    valid = Rectification(camera_calibration(64), camera, turns=1).valid
+    assert (valid & ~lens.valid).sum() == 0 and (valid ^ lens.valid).mean() < 0.05
+
+
+def test_ids_are_zero_exactly_outside_the_lens_circle(recorded, rays):
+    outside = np.isnan(rays[..., 0])
+    assert 0.05 < outside.mean() < 0.4
+    for frame in recorded.frames[::8]:
+        for view in (frame.with_people, frame.without_people):
+            assert np.array_equal(view.segmentation == 0, outside)
+            assert np.array_equal(view.depth_mm == 0, outside)
+        assert (frame.rgb[outside] == 0).all()
+        assert frame.rgb[~outside].mean() > 40
+
+
+def test_depth_of_the_floor_equals_that_of_a_plane(recorded, rays):
+    geometry = recorded.renderer.geometry
+    floor = [n for n, name in enumerate(geometry.part_names) if name.endswith("/floor")]
+    seconds = 2.0
+    camera = camera_pose(recorded.world, seconds)
+    view = (camera, recorded.world.body_poses(seconds), 1.0)
+    shot = recorded.renderer.shoot(*view, np.random.default_rng(0))
+    picture = recorded.renderer.picture(*view, np.random.default_rng(0))
+    assert np.array_equal(picture.rgb, shot.rgb)
+    parts = np.where(picture.faces >= 0, geometry.face_part[picture.faces], -1)
+    seen = np.isin(parts, floor)
+    assert seen.sum() > 1000
+    # The floor is y = 0: a ray z (x, y, 1) from height h meets it at z = -h / (its change in height).
+    fall = rays[seen] @ camera[1, :3]
+    expected = -camera[1, 3] / fall * 1000
+    assert np.abs(shot.with_people.depth_mm[seen] - expected).max() < 0.6
+    walls = [n for n, name in enumerate(geometry.part_names) if name.endswith("/wall 0")]
+    seen = np.isin(parts, walls)
+    if seen.any():
+        way = rays[seen] @ camera[2, :3]
+        expected = (-recorded.world.apartment.room.depth / 2 - camera[2, 3]) / way * 1000
+        assert np.abs(shot.with_people.depth_mm[seen] - expected).max() < 0.6
+
+
+def test_depth_reprojects_one_image_into_the_next(recorded, rays):
+    moving = {person.instance.instance_id for person in recorded.world.people}
+    carried = {job.errand.thing.number for person in recorded.world.people for job in person.jobs}
+    instances = recorded.world.apartment.instances[1:]
+    moving |= {instances[number].instance_id for number in carried}
+    agreeing = []
+    for first, second in zip(recorded.frames[:-1:5], recorded.frames[1::5], strict=False):
+        one, other = first.with_people, second.with_people
+        usable = (one.depth_mm > 0) & ~np.isin(one.segmentation, list(moving))
+        points = transform(camera_of(recorded, first), rays[usable] * (one.depth_mm[usable] * 1e-3)[:, None])
+        local = transform(invert(camera_of(recorded, second)), points)
+        pixels = project(local[::7], SIZE)
+        inside = np.isfinite(pixels[:, 0])
+        columns, rows = np.floor(pixels[inside]).astype(int).T
+        depth = other.depth_mm[rows, columns] * 1e-3
+        expected = local[::7][inside, 2]
+        # A point that is hidden in the second image is hidden by something nearer.
+        visible = (depth > 0) & (depth > expected - 0.03 * expected)
+        close = np.abs(depth - expected) < 0.03 * expected
+        same = one.segmentation[usable][::7][inside] == other.segmentation[rows, columns]
+        assert visible.sum() > 200
+        agreeing.append(((close & same)[visible].mean(), np.median(np.abs(depth - expected)[visible & same])))
+    shares, errors = np.array(agreeing).T
+    assert shares.min() > 0.9 and np.median(shares) > 0.95
+    assert np.median(errors) < 0.012
+
+
+def looking_down(height):
+    """A camera at (0, height, 0) that looks straight down."""
+    return make_pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, height, 0]))
+
+
+def test_moving_bodies_are_where_their_poses_are():
+    ground = Part("ground", sheet((-5, 0, -5), (10, 0, 0), (0, 0, 10)), GREY)
+    cube = Body(9, (Part("cube", box((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2)), GREY),), np.eye(4), "thing")
+    camera = looking_down(2.0)
+    pose = make_pose(np.eye(3), np.array([0.6, 0.2, 0.3]))
+    view = shoot([ground], camera, 96, {1: pose}, [cube]).with_people
+    rows, columns = np.nonzero(view.segmentation == 9)
+    top = transform(invert(camera), np.array([[0.6, 0.4, 0.3]]))
+    pixel = project(top, 96)[0]
+    assert view.segmentation[int(pixel[1]), int(pixel[0])] == 9
+    assert view.depth_mm[int(pixel[1]), int(pixel[0])] == pytest.approx(1600, abs=1)
+    assert abs(columns.mean() + 0.5 - pixel[0]) < 3 and abs(rows.mean() + 0.5 - pixel[1]) < 3
+
+
+def test_people_are_in_one_view_only():
+    ground = Part("ground", sheet((-5, 0, -5), (10, 0, 0), (0, 0, 10)), GREY)
+    limb = Body(7, (Part("limb", box((-0.3, 0, -0.3), (0.3, 0.5, 0.3)), GREY),), np.eye(4), "person")
+    shot = shoot([ground], looking_down(2.0), 64, {1: np.eye(4)}, [limb])
+    assert (shot.with_people.segmentation == 7).sum() > 50
+    assert not (shot.without_people.segmentation == 7).any()
+    assert shot.without_people.depth_mm[32, 32] == pytest.approx(2000, abs=1)
+    assert set(shot.with_people.visibility) == {1, 7}
+    assert shot.with_people.visibility[7] == 1.0 and shot.without_people.visibility == {1: 1.0}
+
+
+def test_visibility_is_the_unoccluded_fraction():
+    ground = Part("ground", sheet((-9, 0, -9), (18, 0, 0), (0, 0, 18)), GREY)
+    board = Part("board", sheet((-0.4, 0.5, -0.4), (0.8, 0, 0), (0, 0, 0.8)), GREY)
+    cover = Part("cover", sheet((0.0, 0.6, -0.6), (0.8, 0, 0), (0, 0, 1.2)), GREY)
+    view = shoot([ground, board, cover], looking_down(2.5), 128).with_people
+    alone = shoot([ground, board], looking_down(2.5), 128).with_people
+    expected = (view.segmentation == 2).sum() / (alone.segmentation == 2).sum()
+    assert 0.4 < expected < 0.6
+    assert view.visibility[2] == pytest.approx(expected, abs=0.03)
+    assert view.visibility[3] == 1.0
+
+
+def test_shadows_fall_where_light_is_blocked():
+    ground = Part("ground", sheet((-3, 0, -3), (6, 0, 0), (0, 0, 6)), GREY)
+    roof = Part("roof", box((-0.3, 1.0, -0.3), (0.3, 1.05, 0.3)), GREY)
+    bodies = [Body(n, (part,), np.eye(4), "static") for n, part in enumerate((ground, roof), start=1)]
+    geometry = build_geometry(bodies)
+    scene = body_scene(geometry, 0, 2)
+    # Lamp at 3 m: the shadow of an edge at (0.3, 1.05) falls at 0.3 * 3 / 1.95 = 0.46 m.
+    points = np.array([[0, 0, 0], [0.44, 0, 0], [0.49, 0, 0], [1.5, 0, 0]], np.float32)
+    normals = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
+    light = LIGHTS.direct([scene], points, normals)[:, 0]
+    assert (light[:2] == 0).all() and (light[2:] > 0).all()
+    # Outside the shadow: cosine law and inverse square, bounded near the lamp.
+    expected = [np.cos(np.arctan(x / 3)) / (0.5 + x**2 + 9) for x in (0.49, 1.5)]
+    assert light[2] / light[3] == pytest.approx(expected[0] / expected[1], rel=0.01)
+    assert (LIGHTS.direct([scene], points, -normals) == 0).all()
+
+
+def test_sun_shines_through_windows_only():
+    wall = Part("far wall", sheet((-3, 3, -3), (6, 0, 0), (0, -3, 0)), GREY)
+    geometry = build_geometry([Body(1, (wall,), np.eye(4), "static")])
+    scene = body_scene(geometry, 0, 1)
+    sun = np.array([0, 0.6, -0.8], np.float32)
+    window = tuple(np.array(x, np.float32) for x in ([-0.5, 1, -2], [1, 0, 0], [0, 1, 0], [0, 0, 1]))
+    dark = Lights(np.array([0, -50, 0], np.float32), sun, (window,))
+    # On the way to the window plane z = -2, a ray from (x, 0, z) rises by 0.75 (z + 2).
+    points = np.array([[0, 0, 0], [0, 0, -1], [0.6, 0, 0], [0, 0, 1.0]], np.float32)
+    up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
+    lit = dark.direct([], points, up)[:, 0] > 0
+    assert lit.tolist() == [True, False, False, False]
+    assert scene.reach > 0
+
+
+def test_textures_show_their_mean_from_afar_and_texels_from_near():
+    rng = np.random.default_rng(1)
+    picture = make_texture(rng.uniform(0.3, 0.7, (64, 64, 3)), 0.64)
+    atlas = Atlas([GREY, picture])
+    number = np.ones(64, np.int32)
+    centres = np.stack([(np.arange(64) + 0.5) * 0.01, np.full(64, 0.105)], axis=1).astype(np.float32)
+    near = atlas.albedo(number, centres, np.full(64, 1e-3, np.float32))
+    assert np.allclose(near, (picture.pixels[10] / 255.0) ** 2, atol=1e-5)
+    far = atlas.albedo(number, centres, np.full(64, 5.0, np.float32))
+    assert np.allclose(far, (picture.pixels.mean(axis=(0, 1)) / 255) ** 2, atol=0.01)
+    assert np.allclose(far, atlas.mean_albedo[1], atol=0.01)
+    wrapped = atlas.albedo(number, centres + np.float32(0.64), np.full(64, 1e-3, np.float32))
+    assert np.allclose(wrapped, near, atol=1e-3)
+
+
+def test_edges_are_smooth():
+    black = make_texture(np.zeros((16, 16, 3)), 1.0)
+    white = make_texture(np.ones((16, 16, 3)), 1.0)
+    ground = Part("ground", sheet((-9, 0, -9), (18, 0, 0), (0, 0, 18)), black)
+    board = Part("board", sheet((-0.5, 0.01, -0.513), (1, 0, 0.07), (-0.07, 0, 1)), white, glow=0.3)
+    picture = shoot([ground, board], looking_down(2.0), 96).rgb[..., 0]
+    middle = picture[20:76, 20:76].astype(float)
+    bright, dark = np.percentile(middle, 98), np.percentile(middle, 5)
+    share = (middle - dark) / (bright - dark)
+    assert ((share > 0.25) & (share < 0.75)).sum() > 20, "pixels on the slanted edges lie between both sides"
+
+
+def test_untone_inverts_tone():
+    values = np.linspace(0, 30, 500, dtype=np.float32)
+    assert np.allclose(untone(tone(values)), values, rtol=2e-3, atol=1e-4)
+    assert (np.diff(tone(values)) > 0).all()

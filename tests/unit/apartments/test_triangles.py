@@ -1,0 +1,221 @@
+"""Ray casting: hits are correct, and equal to the last bit however the caster is compiled."""
+
+import hashlib
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from egosplat.rasterize.kernels.compiling import compile_rays, find_compiler
+from egosplat_apartments.rays import library
+from egosplat_apartments.rays.triangles import Triangles
+
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float32)
+HALVES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+
+
+def random_triangles(count, seed):
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-2, 2, (count, 1, 3)) + rng.normal(0, 0.3, (count, 3, 3))
+    return corners.reshape(-1, 3).astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+
+
+def random_rays(count, seed):
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return rng.uniform(-3, 3, (count, 3)).astype(np.float32), directions.astype(np.float32)
+
+
+def rolling_ground():
+    """A closed surface of 40 x 40 squares with two triangles each."""
+    rng = np.random.default_rng(3)
+    x, z = np.meshgrid(np.arange(41), np.arange(41), indexing="ij")
+    vertices = np.stack([x * 0.1, rng.uniform(0, 0.05, x.shape), z * 0.1], axis=-1).reshape(-1, 3)
+    number = np.arange(41 * 41).reshape(41, 41)
+    a, b, c, d = (
+        corner.ravel() for corner in (number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:])
+    )
+    faces = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+    return vertices.astype(np.float32), faces.astype(np.int32)
+
+
+def rays_at_edges(count):
+    """Rays at points of edges, where the last bit of a product decides which triangle is hit."""
+    rng = np.random.default_rng(4)
+    vertices, faces = rolling_ground()
+    chosen = vertices[faces[rng.integers(len(faces), size=count)]]
+    share = rng.choice([0.0, 0.25, 0.5, 0.3], size=(count, 1))
+    targets = ((1 - share) * chosen[:, 0] + share * chosen[:, 1]).astype(np.float32)
+    origins = rng.uniform([0, 1, 0], [4, 2, 4], (count, 3)).astype(np.float32)
+    return origins, targets - origins
+
+
+def one_by_one(vertices, faces, origins, directions):
+    """First hits by testing every triangle in float64 with the method of Möller and Trumbore."""
+    corners, directions = vertices.astype(np.float64)[faces], directions.astype(np.float64)
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(directions[:, None], second)
+    determinant = (first * across).sum(-1)
+    way = origins.astype(np.float64)[:, None] - corners[:, 0]
+    u = (way * across).sum(-1) / determinant
+    turned = np.cross(way, first)
+    v = (directions[:, None] * turned).sum(-1) / determinant
+    distance = (second * turned).sum(-1) / determinant
+    distance[(u < 0) | (v < 0) | (u + v > 1) | (distance <= 0)] = np.inf
+    face = distance.argmin(axis=1)
+    chosen = np.arange(len(face)), face
+    return np.where(np.isfinite(distance[chosen]), face, -1), distance[chosen], u[chosen], v[chosen]
+
+
+def test_hits_equal_those_of_testing_every_triangle():
+    triangles, rays = random_triangles(700, 1), random_rays(3000, 2)
+    face, distance, u, v = Triangles(*triangles).cast(*rays)
+    expected = one_by_one(*triangles, *rays)
+    np.testing.assert_array_equal(face, expected[0])
+    hit = face >= 0
+    assert 0.3 < hit.mean() < 1
+    np.testing.assert_allclose(distance[hit], expected[1][hit], rtol=1e-6)
+    np.testing.assert_allclose(np.stack([u, v])[:, hit], np.stack(expected[2:])[:, hit], atol=1e-6)
+    assert np.isinf(distance[~hit]).all()
+
+
+def test_hits_nearer_than_the_limit_block():
+    triangles, (origins, directions) = Triangles(*random_triangles(700, 1)), random_rays(3000, 2)
+    _, distance, _, _ = triangles.cast(origins, directions)
+    for factor, blocked in ((1.001, True), (0.999, False)):
+        reach = np.where(np.isfinite(distance), distance * factor, 100).astype(np.float32)
+        found = triangles.blocks(origins, directions, reach)
+        np.testing.assert_array_equal(found, np.isfinite(distance) & blocked)
+
+
+def test_no_ray_passes_between_two_triangles():
+    """Rays at the diagonal that both halves of a square share, at its corners and along the axes."""
+    square = Triangles(SQUARE, HALVES)
+    share = np.linspace(0, 1, 1001, dtype=np.float32)
+    targets = np.stack([share, share, np.zeros_like(share)], axis=1)
+    for origin in ([0.3, 0.9, 1.7], [-0.2, 0.1, -0.9]):
+        origin = np.array(origin, dtype=np.float32)
+        assert (
+            square.cast(origin, targets - origin)[0] >= 0
+        ).mean() > 0.99  # rounding moves the ends outwards
+        assert (square.cast(origin, targets[1:-1] - origin)[0] >= 0).all()
+    straight = np.tile(np.array([0, 0, -1], dtype=np.float32), (len(targets), 1))
+    face, distance, _, _ = square.cast(targets + np.array([0, 0, 2], dtype=np.float32), straight)
+    assert (face == 0).all(), "the first of equally near faces wins"
+    assert (distance == 2).all()
+
+
+def test_rays_along_the_axes_hit_a_box_from_its_centre():
+    x, y, z = np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")
+    vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))], dtype=np.int32)
+    directions = np.concatenate([np.eye(3), -np.eye(3), vertices]).astype(np.float32)
+    face, distance, _, _ = Triangles(vertices, faces).cast(np.zeros(3, dtype=np.float32), directions)
+    assert (face >= 0).all()
+    np.testing.assert_array_equal(distance, 1)
+
+
+@pytest.mark.parametrize("flags", ["-O0", "-O2 -march=x86-64", "-O3 -march=native", "-O3 -march=x86-64-v3"])
+def test_equal_to_the_last_bit_however_it_is_compiled(flags, tmp_path, monkeypatch):
+    """Without -ffp-contract=off, instruction sets with fused multiply-add give other distances."""
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler is found")
+    monkeypatch.setenv("CXXFLAGS", flags)
+    shutil.copytree(library.HERE / "source", tmp_path / "source")
+    try:
+        compile_rays(tmp_path, tmp_path)
+    except RuntimeError as error:
+        pytest.skip(f"the compiler refuses {flags}: {error}")
+    if "v3" in flags and "fma" not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("the processor lacks AVX2")
+    other = library.open_library(tmp_path / library.LIBRARY)
+    triangles, rays = rolling_ground(), rays_at_edges(20_000)
+    ours, theirs = (Triangles(*triangles, library=made).cast(*rays) for made in (None, other))
+    for one, two in zip(ours, theirs, strict=True):
+        np.testing.assert_array_equal(one.view(np.uint32), two.view(np.uint32))
+
+
+def test_hits_have_a_fixed_digest():
+    """The digest is a constant here, so a processor or compiler with other bits fails."""
+    vertices = (np.arange(1200).reshape(-1, 3) * 7919 % 1000).astype(np.float32) / np.float32(256)
+    faces = (np.arange(900).reshape(-1, 3) * 31 % 400).astype(np.int32)
+    directions = (np.arange(6000).reshape(-1, 3) * 104729 % 2001 - 1000).astype(np.float32)
+    directions[:, 0] += np.float32(0.5)
+    found = Triangles(vertices, faces).cast(np.full(3, 1.625, dtype=np.float32), directions)
+    assert (found[0] >= 0).sum() > 1000
+    digest = hashlib.sha256(b"".join(array.tobytes() for array in found)).hexdigest()
+    assert digest[:16] == "9626b7d8832e3fe4"
+
+
+def test_rays_beyond_all_triangles_hit_nothing():
+    empty = Triangles(np.empty((0, 3), np.float32), np.empty((0, 3), np.int32))
+    origins, directions = random_rays(5, 0)
+    assert (empty.cast(origins, directions)[0] == -1).all()
+    assert not empty.blocks(origins, directions, np.full(5, np.inf, dtype=np.float32)).any()
+
+
+def test_faces_with_missing_vertices_are_rejected():
+    with pytest.raises(ValueError, match="0 to 4 of 4"):
+        Triangles(SQUARE, np.array([[0, 1, 4]], dtype=np.int32))
+    with pytest.raises(ValueError, match="2 origins for 1"):
+        Triangles(SQUARE, HALVES).cast(np.zeros((2, 3), np.float32), np.ones((1, 3), np.float32))
+
+
+def test_a_library_of_other_sources_is_not_used(tmp_path, monkeypatch):
+    """After a change of the sources, the library compiled from the old ones is not used."""
+    from egosplat.errors import UserError
+
+    monkeypatch.setattr(library, "source_hash", lambda: "0" * 16)
+    library.load.cache_clear()
+    try:
+        with pytest.raises(UserError, match="other sources.*make install"):
+            library.load()
+    finally:
+        library.load.cache_clear()
+
+
+def test_a_missing_library_names_make_install(tmp_path, monkeypatch):
+    from egosplat.errors import UserError
+
+    monkeypatch.setattr(library, "HERE", tmp_path)
+    library.load.cache_clear()
+    try:
+        with pytest.raises(UserError, match="apt install g"):
+            library.load()
+    finally:
+        library.load.cache_clear()
+
+
+def test_without_a_compiler_a_library_of_other_sources_is_removed(tmp_path, monkeypatch):
+    shutil.copytree(library.HERE / "source", tmp_path / "source")
+    (tmp_path / library.LIBRARY).write_bytes(b"of older sources")
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setenv("CXX", "")
+    (note,) = compile_rays(tmp_path, tmp_path)
+    assert "apt install g++" in note
+    assert not (tmp_path / library.LIBRARY).exists()
+
+
+def test_fast_arithmetic_is_rejected(tmp_path, monkeypatch):
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler is found")
+    shutil.copytree(library.HERE / "source", tmp_path / "source")
+    monkeypatch.setenv("CXXFLAGS", os.environ.get("CXXFLAGS", "") + " -ffast-math")
+    with pytest.raises(RuntimeError, match="-ffast-math"):
+        compile_rays(tmp_path, tmp_path)
+
+
+def test_the_library_has_no_fused_multiply_add(tmp_path):
+    """Reads the instructions of the compiled library."""
+    if not shutil.which("objdump"):
+        pytest.skip("objdump is absent")
+    code = subprocess.run(
+        ["objdump", "-d", str(library.HERE / library.LIBRARY)], capture_output=True, text=True, check=True
+    ).stdout
+    assert "mulsd" in code or "fmul" in code
+    assert "fmadd" not in code and "fmsub" not in code

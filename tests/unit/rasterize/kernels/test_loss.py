@@ -1,0 +1,148 @@
+"""The fused loss equals the definition's value and gradient for any size, number of threads and processor."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from egosplat.gaussians.loss import torch_l1_ssim
+from egosplat.rasterize.kernels import library
+from egosplat.rasterize.kernels.loss import l1_ssim
+
+pytestmark = pytest.mark.skipif(library.why_not() is not None, reason="the kernels are not built")
+
+SIZES = [(1, 1), (5, 7), (11, 11), (16, 16), (33, 65), (70, 9), (8, 100)]
+
+
+def pictures(height: int, width: int, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """A render as the rasterizer returns it, a similar photograph, and weights of which a third are 0."""
+    generator = torch.Generator().manual_seed(seed)
+    target = torch.rand(height, width, 3, generator=generator)
+    noise = torch.randn(3, height, width, generator=generator).permute(1, 2, 0)
+    weight = torch.rand(height, width, generator=generator)
+    render = (target.permute(2, 0, 1).contiguous().permute(1, 2, 0) + 0.2 * noise).requires_grad_()
+    return render, target, torch.where(weight < 0.3, 0.0, weight)
+
+
+def value_and_gradient(render: Tensor, target: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
+    loss = l1_ssim(render, target, weight, 0.2)
+    (gradient,) = torch.autograd.grad(loss, render)
+    return loss, gradient
+
+
+def in_double(render: Tensor, target: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
+    """Value and gradient of the definition in float64."""
+    leaf = render.detach().double().requires_grad_()
+    loss = torch_l1_ssim(leaf, target.double(), None if weight is None else weight.double(), 0.2)
+    return loss, torch.autograd.grad(loss, leaf)[0]
+
+
+def distance(one: Tensor, other: Tensor) -> float:
+    return float((one - other).norm() / other.norm())
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("weighted", [False, True])
+def test_value_and_gradient_equal_the_definition(size: tuple[int, int], weighted: bool) -> None:
+    render, target, weight = pictures(*size)
+    if size == (1, 1):
+        weight.fill_(0.5)
+    chosen = weight if weighted else None
+    loss, gradient = value_and_gradient(render, target, chosen)
+    wanted, wanted_gradient = in_double(render, target, chosen)
+    assert loss.item() == pytest.approx(wanted.item(), rel=1e-6)
+    assert distance(gradient, wanted_gradient) < 1e-6
+
+
+@pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
+def test_constant_images_have_an_exact_loss(level: float) -> None:
+    # In constant images, variances are differences of nearly equal numbers.
+    render, target, _ = pictures(40, 40)
+    target = torch.full_like(target, level)
+    render = (target + 0.01 * render.detach()).requires_grad_()
+    loss, gradient = value_and_gradient(render, target, None)
+    wanted, wanted_gradient = in_double(render, target, None)
+    assert loss.item() == pytest.approx(wanted.item(), rel=1e-4)
+    assert distance(gradient, wanted_gradient) < 1e-4
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_results_do_not_depend_on_the_number_of_threads(size: tuple[int, int]) -> None:
+    arguments = pictures(*size)
+    before, results = torch.get_num_threads(), []
+    try:
+        for threads in (1, 2, 5):
+            torch.set_num_threads(threads)
+            results.append(value_and_gradient(*arguments))
+    finally:
+        torch.set_num_threads(before)
+    for loss, gradient in results[1:]:
+        assert torch.equal(loss, results[0][0]) and torch.equal(gradient, results[0][1])
+
+
+def test_pixels_of_weight_zero_are_ignored() -> None:
+    render, target, weight = pictures(40, 50)
+    loss, gradient = value_and_gradient(render, target, weight)
+    repainted = torch.where(weight[:, :, None] == 0, 0.7, render.detach()).requires_grad_()
+    other_loss, other_gradient = value_and_gradient(repainted, target, weight)
+    assert torch.equal(loss, other_loss) and torch.equal(gradient, other_gradient)
+    assert not gradient[weight == 0].any() and gradient[weight > 0].any()
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e30])
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_non_finite_pixels_do_not_spread(value: float, which: int) -> None:
+    render, target, weight = pictures(30, 40)
+    arguments = [render.detach().clone(), target, weight.fill_(0.5)]
+    arguments[which][12, 17] = value
+    arguments[0].requires_grad_()
+    loss, gradient = value_and_gradient(*arguments)
+    wanted, wanted_gradient = in_double(*arguments)
+    assert loss.isfinite() and loss.item() == pytest.approx(wanted.item(), rel=1e-6)
+    assert gradient.isfinite().all() and distance(gradient, wanted_gradient) < 1e-6
+    assert not gradient[12, 17].any() and gradient[12, 18].all()
+
+
+def test_gradients_scale_with_the_factor_and_the_value_needs_none() -> None:
+    render, target, weight = pictures(12, 20)
+    loss, gradient = value_and_gradient(render, target, weight)
+    (scaled,) = torch.autograd.grad(3.0 * l1_ssim(render, target, weight, 0.2), render)
+    torch.testing.assert_close(scaled, 3.0 * gradient)
+    with torch.no_grad():
+        value = l1_ssim(render, target, weight, 0.2)
+    assert torch.equal(value, loss) and not value.requires_grad
+
+
+def test_layouts_of_the_inputs_do_not_matter() -> None:
+    render, target, weight = pictures(13, 21)
+    expected = value_and_gradient(render, target, weight)
+    packed = render.detach().contiguous().requires_grad_()
+    planar = target.permute(2, 0, 1).contiguous().permute(1, 2, 0)
+    result = value_and_gradient(packed, planar, weight.T.contiguous().T)
+    assert torch.equal(result[0], expected[0]) and torch.equal(result[1], expected[1])
+
+
+def test_mismatched_shapes_are_rejected() -> None:
+    render, target, weight = pictures(4, 6)
+    with pytest.raises(ValueError, match=r"target: \(4, 5, 3\)"):
+        l1_ssim(render, target[:, :5], weight, 0.2)
+    with pytest.raises(ValueError, match="weight: .* torch.float64"):
+        l1_ssim(render, target, weight.double(), 0.2)
+
+
+def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
+    arguments = pictures(41, 27)
+    torch.save([tensor.detach() for tensor in arguments], tmp_path / "in.pt")
+    script = (
+        "import sys, torch; from egosplat.rasterize.kernels.loss import l1_ssim; torch.set_num_threads(1)\n"
+        "render, target, weight = torch.load(sys.argv[1] + '/in.pt')\n"
+        "loss = l1_ssim(render.requires_grad_(), target, weight, 0.2)\n"
+        "torch.save([loss.detach(), torch.autograd.grad(loss, render)[0]], sys.argv[1] + '/out.pt')"
+    )
+    in_other_variant(script, tmp_path)
+    loss, gradient = torch.load(tmp_path / "out.pt")
+    wanted, wanted_gradient = in_double(*arguments)
+    assert loss.item() == pytest.approx(wanted.item(), rel=1e-6)
+    assert distance(gradient, wanted_gradient) < 1e-6

@@ -1,0 +1,156 @@
+"""Compositing with the kernels: threads, memory, and the state between forward and backward pass."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from egosplat.rasterize.kernels.raster import composite
+
+WIDTH, HEIGHT = 150, 110
+
+
+def projected(count: int, channels: int, seed: int = 0) -> dict[str, Tensor]:
+    """Projected Gaussians across the image and outside it."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def uniform(low: float, high: float, *size: int) -> Tensor:
+        return low + (high - low) * torch.rand(*size, generator=generator)
+
+    spread, turn = uniform(0.5, 9.0, count, 2), uniform(-0.8, 0.8, count)
+    uu, vv = spread.square().unbind(dim=-1)
+    uv = turn * (uu * vv).sqrt()
+    determinant = uu * vv - uv * uv
+    return {
+        "means2d": uniform(-20.0, 170.0, count, 2),
+        "conics": torch.stack([vv, -uv, uu], dim=-1) / determinant[:, None],
+        "depths": uniform(0.5, 5.0, count),
+        "opacities": uniform(0.05, 0.95, count),
+        "channels": uniform(0.0, 1.0, count, channels),
+        "variances_y": vv,
+        "radii": (3.4 * torch.stack([uu, vv], dim=-1).sqrt()).ceil().to(torch.int32),
+        "background": uniform(0.0, 1.0, channels),
+    }
+
+
+def pull(values: dict[str, Tensor], threads: int) -> list[Tensor]:
+    """The images and all gradients, computed with a number of threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        inputs = {
+            name: value.clone().requires_grad_(name not in ("depths", "variances_y", "radii"))
+            for name, value in values.items()
+        }
+        render, alpha = composite(**inputs, width=WIDTH, height=HEIGHT)
+        (render.square().sum() + alpha.sin().sum()).backward()
+    finally:
+        torch.set_num_threads(before)
+    return [render, alpha, *(value.grad for value in inputs.values() if value.grad is not None)]
+
+
+@pytest.mark.parametrize("channels", [3, 20])
+def test_every_number_of_threads_gives_the_same_bits(channels):
+    values = projected(3000, channels)
+    first, *others = (pull(values, threads) for threads in (1, 2, 3, 8))
+    assert len(first) == 7
+    for other in others:
+        assert all(torch.equal(a, b) for a, b in zip(first, other, strict=True))
+
+
+def test_calls_do_not_share_state():
+    large, small = projected(3000, 12, seed=1), projected(10, 3, seed=2)
+    fresh = pull(small, 1)
+    pull(large, 1)
+    assert all(torch.equal(a, b) for a, b in zip(fresh, pull(small, 1), strict=True))
+
+
+def test_two_forward_passes_before_their_backward_passes():
+    values = [projected(500, 3, seed) for seed in (3, 4)]
+    alone = [pull(value, 1) for value in values]
+    inputs = [{n: v.clone().requires_grad_(n == "channels") for n, v in each.items()} for each in values]
+    renders = [composite(**each, width=WIDTH, height=HEIGHT)[0] for each in inputs]
+    for render in reversed(renders):
+        render.square().sum().backward()
+    for each, expected in zip(inputs, alone, strict=True):
+        torch.testing.assert_close(each["channels"].grad, expected[5], rtol=1e-6, atol=1e-6)
+
+
+def test_the_backward_pass_can_run_twice():
+    values = projected(300, 3)
+    values["channels"].requires_grad_()
+    render, _ = composite(**values, width=WIDTH, height=HEIGHT)
+    first = torch.autograd.grad(render.sum(), values["channels"], retain_graph=True)[0]
+    second = torch.autograd.grad(render.sum(), values["channels"])[0]
+    assert torch.equal(first, second)
+
+
+def test_a_gradient_of_alpha_only_is_propagated():
+    values = projected(300, 3)
+    values["opacities"].requires_grad_()
+    _, alpha = composite(**values, width=WIDTH, height=HEIGHT)
+    alpha.sum().backward()
+    step = 1e-2
+    with torch.no_grad():
+        sums = [
+            composite(
+                **values | {"opacities": values["opacities"] * (1 + sign * step)}, width=WIDTH, height=HEIGHT
+            )[1]
+            .double()
+            .sum()
+            for sign in (1, -1)
+        ]
+    slope = (sums[0] - sums[1]) / (2 * step)
+    predicted = (values["opacities"].detach() * values["opacities"].grad).double().sum()
+    assert predicted.item() == pytest.approx(slope.item(), rel=0.02)
+
+
+def test_gaussians_are_composited_nearest_first():
+    values = projected(2, 3) | {
+        "means2d": torch.full((2, 2), 50.5),
+        "conics": torch.tensor([[0.1, 0.0, 0.1]] * 2),
+        "depths": torch.tensor([2.0, 1.0]),
+        "opacities": torch.tensor([0.5, 0.25]),
+        "channels": torch.eye(2, 3),
+        "variances_y": None,
+        "radii": torch.full((2, 2), 12, dtype=torch.int32),
+        "background": torch.zeros(3),
+    }
+    render, alpha = composite(**values, width=WIDTH, height=HEIGHT)
+    assert render[:, 50, 50].tolist() == pytest.approx([0.75 * 0.5, 0.25, 0.0], rel=1e-6)
+    assert alpha[50, 50].item() == pytest.approx(1 - 0.75 * 0.5, rel=1e-6)
+    at = math.exp(-0.5 * 0.1 * 9)  # three pixels to the right
+    assert render[1, 50, 53].item() == pytest.approx(0.25 * at, rel=1e-6)
+
+
+def test_culled_gaussians_are_ignored():
+    values = projected(50, 3)
+    values["radii"][:25] = 0
+    values["means2d"][:25] = math.nan
+    rest = {name: value[25:] if len(value) == 50 else value for name, value in values.items()}
+    found, expected = (composite(**each, width=WIDTH, height=HEIGHT)[0] for each in (values, rest))
+    assert torch.equal(found, expected)
+
+
+def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
+    values = projected(2000, 18) | {"opacities": torch.full((2000,), 0.3)}
+    values["channels"].requires_grad_(), values["conics"].requires_grad_(), values["means2d"].requires_grad_()
+    torch.save({name: value.detach() for name, value in values.items()}, tmp_path / "in.pt")
+    script = (
+        "import sys, torch; from egosplat.rasterize.kernels.raster import composite\n"
+        "values = torch.load(sys.argv[1] + '/in.pt')\n"
+        "inputs = [values[name].requires_grad_() for name in ('means2d', 'conics', 'channels')]\n"
+        f"render, alpha = composite(**values, width={WIDTH}, height={HEIGHT})\n"
+        "gradients = torch.autograd.grad(render.square().mean() + alpha.mean(), inputs)\n"
+        "torch.save([render.detach(), alpha.detach(), *gradients], sys.argv[1] + '/out.pt')"
+    )
+    in_other_variant(script, tmp_path)
+    render, alpha = composite(**values, width=WIDTH, height=HEIGHT)
+    inputs = [values[name] for name in ("means2d", "conics", "channels")]
+    gradients = torch.autograd.grad(render.square().mean() + alpha.mean(), inputs)
+    for found, expected in zip(torch.load(tmp_path / "out.pt"), (render, alpha, *gradients), strict=True):
+        # At the edge of a Gaussian, rounding may change one pixel in a million.
+        assert (found - expected).norm() < 1e-4 * expected.norm()

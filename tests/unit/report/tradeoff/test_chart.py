@@ -1,0 +1,36 @@
+"""Labels of the plot can be read, however close their points are."""
+
+import itertools
+
+import pytest
+
+from egosplat.drawing import plt
+from egosplat.report.tradeoff.chart import box_of, place_labels
+
+
+@pytest.fixture
+def axes():
+    figure, axes = plt.subplots(figsize=(6, 5))
+    axes.set(xlim=(0.5, 1440), ylim=(0, 100), xscale="log")
+    yield axes
+    plt.close(figure)
+
+
+def test_labels_of_points_in_one_place_do_not_overlap(axes):
+    points = [(10.0 + 0.3 * number, 50.0 + 0.5 * number) for number in range(8)]
+    labels = {f"segments.points_per_side={number}": point for number, point in enumerate(points)}
+    place_labels(axes, points, labels)
+    renderer, frame = axes.figure.canvas.get_renderer(), axes.get_window_extent()
+    boxes = [box_of(text, renderer) for text in axes.texts]
+    assert len(boxes) == 8
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+    assert all(frame.contains(*box.min) and frame.contains(*box.max) for box in boxes)
+
+
+def test_without_room_no_label_is_lost(axes):
+    labels = {
+        f"a label that is far too long for these axes {'x' * 80} {number}": (10.0, 50.0)
+        for number in range(3)
+    }
+    place_labels(axes, [(10.0, 50.0)], labels)
+    assert sorted(text.get_text() for text in axes.texts) == sorted(labels)

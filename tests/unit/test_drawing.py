@@ -1,0 +1,54 @@
+"""Headings fit their page, which grows by warnings; logarithmic axes have plain numbers."""
+
+import matplotlib
+import pytest
+
+from egosplat.drawing import draw_heading, label_log_axis, middles_of_parts, plt
+from egosplat.sampling import evenly_spaced
+
+
+@pytest.fixture
+def figure():
+    made = plt.figure(figsize=(5.0, 4.0), layout="constrained")
+    yield made
+    plt.close(made)
+
+
+def test_a_title_alone_leaves_the_page_as_it_is(figure):
+    draw_heading(figure, "scene\nwhat it shows", [])
+    assert figure.get_suptitle() == "scene\nwhat it shows" and figure.get_size_inches()[1] == 4.0
+
+
+def test_warnings_extend_the_page_below(figure):
+    draw_heading(figure, "scene", ["alarm: one", "alarm: two"])
+    assert figure.get_suptitle().splitlines() == ["scene", "alarm: one", "alarm: two"]
+    assert figure.get_size_inches()[1] > 4.0
+
+
+def test_lines_fit_the_page_however_long_and_no_word_is_lost(figure):
+    words = [f"word{number}" for number in range(60)]
+    draw_heading(figure, "scene", [" ".join(words)])
+    figure.canvas.draw()
+    box = figure._suptitle.get_window_extent()
+    assert 0 <= box.x0 and box.x1 <= figure.bbox.width and box.y1 <= figure.bbox.height
+    assert figure.get_suptitle().split()[1:] == words
+
+
+def test_labels_are_numbers_and_no_formulas():
+    with matplotlib.rc_context({"text.parse_math": False}):
+        figure, axes = plt.subplots()
+        axes.semilogy([1, 2, 3], [0.03, 0.2, 1.5])
+        label_log_axis(axes.yaxis)
+        figure.canvas.draw()
+        labels = [label.get_text() for label in axes.get_yticklabels(which="both") if label.get_text()]
+    plt.close(figure)
+    assert {"0.05", "0.1", "0.2", "1"} <= set(labels) and not any("$" in label for label in labels)
+
+
+@pytest.mark.parametrize(
+    "count, most, ends, middles",
+    [(0, 3, [], []), (1, 3, [0], [0]), (3, 3, [0, 1, 2], [0, 1, 2]), (10, 3, [0, 4, 9], [1, 5, 8])],
+)
+def test_indices_are_evenly_spaced(count, most, ends, middles):
+    """One function takes the first and the last index, the other keeps off the ends."""
+    assert evenly_spaced(count, most) == ends and middles_of_parts(count, most) == middles

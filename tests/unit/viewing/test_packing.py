@@ -1,0 +1,171 @@
+"""The data of the scene page without a browser."""
+
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.cli import main
+from egosplat.codes.decoder import Decoder
+from egosplat.errors import UserError
+from egosplat.viewing.container import pack, unpack
+from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
+from egosplat.viewing.html import scene_html
+from egosplat.viewing.instances import pack_instances
+from egosplat.viewing.palette import fit_palette, nearest, pack_codes
+from egosplat.viewing.visibility import SMALLEST, STEP, pack_visibility, to_bytes
+from tests.support.page_scene import (
+    TITLE,
+    data_of,
+    from_bytes,
+    means_of,
+    put_page_scene,
+    scales_of,
+    shares_of,
+    wall,
+    write_page,
+)
+
+
+def test_arrays_and_facts_come_back():
+    """Every kind of number, also of no elements, and text with markup."""
+    rng = np.random.default_rng(0)
+    arrays = {
+        name: (rng.normal(0, 50, (3, 5)).clip(0, 100)).astype(name)
+        for name in ("uint8", "int8", "uint16", "float16", "float32")
+    }
+    arrays["none"] = np.zeros((0, 4), np.float32)
+    arrays["turned"] = arrays["uint16"].T
+    facts = {"title": "</script><b>"}
+    found_facts, found = unpack(pack(facts, arrays))
+    assert found_facts == facts
+    for name, values in arrays.items():
+        assert found[name].dtype == values.dtype
+        np.testing.assert_array_equal(found[name], values)
+
+
+def test_what_the_page_cannot_read_is_refused():
+    """A wrong dtype or a number that is not finite fails when the page is made, not in the browser."""
+    with pytest.raises(ValueError, match="wide"):
+        pack({}, {"wide": np.zeros(3)})
+    with pytest.raises(ValueError):
+        pack({"number": float("nan")}, {})
+
+
+def test_the_same_scene_gives_the_same_data():
+    """No time and no order of a run is in the file."""
+    arrays, facts = pack_gaussians(wall(), 1)
+    assert pack(facts, arrays) == pack(*reversed(pack_gaussians(wall(), 1)))
+
+
+def test_gaussians_are_quantised_finely():
+    """Centres to a 65,535th of their block, scales to 2 % of each Gaussian, colours to a byte."""
+    gaussians = wall()
+    gaussians = gaussians.select(torch.from_numpy(spatial_order(gaussians.means.numpy())))
+    arrays, facts = pack_gaussians(gaussians, 1)
+    assert np.abs(means_of(facts, arrays) - gaussians.means.numpy()).max() < 1e-4
+    assert np.abs(scales_of(facts, arrays) / gaussians.scales.numpy() - 1).max() < 0.02
+    assert np.abs(arrays["opacity"] / 255 - gaussians.opacities.numpy()).max() <= 0.5 / 255 + 1e-6
+    turned = arrays["rotation"].T / np.linalg.norm(arrays["rotation"], axis=0)[:, None]
+    quats = torch.nn.functional.normalize(gaussians.quats, dim=1).numpy()
+    assert (turned * quats).sum(axis=1).min() > 0.9999
+    bands = arrays["bands"].T / 127 * facts["band_limit"]
+    assert np.median(np.abs(bands - gaussians.sh[:, 1:].reshape(-1, 9).numpy())) < 0.002
+
+
+def test_neighbours_in_the_order_are_near():
+    """Blocks are small in space, which makes their steps fine."""
+    means = np.random.default_rng(0).uniform(size=(2000, 3)).astype(np.float32)
+    steps = np.linalg.norm(np.diff(means[spatial_order(means)], axis=0), axis=1)
+    assert np.median(steps) < 0.3 * np.median(np.linalg.norm(np.diff(means, axis=0), axis=1))
+
+
+def test_thinning_keeps_what_covers_most():
+    """Opacity times area: neither a large transparent nor a small opaque Gaussian is kept first."""
+    gaussians = wall().select(torch.arange(3))
+    gaussians.log_scales[:] = torch.tensor([[-3.0] * 3, [-1.0] * 3, [-2.0] * 3])
+    gaussians.logit_opacities[:] = torch.tensor([6.0, -9.0, 4.0])
+    assert keep_largest(gaussians, 2).tolist() == [2, 0]
+
+
+def test_few_codes_are_kept_exactly_and_many_nearly():
+    """A palette holds up to 512 distinct codes; beyond that the error is small against the codes' spread."""
+    rng = np.random.default_rng(0)
+    few = rng.normal(size=(40, 6)).astype(np.float32)
+    rows = few[rng.integers(40, size=900)]
+    entries = fit_palette(rows, 512, 0)
+    np.testing.assert_array_equal(entries[nearest(rows, entries)], rows)
+    many = (few[rng.integers(40, size=9000)] + rng.normal(0, 0.05, (9000, 6))).astype(np.float32)
+    entries = fit_palette(many, 512, 0)
+    assert len(entries) <= 512
+    assert np.sqrt(((entries[nearest(many, entries)] - many) ** 2).mean()) < 0.05
+
+
+def test_a_gaussian_without_a_code_has_none_on_the_page():
+    """Shares that round to 0 stay above 0; a level without any code has an empty palette."""
+    code = np.eye(3, dtype=np.float32)[:, None].repeat(2, axis=1)
+    share = np.float32([[1, 0], [0.0001, 0], [0, 0]])
+    arrays = pack_codes(code, share, Decoder((3,), np.zeros(0, np.float32)))
+    assert arrays["code_share"].tolist() == [[255, 1, 0], [0, 0, 0]]
+    assert not arrays["palette"][1].any()
+    np.testing.assert_array_equal(arrays["palette"][0][arrays["code_index"][0, :2]], code[:2, 0])
+
+
+def test_visible_shares_come_back_within_a_step():
+    """Shares of views to 3 %; those below the smallest are 0."""
+    rng = np.random.default_rng(0)
+    shares = np.exp(rng.uniform(np.log(1e-8), np.log(1e-2), (40, 50))).astype(np.float32)
+    arrays, facts = pack_visibility(shares, np.arange(40) * 3)
+    views, mean = shares_of(facts | {"count": 50}, arrays)
+    assert len(views) == 32 and facts["seen_frames"][-1] == 117
+    chosen = shares[np.array(facts["seen_frames"]) // 3]
+    shown = chosen >= SMALLEST
+    assert not views[~shown].any()
+    assert np.abs(np.log(views[shown] / chosen[shown])).max() <= np.log(STEP) / 2 + 1e-5
+    assert np.abs(np.log(mean / shares.mean(axis=0))).max() <= np.log(STEP) / 2 + 1e-5
+    assert from_bytes(to_bytes(np.float32([0, 2]), SMALLEST), SMALLEST)[0] == 0
+
+
+def test_a_page_escapes_its_title_and_fits_together(tmp_path):
+    """Text of others is never markup, and the page asks for nothing outside of itself."""
+    put_page_scene(tmp_path)
+    page = write_page(tmp_path)
+    text = page.read_text()
+    assert TITLE not in text and "&lt;/script&gt;" in text
+    assert "http://" not in text and "https://" not in text and "<!--{" not in text
+    facts, arrays = unpack(data_of(page))
+    assert facts["title"] == TITLE and facts["trained_count"] == facts["count"] == 700
+    assert arrays["poses"].shape == (4, 3, 4) and facts["frames"] == [0, 1, 2, 4]
+    assert set(np.unique(arrays["instance"])) == {1, 2, 3, 4, 5, 6}
+
+
+def test_another_file_is_not_replaced(tmp_path):
+    """The page replaces a page only."""
+    put_page_scene(tmp_path)
+    (tmp_path / "scene.html").write_text("<!DOCTYPE html>mine")
+    with pytest.raises(UserError, match="egosplat page"):
+        write_page(tmp_path)
+    assert scene_html("t", "").count('<meta name="generator" content="egosplat page">') == 1
+
+
+def test_tracks_have_no_place_in_3d(tmp_path):
+    """Instances that are tracks give no instance of a Gaussian."""
+
+    class Tracks:
+        def read(self, name):
+            return np.zeros((0, 3)) if name == "gaussians/xyz" else np.zeros((0, 2), int)
+
+    assert pack_instances(Tracks(), np.zeros((4, 3), np.float32)) == {}
+
+
+def test_a_scene_without_language_gets_one_line(tmp_path, capsys, monkeypatch):
+    """A scene that is half finished: the command names what lacks, without a traceback."""
+    put_page_scene(tmp_path)
+    shutil.rmtree(tmp_path / "language.zarr")
+    monkeypatch.setattr("sys.argv", ["egosplat", "page", str(tmp_path)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and "language.zarr" in said and said.count("\n") == 1
+    assert not (tmp_path / "scene.html").exists()
