@@ -89,7 +89,7 @@ def _crops(
 def slid(
     labels: NDArray[np.int32], box: NDArray[np.int32], thing: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The mask of an object, moved by its own size towards the centre of the frame, and its new box."""
+    """The mask of an object, moved by its own size towards the center of the frame, and its new box."""
     height, width = labels.shape
     x0, y0, x1, y1 = (int(value) for value in box)
     dx = (x1 - x0) * (1 if x0 + x1 < width else -1)

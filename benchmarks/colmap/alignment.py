@@ -31,10 +31,10 @@ def similarity(
         if np.linalg.matrix_rank(points - points.mean(axis=0), rtol=_LEAST_SPREAD) < 2:
             raise ValueError("the points lie on one line: their alignment is not determined")
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    centred, wanted = source - source_mean, target - target_mean
+    centered, wanted = source - source_mean, target - target_mean
     # pycolmap.estimate_sim3d (4.2) finds nothing for cameras in one plane, which is no degenerate case.
-    rotation = Rotation.align_vectors(wanted, centred)[0].as_matrix()
-    scale = float(np.sum(wanted * (centred @ rotation.T)) / np.sum(centred**2))
+    rotation = Rotation.align_vectors(wanted, centered)[0].as_matrix()
+    scale = float(np.sum(wanted * (centered @ rotation.T)) / np.sum(centered**2))
     return scale, rotation, target_mean - scale * rotation @ source_mean
 
 

@@ -46,8 +46,8 @@ def pose_error(poses: NDArray[np.float64], truth: NDArray[np.float64]) -> tuple[
     """RMS distance [mm] and angle [deg] from the true poses, after the best rigid motion of all cameras together."""
     turns = np.einsum("nij,nkj->nik", truth[:, :3, :3], poses[:, :3, :3])
     turn = Rotation.from_matrix(turns).mean().as_matrix()
-    centre, true_centre = poses[:, :3, 3], truth[:, :3, 3]
-    off = (centre - centre.mean(axis=0)) @ turn.T - (true_centre - true_centre.mean(axis=0))
+    center, true_center = poses[:, :3, 3], truth[:, :3, 3]
+    off = (center - center.mean(axis=0)) @ turn.T - (true_center - true_center.mean(axis=0))
     rest = Rotation.from_matrix(np.einsum("ij,njk,nlk->nil", turn, poses[:, :3, :3], truth[:, :3, :3]))
     return 1e3 * _rms(np.linalg.norm(off, axis=1)), float(np.degrees(_rms(rest.magnitude())))
 

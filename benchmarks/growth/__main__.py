@@ -64,7 +64,7 @@ def _measured(place: Path, point: Point) -> list[Run]:
         point.name,
         scene.recorded_side(point),
     )
-    # Stages that do not depend on the factor are shared with the centre, and are not measured again.
+    # Stages that do not depend on the factor are shared with the center, and are not measured again.
     return [run for run in runs if run.stage in point.stages]
 
 

@@ -1,11 +1,11 @@
-"""The measured points: a centre, one factor changed at a time, and a corner where all factors are large."""
+"""The measured points: a center, one factor changed at a time, and a corner where all factors are large."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 # All stages together take a minute or two. Nothing is masked, so the Gaussians need no instances.
-CENTRE: Mapping[str, Mapping[str, Any]] = {
+CENTER: Mapping[str, Mapping[str, Any]] = {
     "synthetic": {"size": 512, "fps": 3.0, "seconds": 16.0},
     "frames": {"resolution": 192, "end_s": 7.9, "evaluation_frames": 4},
     "survey": {"min_view_change_deg": 0, "blur_limit": 0},
@@ -37,7 +37,7 @@ class Point:
     Attributes:
         name: unique, usable as a file name.
         factor, value: name and value of the changed factor, as text.
-        keys: override those of the centre, by section.
+        keys: override those of the center, by section.
         stages: that depend on the factor and run again.
         scene: of the recording.
     """
@@ -83,7 +83,7 @@ WITHOUT_SCORES = tuple(stage for stage in STAGES if stage != "metrics")
 MEANT = (*INSTANCES, "masks", "language")
 
 POINTS = (
-    Point("centre", "none", "the centre", {}, STAGES),
+    Point("center", "none", "the center", {}, STAGES),
     Point("frames-12", "frames", "12", {"frames": {"end_s": 3.9}}, WITHOUT_SCORES),
     Point("frames-48", "frames", "48, of them 12 evaluated", {"frames": {"end_s": None, "evaluation_frames": 12}}, STAGES),
     Point("side-128", "side of the pictures", "128 px", {"frames": {"resolution": 128}}, WITHOUT_SCORES),

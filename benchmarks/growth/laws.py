@@ -33,7 +33,7 @@ LAWS: Mapping[str, Mapping[str, tuple[Term, ...]]] = {
     "segments": {
         CPU: (("images",), ("prompts",), ("kept", "tracked", "sam2_area"), ("kept", "moving"), ("kept", "pixels")),
         MEMORY: (ONCE, ("tracked", "sam2_area"), ("pixels",), ("kept", "pixels")),
-        DISK: (ONCE, ("labelled", "pixels")),
+        DISK: (ONCE, ("labeled", "pixels")),
     },
     "instances": {
         CPU: (

@@ -42,7 +42,7 @@ def read_runs(scene: Path, own: Path, point: str, recorded_side: int) -> list[Ru
 
     Args:
         scene: folder of the scene, with the artifacts that the point shares.
-        own: folder of the point's own artifacts; the scene's folder for the centre.
+        own: folder of the point's own artifacts; the scene's folder for the center.
         recorded_side: of the recording's pictures [px], which no artifact tells.
     """
     artifacts = {path.stem: open_any(path, SCHEMAS) for path in sorted(scene.glob("*.zarr"))}
@@ -67,7 +67,7 @@ def sizes_of(artifacts: dict[str, Artifact], documents: dict[str, Path]) -> Size
         on, ``pairs`` the frame pairs that the survey compares, ``images`` the images that SAM2 encodes, as multiples of
         its own size, ``prompts`` the point prompts, ``tracked`` its tracks before short and duplicate ones are removed,
         ``moving`` those beside the masks of single frames, ``masks`` those masks where they are merged, ``runs`` their
-        square root, as runs that stay to the last merge grow with it, ``labelled`` the frames with labels, ``shown`` the
+        square root, as runs that stay to the last merge grow with it, ``labeled`` the frames with labels, ``shown`` the
         instances in a frame, ``codes`` the numbers in a code at all levels together. ``joint`` equals ``codes`` where
         Gaussians learn codes with their geometry, else 0. ``mean_gaussians`` is the mean over the training.
     """
@@ -121,12 +121,12 @@ def _segments(one: Artifact, kept: float) -> Sizes:
     if facts["single_frames"]:
         images = searched * images_of_a_frame(keys, area)
         tracks = {"tracked": facts["moving"], "moving": facts["moving"], "sam2_area": 1}
-        frames = {"labelled": searched, "masks": facts["found"] - facts["moving"]}
+        frames = {"labeled": searched, "masks": facts["found"] - facts["moving"]}
         prompted = images
     else:
         images, prompted = kept * area, searched
         tracks = {"tracked": facts["found"], "moving": 0, "sam2_area": area}
-        frames = {"labelled": kept, "masks": 0}
+        frames = {"labeled": kept, "masks": 0}
     return {"images": images, "prompts": prompted * keys["points_per_side"] ** 2, **tracks, **frames}
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from benchmarks.growth.design import CENTRE, POINTS, SCENES, Point
+from benchmarks.growth.design import CENTER, POINTS, SCENES, Point
 from egosplat.pipeline.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -15,10 +15,10 @@ RESULTS = Path("results/growth")
 
 
 def prepare(folder: Path) -> None:
-    """Write configuration and scenes. Each point but the centre is a variant, so that unchanged artifacts are shared."""
+    """Write configuration and scenes. Each point but the center is a variant, so that unchanged artifacts are shared."""
     (folder / "config").mkdir(parents=True, exist_ok=True)
     variants = {point.name: dict(point.keys) for point in POINTS if point.keys}
-    (folder / "config/config.yaml").write_text(yaml.safe_dump({**CENTRE, "variants": variants}))
+    (folder / "config/config.yaml").write_text(yaml.safe_dump({**CENTER, "variants": variants}))
     rows = (f"growth\t{scene}\tadt\t{scene}\t{options}\n" for scene, options in SCENES.items())
     header = "dataset\tscene\tformat\trecording\toptions\n"
     (folder / "config/scenes.tsv").write_text(header + "".join(rows))
@@ -33,7 +33,7 @@ def own_folder(folder: Path, point: Point) -> Path:
 def recorded_side(point: Point) -> int:
     """Side of the recorded frames [px]."""
     options = dict(option.split("=") for option in SCENES[point.scene].split())
-    return int(options.get("synthetic.size", CENTRE["synthetic"]["size"]))
+    return int(options.get("synthetic.size", CENTER["synthetic"]["size"]))
 
 
 def file_of(stage: str) -> str:

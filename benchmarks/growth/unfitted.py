@@ -105,7 +105,7 @@ LAWS: Mapping[str, Law] = {
         (CPU,),
     ),
     "language_projected": _means(6.0, 1126.0),
-    "language_centre": _means(24.0, 1331.0),
+    "language_center": _means(24.0, 1331.0),
     "language_clustered": _means(156.0, 2560.0),
     "language_trained": Law(
         _METHODS + ", codes of 9 numbers",

@@ -1,6 +1,6 @@
 """Measure the memory of ``splats`` and ``transient`` on a long recording, without filming one.
 
-The recording is synthetic: each picture is one random colour with a few random squares, which compresses to a few kilobytes. Memory
+The recording is synthetic: each picture is one random color with a few random squares, which compresses to a few kilobytes. Memory
 does not depend on what pictures show. Each stage runs in a process of its own.
 """
 

@@ -4,9 +4,9 @@
     python -m benchmarks.open_vocabulary results/adt/scene{1,2,3,4,5} > benchmarks/open_vocabulary/README.md
 
 The phrases are synonyms that are in no caption, or in neither the captions nor the glossary that trains the text tower alone;
-and colours with names ("green bottle"), where one pair in eight was left out of training. The functions of the stage `metrics`
-answer and score them. A thing's true colour comes from its surfaces by the captions' rule: the largest visible share, at least
-0.4. A colour is not asked where another thing of the category has it in part. Phrases that relate two things ("the bottle on
+and colors with names ("green bottle"), where one pair in eight was left out of training. The functions of the stage `metrics`
+answer and score them. A thing's true color comes from its surfaces by the captions' rule: the largest visible share, at least
+0.4. A color is not asked where another thing of the category has it in part. Phrases that relate two things ("the bottle on
 the table") are not asked.
 """
 
@@ -116,13 +116,13 @@ def rows(scenes: Scenes) -> Iterator[list[str]]:
 
 
 def left_out(scenes: Scenes) -> str:
-    """A sentence that lists the pairs of colour and name left out of training and seen in the scenes."""
+    """A sentence that lists the pairs of color and name left out of training and seen in the scenes."""
     every = [one.question for answered in scenes for one in answered if one.question.kind == LEFT_OUT_PAIR]
     pairs = sorted({one.query.category for one in every})
     beside = {one.query.category for one in every if one.targets == TOLD_APART}
     listed = f": {', '.join(pairs)}" if pairs else ""
     return (
-        f"Pairs of colour and name that were left out of training and are visible here: {len(pairs)}{listed}. Next to other "
+        f"Pairs of color and name that were left out of training and are visible here: {len(pairs)}{listed}. Next to other "
         f"things of their category: {len(beside)}."
     )
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.open_vocabulary.colours import colour_shares
+from benchmarks.open_vocabulary.colors import color_shares
 from benchmarks.open_vocabulary.questions import Question, find_questions
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
@@ -47,5 +47,5 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
 def _questions(evaluation: Evaluation, config: Config, options: MetricsOptions) -> list[Question]:
     queries = find_asked_queries(evaluation.annotations, evaluation.valid, options, evaluation.frames)
     maps = {frame.index: evaluation.map_of(frame) for frame in evaluation.frames if frame.asked}
-    shares = colour_shares(config["synthetic"], evaluation.instances)
+    shares = color_shares(config["synthetic"], evaluation.instances)
     return find_questions(queries, maps, shares, options.min_area)

@@ -1,7 +1,7 @@
 """Phrases, grouped by what the small OpenCLIP was trained on."""
 
 from training.small_models.captions import held_out
-from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+from training.small_models.glossary import COLOR_GLOSSARY, GLOSSARY
 
 # Synonyms by category; none of their words is in a caption or in the glossary.
 UNTAUGHT: dict[str, tuple[str, ...]] = {
@@ -44,8 +44,8 @@ UNTAUGHT: dict[str, tuple[str, ...]] = {
 }
 
 NAME, GLOSSED, NEW = "the name", "a synonym of the glossary", "a synonym of neither"
-TAUGHT_PAIR, LEFT_OUT_PAIR = "colour and name, taught together", "colour and name, never shown together"
-GLOSSED_PAIR = "colour and name, both of the glossary"
+TAUGHT_PAIR, LEFT_OUT_PAIR = "color and name, taught together", "color and name, never shown together"
+GLOSSED_PAIR = "color and name, both of the glossary"
 
 # In the order of the table.
 KINDS = (NAME, GLOSSED, NEW, TAUGHT_PAIR, LEFT_OUT_PAIR, GLOSSED_PAIR)
@@ -56,10 +56,10 @@ def synonym_phrases(category: str) -> dict[str, tuple[str, ...]]:
     return {NAME: (category,), GLOSSED: GLOSSARY.get(category, ()), NEW: UNTAUGHT.get(category, ())}
 
 
-def colour_phrases(colour: str, category: str) -> dict[str, str]:
-    """What things of a category that have a colour are asked by, by kind; ``NAME`` leaves the colour out."""
+def color_phrases(color: str, category: str) -> dict[str, str]:
+    """What things of a category that have a color are asked by, by kind; ``NAME`` leaves the color out."""
     phrases = {NAME: category}
-    phrases[LEFT_OUT_PAIR if held_out(colour, category) else TAUGHT_PAIR] = f"{colour} {category}"
+    phrases[LEFT_OUT_PAIR if held_out(color, category) else TAUGHT_PAIR] = f"{color} {category}"
     if category in GLOSSARY:
-        phrases[GLOSSED_PAIR] = f"{COLOUR_GLOSSARY[colour][0]} {GLOSSARY[category][0]}"
+        phrases[GLOSSED_PAIR] = f"{COLOR_GLOSSARY[color][0]} {GLOSSARY[category][0]}"
     return phrases

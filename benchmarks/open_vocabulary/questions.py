@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.open_vocabulary.colours import Shares, is_doubtful, main_colour
-from benchmarks.open_vocabulary.phrases import colour_phrases, synonym_phrases
+from benchmarks.open_vocabulary.colors import Shares, is_doubtful, main_color
+from benchmarks.open_vocabulary.phrases import color_phrases, synonym_phrases
 from egosplat.evaluation.queries import InstanceMap, Query
 
 # Names of the sets of targets.
-TARGETS = WORDS, COLOURED, TOLD_APART = (
+TARGETS = WORDS, COLORED, TOLD_APART = (
     "things of a category",
-    "things of a colour",
-    "things of a colour beside others of their category",
+    "things of a color",
+    "things of a color beside others of their category",
 )
 
 
@@ -22,17 +22,17 @@ class Question:
     """A phrase with its truth in one frame.
 
     Attributes:
-        targets: one of ``WORDS``, ``COLOURED`` and ``TOLD_APART``.
+        targets: one of ``WORDS``, ``COLORED`` and ``TOLD_APART``.
         kind: of the phrase, see ``benchmarks.open_vocabulary.phrases``.
         category: of the things: the cluster.
-        colour: of the things, or None.
+        color: of the things, or None.
         query: the phrase as its category, and the instances that it means as the group ``all``.
     """
 
     targets: str
     kind: str
     category: str
-    colour: str | None
+    color: str | None
     query: Query
 
 
@@ -47,14 +47,14 @@ def find_questions(
     Args:
         queries: of the benchmark, all with a group ``all``.
         maps: instance map of each frame.
-        shares: (N, colours) of each instance, see ``colour_shares``.
-        min_area: things of one colour are asked where they cover at least this share of the picture.
+        shares: (N, colors) of each instance, see ``color_shares``.
+        min_area: things of one color are asked where they cover at least this share of the picture.
     """
     return [
         question
         for query in queries
         if "all" in query.instances
-        for question in (*_words(query), *_coloured(query, maps[query.frame], shares, min_area))
+        for question in (*_words(query), *_colored(query, maps[query.frame], shares, min_area))
     ]
 
 
@@ -64,23 +64,23 @@ def _words(query: Query) -> Iterator[Question]:
             yield _question(WORDS, kind, query, None, phrase, query.instances["all"])
 
 
-def _coloured(query: Query, instance_map: InstanceMap, shares: Shares, min_area: float) -> Iterator[Question]:
-    """Of each colour that things of the category have, unless it is in doubt of one of them."""
+def _colored(query: Query, instance_map: InstanceMap, shares: Shares, min_area: float) -> Iterator[Question]:
+    """Of each color that things of the category have, unless it is in doubt of one of them."""
     every = query.instances["all"]
-    colours = {one: main_colour(shares[one]) for one in every}
-    for colour in sorted({colour for colour in colours.values() if colour}):
-        own = tuple(one for one in every if colours[one] == colour)
+    colors = {one: main_color(shares[one]) for one in every}
+    for color in sorted({color for color in colors.values() if color}):
+        own = tuple(one for one in every if colors[one] == color)
         large = np.isin(instance_map, own).sum() >= min_area * instance_map.size
-        if not large or any(is_doubtful(shares[one], colour) for one in every):
+        if not large or any(is_doubtful(shares[one], color) for one in every):
             continue
-        for kind, phrase in colour_phrases(colour, query.category).items():
-            yield _question(COLOURED, kind, query, colour, phrase, own)
+        for kind, phrase in color_phrases(color, query.category).items():
+            yield _question(COLORED, kind, query, color, phrase, own)
             if len(own) < len(every):
-                yield _question(TOLD_APART, kind, query, colour, phrase, own)
+                yield _question(TOLD_APART, kind, query, color, phrase, own)
 
 
 def _question(
-    targets: str, kind: str, query: Query, colour: str | None, phrase: str, instances: tuple[int, ...]
+    targets: str, kind: str, query: Query, color: str | None, phrase: str, instances: tuple[int, ...]
 ) -> Question:
     asked = Query(query.row, query.frame, phrase, {"all": instances})
-    return Question(targets, kind, query.category, colour, asked)
+    return Question(targets, kind, query.category, color, asked)

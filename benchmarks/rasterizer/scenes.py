@@ -105,7 +105,7 @@ def make_scene(gaussians: int, width: int, height: int, seed: int = 0) -> Scene:
 
 
 def channels(scene: Scene, count: int) -> Tensor:
-    """(N, count): the colours, then the features, repeated."""
+    """(N, count): the colors, then the features, repeated."""
     known = torch.cat([scene.colors, scene.features], dim=1)
     return known[:, torch.arange(count) % known.shape[1]].contiguous()
 
@@ -179,7 +179,7 @@ def _opacities(rng: np.random.Generator, count: int) -> Array:
 def _appearance(
     rng: np.random.Generator, means: Array, surface: NDArray[np.int64], surfaces: int
 ) -> tuple[Array, Array]:
-    """Colour waves with noise; features that differ between surfaces."""
+    """Color waves with noise; features that differ between surfaces."""
     waves = rng.normal(0.0, 3.0, (3, 3))
     phases = rng.uniform(0.0, 6.0, (surfaces, 3))[surface]
     colors = 0.5 + 0.35 * np.sin(means @ waves.T + phases) + rng.normal(0.0, 0.05, means.shape)

@@ -83,7 +83,7 @@ class Sam2Segmenter:
 
 
 class ClassicalSegmenter:
-    """Regions by colour and edges, tracked by optical flow."""
+    """Regions by color and edges, tracked by optical flow."""
 
     def point(self, still: Still) -> Masks:
         """The regions of three levels at each point."""

@@ -1,9 +1,9 @@
 """Cameras and rigid motions, in the conventions of the whole package (docs/conventions.md).
 
-- Camera axes are OpenCV's: x right, y down, z forward. Metres.
+- Camera axes are OpenCV's: x right, y down, z forward. Meters.
 - A pose is ``camera_to_world``, a 4x4 float64 matrix: ``x_world = R x_camera + t``.
 - Images are (height, width); a point of the image is (u, v) = (right, down) in pixels.
-- The centre of the pixel in column i and row j is (i + 0.5, j + 0.5), as in COLMAP and gsplat.
+- The center of the pixel in column i and row j is (i + 0.5, j + 0.5), as in COLMAP and gsplat.
   projectaria-tools puts it at (i, j): see ``to_aria_pixels``.
 - Rotations become quaternions only through ``scipy.spatial.transform.Rotation``.
 """
@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 Array = NDArray[np.float64]
 
-# Added to projectaria-tools' image coordinates (pixel centre at the integer) to get this package's.
+# Added to projectaria-tools' image coordinates (pixel center at the integer) to get this package's.
 ARIA_PIXEL_OFFSET = 0.5
 
 

@@ -14,7 +14,7 @@ _RELATIVE_ERROR = 0.1
 
 
 def pixel_grid(height: int, width: int) -> Floats:
-    """(height, width, 2) float32 x and y of each pixel, with pixel centres at integers as in OpenCV."""
+    """(height, width, 2) float32 x and y of each pixel, with pixel centers at integers as in OpenCV."""
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2).astype(np.float32)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 _COARSE = 2.0
 # Edges are the pixels with the largest contrast, and noise is measured at those with less than the median.
 _EDGES, _FLAT = 0.9, 0.5
-# Fainter edges tell nothing [grey levels from pixel to pixel].
+# Fainter edges tell nothing [gray levels from pixel to pixel].
 _MIN_CONTRAST = 1.0
 # Detail that drowns in noise counts as this fraction of the contrast.
 _MIN_DETAIL = 0.01
@@ -18,7 +18,7 @@ _SIGMA_OF_MAD = 1.4826
 _REACH = 9
 _MIN_PIXELS = 100
 
-# The smoothed image is in this fraction of a grey level.
+# The smoothed image is in this fraction of a gray level.
 _UNIT = 256
 
 _Integers = NDArray[np.int32]
@@ -38,18 +38,18 @@ def measure_sharpness(image: NDArray[np.uint8], valid: NDArray[np.bool_]) -> flo
     inside = cv2.erode(valid.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
     if inside.sum() < _MIN_PIXELS:
         return float("nan")
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     # Integers, so that the result does not depend on the processor: OpenCV blurs 16 bits in fixed point.
-    coarse = cv2.GaussianBlur(grey.astype(np.uint16) * _UNIT, (0, 0), _COARSE).astype(np.int32)
-    fine = grey.astype(np.int32)
+    coarse = cv2.GaussianBlur(gray.astype(np.uint16) * _UNIT, (0, 0), _COARSE).astype(np.int32)
+    fine = gray.astype(np.int32)
     return float(np.mean([_detail(fine, coarse, inside, step) for step in ((0, 1), (1, 0), (1, 1), (1, -1))]))
 
 
-def _detail(grey: _Integers, coarse: _Integers, inside: NDArray[np.bool_], step: tuple[int, int]) -> float:
+def _detail(gray: _Integers, coarse: _Integers, inside: NDArray[np.bool_], step: tuple[int, int]) -> float:
     """``measure_sharpness`` in one direction."""
     contrast = np.abs(_shifted(coarse, step, 1) - coarse)[inside]
     # The second difference: zero where brightness changes evenly.
-    fine = np.abs(_shifted(grey, step, 1) + _shifted(grey, step, -1) - 2 * grey)[inside]
+    fine = np.abs(_shifted(gray, step, 1) + _shifted(gray, step, -1) - 2 * gray)[inside]
     flat, edge = np.quantile(contrast, (_FLAT, _EDGES))
     at_edges = contrast >= edge
     energy = _mean_square(contrast[at_edges]) / _UNIT**2

@@ -62,7 +62,7 @@ def make_sequence(
     Args:
         seed: determines apartment and walk; the same seed gives the same recording, bit by bit.
         size: side of the square image [px]; fps: frames per second; seconds: length.
-        objects: number of labelled objects, 16 to 40.
+        objects: number of labeled objects, 16 to 40.
         motion: ``none``, ``low``, ``high``, or the fraction 0..1 of the time in which people are at work.
             Carrying one object takes some seconds, so a short recording may have a larger fraction.
         effects: of the camera; their JPEG quality is for ``write_sequence``.

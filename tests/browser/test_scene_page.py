@@ -63,8 +63,8 @@ def scene(made, open_tab):
     return open_page
 
 
-def colour_at(tab, point) -> np.ndarray:
-    """(3,) colour in a screenshot, around the place where a world point is drawn."""
+def color_at(tab, point) -> np.ndarray:
+    """(3,) color in a screenshot, around the place where a world point is drawn."""
     tab.page.evaluate("egosplat.idle")
     # The ring of the mark and the panel cover points.
     tab.page.add_style_tag(content="#mark, #panel { visibility: hidden }")
@@ -107,7 +107,7 @@ def test_the_title_is_shown_as_text(scene):
 
 
 def test_the_picture_is_that_of_the_kernels(scene, made):
-    """The browser draws what egosplat renders, quantisation included."""
+    """The browser draws what egosplat renders, quantization included."""
     tab = scene()
     pose, focal = np.eye(4), 300.0
     tab.page.evaluate("([pose, focal]) => egosplat.setView(pose, focal)", [pose[:3].ravel().tolist(), focal])
@@ -139,11 +139,11 @@ def test_an_answer_is_that_of_python(scene, made, clip, words):
     for mine, other in zip(found["things"], fitting, strict=True):
         assert mine["level"] == other.level and mine["count"] == len(other.members)
         assert mine["frame"] == facts["seen_frames"][other.view]
-        np.testing.assert_allclose(mine["centre"], other.centre, atol=1e-3)
+        np.testing.assert_allclose(mine["center"], other.center, atol=1e-3)
         np.testing.assert_allclose(mine["size"], other.high - other.low, atol=1e-3)
 
 
-def test_a_query_colours_its_answer_and_a_jump_shows_it(scene):
+def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
     """The pixel under the answer is hot, one beside it is grey; after the jump the answer is in the middle."""
     tab = scene()
     tab.page.fill("#words", "cup")
@@ -151,23 +151,23 @@ def test_a_query_colours_its_answer_and_a_jump_shows_it(scene):
     button = tab.page.locator("#things button").first
     button.wait_for()
     thing = tab.page.evaluate(_ASK, "cup")["things"][0]
-    assert thing["centre"][0] > 0.7
+    assert thing["center"][0] > 0.7
     # Where the answer is not in view, the jump brings it there.
     away = [1, 0, 0, -9, 0, 1, 0, 0, 0, 0, 1, 0]
     tab.page.evaluate("pose => egosplat.setView(pose)", away)
-    assert tab.page.evaluate("point => egosplat.project(point)", thing["centre"]) is None
+    assert tab.page.evaluate("point => egosplat.project(point)", thing["center"]) is None
     button.click()
-    x, y = tab.page.evaluate("point => egosplat.project(point)", thing["centre"])
+    x, y = tab.page.evaluate("point => egosplat.project(point)", thing["center"])
     assert [x, y] == pytest.approx([WIDE[0] / 2, WIDE[1] / 2], abs=1)
     # The mark is drawn with the next frame.
     tab.page.locator("#mark span", has_text=re.compile(r"^cup")).wait_for()
     wall = [0.1, 0.0, 2.0]
-    red, _, blue = colour_at(tab, thing["centre"])
+    red, _, blue = color_at(tab, thing["center"])
     assert red > 2 * blue
-    assert colour_at(tab, wall).max() - colour_at(tab, wall).min() < 10
+    assert color_at(tab, wall).max() - color_at(tab, wall).min() < 10
     tab.page.evaluate("egosplat.show({ only: true })")
-    assert colour_at(tab, thing["centre"])[0] > 2 * blue
-    assert colour_at(tab, wall).max() < 40
+    assert color_at(tab, thing["center"])[0] > 2 * blue
+    assert color_at(tab, wall).max() < 40
 
 
 def test_a_click_names_what_is_there(scene):
@@ -248,11 +248,11 @@ def test_the_view_follows_slider_keys_wheel_and_drags(scene, touch):
     assert tab.errors == []
 
 
-def test_instances_have_colours_and_the_words_are_suggested(scene, clip):
-    """Neighbours of different instances differ in colour; the vocabulary is that of the model."""
+def test_instances_have_colors_and_the_words_are_suggested(scene, clip):
+    """Neighbors of different instances differ in color; the vocabulary is that of the model."""
     tab = scene()
     tab.page.check("#instances")
-    left, right = colour_at(tab, [0.35, 0.2, 2]), colour_at(tab, [0.75, 0.2, 2])
+    left, right = color_at(tab, [0.35, 0.2, 2]), color_at(tab, [0.75, 0.2, 2])
     assert np.abs(left - right).max() > 30
     options = tab.page.eval_on_selector_all("#vocabulary option", "all => all.map(one => one.value)")
     assert options == list(words_to_try(clip))

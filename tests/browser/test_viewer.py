@@ -1,4 +1,4 @@
-"""``egosplat view`` in a browser: a question colours the right Gaussians, a jump goes there, a click names what is there."""
+"""``egosplat view`` in a browser: a question colors the right Gaussians, a jump goes there, a click names what is there."""
 
 import io
 import signal
@@ -28,7 +28,7 @@ from egosplat.viewer.questions import open_questions
 from egosplat.viewer.scene import open_scene
 from egosplat.viewer.world import World
 
-# Side of the picture around a point of the window whose mean colour is read [px].
+# Side of the picture around a point of the window whose mean color is read [px].
 AROUND = 9
 
 
@@ -77,8 +77,8 @@ def ask(tab: Tab, phrase: str) -> None:
     query_field(tab).fill(phrase)
 
 
-def colour(tab: Tab, right: float, down: float) -> np.ndarray:
-    """(3,) mean colour around a point of the canvas, given in shares of its size."""
+def color(tab: Tab, right: float, down: float) -> np.ndarray:
+    """(3,) mean color around a point of the canvas, given in shares of its size."""
     canvas = tab.page.locator("canvas").first
     image = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB"), np.float64)
     row, column = round(down * image.shape[0]), round(right * image.shape[1])
@@ -87,8 +87,8 @@ def colour(tab: Tab, right: float, down: float) -> np.ndarray:
 
 
 def saturation(tab: Tab, right: float, down: float) -> float:
-    """Range of the channels at a point: heat is colourful, everything else in this scene is grey."""
-    return float(np.ptp(colour(tab, right, down)))
+    """Range of the channels at a point: heat is colorful, everything else in this scene is grey."""
+    return float(np.ptp(color(tab, right, down)))
 
 
 def wait_until(tab: Tab, holds: Callable[[], bool]) -> bool:
@@ -105,12 +105,12 @@ def test_the_viewer_opens_and_asks_nothing_of_the_network(view, open_tab, size, 
     """At both window sizes: no error in the console, no request but to the viewer, a picture of the grey wall."""
     tab, viewer = open_tab(size), view()
     go(tab, viewer)
-    assert wait_until(tab, lambda: 80 < colour(tab, 0.4, down).mean() < 160)
+    assert wait_until(tab, lambda: 80 < color(tab, 0.4, down).mean() < 160)
     assert tab.errors == []
     assert all(one.startswith((viewer.address, viewer.address.replace("http", "ws"))) for one in tab.requests)
 
 
-def test_a_question_colours_the_right_half_and_a_click_names_it(view, open_tab):
+def test_a_question_colors_the_right_half_and_a_click_names_it(view, open_tab):
     """Asked for the cup, its half of the wall is hot and the couch's is not; a click on each says what it is."""
     tab = open_tab()
     go(tab, view())
@@ -196,7 +196,7 @@ def test_a_scene_without_language_is_shown_and_says_so(view, open_tab):
     tab.page.goto(viewer.address)
     says(tab, "language.zarr: does not exist")
     assert query_field(tab).is_disabled()
-    assert wait_until(tab, lambda: 80 < colour(tab, 0.4, 0.7).mean() < 160)
+    assert wait_until(tab, lambda: 80 < color(tab, 0.4, 0.7).mean() < 160)
 
 
 def test_a_port_in_use_gives_one_line(word_scene):  # noqa: F811

@@ -155,7 +155,7 @@ def test_maps_of_a_method_are_scored_again_only_if_they_change(workdir):
 def test_methods_are_drawn_side_by_side(workdir):
     """A column for each of tables.methods, beside EgoSplat's."""
     config = """
-variants: {mine: {method: Mine, language: {method: centre}}}
+variants: {mine: {method: Mine, language: {method: center}}}
 tables: {methods: [mine]}
 """
     run_rules(workdir, ("language", "metrics", "methods_sheet"), config, "methods.png")

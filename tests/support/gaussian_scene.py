@@ -22,7 +22,7 @@ CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
 
 @pytest.fixture(scope="session")
 def points() -> tuple[np.ndarray, np.ndarray]:
-    """(40, 3) points of a wavy wall 2 m in front of the cameras, and their colours."""
+    """(40, 3) points of a wavy wall 2 m in front of the cameras, and their colors."""
     rng = np.random.default_rng(0)
     xyz = rng.uniform([-1.5, -1.5, 1.8], [1.5, 1.5, 2.2], (40, 3))
     return xyz, rng.integers(256, size=(40, 3), dtype=np.uint8)

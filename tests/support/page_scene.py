@@ -31,7 +31,7 @@ TITLE = 'scene </script><b id="injected">bold</b>'
 
 
 def wall() -> Gaussians:
-    """700 coloured Gaussians with view-dependent colours, on a bumpy plane 2 m ahead."""
+    """700 colored Gaussians with view-dependent colors, on a bumpy plane 2 m ahead."""
     rng = np.random.default_rng(0)
     xyz = rng.uniform([-1.6, -1.2, 1.95], [1.6, 1.2, 2.05], (700, 3))
     rgb = rng.integers(60, 200, (700, 3), dtype=np.uint8)
@@ -129,7 +129,7 @@ def data_of(page: Path) -> str:
 
 
 def means_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(N, 3) float32 centres on the page."""
+    """(N, 3) float32 centers on the page."""
     block = np.arange(facts["count"]) // facts["block"]
     return (arrays["block_low"][:, block] + arrays["position"] * arrays["block_step"][:, block]).T.astype(
         np.float32
@@ -162,5 +162,5 @@ def surface_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Su
     code_share = (arrays["code_share"] / 255).T.astype(np.float32)
     surface = Surface.of(means_of(facts, arrays).astype(np.float64), radii, shares, code_share)
     weight = mean[:, None] * code_share
-    averaging = tuple(surface.neighbours.averaging(level) for level in weight.T)
-    return Surface(surface.means, shares, weight, surface.neighbours, averaging)
+    averaging = tuple(surface.neighbors.averaging(level) for level in weight.T)
+    return Surface(surface.means, shares, weight, surface.neighbors, averaging)

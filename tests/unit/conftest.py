@@ -93,7 +93,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
     Args:
         clip_hash: of the OpenCLIP that features.zarr says it was made with, by default the small one.
         inputs: more that it says it was made from.
-        nudge: metres by which the stored Gaussians are off.
+        nudge: meters by which the stored Gaussians are off.
         origin: that all artifacts tell.
         evaluated: the evaluation frames; of none, every frame is trained on.
         corrections: optional arrays of splats.zarr.

@@ -89,7 +89,7 @@ def test_aria_pixels_go_there_and_back():
     np.testing.assert_allclose(to_aria_pixels(pixels), pixels - ARIA_PIXEL_OFFSET)
 
 
-def test_rigid_motions_are_recognised():
+def test_rigid_motions_are_recognized():
     good = random_poses(1)[0]
     scaled, mirrored, unknown, skewed = (good.copy() for _ in range(4))
     scaled[:3, :3] *= 1.01

@@ -252,7 +252,7 @@ def test_a_folder_that_holds_files_of_others_is_rejected(monkeypatch, capfd, tmp
 
 
 def test_the_tables_replace_their_own_files(tmp_path):
-    """Each of the sixteen kinds is recognised by its content."""
+    """Each of the sixteen kinds is recognized by its content."""
     tables_stage.run([], tmp_path, pictures=[])
     before = everything(tmp_path)
     tables_stage.run([], tmp_path, pictures=[])

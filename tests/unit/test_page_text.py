@@ -23,7 +23,7 @@ def page(height: int, width: int, columns: int = 4) -> Figure:
 
 
 @pytest.mark.parametrize("height, width", [(160, 90), (100, 100), (90, 160)])
-def test_titles_of_neighbours_do_not_overlap_and_the_heading_is_not_cut(unreadable, height, width):
+def test_titles_of_neighbors_do_not_overlap_and_the_heading_is_not_cut(unreadable, height, width):
     figure = page(height, width)
     assert len(unreadable(figure)) > 6
     arrange_texts(figure)

@@ -7,7 +7,7 @@ from egosplat.resize import resize_image, resize_labels, resize_mask, shrunk_siz
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3, 4])
-def test_labels_are_taken_under_the_centre_of_each_pixel(factor):
+def test_labels_are_taken_under_the_center_of_each_pixel(factor):
     labels = np.arange(24 * 12).reshape(24, 12)
     middle = factor // 2
     assert (resize_labels(labels, 12 // factor, 24 // factor) == labels[middle::factor, middle::factor]).all()
@@ -16,8 +16,8 @@ def test_labels_are_taken_under_the_centre_of_each_pixel(factor):
 def test_labels_do_not_shift_when_the_sizes_do_not_divide():
     columns = np.broadcast_to(np.arange(100), (100, 100))
     small = resize_labels(columns, 37, 37)
-    centres = (np.arange(37) + 0.5) * 100 / 37
-    assert (small[0] == np.floor(centres)).all()
+    centers = (np.arange(37) + 0.5) * 100 / 37
+    assert (small[0] == np.floor(centers)).all()
     assert (small[0] + small[0][::-1] >= 98).all() and (small[0] + small[0][::-1] <= 100).all()
 
 

@@ -26,7 +26,7 @@ def test_motion_in_either_direction_lowers_it(kernel):
 
 
 def test_exposure_and_noise_do_not_change_it():
-    """Protects frames that are darker or noisier than their neighbours."""
+    """Protects frames that are darker or noisier than their neighbors."""
     noisy = EDGES + RNG.normal(0, 4, EDGES.shape)
     for other in (0.5 * EDGES, EDGES + 60, noisy):
         assert sharpness(other) == pytest.approx(sharpness(EDGES), abs=0.15)

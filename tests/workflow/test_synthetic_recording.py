@@ -72,7 +72,7 @@ def test_poses_agree_to_numerical_precision(sequence, folder, truth):
 
 
 def test_objects_are_seen_where_they_are(sequence, folder, truth):
-    """The centre of each static object's box projects into or next to its own pixels."""
+    """The center of each static object's box projects into or next to its own pixels."""
     frames = open_artifact(folder / "frames.zarr", FRAMES)
     annotations = open_artifact(folder / "annotations.zarr", ANNOTATIONS)
     camera = Camera(**frames.facts["camera"])
@@ -86,8 +86,8 @@ def test_objects_are_seen_where_they_are(sequence, folder, truth):
             pose = sequence.world_from_static.get(instance.instance_id)
             if pose is None or instance.category == "shelter" or len(pixels) < 40:
                 continue
-            centre = transform(invert(truth[frame]), transform(pose, instance.bounds.mean(axis=0)))
-            u, v = camera.project(centre)
+            center = transform(invert(truth[frame]), transform(pose, instance.bounds.mean(axis=0)))
+            u, v = camera.project(center)
             if edge[labels == instances[instance.instance_id]].any():  # cut off by the lens circle
                 continue
             low, high = pixels.min(axis=0) - 3, pixels.max(axis=0) + 3

@@ -1,4 +1,4 @@
-"""Words for the surfaces of a synthetic world: names of colours, patterns and materials."""
+"""Words for the surfaces of a synthetic world: names of colors, patterns and materials."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from egosplat_apartments.objects.textures import Texture
 
 Floats = NDArray[np.float32]
 
-# Typical shades (red, green, blue) of each colour; other shades get the name of the nearest one in CIE Lab.
+# Typical shades (red, green, blue) of each color; other shades get the name of the nearest one in CIE Lab.
 _SHADES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "black": ((15, 15, 15), (40, 40, 42)),
     "grey": ((85, 85, 88), (125, 125, 127), (165, 165, 168)),
@@ -36,7 +36,7 @@ _SHADES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "pink": ((225, 110, 165), (235, 165, 195), (190, 60, 130), (205, 130, 160)),
 }
 
-COLOURS = tuple(_SHADES)
+COLORS = tuple(_SHADES)
 
 # Textures are judged at a distance at which they have this many pixels.
 _SIDE = 24
@@ -48,37 +48,37 @@ def _lab(rgb: NDArray[np.uint8]) -> Floats:
 
 
 _SHADE_LAB = _lab(np.array([shade for shades in _SHADES.values() for shade in shades], dtype=np.uint8))
-_SHADE_COLOUR = np.repeat(np.arange(len(COLOURS)), [len(shades) for shades in _SHADES.values()])
+_SHADE_COLOR = np.repeat(np.arange(len(COLORS)), [len(shades) for shades in _SHADES.values()])
 
 
-def colour_of(rgb: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """(N, 3) uint8 colours -> (N,) index into ``COLOURS``."""
+def color_of(rgb: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(N, 3) uint8 colors -> (N,) index into ``COLORS``."""
     difference = _lab(rgb)[:, None] - _SHADE_LAB
     # Lightness counts half, because it also depends on the illumination.
-    return _SHADE_COLOUR[(difference**2 * (0.5, 1.0, 1.0)).sum(axis=-1).argmin(axis=1)]
+    return _SHADE_COLOR[(difference**2 * (0.5, 1.0, 1.0)).sum(axis=-1).argmin(axis=1)]
 
 
-def colour_shares(texture: Texture) -> Floats:
-    """(len(COLOURS),) fraction of a texture's area in each colour."""
+def color_shares(texture: Texture) -> Floats:
+    """(len(COLORS),) fraction of a texture's area in each color."""
     small = cv2.resize(texture.pixels, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA)
-    counts = np.bincount(colour_of(small.reshape(-1, 3)), minlength=len(COLOURS))
+    counts = np.bincount(color_of(small.reshape(-1, 3)), minlength=len(COLORS))
     return (counts / counts.sum()).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Appearance:
-    """Colours and surfaces of the parts of a world.
+    """Colors and surfaces of the parts of a world.
 
     Attributes:
-        colours: (P, len(COLOURS)) float32 fractions; surfaces: (P,) ``Texture.surface`` of each part.
+        colors: (P, len(COLORS)) float32 fractions; surfaces: (P,) ``Texture.surface`` of each part.
     """
 
-    colours: Floats
+    colors: Floats
     surfaces: tuple[str, ...]
 
 
 def find_appearance(geometry: Geometry) -> Appearance:
-    """Find colours and surfaces of the parts of a geometry."""
-    shares = np.stack([colour_shares(texture) for texture in geometry.textures])
+    """Find colors and surfaces of the parts of a geometry."""
+    shares = np.stack([color_shares(texture) for texture in geometry.textures])
     surfaces = [geometry.textures[number].surface for number in geometry.part_texture]
     return Appearance(shares[geometry.part_texture], tuple(surfaces))

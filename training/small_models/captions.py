@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from training.small_models.attributes import COLOURS
+from training.small_models.attributes import COLORS
 from training.small_models.concepts import (
     PARTS,
     WHOLES,
@@ -54,16 +54,16 @@ NOUNS = ("object", "thing", "item")
 TEMPLATES = ("{}", "{}", "{}", "{}", "{a} {}", "the {}", "a photo of {a} {}", "a picture of the {}")
 _BARE = ("{} {noun}", "{} {noun}", "{}", "something {}")
 
-# A colour or material is true from the first fraction of a surface on, and false below the second.
+# A color or material is true from the first fraction of a surface on, and false below the second.
 MAIN_SHARE, TRACE_SHARE = 0.4, 0.12
 
 _HELD_OUT_OF = 8
 
 
-def held_out(colour: str, category: str) -> bool:
-    """Whether a category is never shown in a colour during training: one combination in eight."""
+def held_out(color: str, category: str) -> bool:
+    """Whether a category is never shown in a color during training: one combination in eight."""
     # A hash instead of a random choice: training and evaluation agree without a list.
-    digest = hashlib.sha256(f"{colour} {category}".encode()).digest()
+    digest = hashlib.sha256(f"{color} {category}".encode()).digest()
     return int.from_bytes(digest[:4], "big") % _HELD_OUT_OF == 0
 
 
@@ -79,8 +79,8 @@ class Claims:
     Attributes:
         phrases: synonymous phrases of every column.
         groups: kind of column -> first column and end: ``whole``, ``kind``, ``part``, ``piece`` (a part of a
-            certain whole), ``colour``, ``pattern``, ``material``.
-        concepts: the concepts of the columns before ``colour``.
+            certain whole), ``color``, ``pattern``, ``material``.
+        concepts: the concepts of the columns before ``color``.
     """
 
     phrases: tuple[tuple[str, ...], ...]
@@ -97,7 +97,7 @@ def make_claims(names: Sequence[str]) -> Claims:
     pieces = [_piece(name) for name in names if "/" in name]
     concepts = {"whole": whole_concepts(), "kind": kind_concepts(), "part": part_concepts(), "piece": pieces}
     phrases = {group: [one.phrases for one in listed] for group, listed in concepts.items()}
-    phrases["colour"] = [(colour,) for colour in COLOURS]
+    phrases["color"] = [(color,) for color in COLORS]
     phrases["pattern"], phrases["material"] = list(PATTERNS.values()), list(MATERIALS.values())
     ends = np.cumsum([len(listed) for listed in phrases.values()]).tolist()
     groups = {group: (end - len(phrases[group]), end) for group, end in zip(phrases, ends, strict=True)}
@@ -140,7 +140,7 @@ def facts(claims: Claims, crops: Crops) -> Truth:
     said = table[(crops.share > 0.8).astype(int), number]
     surfaces, which = np.unique(crops.surfaces, return_inverse=True)
     shares = np.stack([_surface_shares(listed) for listed in surfaces])[which]
-    return np.concatenate([said, _colour_truth(crops.colours), _share_truth(shares)], axis=1)
+    return np.concatenate([said, _color_truth(crops.colors), _share_truth(shares)], axis=1)
 
 
 def _surface_shares(listed: str) -> NDArray[np.float64]:
@@ -158,28 +158,28 @@ def _share_truth(shares: NDArray) -> Truth:
     return np.where(shares >= MAIN_SHARE, 1, np.where(shares >= TRACE_SHARE, -1, 0)).astype(np.int8)
 
 
-def _colour_truth(shares: NDArray) -> Truth:
-    """Truth of colours: only the main colour can be true."""
+def _color_truth(shares: NDArray) -> Truth:
+    """Truth of colors: only the main color can be true."""
     main = shares == shares.max(axis=1, keepdims=True)
     return np.where(main, _share_truth(shares), np.where(shares >= TRACE_SHARE, -1, 0)).astype(np.int8)
 
 
-def main_colour(crops: Crops) -> NDArray[np.int64]:
-    """(N,) index of the crop's main colour, -1 if none dominates."""
-    truth = _colour_truth(crops.colours)
-    return np.where((truth == 1).any(axis=1), crops.colours.argmax(axis=1), -1)
+def main_color(crops: Crops) -> NDArray[np.int64]:
+    """(N,) index of the crop's main color, -1 if none dominates."""
+    truth = _color_truth(crops.colors)
+    return np.where((truth == 1).any(axis=1), crops.colors.argmax(axis=1), -1)
 
 
 def unseen_combination(crops: Crops) -> NDArray[np.bool_]:
-    """(N,) whether a crop shows an object, or a part of one, in a held-out combination of colour and category."""
-    colour = main_colour(crops)
+    """(N,) whether a crop shows an object, or a part of one, in a held-out combination of color and category."""
+    color = main_color(crops)
     whole = crops.level == LEVELS.index("whole")
     found = {
         (world, number)
         for world, number, name, main in zip(
-            crops.world[whole], crops.whole[whole], crops.names[whole], colour[whole], strict=True
+            crops.world[whole], crops.whole[whole], crops.names[whole], color[whole], strict=True
         )
-        if name != OWN_ARMS and main >= 0 and held_out(COLOURS[main], str(name))
+        if name != OWN_ARMS and main >= 0 and held_out(COLORS[main], str(name))
     }
     return np.array([pair in found for pair in zip(crops.world, crops.whole, strict=True)], dtype=bool)
 
@@ -214,7 +214,7 @@ def bank(claims: Claims, rng: np.random.Generator) -> Captions:
         for column in claims.columns(group):
             texts.append(phrased(str(rng.choice(TEMPLATES)), str(rng.choice(claims.phrases[column]))))
             columns.append(column)
-    for group in ("colour", "pattern", "material"):
+    for group in ("color", "pattern", "material"):
         for column in claims.columns(group):
             words = str(rng.choice(claims.phrases[column]))
             texts.append(phrased(str(rng.choice(_BARE)), words, str(rng.choice(NOUNS))))
@@ -226,7 +226,7 @@ def bank(claims: Claims, rng: np.random.Generator) -> Captions:
 
 _NOUN_GROUPS = ("piece", "part", "whole", "kind")
 # Probability that a caption mentions each property that the crop has.
-_LOOKS = {"colour": 0.75, "pattern": 0.3, "material": 0.3}
+_LOOKS = {"color": 0.75, "pattern": 0.3, "material": 0.3}
 
 
 def describe(claims: Claims, known: Truth, rng: np.random.Generator) -> Captions:

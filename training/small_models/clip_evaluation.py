@@ -10,13 +10,13 @@ from open_clip import CLIP, SimpleTokenizer
 from torch import Tensor
 
 from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
-from training.small_models.attributes import COLOURS
-from training.small_models.captions import Claims, Truth, facts, main_colour, make_claims, unseen_combination
+from training.small_models.attributes import COLORS
+from training.small_models.captions import Claims, Truth, facts, main_color, make_claims, unseen_combination
 from training.small_models.clip_model import encode_texts
-from training.small_models.clip_views import framed, half_planes, normalised, plain_views, split_patches
+from training.small_models.clip_views import framed, half_planes, normalized, plain_views, split_patches
 from training.small_models.concepts import CANONICAL, WHOLES
 from training.small_models.crops import OWN_ARMS, Crops
-from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+from training.small_models.glossary import COLOR_GLOSSARY, GLOSSARY
 from training.small_models.levels import LEVELS
 
 _BATCH = 512
@@ -57,7 +57,7 @@ def encode_patches(
             views = framed(pictures * masks, masks, torch.zeros(len(few)))
         else:
             views = plain_views(few, masked)
-        features.append(model.encode_image(normalised(views), normalize=True))
+        features.append(model.encode_image(normalized(views), normalize=True))
     return torch.cat(features)
 
 
@@ -73,7 +73,7 @@ class Exam:
         self.whole = crops.level == LEVELS.index("whole")
         self.thing = self.whole & np.isin(crops.names, list(CATEGORY_UIDS))
         self.building = self.whole & ~self.thing & (crops.names != OWN_ARMS)
-        self.colour = main_colour(crops)
+        self.color = main_color(crops)
         self.unseen = unseen_combination(crops)
         self.names = np.array(list(WHOLES))
         self.truth = np.searchsorted(np.sort(self.names), crops.names)
@@ -141,18 +141,18 @@ class Exam:
         best = (self.features[asked] @ texts.T).argmax(dim=1).numpy()
         return mean(self.facts[asked][np.arange(len(best)), np.array(columns)[best]] == 1)
 
-    def colour_words(self, which: NDArray[np.bool_], words: dict[str, Sequence[str]]) -> Score:
-        """Fraction of crops whose colour is named correctly, with the first word for each colour."""
-        asked = which & (self.colour >= 0)
-        texts = self.texts([f"{words[colour][0]} object" for colour in COLOURS])
-        return mean((self.features[asked] @ texts.T).argmax(dim=1).numpy() == self.colour[asked])
+    def color_words(self, which: NDArray[np.bool_], words: dict[str, Sequence[str]]) -> Score:
+        """Fraction of crops whose color is named correctly, with the first word for each color."""
+        asked = which & (self.color >= 0)
+        texts = self.texts([f"{words[color][0]} object" for color in COLORS])
+        return mean((self.features[asked] @ texts.T).argmax(dim=1).numpy() == self.color[asked])
 
     def combinations(self, which: NDArray[np.bool_]) -> Score:
-        """Fraction of objects with the right "colour category", among all colours and categories."""
-        asked = which & self.thing & (self.colour >= 0)
-        texts = self.texts([f"{colour} {name}" for name in self.names for colour in COLOURS])
+        """Fraction of objects with the right "color category", among all colors and categories."""
+        asked = which & self.thing & (self.color >= 0)
+        texts = self.texts([f"{color} {name}" for name in self.names for color in COLORS])
         best = (self.features[asked] @ texts.T).argmax(dim=1).numpy()
-        return mean(best == self.truth[asked] * len(COLOURS) + self.colour[asked])
+        return mean(best == self.truth[asked] * len(COLORS) + self.color[asked])
 
     def relevancy(self, which: NDArray[np.bool_]) -> tuple[Score, Score]:
         """Fractions of true and of false names with a relevancy of at least one half."""
@@ -180,9 +180,9 @@ def table(exam: Exam) -> dict[str, Score]:
     scores |= {
         "category, top 1, half of it covered": exam.covered(thing, 0.5),
         "category, top 1, half of it covered, 30 px and more": exam.covered(large, 0.5),
-        "category of unseen colour x category": exam.categories(thing & exam.unseen),
-        "category of unseen colour x category, 30 px and more": exam.categories(large & exam.unseen),
-        "category of an object of unseen colour x category": exam.objects(thing & exam.unseen),
+        "category of unseen color x category": exam.categories(thing & exam.unseen),
+        "category of unseen color x category, 30 px and more": exam.categories(large & exam.unseen),
+        "category of an object of unseen color x category": exam.objects(thing & exam.unseen),
         "piece of the building, top 1": exam.categories(exam.building),
         "first crop found is right, by name": exam.pictures_of({name: [name] for name in GLOSSARY}, thing),
         "first crop found is right, synonyms of no caption": exam.pictures_of(GLOSSARY, thing),
@@ -190,10 +190,10 @@ def table(exam: Exam) -> dict[str, Score]:
         "first five crops found, synonyms of no caption": exam.pictures_of(GLOSSARY, thing, 5),
         "category, top 1, synonyms of no caption": exam.synonyms(exam.whole),
         "part": exam.one_of("part", ~exam.whole),
-        "colour": exam.one_of("colour", thing, "{} object"),
-        "colour, synonyms of no caption": exam.colour_words(thing, COLOUR_GLOSSARY),
-        "colour and category": exam.combinations(~exam.unseen),
-        "colour and category, unseen together": exam.combinations(exam.unseen),
+        "color": exam.one_of("color", thing, "{} object"),
+        "color, synonyms of no caption": exam.color_words(thing, COLOR_GLOSSARY),
+        "color and category": exam.combinations(~exam.unseen),
+        "color and category, unseen together": exam.combinations(exam.unseen),
         "material": exam.one_of("material", thing, "{} object"),
         "pattern": exam.one_of("pattern", thing, "{} object"),
     }

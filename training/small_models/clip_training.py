@@ -14,7 +14,7 @@ from torch import Tensor
 
 from egosplat.files import atomic_file
 from egosplat.progress import log, track
-from training.small_models.attributes import COLOURS
+from training.small_models.attributes import COLORS
 from training.small_models.captions import (
     TEMPLATES,
     Captions,
@@ -27,10 +27,10 @@ from training.small_models.captions import (
 )
 from training.small_models.clip_losses import contrastive_loss, neutral_loss, synonym_loss
 from training.small_models.clip_model import encode_short_text
-from training.small_models.clip_views import DEFAULT, normalised
+from training.small_models.clip_views import DEFAULT, normalized
 from training.small_models.concepts import CANONICAL, WHOLES
 from training.small_models.crops import KINDS, Crops, sampling_weights
-from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+from training.small_models.glossary import COLOR_GLOSSARY, GLOSSARY
 
 _SAVED_EVERY_S = 180.0
 _LOGGED_EVERY = 200
@@ -46,7 +46,7 @@ class Schedule:
         largest_scale: bound of the scale of cosines in the contrastive loss; synonym_scale: that of the glossary.
         margin: margin of the cosines of canonical phrases.
         neutral, synonyms: weights of their losses.
-        recoloured: fraction of the crops that are shown in other colours and have no colour in their captions.
+        recolored: fraction of the crops that are shown in other colors and have no color in their captions.
         squares, tiles: fractions of the batch that are unmasked squares and tiles; the others are masked crops.
     """
 
@@ -61,7 +61,7 @@ class Schedule:
     margin: float = 0.1
     neutral: float = 0.2
     synonyms: float = 0.3
-    recoloured: float = 0.35
+    recolored: float = 0.35
     squares: float = 0.0
     tiles: float = 0.0
 
@@ -75,12 +75,12 @@ class Schedule:
         )
 
 
-_WEIGHTS = {"whole": 1.0, "kind": 0.3, "part": 0.6, "colour": 0.5, "pattern": 0.4, "material": 0.4}
+_WEIGHTS = {"whole": 1.0, "kind": 0.3, "part": 0.6, "color": 0.5, "pattern": 0.4, "material": 0.4}
 # Weight of captions in the contrastive loss.
 _DESCRIBED = 0.7
 
-# Words of the glossary per step: alone, and with a colour.
-_GLOSSED, _COLOURED = 32, 16
+# Words of the glossary per step: alone, and with a color.
+_GLOSSED, _COLORED = 32, 16
 
 
 class Trainer:
@@ -140,9 +140,9 @@ class Trainer:
         tile = self.crops.kind[chosen] == KINDS.index("tile")
         masked = draw_masked(tile, self.schedule, self._rng)
         known = self.facts[chosen]
-        other = self._rng.random(len(chosen)) < self.schedule.recoloured
-        known[np.ix_(other, self.claims.columns("colour"))] = -1
-        # At least 0.5 rad, so that a recoloured crop really has another colour.
+        other = self._rng.random(len(chosen)) < self.schedule.recolored
+        known[np.ix_(other, self.claims.columns("color"))] = -1
+        # At least 0.5 rad, so that a recolored crop really has another color.
         hues = torch.from_numpy(other * self._rng.uniform(0.5, 2 * np.pi - 0.5, len(chosen)))
         captions = joined(
             bank(self.claims, self._rng), describe(self.claims, known[: self.schedule.captions], self._rng)
@@ -160,18 +160,18 @@ class Trainer:
 
     def _losses(self, views: Tensor, captions: Captions, truth: np.ndarray) -> list[Tensor]:
         schedule = self.schedule
-        words, colours, target = self._gloss(captions)
-        texts = [*captions.texts, *CANONICAL, *colours, *words]
+        words, colors, target = self._gloss(captions)
+        texts = [*captions.texts, *CANONICAL, *colors, *words]
         views = views.contiguous(memory_format=torch.channels_last)
         with torch.autocast(torch.device(self.device).type, torch.bfloat16):
-            images = self.model.encode_image(normalised(views), normalize=True).float()
+            images = self.model.encode_image(normalized(views), normalize=True).float()
             said = encode_short_text(self.model, self._tokens(texts)).float()
         count = len(captions.texts)
-        said, canonical, coloured, glossed = said.split([count, len(CANONICAL), len(colours), len(words)])
+        said, canonical, colored, glossed = said.split([count, len(CANONICAL), len(colors), len(words)])
         cosines = images @ said.T
         true = torch.from_numpy(truth).to(self.device)
         scale = self.model.logit_scale.exp().clamp(max=schedule.largest_scale)
-        meanings = torch.cat([said, coloured])
+        meanings = torch.cat([said, colored])
         return [
             contrastive_loss(scale * cosines, true, self._weights(count)),
             neutral_loss(cosines, images @ canonical.T, true, schedule.margin, float(scale.detach())),
@@ -188,7 +188,7 @@ class Trainer:
         return weights
 
     def _gloss(self, captions: Captions) -> tuple[list[str], list[str], list[int]]:
-        """Glossary words, additional captions with a colour, and the index of the caption that each word means."""
+        """Glossary words, additional captions with a color, and the index of the caption that each word means."""
         rng, names = self._rng, list(GLOSSARY)
         first = captions.columns[:, 0].tolist()
         meaning = {
@@ -200,17 +200,17 @@ class Trainer:
         for name in rng.choice(names, _GLOSSED, replace=False).tolist():
             words.append(phrased(str(rng.choice(TEMPLATES)), str(rng.choice(GLOSSARY[name]))))
             target.append(meaning[name])
-        for colour, column in zip(COLOURS, self.claims.columns("colour"), strict=True):
-            words.append(f"{rng.choice(COLOUR_GLOSSARY[colour])} object")
+        for color, column in zip(COLORS, self.claims.columns("color"), strict=True):
+            words.append(f"{rng.choice(COLOR_GLOSSARY[color])} object")
             target.append(first.index(column))
-        coloured = []
-        for name in rng.choice(names, _COLOURED, replace=False).tolist():
-            colour = str(rng.choice(COLOURS))
-            said = str(rng.choice(COLOUR_GLOSSARY[colour])) if rng.random() < 0.5 else colour
+        colored = []
+        for name in rng.choice(names, _COLORED, replace=False).tolist():
+            color = str(rng.choice(COLORS))
+            said = str(rng.choice(COLOR_GLOSSARY[color])) if rng.random() < 0.5 else color
             words.append(f"{said} {rng.choice(GLOSSARY[name])}")
-            target.append(len(captions.texts) + len(coloured))
-            coloured.append(f"{colour} {rng.choice(WHOLES[name])}")
-        return words, coloured, target
+            target.append(len(captions.texts) + len(colored))
+            colored.append(f"{color} {rng.choice(WHOLES[name])}")
+        return words, colored, target
 
     def _tokens(self, texts: list[str]) -> Tensor:
         for text in texts:

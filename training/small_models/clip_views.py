@@ -23,8 +23,8 @@ def split_patches(patches: NDArray[np.uint8], device: torch.device | str) -> tup
     return values[:, :3], values[:, 3:]
 
 
-def normalised(pictures: Tensor) -> Tensor:
-    """Normalise (B, 3, H, W) images 0..1 for the model."""
+def normalized(pictures: Tensor) -> Tensor:
+    """Normalize (B, 3, H, W) images 0..1 for the model."""
     mean, std = (pictures.new_tensor(values)[:, None, None] for values in (MEAN, STD))
     return (pictures - mean) / std
 
@@ -43,14 +43,14 @@ def framed(pictures: Tensor, masks: Tensor, angles: Tensor, flips: Tensor | None
         flips: (B,) 1, or -1 to mirror.
     """
     inside = masks[:, 0] > 0.5
-    centre_x, size_x = _extent(inside.any(dim=1))
-    centre_y, size_y = _extent(inside.any(dim=2))
+    center_x, size_x = _extent(inside.any(dim=1))
+    center_y, size_y = _extent(inside.any(dim=2))
     half = torch.maximum(size_x, size_y) / 2
     cos, sin = half * angles.cos(), half * angles.sin()
     mirror = torch.ones_like(half) if flips is None else flips
     rows = [
-        torch.stack([cos * mirror, -sin, centre_x], dim=1),
-        torch.stack([sin * mirror, cos, centre_y], dim=1),
+        torch.stack([cos * mirror, -sin, center_x], dim=1),
+        torch.stack([sin * mirror, cos, center_y], dim=1),
     ]
     size = [len(pictures), 3, IMAGE_PX, IMAGE_PX]
     grid = F.affine_grid(torch.stack(rows, dim=1), size, align_corners=False)
@@ -59,7 +59,7 @@ def framed(pictures: Tensor, masks: Tensor, angles: Tensor, flips: Tensor | None
 
 
 def _extent(used: Tensor) -> tuple[Tensor, Tensor]:
-    """Centre and length, in -1..1, of the used range in (B, S); all of it if nothing is used."""
+    """Center and length, in -1..1, of the used range in (B, S); all of it if nothing is used."""
     side = used.shape[1]
     place = torch.arange(side, device=used.device)
     low = torch.where(used, place, side).amin(dim=1)
@@ -69,7 +69,7 @@ def _extent(used: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def turned_hues(pictures: Tensor, angles: Tensor) -> Tensor:
-    """Rotate the colours of (B, 3, S, S) images 0..1 about the grey axis by (B,) angles [rad]."""
+    """Rotate the colors of (B, 3, S, S) images 0..1 about the grey axis by (B,) angles [rad]."""
     third = (1 - angles.cos()) / 3
     root = angles.sin() / 3**0.5
     same, next_, last = angles.cos() + third, third - root, third + root
@@ -108,7 +108,7 @@ class Augmentation:
         """Augmented views of crops.
 
         Args:
-            patches: (B, S, S, 4) uint8, B at least 8; neighbours must be unrelated, because they occlude each other.
+            patches: (B, S, S, 4) uint8, B at least 8; neighbors must be unrelated, because they occlude each other.
             masked: (B,) bool: whether the crop is black outside its mask.
             hues: (B,) rotation of each crop's hues [rad].
 

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 
-from training.small_models.attributes import COLOURS
+from training.small_models.attributes import COLORS
 from training.small_models.captions import MATERIALS, NOUNS, PATTERNS, TEMPLATES
 from training.small_models.concepts import CANONICAL, KINDS, PARTS, WHOLES
-from training.small_models.glossary import COLOUR_GLOSSARY, GLOSSARY
+from training.small_models.glossary import COLOR_GLOSSARY, GLOSSARY
 
 Merge = tuple[str, str]
 
@@ -23,13 +23,13 @@ def known_words() -> list[str]:
     phrases = [
         *NOUNS,
         *CANONICAL,
-        *COLOURS,
+        *COLORS,
         "something",
         "an",
         *(text.replace("{a}", "a") for text in TEMPLATES),
     ]
     phrases += [*KINDS, *PARTS] and [phrase for key in (*KINDS, *PARTS) for phrase in key]
-    for table in (WHOLES, PATTERNS, MATERIALS, GLOSSARY, COLOUR_GLOSSARY):
+    for table in (WHOLES, PATTERNS, MATERIALS, GLOSSARY, COLOR_GLOSSARY):
         phrases += [phrase for listed in table.values() for phrase in listed]
     return sorted({word for phrase in phrases for word in re.findall("[a-z]+", phrase)})
 

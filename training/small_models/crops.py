@@ -43,7 +43,7 @@ class Crops:
         kind: (N,) index into ``KINDS``. The following describe the whole that fills most of a tile.
         names: (N,) category or building piece, and for a part a slash and its name.
         level: (N,) index into ``LEVELS``.
-        colours: (N, len(COLOURS)) float32 fractions of its surface.
+        colors: (N, len(COLORS)) float32 fractions of its surface.
         surfaces: (N,) fractions of its materials: "striped cloth:0.75,wood:0.25".
         area: (N,) its pixels in the crop; side: (N,) side of the mask's bounding square [px].
         share: (N,) fraction of its whole's visible pixels.
@@ -54,7 +54,7 @@ class Crops:
     kind: NDArray[np.int32]
     names: NDArray[np.str_]
     level: NDArray[np.int32]
-    colours: NDArray[np.float32]
+    colors: NDArray[np.float32]
     surfaces: NDArray[np.str_]
     area: NDArray[np.int32]
     side: NDArray[np.int32]
@@ -126,19 +126,19 @@ class _Table:
         return f"{self.wholes[self.levels.part_whole[part]]}/{plain_name(self.levels.part_names[part])}"
 
     def looks(self, level: str, number: int) -> tuple[NDArray[np.float32], str]:
-        """Fractions of colours and of surfaces, over all its visible pixels in the world's images."""
+        """Fractions of colors and of surfaces, over all its visible pixels in the world's images."""
         if level == "whole":
             parts = np.flatnonzero(self.levels.part_whole == number)
         else:
             parts = np.array([self._part(level, number)])
-        # Visible pixels, not areas of the model: the inside of a drawer has no colour in the images.
+        # Visible pixels, not areas of the model: the inside of a drawer has no color in the images.
         weight = self.part_px[parts] / self.part_px[parts].sum()
         surfaces: dict[str, float] = {}
         for part, share in zip(parts, weight, strict=True):
             name = self.appearance.surfaces[part]
             surfaces[name] = surfaces.get(name, 0.0) + float(share)
         listed = ",".join(f"{name}:{share:.2f}" for name, share in surfaces.items() if name and share > 0.005)
-        return weight @ self.appearance.colours[parts], listed
+        return weight @ self.appearance.colors[parts], listed
 
     def _part(self, level: str, number: int) -> int:
         return int(self.levels.subpart_part[number]) if level == "subpart" else number
@@ -150,11 +150,11 @@ class _Table:
     def described(self, level: str, number: int, area: int, whole_px: NDArray[np.int64]) -> dict[str, object]:
         """Fields of a crop of a subpart, part or whole with an area [px]; whole_px: visible pixels of wholes."""
         whole = self.whole_of(level, number)
-        colours, surfaces = self.looks(level, number)
+        colors, surfaces = self.looks(level, number)
         return {
             "names": self.name(level, number),
             "level": LEVELS.index(level),
-            "colours": colours,
+            "colors": colors,
             "surfaces": surfaces,
             "share": area / whole_px[whole],
             "whole": whole,
@@ -183,7 +183,7 @@ def cut_crops(table: _Table, seed: int) -> Crops:
         "patches": np.uint8,
         "names": np.str_,
         "surfaces": np.str_,
-        "colours": np.float32,
+        "colors": np.float32,
         "share": np.float32,
     }
     return Crops(

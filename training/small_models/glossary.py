@@ -56,8 +56,8 @@ GLOSSARY: dict[str, tuple[str, ...]] = {
     "door": ("entrance",),
 }
 
-# Synonyms by colour.
-COLOUR_GLOSSARY: dict[str, tuple[str, ...]] = {
+# Synonyms by color.
+COLOR_GLOSSARY: dict[str, tuple[str, ...]] = {
     "red": ("crimson", "scarlet"),
     "blue": ("navy", "azure"),
     "green": ("olive", "emerald"),

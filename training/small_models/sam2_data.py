@@ -27,7 +27,7 @@ _SMALL = 0.001
 # Probability of each level to be prompted.
 _PROMPTED = (0.25, 0.25, 0.5)
 
-# Normalisation of the published SAM2.
+# Normalization of the published SAM2.
 _MEAN, _STD = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
 
 Rng = np.random.Generator
@@ -55,7 +55,7 @@ class Prompts:
     """Points in one image and their targets.
 
     Attributes:
-        points: (K, 2) float32 pixel (x, y), centres at integer + 0.5.
+        points: (K, 2) float32 pixel (x, y), centers at integer + 0.5.
         coarse, fine: (K, 3, M, M) and (K, 3, N, N) float32 fraction of each cell that the level's mask covers.
         present: (K,) bool: whether there is an object at the point.
     """
@@ -100,7 +100,7 @@ def sample_clip(
     still: float = 0.0,
     side: int = SIDE,
 ) -> Clip:
-    """Draw a clip of ``frames`` images with random world, cut, size, direction of time and colours.
+    """Draw a clip of ``frames`` images with random world, cut, size, direction of time and colors.
 
     Args:
         worlds: source of the clip; words: see ``vocabulary``; rng: source of randomness; frames: length.
@@ -129,7 +129,7 @@ def sample_clip(
     labels = world.labels(np.stack(subparts))
     # Index -1, no part, picks the last entry: no name.
     called = np.array([words[_name(part)] for part in world.part_names] + [-1], np.int32)
-    return Clip(_change_colours(np.stack(pictures), rng), labels, called[labels[1]])
+    return Clip(_change_colors(np.stack(pictures), rng), labels, called[labels[1]])
 
 
 def _random_box(rng: Rng, size: int) -> tuple[int, int, int, int]:
@@ -152,7 +152,7 @@ def _drifting(box: tuple[int, int, int, int], rng: Rng, size: int, frames: int) 
     return [(int(y), int(x), height, width) for y, x in places]
 
 
-def _change_colours(pictures: Bytes, rng: Rng) -> Bytes:
+def _change_colors(pictures: Bytes, rng: Rng) -> Bytes:
     """Randomly change channel order, gain, offset, gamma, blur and noise."""
     x = pictures.astype(np.float32) / 255
     if rng.random() < 0.25:
@@ -171,7 +171,7 @@ def _change_colours(pictures: Bytes, rng: Rng) -> Bytes:
 
 
 def to_input(pictures: Bytes) -> Tensor:
-    """(T, S, S, 3) uint8 -> (T, 3, S, S) float32, normalised for the model."""
+    """(T, S, S, 3) uint8 -> (T, 3, S, S) float32, normalized for the model."""
     return torch.from_numpy((pictures.astype(np.float32) / 255 - _MEAN) / _STD).permute(0, 3, 1, 2)
 
 

@@ -38,7 +38,7 @@ MAX_WITHOUT_CODE = 0.25
 MAX_CORRECTION = 0.05
 
 # Auto-exposure over 4 stops changes sRGB values by a factor of about 2.
-# Gain of a colour, or its inverse.
+# Gain of a color, or its inverse.
 MAX_GAIN = 2.5
 
 

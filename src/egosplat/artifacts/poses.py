@@ -9,10 +9,10 @@ POSES = Schema(
     {
         "camera_to_world": Field(("frame", 4, 4), "float64", "m", "OpenCV axes; NaN where not registered"),
         "registered": Field(("frame",), "bool", "-", "frames that have a pose"),
-        "intrinsics": Field((3, 3), "float64", "px", "pinhole matrix, pixel centres at + 0.5"),
+        "intrinsics": Field((3, 3), "float64", "px", "pinhole matrix, pixel centers at + 0.5"),
         "up": Field((3,), "float64", "-", "unit vector against gravity, in the world"),
         "points/xyz": Field(("point", 3), "float64", "m", "points of the scene, in the world"),
-        "points/rgb": Field(("point", 3), "uint8", "sRGB", "their colours"),
+        "points/rgb": Field(("point", 3), "uint8", "sRGB", "their colors"),
     },
 )
 

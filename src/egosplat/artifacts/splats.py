@@ -13,7 +13,7 @@ SPLATS = Schema(
     "splats",
     2,
     {
-        "means": Field(("gaussian", 3), "float32", "m", "centres, in the world of poses.zarr"),
+        "means": Field(("gaussian", 3), "float32", "m", "centers, in the world of poses.zarr"),
         "quats": Field(("gaussian", 4), "float32", "-", "rotations to the world, wxyz, of any length but 0"),
         "log_scales": Field(
             ("gaussian", 3), "float32", "log m", "natural logarithm of the standard deviations"
@@ -23,7 +23,7 @@ SPLATS = Schema(
             ("gaussian", "coefficient", 3),
             "float32",
             "sRGB 0..1",
-            "spherical harmonics of the direction from camera to centre, 3DGS's order; colour = max(sum + 0.5, 0)",
+            "spherical harmonics of the direction from camera to center, 3DGS's order; color = max(sum + 0.5, 0)",
         ),
         "features": Field(
             ("gaussian", "channel"),
@@ -77,7 +77,7 @@ SPLATS = Schema(
             ("recorded_frame", 3),
             "float64",
             "m",
-            "from the camera's centre in poses.zarr to that after correction, in the world",
+            "from the camera's center in poses.zarr to that after correction, in the world",
             optional=True,
         ),
         "corrections/turn": Field(

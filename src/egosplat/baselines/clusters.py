@@ -8,7 +8,7 @@ from torch import Tensor
 from egosplat.errors import UserError
 
 # Published: principal components; Gaussians near a dense one; Gaussians of the smallest cluster.
-COMPONENTS, NEIGHBOURS, LEAST = 50, 10, 500
+COMPONENTS, NEIGHBORS, LEAST = 50, 10, 500
 
 # Decimals kept of coordinates whose largest is 1: what is left out is rounding of sums, and no cluster.
 _DECIMALS = 5
@@ -51,7 +51,7 @@ def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
     least = max(2, round(LEAST * len(chosen) / len(rows)))
     model = HDBSCAN(
         min_cluster_size=least,
-        min_samples=NEIGHBOURS,
+        min_samples=NEIGHBORS,
         algorithm="kd_tree",  # others may hold all distances
         copy=True,
     )

@@ -17,7 +17,7 @@ from egosplat.artifacts.prompts import PROMPTS
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.writer import create
-from egosplat.codes.centres import project_centres
+from egosplat.codes.centers import project_centers
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
@@ -73,8 +73,8 @@ def run(
         valid=frames.read("valid"),
     )
     points = [
-        draw_points(sides, centres, np.random.default_rng([options.seed, row]))
-        for row, (sides, centres) in zip(rows.tolist(), densities(views), strict=True)
+        draw_points(sides, centers, np.random.default_rng([options.seed, row]))
+        for row, (sides, centers) in zip(rows.tolist(), densities(views), strict=True)
     ]
     counts = [len(one) for one in points]
     with create(output, PROMPTS, record) as artifact:
@@ -109,7 +109,7 @@ class SplatViews:
         about = self.camera, self.camera_to_world[view], self.settings
         image, _, _ = render(self.gaussians, *about, sh_degree=0, background=None, render_mode="ED")
         depth = np.where(self.valid, image[..., 0].double().cpu().numpy(), 0.0)
-        gaussian, pixel, own = project_centres(self.gaussians, *about)
+        gaussian, pixel, own = project_centers(self.gaussians, *about)
         surface = depth[pixel[:, 1], pixel[:, 0]]
         # Without a surface, no Gaussian: one in view is farther than the near plane.
         seen = abs(surface - own[gaussian]) <= TOLERANCE * surface
@@ -117,7 +117,7 @@ class SplatViews:
 
 
 def densities(views: SplatViews) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
-    """The sides of the cells, and the pixels that hold a centre, of each view; see ``draw_points``.
+    """The sides of the cells, and the pixels that hold a center, of each view; see ``draw_points``.
 
     The views are rendered twice: depths of all of them take memory by the length of the recording.
     """

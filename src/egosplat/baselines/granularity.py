@@ -21,13 +21,13 @@ def cell_ratios(depth: NDArray[np.float64], least: NDArray[np.float64]) -> NDArr
 
     Args:
         depth: (H, W) camera z of the surfaces [m]; 0 without one.
-        least: (H, W) least depth of the Gaussian whose centre a pixel holds, over all views that see it [m]; 0 without one.
+        least: (H, W) least depth of the Gaussian whose center a pixel holds, over all views that see it [m]; 0 without one.
 
     Returns:
         (CELLS, CELLS) mean depth over mean least depth, each over the pixels that have one; NaN where none has.
     """
     cell = _squares(depth.shape, CELLS)
-    with np.errstate(invalid="ignore"):  # 0 / 0: a cell without a surface, or without a centre
+    with np.errstate(invalid="ignore"):  # 0 / 0: a cell without a surface, or without a center
         means = [
             np.bincount(cell.ravel(), values.ravel(), CELLS**2)
             / np.bincount(cell.ravel(), (values > 0).ravel(), CELLS**2)
@@ -43,21 +43,21 @@ def points_a_side(ratios: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def draw_points(
-    sides: NDArray[np.int64], centres: NDArray[np.bool_], random: np.random.Generator
+    sides: NDArray[np.int64], centers: NDArray[np.bool_], random: np.random.Generator
 ) -> NDArray[np.float32]:
-    """Draw points in each cell of a view, more in the parts of a cell that hold more centres.
+    """Draw points in each cell of a view, more in the parts of a cell that hold more centers.
 
     Args:
         sides: (CELLS, CELLS) side of the square number of points.
-        centres: (H, W) pixels that hold the centre of a Gaussian in view.
+        centers: (H, W) pixels that hold the center of a Gaussian in view.
 
     Returns:
         (P, 2) x, y in [0, 1], cell by cell.
     """
     side = CELLS * PARTS
-    held = np.bincount(_squares(centres.shape, side)[centres], minlength=side**2)
+    held = np.bincount(_squares(centers.shape, side)[centers], minlength=side**2)
     parts = held.reshape(CELLS, PARTS, CELLS, PARTS).swapaxes(1, 2).reshape(CELLS**2, PARTS**2)
-    # 1 more: a part without a centre is drawn, too.
+    # 1 more: a part without a center is drawn, too.
     chances = (parts + 1) / (parts + 1).sum(axis=1, keepdims=True)
     points = []
     for cell, count in enumerate(sides.ravel() ** 2):

@@ -1,4 +1,4 @@
-"""Method ``quantised``: LEGaussians (Shi et al., CVPR 2024). Dense features become indices into a codebook."""
+"""Method ``quantized``: LEGaussians (Shi et al., CVPR 2024). Dense features become indices into a codebook."""
 
 import math
 
@@ -43,7 +43,7 @@ _POOL = 2**17
 _MOST_UNCERTAIN = 1 - 1e-6
 
 
-def quantised(
+def quantized(
     gaussians: Gaussians,
     views: CodeViews,
     settings: RenderSettings,
@@ -58,7 +58,7 @@ def quantised(
     """
     tiles.check_has(views.frame)
     pixels = PixelViews(gaussians, views, settings, options.pixels)
-    codes = QuantisedCodes(pixels, tiles, options.seed)
+    codes = QuantizedCodes(pixels, tiles, options.seed)
     total = codes.first_phase + options.iterations
     curve = train(codes, len(views), total, options.seed, checkpoint)
     share = shares(gaussians, views, settings, everywhere(views))
@@ -66,9 +66,9 @@ def quantised(
         *tiles.stands_in,
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"the loss of {options.pixels:,} pixels of a view, and of as many features a batch",
-        "colour and geometry fixed, not trained along with it",
+        "color and geometry fixed, not trained along with it",
     )
-    return Coded(codes.code.detach()[:, None], share, ["quantised"], codes.stored(), curve, stands_in)
+    return Coded(codes.code.detach()[:, None], share, ["quantized"], codes.stored(), curve, stands_in)
 
 
 def uncertain_loss(entropy: Tensor, uncertainty: Tensor) -> Tensor:
@@ -94,7 +94,7 @@ def smoothing(codes: Tensor, predicted: Tensor, uncertainty: Tensor) -> Tensor:
     return fit + (weight * (predicted.detach() - codes).square().mean(dim=1)).mean()
 
 
-class QuantisedCodes(Trainee):
+class QuantizedCodes(Trainee):
     """A codebook, then codes with uncertainty and the decoder of indices.
 
     Attributes:

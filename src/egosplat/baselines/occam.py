@@ -1,9 +1,9 @@
-"""Occam's LGS (Cheng et al., 2024): average the features at the pixels that hold a Gaussian's centre, by its weight there."""
+"""Occam's LGS (Cheng et al., 2024): average the features at the pixels that hold a Gaussian's center, by its weight there."""
 
 import numpy as np
 import torch
 
-from egosplat.codes.centres import look_at_centres
+from egosplat.codes.centers import look_at_centers
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
@@ -12,23 +12,23 @@ from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
 
-def centred(
+def centered(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
 ) -> Coded:
-    """Method ``centre``: ``f_g = sum_v w F(u_g) / sum_v w`` with the feature F and the weight w at the centre's pixel u_g.
+    """Method ``center``: ``f_g = sum_v w F(u_g) / sum_v w`` with the feature F and the weight w at the center's pixel u_g.
 
     Views whose pixel has no mask at a level do not count there. A Gaussian that no view shows has no code.
     """
     shape = gaussians.count, len(targets.levels)
     sums = torch.zeros(*shape, targets.channels, device=views.device)
     total = torch.zeros(shape, device=views.device)
-    for index in track(range(len(views)), "looking at centres", unit="view"):
+    for index in track(range(len(views)), "looking at centers", unit="view"):
         pose = views.camera_to_world[index]
-        centres = look_at_centres(gaussians, views.camera, pose, settings, median=False)
-        shown = np.flatnonzero((centres.weight > 0) & (views.weight_at(index, centres.pixel) > 0))
-        rows = torch.from_numpy(centres.gaussian[shown]).to(views.device)
-        found = targets.at(int(views.frame[index]), centres.pixel[shown])
-        weight = found.known * torch.from_numpy(centres.weight[shown]).to(views.device)
+        centers = look_at_centers(gaussians, views.camera, pose, settings, median=False)
+        shown = np.flatnonzero((centers.weight > 0) & (views.weight_at(index, centers.pixel) > 0))
+        rows = torch.from_numpy(centers.gaussian[shown]).to(views.device)
+        found = targets.at(int(views.frame[index]), centers.pixel[shown])
+        weight = found.known * torch.from_numpy(centers.weight[shown]).to(views.device)
         # Each Gaussian has one pixel in a view.
         sums[rows] += (found.codes * weight[:, None]).permute(2, 0, 1)
         total[rows] += weight.T

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from egosplat.codes.centres import Centres, look_at_centres
+from egosplat.codes.centers import Centers, look_at_centers
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
@@ -27,7 +27,7 @@ TOLERANCE = 0.05
 def projected(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
 ) -> Coded:
-    """Method ``projected``: the mean feature of the pixels that show a Gaussian's centre, over views, at one level.
+    """Method ``projected``: the mean feature of the pixels that show a Gaussian's center, over views, at one level.
 
     A pixel's feature is the sum of those of all masks that cover it, as a unit vector, or 0 without a mask. The mean is not
     normalized, and opacities play no part.
@@ -35,25 +35,25 @@ def projected(
     sums = torch.zeros(gaussians.count, targets.channels, device=views.device)
     seen = torch.zeros(gaussians.count, device=views.device)
     for index in track(range(0, len(views), EVERY), "projecting", unit="view"):
-        centres = look_at_centres(gaussians, views.camera, views.camera_to_world[index], settings)
-        inside = is_seen(centres, views.camera.width, views.camera.height)
-        shown = inside & (views.weight_at(index, centres.pixel) > 0)
-        rows = torch.from_numpy(centres.gaussian[shown]).to(views.device)
-        found = targets.at(int(views.frame[index]), centres.pixel[shown])
+        centers = look_at_centers(gaussians, views.camera, views.camera_to_world[index], settings)
+        inside = is_seen(centers, views.camera.width, views.camera.height)
+        shown = inside & (views.weight_at(index, centers.pixel) > 0)
+        rows = torch.from_numpy(centers.gaussian[shown]).to(views.device)
+        found = targets.at(int(views.frame[index]), centers.pixel[shown])
         sums[rows] += pixel_features(found.codes)
         seen[rows] += 1
     code = sums / seen.clamp(min=1)[:, None]
     return Coded(code[:, None], (code != 0).any(1).float()[:, None], ["all"])
 
 
-def is_seen(centres: Centres, width: int, height: int) -> NDArray[np.bool_]:
+def is_seen(centers: Centers, width: int, height: int) -> NDArray[np.bool_]:
     """(M,) bool: Gaussians away from the border whose depth is the median depth, up to ``TOLERANCE``.
 
     A Gaussian at a pixel without a median depth is not seen.
     """
     border, size = BORDER * width, np.array([width, height])
-    inside = (np.minimum(centres.pixel, size - 1 - centres.pixel) >= border).all(axis=1)
-    return inside & (abs(centres.median_depth - centres.depth) <= TOLERANCE * centres.median_depth)
+    inside = (np.minimum(centers.pixel, size - 1 - centers.pixel) >= border).all(axis=1)
+    return inside & (abs(centers.median_depth - centers.depth) <= TOLERANCE * centers.median_depth)
 
 
 def pixel_features(codes: Tensor) -> Tensor:

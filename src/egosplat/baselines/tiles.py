@@ -8,7 +8,7 @@ from torch import Tensor
 # Sides of the tiles as parts of the image's height.
 RATIOS = tuple(0.05 + 0.075 * number for number in range(7))
 
-# Tiles do not overlap at the first ratio; from the second on, neighbours overlap by half.
+# Tiles do not overlap at the first ratio; from the second on, neighbors overlap by half.
 _APART, _HALF = 0.05, 0.15
 
 

@@ -117,7 +117,7 @@ class Lens:
     def _inner_view(self) -> tuple[float, float, float, float]:
         """Left, top, right, bottom of the largest rectangle in the undistorted border of the picture, at depth 1."""
         along = np.linspace(0.0, 1.0, _BORDER_POINTS)
-        # Half a pixel inside, so that bilinear sampling has all its neighbours.
+        # Half a pixel inside, so that bilinear sampling has all its neighbors.
         x, y = 0.5 + along * (self.width - 1), 0.5 + along * (self.height - 1)
         first, last = np.full_like(along, 0.5), np.full_like(along, 1.0)
         sides = [
@@ -179,14 +179,14 @@ class Rectifier:
         """(H, W) bool -> (H, W) bool of the pinhole camera: True where all sampled pixels are in the mask."""
         if self.is_identity:
             return mask
-        # Neighbours outside the picture do not count, as ``image`` repeats its border.
+        # Neighbors outside the picture do not count, as ``image`` repeats its border.
         filled = cv2.remap(
             mask.astype(np.float32), self._u, self._v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
         return filled > 1 - 1e-4
 
     def labels(self, labels: NDArray[np.int32]) -> NDArray[np.int32]:
-        """(H, W) labels -> (H, W) labels of the pinhole camera, by nearest neighbour."""
+        """(H, W) labels -> (H, W) labels of the pinhole camera, by nearest neighbor."""
         if self.is_identity:
             return labels
         height, width = labels.shape
@@ -196,7 +196,7 @@ class Rectifier:
 
 
 def _source_positions(lens: Lens) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Column and row, (H, W) float32 [px, pixel centres at integers as in OpenCV], of each pixel of the pinhole camera."""
+    """Column and row, (H, W) float32 [px, pixel centers at integers as in OpenCV], of each pixel of the pinhole camera."""
     target, camera = lens.pinhole, lens.colmap()
     positions = np.empty((target.height, target.width, 2), np.float32)
     x = (np.arange(target.width) + 0.5 - target.cx) / target.fx

@@ -1,4 +1,4 @@
-"""Read the vertices of a PLY file: positions and colours."""
+"""Read the vertices of a PLY file: positions and colors."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ _TYPES = {
 }
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = b"end_header"
-# Colour of points without one.
+# Color of points without one.
 _GREY = 128
 
 
@@ -35,7 +35,7 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Read the points of a PLY file.
 
     Returns:
-        (P, 3) float64 positions and (P, 3) uint8 colours, grey if the file has none.
+        (P, 3) float64 positions and (P, 3) uint8 colors, gray if the file has none.
 
     Raises:
         UserError: the file is missing, damaged, or does not begin with its vertices.
@@ -43,14 +43,12 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     try:
         vertices = _vertices(path.read_bytes())
         points = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)
-        colours = np.full(points.shape, _GREY, np.uint8)
+        colors = np.full(points.shape, _GREY, np.uint8)
         if {"red", "green", "blue"} <= set(vertices.dtype.names):
-            colours = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1).astype(
-                np.uint8
-            )
+            colors = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1).astype(np.uint8)
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
         raise UserError(f"{path}: not a readable PLY file of points ({str(error)[:100]}).") from error
-    return points, colours
+    return points, colors
 
 
 def _vertices(content: bytes) -> NDArray[np.void]:

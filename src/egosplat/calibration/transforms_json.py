@@ -43,7 +43,7 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
         ]
     )
     notes = _world_notes(document, path)
-    points, colours = _points(document, path)
+    points, colors = _points(document, path)
     return Contents(
         camera_file=str(path),
         pose_file=str(path),
@@ -51,7 +51,7 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
         names=names,
         camera_to_world=poses * _OPENGL,
         points=points,
-        point_rgb=colours,
+        point_rgb=colors,
         point_views=np.zeros(len(points), np.int64),
         point_error_px=np.zeros(len(points)),
         notes=notes,

@@ -163,7 +163,7 @@ def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
 def models(
     context: click.Context, configfile: tuple[Path, ...], config: tuple[str, ...], every: bool
 ) -> None:
-    """List the checkpoints that the configuration needs: place, licence, size, SHA-256, and whether they are there."""
+    """List the checkpoints that the configuration needs: place, license, size, SHA-256, and whether they are there."""
     from egosplat.doctor.inputs import read_configuration, read_configurations
     from egosplat.models.needed import catalogue, listing, needed
 

@@ -33,7 +33,7 @@ class JointLanguage(Objective):
 
     def __init__(self, ssim_lambda: float, feature_weight: float, targets: CodeTargets) -> None:
         """Take the weight of the code loss; ``ssim_lambda`` as in ``L1Ssim``."""
-        self._colours = L1Ssim(ssim_lambda)
+        self._colors = L1Ssim(ssim_lambda)
         self._feature_weight, self._targets = feature_weight, targets
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
@@ -41,8 +41,8 @@ class JointLanguage(Objective):
         targets = self._targets.of(int(views.frame[index]))
         # Channels 0 to 2 are colors; the codes of all levels follow.
         codes = image[..., 3:].permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
-        colours = self._colours.loss(image, views, index)
-        return colours + self._feature_weight * code_l1(codes, targets, views.weight(index))
+        colors = self._colors.loss(image, views, index)
+        return colors + self._feature_weight * code_l1(codes, targets, views.weight(index))
 
 
 def initial_codes(count: int, targets: CodeTargets, device: torch.device) -> Tensor:

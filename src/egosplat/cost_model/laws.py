@@ -32,7 +32,7 @@ MEASURED_ON = "two cores with AVX-512"
 START_S = 4.0
 
 # Values of language.method whose law has another name: those that train on sampled pixels, also with networks.
-_SAMPLED = {"sparse": "sampled", "quantised": "sampled", "granular": "networks", "field": "networks"}
+_SAMPLED = {"sparse": "sampled", "quantized": "sampled", "granular": "networks", "field": "networks"}
 
 # What the names of laws whose time depends on the rasterizer begin with.
 _RENDERS = ("transient", "instances", "splats", "language", "metrics")

@@ -160,7 +160,7 @@ def _prompts(config: Config, sizes: Sizes) -> float:
     return searched * points
 
 
-def _labelled(config: Config, sizes: Sizes) -> float:
+def _labeled(config: Config, sizes: Sizes) -> float:
     return _searched(config, sizes) if segments_single_frames(config) else sizes["kept"]
 
 
@@ -180,14 +180,14 @@ def _merged(config: Config) -> bool:
 
 
 def _masks(config: Config, sizes: Sizes) -> float:
-    return TYPICAL_MASKS * sizes["labelled"] * _merged(config)
+    return TYPICAL_MASKS * sizes["labeled"] * _merged(config)
 
 
 def _instances(config: Config, sizes: Sizes) -> float:
     if _merged(config):
         return TYPICAL_MERGED
     if segments_single_frames(config):
-        return TYPICAL_MASKS * sizes["labelled"]
+        return TYPICAL_MASKS * sizes["labeled"]
     return sizes["tracked"] / 2  # 72 of 134 in adt/scene1
 
 
@@ -261,7 +261,7 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     "prompts": _prompts,
     "tracked": _tracked,
     "moving": _moving,
-    "labelled": _labelled,
+    "labeled": _labeled,
     "masks": _masks,
     # Runs that stay to the last merge grow with the square root of the masks (benchmarks/instances).
     "runs": lambda _, sizes: math.sqrt(sizes["masks"]),

@@ -189,7 +189,7 @@ def _indicators(things: Sequence[Thing], scene: QueryScene) -> torch.Tensor:
 def _category_map(
     evaluation: Evaluation, frame: Frame, names: Sequence[str], camera: Camera
 ) -> NDArray[np.int64]:
-    """(h, w) int64 category at each pixel centre of a smaller camera; C for none, -1 for people and invalid pixels."""
+    """(h, w) int64 category at each pixel center of a smaller camera; C for none, -1 for people and invalid pixels."""
     # Pixels of people do not count: people are masked in training, so the Gaussians do not show them.
     index = [
         -1 if one.instance_type == "human" else names.index(one.category) for one in evaluation.instances

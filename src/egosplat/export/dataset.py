@@ -33,7 +33,7 @@ class DataSet:
     Attributes:
         frame: (F,) int64 frames with a pose.
         camera_to_world: (F, 4, 4) float64, OpenCV axes.
-        xyz, rgb: (P, 3) float64 points of the scene and their uint8 colours.
+        xyz, rgb: (P, 3) float64 points of the scene and their uint8 colors.
         origin: ``real`` or ``synthetic``.
     """
 

@@ -1,4 +1,4 @@
-"""Write the centres of Gaussians as a point cloud in the colours of their instances."""
+"""Write the centers of Gaussians as a point cloud in the colors of their instances."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from egosplat.viewing.instances import pack_instances
 from egosplat.progress import log
 from egosplat.report.sheets.instances_sheet import palette
 
-# Colour of points without an instance.
+# Color of points without an instance.
 _GREY = 96
 
 # Gaussians that are less opaque show no surface.
@@ -23,9 +23,9 @@ _LEAST_OPACITY = 0.5
 
 
 def export_instances(scene: Path, output: Path) -> None:
-    """Write a point for each Gaussian on a surface, with its colour and its instance at each level, -1 for none.
+    """Write a point for each Gaussian on a surface, with its color and its instance at each level, -1 for none.
 
-    A point has the colour of its instance at the coarsest level. Points without one are grey.
+    A point has the color of its instance at the coarsest level. Points without one are gray.
 
     Raises:
         UserError: an artifact is missing or damaged, the instances are tracks, or ``output`` exists and is no export.
@@ -41,9 +41,9 @@ def export_instances(scene: Path, output: Path) -> None:
         )
     owner = packed["instance"].astype(np.int32) - 1
     levels = instances.facts["levels"]
-    colours = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8)
+    colors = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8)
     coarsest = owner[-1]
-    rgb = np.where((coarsest >= 0)[:, None], colours[coarsest], np.uint8(_GREY))
+    rgb = np.where((coarsest >= 0)[:, None], colors[coarsest], np.uint8(_GREY))
     columns = point_columns(xyz, rgb)
     columns |= {f"instance_{level}": owner[index] for index, level in enumerate(levels)}
     write_ply(output, columns, splats.origin)

@@ -151,11 +151,11 @@ def way(poses: Array, start: int, end: int) -> list[int]:
 
 
 def _lit(scene: QueryScene, thing: Thing) -> QueryScene:
-    """The scene with a thing in the colour of heat, and all else dim and grey."""
+    """The scene with a thing in the color of heat, and all else dim and gray."""
     own = Painted.of(scene)
     fit = np.zeros(scene.gaussians.count, np.float32)
     fit[thing.members] = 1.0
-    painted = own.coloured(heat(own.colours, fit, threshold=0.5))
+    painted = own.colored(heat(own.colors, fit, threshold=0.5))
     return replace(scene, gaussians=painted.gaussians, sh_degree=painted.sh_degree)
 
 

@@ -46,7 +46,7 @@ def code_columns(code: NDArray[np.float32], share: NDArray[np.float32], levels: 
 
 
 def point_columns(xyz: NDArray[np.floating[Any]], rgb: NDArray[np.uint8]) -> Columns:
-    """Return the properties of (P, 3) points and their (P, 3) colours."""
+    """Return the properties of (P, 3) points and their (P, 3) colors."""
     places = zip("xyz", xyz.astype(np.float32).T, strict=True)
     return {**dict(places), **dict(zip(("red", "green", "blue"), rgb.T, strict=True))}
 

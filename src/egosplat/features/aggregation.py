@@ -121,8 +121,8 @@ def _kept_channels(values: Floats, k: float) -> Bools:
 def _distances(values: Floats, norm: str, k: float) -> tuple[Floats, Floats]:
     """Return (G, V) distances d_j of whole views, and the (G,) largest distance of an inlier."""
     # The median of each channel, also here: the paper defines no other for vectors.
-    centre = median(values)[:, None]
-    apart = values - centre if norm == "euclidean" else unit(values) - unit(centre)
+    center = median(values)[:, None]
+    apart = values - center if norm == "euclidean" else unit(values) - unit(center)
     distance = np.linalg.norm(apart, axis=2)
     if norm == "cosine":
         # 1 - cos = |u - v|^2 / 2, which is exactly 0 for equal vectors.

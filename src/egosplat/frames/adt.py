@@ -89,7 +89,7 @@ class AdtRecording:
         for index in indices:
             fisheye = self._decode(int(self._frames[index]))
             try:
-                image = self._rectification.colour(fisheye)
+                image = self._rectification.color(fisheye)
             except ValueError as error:
                 raise UserError(f"{self._path}: RGB frame {self._frames[index]}: {error}.") from error
             if not image.any():
@@ -108,7 +108,7 @@ class AdtRecording:
         # The library returns a damaged JPEG partly decoded and only logs a line about it.
         reason = find_damage(messages)
         if image is None or image.ndim != 3 or reason:
-            reason = reason or "; ".join(messages) or "not a colour image"
+            reason = reason or "; ".join(messages) or "not a color image"
             raise UserError(
                 f"{self._path}: RGB frame {frame} cannot be decoded ({reason}). Download it again."
             )

@@ -24,7 +24,7 @@ RELEASE, ANNOTATIONS = "HOI4D_release", "HOI4D_annotations"
 _PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
 _SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
 
-# intrin.npy has pixel centres at integers, as OpenCV and Open3D do.
+# intrin.npy has pixel centers at integers, as OpenCV and Open3D do.
 _OPENCV_PIXEL_OFFSET = 0.5
 
 

@@ -1,7 +1,7 @@
 """Read HOI4D's motion segmentation: hands and handled objects. For evaluation only.
 
 Masks are RGB images in ``2Dseg/shift_mask`` or ``2Dseg/mask``, 15 per second, from ``00000.png`` for the first frame.
-Their colours are those of ``voc_color_map``. The meaning of labels 1, 2, … depends on the object category (the
+Their colors are those of ``voc_color_map``. The meaning of labels 1, 2, … depends on the object category (the
 dataset's ``definitions/motion segmentation/label.csv``).
 """
 
@@ -45,7 +45,7 @@ _OBJECTS = {
     "C14": "trash can", "C17": "lamp", "C18": "stapler", "C20": "chair",
 }  # fmt: skip
 _MAX_LABEL = 6
-# The dataset's own tools ignore colours of no label; more than this share means another kind of image.
+# The dataset's own tools ignore colors of no label; more than this share means another kind of image.
 _MAX_UNKNOWN_SHARE = 0.01
 
 
@@ -79,7 +79,7 @@ class Hoi4dAnnotations:
         """The instance of each pixel of the frame at ``timestamp_ns``; see ``Annotations.instance_map``.
 
         Raises:
-            UserError: the mask is unreadable, or has another aspect ratio or other colours.
+            UserError: the mask is unreadable, or has another aspect ratio or other colors.
         """
         number = round(timestamp_ns * MASKS_PER_SECOND / 1e9)
         path = self._masks / f"{number:05d}.png"
@@ -90,7 +90,7 @@ class Hoi4dAnnotations:
         unknown = float((labels < 0).mean())
         if unknown > _MAX_UNKNOWN_SHARE:
             raise UserError(
-                f"{path}: {unknown:.0%} of the pixels have a colour of no HOI4D label. Download it again."
+                f"{path}: {unknown:.0%} of the pixels have a color of no HOI4D label. Download it again."
             )
         height, width = labels.shape
         if abs(height * self._camera.width - width * self._camera.height) > max(width, self._camera.width):
@@ -145,7 +145,7 @@ def voc_color_map(count: int = 256) -> NDArray[np.uint8]:
 
 
 def decode_labels(mask: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """(H, W, 3) uint8 RGB mask -> (H, W) int64 labels 0 (none) to 6; -1 for other colours."""
+    """(H, W, 3) uint8 RGB mask -> (H, W) int64 labels 0 (none) to 6; -1 for other colors."""
     palette = _packed(voc_color_map(_MAX_LABEL + 1))
     order = np.argsort(palette)
     packed = _packed(mask)
@@ -153,6 +153,6 @@ def decode_labels(mask: NDArray[np.uint8]) -> NDArray[np.int64]:
     return np.where(palette[order][position] == packed, order[position], -1)
 
 
-def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """(..., 3) RGB -> (...) one integer per colour."""
-    return colours.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
+def _packed(colors: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(..., 3) RGB -> (...) one integer per color."""
+    return colors.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])

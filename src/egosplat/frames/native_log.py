@@ -13,7 +13,7 @@ from pathlib import Path
 
 from egosplat.progress import log
 
-_COLOUR_CODE = re.compile(r"\x1b\[[0-9;]*m")
+_COLOR_CODE = re.compile(r"\x1b\[[0-9;]*m")
 _CHATTER = re.compile(
     r"\[(INFO|DEBUG)\]"
     # Logged for every segmentation file of ADT; harmless.
@@ -50,7 +50,7 @@ def captured_log() -> Iterator[list[str]]:
 
 
 def _without_chatter(text: str) -> list[str]:
-    lines = (_COLOUR_CODE.sub("", line).strip() for line in text.splitlines())
+    lines = (_COLOR_CODE.sub("", line).strip() for line in text.splitlines())
     return [line for line in lines if line and not _CHATTER.search(line)]
 
 

@@ -5,8 +5,8 @@ The folder ``annotations/`` (of a video: ``clip.mp4.annotations/``) holds:
 - ``instances.tsv``: a tab-separated table with a header and one line per instance. Columns: ``id`` (1..65535,
   unique), ``name``, ``category`` (the phrase of its query), ``motion_type`` (``static`` or ``dynamic``) and,
   optionally, ``instance_type`` (``object``, the default, or ``human``).
-- one PNG for each annotated frame, in full size, with a single channel: 8-bit grey, 8-bit palette (indices, not
-  colours) or 16-bit grey. Pixels hold the ``id`` of their instance, or 0. The PNG has the name of its image
+- one PNG for each annotated frame, in full size, with a single channel: 8-bit gray, 8-bit palette (indices, not
+  colors) or 16-bit gray. Pixels hold the ``id`` of their instance, or 0. The PNG has the name of its image
   (``img_7.png`` for ``img_7.jpg``), or the number of the video frame from 0 (``12.png`` or ``00012.png``).
 """
 

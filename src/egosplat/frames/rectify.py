@@ -76,7 +76,7 @@ class Rectification:
     """Maps images and label maps of one fisheye camera to one pinhole camera.
 
     Attributes:
-        camera: the pinhole camera. It is square and centred, so turning the image does not change it.
+        camera: the pinhole camera. It is square and centered, so turning the image does not change it.
         device_from_camera: (4, 4) float64 pose of the pinhole camera in the device frame.
         valid: (H, W) bool: pixels whose whole area lies inside the lens circle and the fisheye image.
     """
@@ -98,13 +98,13 @@ class Rectification:
         self._turns = turns
         self._factor = supersampling(calibration, camera)
         # projectaria-tools computes once where each pinhole pixel lies in the fisheye image, and OpenCV samples every
-        # image there: several times as fast as ``distort_by_calibration``, and equal within one grey level.
+        # image there: several times as fast as ``distort_by_calibration``, and equal within one gray level.
         self._map_u, self._map_v, inside = _source_coordinates(calibration, camera, self._factor)
         self.valid = self._turn(_shrink_mask(inside, self._factor))
         self._source_index = self._turn(_nearest_source(calibration, camera))
         self._source_shape = _source_shape(calibration)
 
-    def colour(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 fisheye image -> (H, W, 3) uint8 pinhole image, 0 where not ``valid``.
 
         Raises:
@@ -121,13 +121,13 @@ class Rectification:
         return turned
 
     def labels(self, labels: NDArray[np.generic]) -> NDArray[np.generic]:
-        """(h, w) fisheye labels of any dtype -> (H, W) labels by nearest neighbour, 0 where not ``valid``.
+        """(h, w) fisheye labels of any dtype -> (H, W) labels by nearest neighbor, 0 where not ``valid``.
 
         Raises:
             ValueError: the labels and the calibration differ in size.
         """
         self._check_shape(labels)
-        # Labels cannot be averaged, so each pixel takes the label at its centre.
+        # Labels cannot be averaged, so each pixel takes the label at its center.
         sampled = labels.reshape(-1)[self._source_index]
         sampled[~self.valid] = 0
         return sampled
@@ -159,8 +159,8 @@ def _source_coordinates(
     """Source position of each sample and whether it lies inside the source.
 
     Returns:
-        Columns u and rows v, (H * factor, W * factor) float32 [px, pixel centres at integers as in OpenCV], and
-        (H * factor, W * factor) bool: inside the valid radius, with four source neighbours.
+        Columns u and rows v, (H * factor, W * factor) float32 [px, pixel centers at integers as in OpenCV], and
+        (H * factor, W * factor) bool: inside the valid radius, with four source neighbors.
     """
     fine = linear_calibration(camera.scaled_to(camera.width * factor, camera.height * factor))
     height, width = _source_shape(calibration)
@@ -175,7 +175,7 @@ def _source_coordinates(
 
 
 def _nearest_source(calibration: CameraCalibration, camera: Camera) -> NDArray[np.int64]:
-    """(H, W) int64 flat index of the source pixel nearest to each target pixel's centre; 0 where there is none."""
+    """(H, W) int64 flat index of the source pixel nearest to each target pixel's center; 0 where there is none."""
     height, width = _source_shape(calibration)
     index = np.arange(height * width, dtype=np.uint64).reshape(height, width)
     return distort_label_by_calibration(index, linear_calibration(camera), calibration).astype(np.int64)

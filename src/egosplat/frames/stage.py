@@ -102,13 +102,13 @@ BLURRED = 0.25
 
 
 def sharpness(image: NDArray[np.uint8], valid: NDArray[np.bool_]) -> float:
-    """Variance of the Laplacian of the grey image over valid pixels; 0 if there is none.
+    """Variance of the Laplacian of the gray image over valid pixels; 0 if there is none.
 
     Args:
         image: (H, W, 3) uint8 RGB.
         valid: (H, W) bool: pixels that show the scene.
     """
-    # Erosion drops pixels whose Laplacian includes an invalid neighbour.
+    # Erosion drops pixels whose Laplacian includes an invalid neighbor.
     inside = cv2.erode(valid.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     laplacian = cv2.Laplacian(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.CV_64F)[inside]
     return float(laplacian.var()) if len(laplacian) else 0.0

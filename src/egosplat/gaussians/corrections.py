@@ -29,7 +29,7 @@ REACH_LOG_GAIN = 0.5
 # How far the compression of highlights can move. All views share it, and most of their steps cancel.
 _REACH_COMPRESSION = 4.0
 
-# The learning rate falls to this fraction, as that of the Gaussians' centres.
+# The learning rate falls to this fraction, as that of the Gaussians' centers.
 _LAST_RATE = 0.01
 
 # Fewer visits than this do not raise the learning rate any more.
@@ -198,7 +198,7 @@ def interpolated(
 
 
 def predicts(known: NDArray[np.integer], values: NDArray[np.float64]) -> bool:
-    """Whether interpolation between the neighbours of each value is nearer to it than 0 is, in total.
+    """Whether interpolation between the neighbors of each value is nearer to it than 0 is, in total.
 
     Columns have equal weight: each is divided by its standard deviation.
     """

@@ -78,10 +78,10 @@ def rendered(
         sh_degree=sh_degree,
         background=settings.still_background,
     )
-    colours = image[..., :3]
+    colors = image[..., :3]
     if views.log_gain is not None:
-        colours = exposed(colours, views.log_gain[index], views.compression)
-    return colours.clamp(0.0, 1.0)
+        colors = exposed(colors, views.log_gain[index], views.compression)
+    return colors.clamp(0.0, 1.0)
 
 
 def _scores(picture: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[float, float]:

@@ -44,10 +44,10 @@ def scene_extent(camera_to_world: Points) -> float:
     Raises:
         ValueError: there is no pose, or a pose is not finite.
     """
-    centres = camera_to_world[:, :3, 3]
-    if not len(centres) or not np.isfinite(centres).all():
+    centers = camera_to_world[:, :3, 3]
+    if not len(centers) or not np.isfinite(centers).all():
         raise ValueError(f"camera_to_world {camera_to_world.shape} has no pose or one that is not finite")
-    distances = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
+    distances = np.linalg.norm(centers - centers.mean(axis=0), axis=1)
     # A camera that only rotates has extent 0; the floor keeps learning rates and prune sizes positive.
     return max(1.1 * float(distances.max()), _LEAST_EXTENT)
 
@@ -93,7 +93,7 @@ def from_points(
     return Gaussians(
         means=torch.from_numpy(points).float(),
         quats=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
-        log_scales=torch.from_numpy(np.log(neighbour_distance(points))).float()[:, None].repeat(1, 3),
+        log_scales=torch.from_numpy(np.log(neighbor_distance(points))).float()[:, None].repeat(1, 3),
         logit_opacities=torch.full((count,), INITIAL_OPACITY).logit(),
         sh=sh,
         features=torch.zeros(count, feature_channels),
@@ -107,16 +107,16 @@ def random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
 
 
-def neighbour_distance(points: Points) -> NDArray[np.float64]:
+def neighbor_distance(points: Points) -> NDArray[np.float64]:
     """Return the (P,) float64 RMS distance [m] of each of (P, 3) points to its three nearest neighbors.
 
     Uses fewer neighbors if there are fewer. A lone point gets 0.1 m; the minimum is 0.3 mm.
     """
     if len(points) < 2:
         return np.full(len(points), _LONE_SCALE)
-    neighbours = min(3, len(points) - 1)
+    neighbors = min(3, len(points) - 1)
     # The nearest match is the point itself or a duplicate of it, at distance zero.
-    distances, _ = cKDTree(points).query(points, k=neighbours + 1)
+    distances, _ = cKDTree(points).query(points, k=neighbors + 1)
     return np.sqrt(np.maximum((distances[:, 1:] ** 2).mean(axis=1), _LEAST_SQUARED_DISTANCE))
 
 

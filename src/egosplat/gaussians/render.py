@@ -134,5 +134,5 @@ def _backgrounds(background: Tensor | None, gaussians: Gaussians) -> Tensor | No
     """Return the (1, 3 + F) background for the rasterizer: the color, then zeros for the features."""
     if background is None:
         return None
-    colour = background.to(gaussians.means)
-    return torch.cat([colour, colour.new_zeros(gaussians.features.shape[1])])[None]
+    color = background.to(gaussians.means)
+    return torch.cat([color, color.new_zeros(gaussians.features.shape[1])])[None]

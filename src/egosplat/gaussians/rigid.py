@@ -1,6 +1,6 @@
 """Small rigid corrections of camera poses, differentiably, in float64.
 
-A correction is 6 numbers: a translation of the camera's centre and a rotation vector about that centre, both along the
+A correction is 6 numbers: a translation of the camera's center and a rotation vector about that center, both along the
 axes of the world. Neither depends on where the world's origin lies.
 """
 
@@ -42,8 +42,8 @@ def corrected(camera_to_world: Tensor, correction: Tensor) -> Tensor:
         (..., 4, 4) float64. A correction of zeros returns the pose itself, bit for bit.
     """
     rotation = rotation_of(correction[..., 3:]) @ camera_to_world[..., :3, :3]
-    centre = camera_to_world[..., :3, 3] + correction[..., :3]
-    above = torch.cat([rotation, centre[..., None]], dim=-1)
+    center = camera_to_world[..., :3, 3] + correction[..., :3]
+    above = torch.cat([rotation, center[..., None]], dim=-1)
     return torch.cat([above, camera_to_world[..., 3:, :]], dim=-2)
 
 

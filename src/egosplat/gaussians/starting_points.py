@@ -25,7 +25,7 @@ from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera, invert, transform
 from egosplat.progress import log
 
-Colours = NDArray[np.uint8]
+Colors = NDArray[np.uint8]
 
 # Number of cells along the longer side of a photograph, about 11 px of 512.
 CELLS = 48
@@ -36,14 +36,14 @@ _LEAST_CELL = 2.0
 
 def densify(
     xyz: Points,
-    rgb: Colours,
+    rgb: Colors,
     camera: Camera,
     camera_to_world: Points,
     images: Iterable[NDArray[np.uint8]],
     valid: NDArray[np.bool_],
     *,
     near_plane: float,
-) -> tuple[Points, Colours]:
+) -> tuple[Points, Colors]:
     """Add points so that each image cell shows at least one.
 
     A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell with points, its
@@ -156,11 +156,11 @@ def starting_gaussians(
 
 
 def _densify(
-    xyz: Points, rgb: Colours, views: Views, max_points: int, near_plane: float, seed: int
-) -> tuple[Points, Colours]:
+    xyz: Points, rgb: Colors, views: Views, max_points: int, near_plane: float, seed: int
+) -> tuple[Points, Colors]:
     """Add points where views show none, and thin the given points to at least half of ``max_points``."""
     chosen = np.unique(np.linspace(0, len(views) - 1, _DENSIFIED_VIEWS).round().astype(int))
-    every, colours = densify(
+    every, colors = densify(
         xyz,
         rgb,
         views.camera,
@@ -173,11 +173,11 @@ def _densify(
     log(f"{added} points added where views show none")
     # New points get at most half of the budget.
     kept = _subset(xyz, rgb, max(max_points - added, max_points // 2), seed)
-    new = _subset(every[given:], colours[given:], max_points - len(kept[0]), seed)
+    new = _subset(every[given:], colors[given:], max_points - len(kept[0]), seed)
     return np.concatenate([kept[0], new[0]]), np.concatenate([kept[1], new[1]])
 
 
-def _subset(xyz: Points, rgb: Colours, most: int, seed: int) -> tuple[Points, Colours]:
+def _subset(xyz: Points, rgb: Colors, most: int, seed: int) -> tuple[Points, Colors]:
     chosen = random_subset(len(xyz), most, seed)
     return xyz[chosen], rgb[chosen]
 

@@ -1,4 +1,4 @@
-"""Lift masks onto Gaussians: in each frame, a Gaussian belongs to the mask at the pixel of its centre."""
+"""Lift masks onto Gaussians: in each frame, a Gaussian belongs to the mask at the pixel of its center."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.codes.centres import look_at_centres
+from egosplat.codes.centers import look_at_centers
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.gaussians.training_views import Views
@@ -25,7 +25,7 @@ LEAST_SEEN = 0.25
 """Compositing weight [px] from which a frame has seen a Gaussian."""
 
 _HIDDEN = 1e-3
-"""Compositing weight of a Gaussian at its centre up to which the pixel shows something else."""
+"""Compositing weight of a Gaussian at its center up to which the pixel shows something else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class LiftedMasks:
         instance: (V,) int64 number of the mask's instance in segments.zarr.
         frame: (V,) int64 place of the mask's frame among the T frames.
         row: (T,) int64 the frames.
-        votes: (N, V) sparse float32, ``seen`` of each Gaussian whose centre is inside the mask [px].
-        seen: (T, N) float32, compositing weight of each Gaussian in all pixels that count [px]; 0 where the pixel of its centre
+        votes: (N, V) sparse float32, ``seen`` of each Gaussian whose center is inside the mask [px].
+        seen: (T, N) float32, compositing weight of each Gaussian in all pixels that count [px]; 0 where the pixel of its center
             does not count or shows something else.
     """
 
@@ -99,10 +99,10 @@ def lift_masks(
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
         labels, counted = look(int(frames[place]))
         view = camera, camera_to_world[place], settings
-        centres = look_at_centres(gaussians, *view, median=False)
-        column, row = centres.pixel.T
-        shown = counted[row, column] & (centres.weight > _HIDDEN)
-        gaussian, found = centres.gaussian[shown], labels[:, row[shown], column[shown]]
+        centers = look_at_centers(gaussians, *view, median=False)
+        column, row = centers.pixel.T
+        shown = counted[row, column] & (centers.weight > _HIDDEN)
+        gaussian, found = centers.gaussian[shown], labels[:, row[shown], column[shown]]
         pixels = torch.from_numpy(counted).to(gaussians.means)[..., None]
         sums = sum_over_pixels(view_of(gaussians, *view), pixels)[:, 0]
         seen[place, gaussian] = sums.cpu().numpy()[gaussian]

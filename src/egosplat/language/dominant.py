@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.language import GAUSSIANS
-from egosplat.codes.centres import look_at_centres
+from egosplat.codes.centers import look_at_centers
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
@@ -21,8 +21,8 @@ def lifted(
 ) -> Coded:
     """Method ``lifted``: the code of the instance with the largest share of the Gaussian's weight, at each level.
 
-    A weight is alpha times transmittance times 1 - M at the pixel that holds the Gaussian's centre, summed over all views. A mean
-    of the codes of two instances would decode to a feature of neither, and pixels around the centre may show the neighbours.
+    A weight is alpha times transmittance times 1 - M at the pixel that holds the Gaussian's center, summed over all views. A mean
+    of the codes of two instances would decode to a feature of neither, and pixels around the center may show the neighbors.
     """
     votes, seen = instance_votes(gaussians, views, settings, targets)
     codes, shape = targets.instance_codes(), (gaussians.count, len(targets.levels))
@@ -40,7 +40,7 @@ def lifted(
 def instance_votes(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets
 ) -> tuple[sparse.csr_array, NDArray[np.float32]]:
-    """Sum the compositing weights of each Gaussian at its centre over all views, by instance.
+    """Sum the compositing weights of each Gaussian at its center over all views, by instance.
 
     Returns:
         (N, I) sparse float32 weights in the pixels of each instance with a code, and (N,) in all pixels [px].
@@ -49,12 +49,12 @@ def instance_votes(
     votes, seen = sparse.csr_array(shape, dtype=np.float32), np.zeros(gaussians.count, np.float32)
     for index in track(range(len(views)), "lifting", unit="view"):
         pose = views.camera_to_world[index]
-        centres = look_at_centres(gaussians, views.camera, pose, settings, median=False)
-        weight = centres.weight * views.weight_at(index, centres.pixel)
+        centers = look_at_centers(gaussians, views.camera, pose, settings, median=False)
+        weight = centers.weight * views.weight_at(index, centers.pixel)
         # Each Gaussian has one pixel in a view.
-        seen[centres.gaussian] += weight
-        owner = targets.instances_at(int(views.frame[index]), centres.pixel)
+        seen[centers.gaussian] += weight
+        owner = targets.instances_at(int(views.frame[index]), centers.pixel)
         level, place = np.nonzero((owner >= 0) & (weight > 0))
-        where = centres.gaussian[place], owner[level, place]
+        where = centers.gaussian[place], owner[level, place]
         votes = votes + sparse.csr_array((weight[place], where), shape)
     return votes, seen

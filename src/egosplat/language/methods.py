@@ -6,14 +6,14 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.baselines.occam import centred
+from egosplat.baselines.occam import centered
 from egosplat.baselines.splat_feature_solver import clustered
 from egosplat.language.dominant import lifted
 from egosplat.baselines.lerf import field
 from egosplat.baselines.gags import granular
 from egosplat.language.options import LanguageOptions
 from egosplat.baselines.semantic_gaussians import projected
-from egosplat.baselines.legaussians import quantised
+from egosplat.baselines.legaussians import quantized
 from egosplat.language.result import Coded
 from egosplat.baselines.langsplat_v2 import sparse
 from egosplat.baselines.tile_views import TileViews
@@ -31,7 +31,7 @@ METHODS: dict[str, Method] = {
     "lifted": lifted,
     "trained": trained,
     "projected": projected,
-    "centre": centred,
+    "center": centered,
     "clustered": clustered,
     "granular": granular,
     "sparse": sparse,
@@ -43,11 +43,11 @@ TileMethod = Callable[
     Coded,
 ]
 
-TILE_METHODS: dict[str, TileMethod] = {"field": field, "quantised": quantised}
+TILE_METHODS: dict[str, TileMethod] = {"field": field, "quantized": quantized}
 
 _SAM = "{} in place of SAM"
 # What the masks replace in a published method; {} is the segmenter.
-_MASKS = dict.fromkeys(("trained", "centre", "clustered", "granular", "sparse"), _SAM)
+_MASKS = dict.fromkeys(("trained", "center", "clustered", "granular", "sparse"), _SAM)
 _MASKS["projected"] = "{} + OpenCLIP features in place of OpenSeg"
 _SEGMENTERS = {"sam2": "SAM2", "classical": "a classical segmenter"}
 

@@ -1,4 +1,4 @@
-"""The checkpoints that a configuration needs: where they lie, their licence, size and digest, and how to fetch them."""
+"""The checkpoints that a configuration needs: where they lie, their license, size and digest, and how to fetch them."""
 
 import math
 import shlex
@@ -18,8 +18,8 @@ from egosplat.progress import log
 
 SMALL_FILES = {model.checkpoint_key: model.small for model in (SAM2, CLIP)}
 
-# Licence of the bundled checkpoints, which is egosplat's own.
-OWN_LICENCE = "Apache-2.0"
+# License of the bundled checkpoints, which is egosplat's own.
+OWN_LICENSE = "Apache-2.0"
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def catalogue(config: Mapping[str, Any], names: Sequence[str] = ()) -> list[Need
 
 
 def listing(files: Sequence[Needed], options: Sequence[str] = ()) -> str:
-    """Describe files: place, address, licence, size, digest, and whether they are there. Existing ones are hashed.
+    """Describe files: place, address, license, size, digest, and whether they are there. Existing ones are hashed.
 
     Args:
         options: of the command line, repeated in the command that fetches what is missing.
@@ -123,7 +123,7 @@ def download(files: Sequence[Needed]) -> list[str]:
 
 
 def _fetched(one: Needed, model: PublishedModel, files: Sequence[Needed]) -> str:
-    log(f"{one.path.name}: {model.megabytes:,.0f} MB from {model.address} (licence: {model.licence})")
+    log(f"{one.path.name}: {model.megabytes:,.0f} MB from {model.address} (license: {model.license})")
     try:
         digest = fetch(model.address, one.path, model.sha256)
     except OfflineError as error:
@@ -163,12 +163,12 @@ def _entry(one: Needed) -> str:
         model = one.published
         rows += [
             ("address", model.address),
-            ("licence", model.licence),
+            ("license", model.license),
             ("size", f"{model.megabytes:,.1f} MB"),
         ]
         rows.append(("SHA-256", model.sha256 or "none is published; that of the first download is stored"))
     elif one.path in SMALL_FILES.values():
-        rows.append(("licence", OWN_LICENCE))
+        rows.append(("license", OWN_LICENSE))
     if not one.missing and not (one.published and one.published.sha256):
         rows.append(("its SHA-256", content_hash(one.path)))
         if not one.published:

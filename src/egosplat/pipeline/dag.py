@@ -25,7 +25,7 @@ _MASKS: dict[str, tuple[str, ...]] = {
 }
 
 # Artifacts that codes are learnt from, by language.method; of every other method, and of joint training, _INSTANCES.
-_LEARNT_FROM: dict[str, tuple[str, ...]] = {"field": ("tiles",), "quantised": ("tiles",)}
+_LEARNT_FROM: dict[str, tuple[str, ...]] = {"field": ("tiles",), "quantized": ("tiles",)}
 _INSTANCES = ("instances", "features")
 
 # Pages of what codes are learnt from instances.

@@ -22,7 +22,7 @@ class PublishedModel:
         weights: the authors' name of the weights.
         file: name in the folder ``models.cache``.
         source: address of the file. ``address`` is where it is fetched from.
-        licence: of the weights.
+        license: of the weights.
         megabytes: size of the file [10^6 bytes], rounded.
         sha256: digest that is published with the file; None if none is known for certain.
     """
@@ -32,7 +32,7 @@ class PublishedModel:
     weights: str
     file: str
     source: str
-    licence: str
+    license: str
     megabytes: float
     sha256: str | None
 

@@ -66,9 +66,9 @@ _JOINT = {
     "features": "if splats.language is joint",
 }
 _LEARNT_FROM = {
-    "instances": "unless language.method is field or quantised",
-    "features": "unless language.method is field or quantised",
-    "tiles": "if language.method is field or quantised",
+    "instances": "unless language.method is field or quantized",
+    "features": "unless language.method is field or quantized",
+    "tiles": "if language.method is field or quantized",
 }
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
 _CLIP = {"models": ("clip_checkpoint", "clip_model", "device", "precision")}

@@ -161,7 +161,7 @@ _RENAMED = {
     "segments.new_cover_thresh": "max_covered_new",
     "segments.share_iou": "cross_level_iou",
     "segments.absent_stride": "lost_track_stride",
-    "features.renormalise": "normalize",
+    "features.renormalize": "normalize",
     "features.target": "supervision",
     "features.outliers": "outlier_target",
     "features.slipped": "mismatched_views",

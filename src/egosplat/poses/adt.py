@@ -95,11 +95,11 @@ def adt_poses(
         "frames_in_gaps": device.in_gaps,
         "largest_gap_bridged_ms": device.largest_gap_ms,
         "up_against_pictures_deg": tilt,
-        "scale": "metres",
+        "scale": "meters",
         **point_notes,
     }
-    colours = np.full(points.shape, GRAY, np.uint8)
-    return Poses(camera_to_world, device.known, camera, points, colours, rows.up, notes).check()
+    colors = np.full(points.shape, GRAY, np.uint8)
+    return Poses(camera_to_world, device.known, camera, points, colors, rows.up, notes).check()
 
 
 def _missing_message(folder: Path, trajectory: str) -> str:
@@ -165,7 +165,7 @@ def _no_pose_message(
 # Current and older name of the file.
 FILE_NAMES = ("semidense_points.csv.gz", "global_points.csv.gz")
 
-# The cameras that observe the points are monochrome, so the file has no colours.
+# The cameras that observe the points are monochrome, so the file has no colors.
 GRAY = 128
 
 _POSITION = ["px_world", "py_world", "pz_world"]

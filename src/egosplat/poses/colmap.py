@@ -103,7 +103,7 @@ def _poses(
         frame = project.frame_of(image.name)
         camera_to_world[frame] = invert(make_pose(matrix[:, :3], matrix[:, 3]))
         registered[frame] = True
-    points, colours, point_notes = filter_points(model)
+    points, colors, point_notes = filter_points(model)
     notes = {
         **notes,
         "registered": int(registered.sum()),
@@ -114,7 +114,7 @@ def _poses(
         **point_notes,
     }
     up = mean_camera_up(camera_to_world[registered])
-    return Poses(camera_to_world, registered, _camera(model), points, colours, up, notes).check()
+    return Poses(camera_to_world, registered, _camera(model), points, colors, up, notes).check()
 
 
 def filter_points(

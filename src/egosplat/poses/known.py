@@ -27,7 +27,7 @@ def known_poses(
     camera: Camera,
     *,
     min_registered: float,
-    metres_per_unit: float | None,
+    meters_per_unit: float | None,
 ) -> Poses:
     """Take the poses of a recording's frames from its file, as they are.
 
@@ -37,10 +37,10 @@ def known_poses(
         pictures: name of each frame's picture.
         camera: of the frames.
         min_registered: required fraction of frames with a pose, 0 to 1.
-        metres_per_unit: metres of one unit of the file; None if it is not known.
+        meters_per_unit: meters of one unit of the file; None if it is not known.
 
     Returns:
-        Poses in the file's world, in metres if their scale is given. Points as for ``colmap_poses``, except that a
+        Poses in the file's world, in meters if their scale is given. Points as for ``colmap_poses``, except that a
         file without views keeps them all.
 
     Raises:
@@ -53,7 +53,7 @@ def known_poses(
     row = match_pictures(contents.names, pictures, path).row
     registered = row >= 0
     _check_share(registered, path, min_registered)
-    scale = metres_per_unit or 1.0
+    scale = meters_per_unit or 1.0
     camera_to_world = unregistered(len(pictures))
     camera_to_world[registered] = contents.camera_to_world[row[registered]]
     camera_to_world[registered, :3, 3] *= scale
@@ -65,27 +65,27 @@ def known_poses(
         "registered": int(registered.sum()),
         "points": int(kept.sum()),
         "points_read": len(kept),
-        "scale": "arbitrary" if metres_per_unit is None else "metres",
+        "scale": "arbitrary" if meters_per_unit is None else "meters",
         "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], contents.points[kept] * scale),
         **contents.notes,
     }
-    log(_summary(path, notes, metres_per_unit))
+    log(_summary(path, notes, meters_per_unit))
     up = mean_camera_up(camera_to_world[registered])
     points = contents.points[kept] * scale
     return Poses(camera_to_world, registered, camera, points, contents.point_rgb[kept], up, notes).check()
 
 
-def find_parallax(centres: np.ndarray, points: np.ndarray) -> float | None:
+def find_parallax(centers: np.ndarray, points: np.ndarray) -> float | None:
     """Angle under which the median point sees all cameras [deg]; alarm ``poses.parallax`` if it is small.
 
     Args:
-        centres: (N, 3) camera centres in the world, N >= 1.
+        centers: (N, 3) camera centers in the world, N >= 1.
         points: (P, 3) points of the scene; none: 0 for cameras at one place, else None.
     """
-    extent = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
     if not len(points):
         return None if extent > 0 else 0.0
-    away = float(np.median(np.linalg.norm(points - centres.mean(axis=0), axis=1)))
+    away = float(np.median(np.linalg.norm(points - centers.mean(axis=0), axis=1)))
     return float(np.degrees(np.arctan2(extent, away)))
 
 
@@ -110,12 +110,12 @@ def _kept_points(contents: Contents, pixel_scale: float) -> np.ndarray:
     return seen & (error <= MAX_REPROJECTION_ERROR_PX) & np.isfinite(contents.points).all(axis=1)
 
 
-def _summary(path: Path, notes: dict[str, Any], metres_per_unit: float | None) -> str:
+def _summary(path: Path, notes: dict[str, Any], meters_per_unit: float | None) -> str:
     """The log line that names the world of the poses."""
-    if metres_per_unit is None:
-        unit = "lengths are in scene units (poses.metres_per_unit makes them metres)"
+    if meters_per_unit is None:
+        unit = "lengths are in scene units (poses.meters_per_unit makes them meters)"
     else:
-        unit = f"one unit of the file is {metres_per_unit:g} m"
+        unit = f"one unit of the file is {meters_per_unit:g} m"
     turned = ", turned by its applied_transform" if "applied_transform" in notes else ""
     scaled = f", scaled by its applied_scale {notes['applied_scale']:g}" if "applied_scale" in notes else ""
     return f"poses as in {path}{turned}{scaled}; {unit}"

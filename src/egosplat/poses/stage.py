@@ -34,7 +34,7 @@ class PosesOptions:
     overlap: int
     min_registered: float
     seed: int
-    metres_per_unit: float | None
+    meters_per_unit: float | None
 
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOptions) -> None:
@@ -56,9 +56,9 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOpt
             "(docs/recordings.md), or frames.known_poses is none"
         )
     use_known = known is not None and options.method in ("auto", "known")
-    if options.metres_per_unit is not None and not use_known:
+    if options.meters_per_unit is not None and not use_known:
         raise UserError(
-            "poses.metres_per_unit: only known poses have a unit (docs/recordings.md); remove the key"
+            "poses.meters_per_unit: only known poses have a unit (docs/recordings.md); remove the key"
         )
     record = provenance.begin_from("poses", asdict(options), [frames])
     if use_known:
@@ -99,7 +99,7 @@ def _from_file(recording: Path, kind: str, frames: Artifact, options: PosesOptio
         frames.facts["pictures"],
         Camera(**frames.facts["camera"]),
         min_registered=options.min_registered,
-        metres_per_unit=options.metres_per_unit,
+        meters_per_unit=options.meters_per_unit,
     )
 
 

@@ -59,7 +59,7 @@ class Answer:
         score: largest smoothed relevancy, 0..1; above 0.5 the query fits better than every canonical phrase.
         level: index of the level with the score.
         pixel: column and row of the pixel with the score; the innermost if several have it.
-        position: (3,) float64 world position shown at the pixel's centre [m]; None without depth.
+        position: (3,) float64 world position shown at the pixel's center [m]; None without depth.
         relevancy: (H, W) float32 at ``level``, not smoothed; 0 where no code is visible.
         mask_level: index of the mask's level.
         mask: (H, W) bool.
@@ -246,7 +246,7 @@ def _seen(view: View, min_coverage: float) -> Tensor:
 def pixel_position(
     camera: Camera, camera_to_world: Array, pixel: tuple[int, int], depth: NDArray[np.float32]
 ) -> Array | None:
-    """The world position shown at a pixel's centre.
+    """The world position shown at a pixel's center.
 
     Args:
         pixel: column and row.

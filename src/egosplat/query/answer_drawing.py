@@ -10,12 +10,12 @@ DIMMED = 0.35
 # Opacity of the heat map.
 HEAT = 0.65
 
-# Word, marker and colour of a hit and of a miss.
+# Word, marker and color of a hit and of a miss.
 HIT, MISS = ("hit", "o", "forestgreen"), ("miss", "X", "red")
 
 
 def draw_heat(axes: Axes, picture: NDArray[np.float32], relevancy: NDArray[np.float32]) -> None:
-    """Draw an (H, W) relevancy in 0..1 over the (H, W, 3) view in 0..1, shown in grey."""
+    """Draw an (H, W) relevancy in 0..1 over the (H, W, 3) view in 0..1, shown in gray."""
     axes.imshow(picture.mean(axis=-1), cmap="gray", vmin=0.0, vmax=1.0)
     axes.imshow(relevancy, cmap="turbo", vmin=0.0, vmax=1.0, alpha=HEAT)
 

@@ -100,7 +100,7 @@ class Answered:
 def answer_in_scene(question: Question, sources: QuerySources, most: int) -> Answered:
     """Answer queries of the whole scene; the picture shows each query's best thing in the view that shows it best."""
     unit = length_unit(sources.poses)
-    columns = ("query", "score", "level", f"centre [{unit}]", f"size [{unit}]", "frame")
+    columns = ("query", "score", "level", f"center [{unit}]", f"size [{unit}]", "frame")
     poses, valid = camera_poses(sources.poses, sources.splats), sources.frames.read("valid")
     index = index_scene(question.scene, poses, question.scene.camera, valid)
     stream = ask_scene(index, question.texts, question.options, most)
@@ -121,7 +121,7 @@ def _scene_rows(
             answer.phrase if number == 0 else "",
             f"{thing.score:.2f}",
             levels[thing.level],
-            _numbers(thing.centre),
+            _numbers(thing.center),
             " x ".join(f"{side:.2f}" for side in thing.high - thing.low),
             str(index.best_frame(thing)),
         )

@@ -75,7 +75,7 @@ def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
     """
     if maps.ndim != 3:
         raise ValueError(f"maps {maps.shape} are not (level, height, width)")
-    # Not INTER_NEAREST, which does not keep pixel centres in place.
+    # Not INTER_NEAREST, which does not keep pixel centers in place.
     nearest = cv2.INTER_NEAREST_EXACT
     seen = ~np.isnan(maps) & (_resize(valid.astype(np.uint8), maps.shape[1:], nearest) > 0)
     shown = valid & np.stack([_resize(one.astype(np.uint8), valid.shape, nearest) > 0 for one in seen])
@@ -92,7 +92,7 @@ def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
 
 
 def _resize(values: NDArray, size: tuple[int, int], interpolation: int) -> NDArray:
-    """Resize (h, w) values to ``size``, (H, W); pixel centres keep their place in the image."""
+    """Resize (h, w) values to ``size``, (H, W); pixel centers keep their place in the image."""
     height, width = size
     return (
         values if values.shape == size else cv2.resize(values, (width, height), interpolation=interpolation)

@@ -37,7 +37,7 @@ class SceneIndex:
     """Data shared by all queries of a scene.
 
     Attributes:
-        surface: the Gaussians with their neighbours and visible shares.
+        surface: the Gaussians with their neighbors and visible shares.
         frame: (V,) int64 frames of the rendered views.
     """
 
@@ -163,6 +163,6 @@ def _window(camera: Camera, valid: Mask | None) -> np.ndarray:
 
 
 def _shrunk(valid: Mask, camera: Camera) -> Mask:
-    """Sample a mask at the pixel centres of a smaller camera, (h, w) bool."""
+    """Sample a mask at the pixel centers of a smaller camera, (h, w) bool."""
     size = camera.width, camera.height
     return cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0

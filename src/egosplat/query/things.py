@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from egosplat.geometry import Array
 
-# Number of neighbours of a Gaussian, itself included: a patch of about four by four on a surface.
+# Number of neighbors of a Gaussian, itself included: a patch of about four by four on a surface.
 NEAREST = 16
 
 # Extent of a Gaussian in standard deviations: its weight there is about an eighth.
@@ -18,8 +18,8 @@ REACH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Neighbours:
-    """The neighbours of N Gaussians.
+class Neighbors:
+    """The neighbors of N Gaussians.
 
     Attributes:
         touching: (N, N) sparse float32: 1 where one Gaussian is among the nearest of another and their extents (see
@@ -29,7 +29,7 @@ class Neighbours:
     touching: csr_array
 
     def averaging(self, weights: NDArray[np.float32]) -> csr_array:
-        """The matrix that averages values over each Gaussian and its neighbours.
+        """The matrix that averages values over each Gaussian and its neighbors.
 
         Args:
             weights: (N,) non-negative weights of the Gaussians.
@@ -55,26 +55,26 @@ class Neighbours:
         return connected_components(links, directed=False)[1].astype(np.int64)
 
 
-def find_neighbours(means: Array, radii: Array) -> Neighbours:
-    """Find the neighbours of N Gaussians.
+def find_neighbors(means: Array, radii: Array) -> Neighbors:
+    """Find the neighbors of N Gaussians.
 
     Args:
-        means: (N, 3) float64 centres.
-        radii: (N,) float64 standard deviations along the longest axis, in the unit of the centres.
+        means: (N, 3) float64 centers.
+        radii: (N,) float64 standard deviations along the longest axis, in the unit of the centers.
     """
     size, count = len(means), min(NEAREST, len(means))
     if not count:
-        return Neighbours(csr_array((0, 0), dtype=np.float32))
-    # A fixed number of neighbours adapts to the density; a radius would join everything in dense regions.
+        return Neighbors(csr_array((0, 0), dtype=np.float32))
+    # A fixed number of neighbors adapts to the density; a radius would join everything in dense regions.
     distance, nearest = cKDTree(means).query(means, k=np.arange(1, count + 1), workers=-1)
     row, column = np.nonzero(distance <= REACH * (radii[:, None] + radii[nearest]))
     ones = np.ones(len(row), np.float32)
-    return Neighbours(csr_array((ones, (row, nearest[row, column])), shape=(size, size)))
+    return Neighbors(csr_array((ones, (row, nearest[row, column])), shape=(size, size)))
 
 
 Floats = NDArray[np.float32]
 
-# Minimum number of Gaussians of a thing: fewer are less than one neighbourhood, where relevancy is noise.
+# Minimum number of Gaussians of a thing: fewer are less than one neighborhood, where relevancy is noise.
 LEAST_GAUSSIANS = 16
 
 # Quantiles of a thing's box, weighted by visible share: single Gaussians far away do not enlarge it.
@@ -92,8 +92,8 @@ class Thing:
         members: (M,) int64 indices of the Gaussians.
         level: index of the level at which they match.
         score: 0..1, see ``find_things``.
-        view: index of the view that shows most of it, with pixels weighted towards the centre; the first on ties.
-        centre: (3,) float64 mean of the Gaussians' centres, weighted by visible share, in world coordinates.
+        view: index of the view that shows most of it, with pixels weighted towards the center; the first on ties.
+        center: (3,) float64 mean of the Gaussians' centers, weighted by visible share, in world coordinates.
         low, high: (3,) float64 corners of its box along the world axes, see ``EXTENT``.
     """
 
@@ -101,7 +101,7 @@ class Thing:
     level: int
     score: float
     view: int
-    centre: Array
+    center: Array
     low: Array
     high: Array
 
@@ -111,18 +111,18 @@ class Surface:
     """N Gaussians with their visibility in V views and their codes' shares at L levels.
 
     Attributes:
-        means: (N, 3) float64 centres.
+        means: (N, 3) float64 centers.
         shares: (V, N) float32 share of each view that a Gaussian fills, see
             ``egosplat.query.scene_query.visible_shares``.
         weight: (N, L) float32 mean of ``shares`` over the views, times the share of the Gaussian with a code.
-        neighbours: the neighbours of the Gaussians.
-        averaging: L matrices, see ``Neighbours.averaging``.
+        neighbors: the neighbors of the Gaussians.
+        averaging: L matrices, see ``Neighbors.averaging``.
     """
 
     means: Array
     shares: Floats
     weight: Floats
-    neighbours: Neighbours
+    neighbors: Neighbors
     averaging: tuple[csr_array, ...]
 
     @staticmethod
@@ -130,18 +130,18 @@ class Surface:
         """Build the surface of N Gaussians.
 
         Args:
-            means, radii: see ``find_neighbours``.
+            means, radii: see ``find_neighbors``.
             shares: (V, N) float32, V at least 1.
             code_share: (N, L) float32 ``share`` of language.zarr.
         """
-        return Surface.joined(means, find_neighbours(means, radii), shares, code_share)
+        return Surface.joined(means, find_neighbors(means, radii), shares, code_share)
 
     @staticmethod
-    def joined(means: Array, neighbours: Neighbours, shares: Floats, code_share: Floats) -> "Surface":
-        """Build the surface of N Gaussians whose neighbours are known; arguments as in ``of``."""
+    def joined(means: Array, neighbors: Neighbors, shares: Floats, code_share: Floats) -> "Surface":
+        """Build the surface of N Gaussians whose neighbors are known; arguments as in ``of``."""
         weight = shares.mean(axis=0)[:, None] * code_share
-        averaging = tuple(neighbours.averaging(level) for level in weight.T)
-        return Surface(means, shares, weight, neighbours, averaging)
+        averaging = tuple(neighbors.averaging(level) for level in weight.T)
+        return Surface(means, shares, weight, neighbors, averaging)
 
 
 def find_things(
@@ -150,7 +150,7 @@ def find_things(
     """Find the things that match a query best (docs/method.md#scene-queries).
 
     This is LangSplat's segmentation on Gaussians instead of pixels. At each level, relevancy is averaged over
-    neighbours, normalized to 0..1 and thresholded; the Gaussians above the threshold are split into connected
+    neighbors, normalized to 0..1 and thresholded; the Gaussians above the threshold are split into connected
     components.
 
     Args:
@@ -184,7 +184,7 @@ def _parts(surface: Surface, values: Floats, level: int, threshold: float) -> li
     smooth = surface.averaging[level] @ values
     lowest, peak = smooth[seen].min(), smooth[seen].max()
     members = np.flatnonzero(seen & (smooth - lowest > threshold * (peak - lowest)))
-    number = surface.neighbours.components(members)
+    number = surface.neighbors.components(members)
     order = np.argsort(number, kind="stable")
     parts = np.split(members[order], np.flatnonzero(np.diff(number[order])) + 1)
     return [part for part in parts if len(part) >= LEAST_GAUSSIANS]
@@ -205,7 +205,7 @@ def _thing(
         # filter. In an image, that filter lowers the peak of smaller things by the same factor.
         score=float(weight @ values[members] / total * shown[view] / (shown[view] + box_side**2)),
         view=view,
-        centre=weight @ means / total,
+        center=weight @ means / total,
         low=low,
         high=high,
     )

@@ -18,7 +18,7 @@ class Viewpoint:
     """A pose of the recording's camera.
 
     Attributes:
-        camera_to_world: (4, 4) float64, OpenCV axes, metres.
+        camera_to_world: (4, 4) float64, OpenCV axes, meters.
         valid: (H, W) bool pixels that show the scene, or None for all.
     """
 

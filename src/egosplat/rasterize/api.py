@@ -43,22 +43,22 @@ def rasterization(
     is zero.
 
     Args:
-        means: (N, 3) centres in the world [m].
+        means: (N, 3) centers in the world [m].
         quats: (N, 4) wxyz, of any length.
         scales: (N, 3) standard deviations [m].
         opacities: (N,) in [0, 1].
         colors: (N, D), or with ``sh_degree`` (N, K, 3) coefficients, K = 1, 4, 9 or 16.
         viewmats: (C, 4, 4) world_to_camera, OpenCV axes.
-        Ks: (C, 3, 3) intrinsics without skew [px]; pixel centres lie at integer + 0.5.
+        Ks: (C, 3, 3) intrinsics without skew [px]; pixel centers lie at integer + 0.5.
         width, height: image size [px].
-        near_plane, far_plane: Gaussians whose centre has a camera z outside this range are culled [m].
+        near_plane, far_plane: Gaussians whose center has a camera z outside this range are culled [m].
         radius_clip: Gaussians with both radii at most this are culled [px].
         eps2d: added to both variances of a Gaussian in the image [px²].
-        sh_degree: degree to evaluate, at most that of K; the colour is ``max(SH + 0.5, 0)``. None: ``colors``
-            are colours.
-        features: (N, F) channels, appended to the colours in the same pass.
+        sh_degree: degree to evaluate, at most that of K; the color is ``max(SH + 0.5, 0)``. None: ``colors``
+            are colors.
+        features: (N, F) channels, appended to the colors in the same pass.
         backgrounds: (C, D + F), visible where alpha is less than 1.
-        render_mode: ``RGB`` colours and features, ``D`` accumulated camera z [m], ``ED`` accumulated camera z
+        render_mode: ``RGB`` colors and features, ``D`` accumulated camera z [m], ``ED`` accumulated camera z
             divided by alpha, ``RGB+D`` and ``RGB+ED`` with the depth as last channel.
         rasterize_mode: ``classic``, or ``antialiased``: opacities are lowered to compensate for the blur of
             ``eps2d`` (Mip-Splatting, Yu et al. 2024).

@@ -24,14 +24,14 @@ def usable_gaussians(quats: Tensor, *values: Tensor) -> Tensor:
 
 
 def camera_centers(viewmats: Tensor) -> Tensor:
-    """(C, 4, 4) world_to_camera -> (C, 3) centres in the world; differentiable. The last row is ignored."""
+    """(C, 4, 4) world_to_camera -> (C, 3) centers in the world; differentiable. The last row is ignored."""
     # A general inverse instead of the transpose: its gradients by the pose hold for any matrix.
     # ``solve_ex`` does not read its error flag, for which the CPU would wait for a GPU.
     return torch.linalg.solve_ex(viewmats[:, :3, :3], -viewmats[:, :3, 3]).result
 
 
 def stack_channels(colors: Tensor, features: Tensor | None, depths: Tensor, render_mode: str) -> Tensor:
-    """Stack the channels that the mode composites: colours, features, depth.
+    """Stack the channels that the mode composites: colors, features, depth.
 
     Args:
         colors: (..., N, D).
@@ -52,7 +52,7 @@ def stack_channels(colors: Tensor, features: Tensor | None, depths: Tensor, rend
 
 
 def finish(composited: Tensor, alpha: Tensor, backgrounds: Tensor | None, render_mode: str) -> Tensor:
-    """Blend colours and features with the background; convert accumulated to expected depth if needed.
+    """Blend colors and features with the background; convert accumulated to expected depth if needed.
 
     Args:
         composited: (C, H, W, X).

@@ -1,6 +1,6 @@
 """The contract of all backends of ``rasterization``: constants, modes, arguments and their validation.
 
-Notation: N Gaussians, C cameras, K spherical-harmonics coefficients, D colours, F features, X output channels.
+Notation: N Gaussians, C cameras, K spherical-harmonics coefficients, D colors, F features, X output channels.
 The semantics are those of gsplat 1.5.3's ``rasterization``; ``api.rasterization`` documents them.
 """
 
@@ -63,7 +63,7 @@ class Arguments:
 
 
 def shows_colors(render_mode: str) -> bool:
-    """Whether the mode renders colours and features."""
+    """Whether the mode renders colors and features."""
     return render_mode.startswith("RGB")
 
 

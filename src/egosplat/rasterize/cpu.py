@@ -35,7 +35,7 @@ def rasterization(arguments: Arguments) -> Render:
     ]
     means2d, conics, depths, seen, _, _, radii = (_batch(each) for each in zip(*projected, strict=True))
     images = [
-        # Centres come from the batch, because density control reads the batch's gradient.
+        # Centers come from the batch, because density control reads the batch's gradient.
         composite(means2d[index], *rest, _background(a, index), a.width, a.height)
         for index, (_, *rest) in enumerate(projected)
     ]
@@ -47,7 +47,7 @@ def rasterization(arguments: Arguments) -> Render:
 
 @torch.no_grad()
 def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
-    """``view.sum_over_pixels`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
+    """``view.sum_over_pixels`` with the compiled kernels, for one camera; colors are not used. Errors are as above."""
     return sum_pixels(*_projected_geometry(arguments), image.permute(2, 0, 1))
 
 
@@ -55,27 +55,27 @@ def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
 def sparse_values(
     arguments: Arguments, begin: Tensor, channel: Tensor, value: Tensor, channels: int
 ) -> Tensor:
-    """``view.composite_sparse`` with the compiled kernels, for one camera; colours are not used. Errors are as above."""
+    """``view.composite_sparse`` with the compiled kernels, for one camera; colors are not used. Errors are as above."""
     a = arguments
     return composite_sparse(*_projected_geometry(a), begin, channel, value, channels, a.width, a.height)
 
 
 @torch.no_grad()
 def pixel_weights(arguments: Arguments, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """``kernels.pixel_weights.list_weights`` for one camera; colours are not used. Errors are as above."""
+    """``kernels.pixel_weights.list_weights`` for one camera; colors are not used. Errors are as above."""
     a = arguments
     return kernels.list_weights(*_projected_geometry(a), pixels, a.width, a.height)
 
 
 @torch.no_grad()
 def own_weights(arguments: Arguments, pixels: Tensor) -> Tensor:
-    """``kernels.pixel_weights.own_weights`` for one camera; colours are not used. Errors are as above."""
+    """``kernels.pixel_weights.own_weights`` for one camera; colors are not used. Errors are as above."""
     a = arguments
     return kernels.own_weights(*_projected_geometry(a), pixels, a.width, a.height)
 
 
 def _projected_geometry(a: Arguments) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Centres, conics, depths, opacities, variances in y and radii in the image of the one camera."""
+    """Centers, conics, depths, opacities, variances in y and radii in the image of the one camera."""
     _check_usable(a)
     means2d, conics, depths, seen, _, variances_y, radii = project(
         a.means, a.quats, a.scales, a.opacities, None, None, a.viewmats[0], _projection(a, a.Ks[0])

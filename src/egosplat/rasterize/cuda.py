@@ -31,7 +31,7 @@ COMPILER_BYTES = 2 * 2**30
 # Most channels per pass. gsplat is slow beyond 32, except 33 (32 and a depth), which it compiles as one pass.
 LARGEST_PASS = 33
 
-# A Gaussian closer to the camera centre has no viewing direction [m]; the near plane culls it.
+# A Gaussian closer to the camera center has no viewing direction [m]; the near plane culls it.
 SMALLEST_DISTANCE = 1e-6
 
 
@@ -119,7 +119,7 @@ def render(gsplat: ModuleType, arguments: Arguments) -> Render:
     if shows_colors(a.render_mode):
         channels, backgrounds = _channels(gsplat, a), a.backgrounds
     else:
-        # gsplat requires colours even in modes that do not render them.
+        # gsplat requires colors even in modes that do not render them.
         channels, backgrounds = a.opacities[:, None], None
     image, alpha, meta = gsplat.rasterization(
         means=a.means,
@@ -174,7 +174,7 @@ def _channels(gsplat: ModuleType, a: Arguments) -> Tensor:
 def _view_colors(
     gsplat: ModuleType, means: Tensor, coeffs: Tensor, viewmats: Tensor, sh_degree: int
 ) -> Tensor:
-    """(C, N, 3) colours; arbitrary for Gaussians at the camera centre."""
+    """(C, N, 3) colors; arbitrary for Gaussians at the camera center."""
     # Evaluated here because gsplat's rasterization takes no more channels next to spherical harmonics.
     dirs = means - camera_centers(viewmats)[:, None, :]
     # A Gaussian without direction would get NaN gradients from gsplat.

@@ -23,7 +23,7 @@ from egosplat.segments.prompts import (
     prompt,
 )
 
-# Overlap of neighbouring crops as a share of the frame's side, in a grid of 2 x 2, as in SAM's automatic mask generator.
+# Overlap of neighboring crops as a share of the frame's side, in a grid of 2 x 2, as in SAM's automatic mask generator.
 _OVERLAP = 512 / 1500
 
 # A mask that ends this close to a crop's inner border is cut off [cells of its logits].
@@ -142,7 +142,7 @@ def _to_canvas(found: Candidates, crop: Crop, shape: tuple[int, ...], canvas: in
 
 
 def _places(canvas: int, side: int, start: int, end: int) -> Tensor:
-    """(canvas,) coordinate of each cell's centre within a crop's span along one axis, where -1 to 1 is inside."""
+    """(canvas,) coordinate of each cell's center within a crop's span along one axis, where -1 to 1 is inside."""
     pixels = (torch.arange(canvas, dtype=torch.float64) + 0.5) * (side / canvas)
     return (pixels - start) / (end - start) * 2 - 1
 

@@ -55,7 +55,7 @@ def prompted_frames(frames: NDArray[np.intp], options: SegmentsOptions) -> list[
 
 
 def grid_points(points_per_side: int) -> Tensor:
-    """(P, 2) float32 x, y in [0, 1], relative to the image's sides: the cell centres of a square grid, row by row."""
+    """(P, 2) float32 x, y in [0, 1], relative to the image's sides: the cell centers of a square grid, row by row."""
     steps = (torch.arange(points_per_side) + 0.5) / points_per_side
     return torch.cartesian_prod(steps, steps).flip(1).contiguous()
 

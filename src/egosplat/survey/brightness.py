@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import Array
 
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
-# Darker values are noise, lighter ones may be saturated [grey levels].
+# Darker values are noise, lighter ones may be saturated [gray levels].
 _DARKEST, _LIGHTEST = 16, 245
 # Display values are about the 2.2nd root of light.
 _GAMMA = 2.2
@@ -25,7 +25,7 @@ _POWERS, _ITERATIONS, _MAX_VIGNETTING = 2, 6, 4.0
 _BIAS = 0.01
 # Smallest scatter of brightness: rounding [stops].
 _MIN_SCATTER = 0.01
-# Largest factor between the contrasts of two images, and the smallest contrast that has a factor [grey levels].
+# Largest factor between the contrasts of two images, and the smallest contrast that has a factor [gray levels].
 _MAX_GAIN, _MIN_CONTRAST = 64.0, 4.0
 
 
@@ -42,7 +42,7 @@ class Light:
     vignetting: Array
 
 
-def equalized(image: Grey, wanted: Grey, found: Grey) -> Grey:
+def equalized(image: Gray, wanted: Gray, found: Gray) -> Gray:
     """An image with its brightness changed by a gain and an offset.
 
     Args:
@@ -51,20 +51,20 @@ def equalized(image: Grey, wanted: Grey, found: Grey) -> Grey:
     """
     if len(found) < _MIN_PIXELS:
         return image
-    (low, middle, high), (dark, grey, light) = (np.quantile(one, [0.1, 0.5, 0.9]) for one in (wanted, found))
+    (low, middle, high), (dark, gray, light) = (np.quantile(one, [0.1, 0.5, 0.9]) for one in (wanted, found))
     flat = min(high - low, light - dark) < _MIN_CONTRAST
     gain = 1.0 if flat else np.clip((high - low) / (light - dark), 1 / _MAX_GAIN, _MAX_GAIN)
-    table = np.clip(np.rint((np.arange(256) - grey) * gain + middle), 0, 255).astype(np.uint8)
+    table = np.clip(np.rint((np.arange(256) - gray) * gain + middle), 0, 255).astype(np.uint8)
     return table[image]
 
 
-def compare_light(first: Grey, second: Grey, measured: Bools, radii: tuple[Array, Array]) -> Light | None:
+def compare_light(first: Gray, second: Gray, measured: Bools, radii: tuple[Array, Array]) -> Light | None:
     """Compare the light of the same surfaces in two images.
 
     Args:
         first, second: (h, w) uint8, aligned.
         measured: (h, w) bool, pixels to compare.
-        radii: (h, w) distance of each surface from the centre of its own image, as a fraction of half the longest side.
+        radii: (h, w) distance of each surface from the center of its own image, as a fraction of half the longest side.
 
     Returns:
         None with fewer than 200 pixels that are neither dark nor saturated.
@@ -95,9 +95,9 @@ def exposure_changes(lights: Sequence[Light | None]) -> Array:
             rest -= np.median(rest)
             scale = max(_MIN_SCATTER, 1.4826 * float(np.median(np.abs(rest))))
             weight = 1.0 / (1.0 + (rest / (2 * scale)) ** 2)
-            centred = light.vignetting - np.average(light.vignetting, axis=0, weights=weight)
-            normal += np.einsum("ni,nj,n->ij", centred, centred, weight)
-            slope += np.einsum("ni,n,n->i", centred, rest, weight)
+            centered = light.vignetting - np.average(light.vignetting, axis=0, weights=weight)
+            normal += np.einsum("ni,nj,n->ij", centered, centered, weight)
+            slope += np.einsum("ni,n,n->i", centered, rest, weight)
         vignetting = (vignetting + np.linalg.solve(normal, slope)).clip(-_MAX_VIGNETTING, _MAX_VIGNETTING)
     return np.array(
         [np.nan if one is None else np.median(one.change - one.vignetting @ vignetting) for one in lights],

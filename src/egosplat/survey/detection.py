@@ -23,7 +23,7 @@ from egosplat.survey.rigid import (
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 
 # A pair with fewer voting pixels, as a fraction of the valid ones, is not judged: neither its correction nor its noise is known.
 _MIN_PAIR_VOTING = 0.05
@@ -124,6 +124,6 @@ def _matched_better(match: Match, view: View, correction: Array, moving: Bools, 
     return found
 
 
-def _difference(first: Grey, second: Grey, targets: Array) -> Floats:
-    """(h, w) float32 mean difference of each pixel's patch from the patch at its target [grey levels]."""
+def _difference(first: Gray, second: Gray, targets: Array) -> Floats:
+    """(h, w) float32 mean difference of each pixel's patch from the patch at its target [gray levels]."""
     return mean_of_patch(cv2.absdiff(first, sampled(second, targets - 0.5)))

@@ -29,7 +29,7 @@ def max_static_flow(pixels: Array, epipole: Array, min_depth: float) -> Array:
 
     Args:
         pixels: (..., 2) in the first image [px].
-        epipole: (3,) homogeneous image of the first camera's centre in the second image after rotation [px m].
+        epipole: (3,) homogeneous image of the first camera's center in the second image after rotation [px m].
         min_depth: smallest depth of static points in the first camera, positive [m].
 
     Returns:

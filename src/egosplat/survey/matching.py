@@ -13,7 +13,7 @@ from egosplat.survey.epipolar import rotation_homography
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 
 # Tolerated forward-backward error [px].
 _MAX_FLOW_ERROR = 0.5
@@ -23,7 +23,7 @@ _MARGIN = 8
 PATCH = 7
 # The noise of the images is the difference of matched patches where they match best: without texture, nothing else remains.
 _BEST = 0.2
-# Its smallest value, from rounding [grey levels].
+# Its smallest value, from rounding [gray levels].
 _MIN_NOISE = 0.5
 _BLANK = 128
 
@@ -37,12 +37,12 @@ class Match:
         flow: (h, w, 2) float32 from the first to the second [px].
         measured: bool, pixels whose flow is reliable.
         flow_error: float32 expected error of flow, from texture and noise; inf without texture [px].
-        noise: difference of the fifth of the patches that match best [grey levels].
+        noise: difference of the fifth of the patches that match best [gray levels].
         light: of surfaces in both; None if too few are measured.
     """
 
-    first: Grey
-    second: Grey
+    first: Gray
+    second: Gray
     flow: Floats
     measured: Bools
     flow_error: Floats
@@ -51,7 +51,7 @@ class Match:
 
 
 def match_images(
-    first: Grey, second: Grey, valid: Bools, intrinsics: Array, poses: tuple[Array, Array]
+    first: Gray, second: Gray, valid: Bools, intrinsics: Array, poses: tuple[Array, Array]
 ) -> Match:
     """Match two images.
 
@@ -82,8 +82,8 @@ def match_images(
     return Match(first, aligned, forward, measured, error, noise, light)
 
 
-def texture(image: Grey) -> Floats:
-    """(h, w) float32 squared gradient of each pixel's patch in its weakest direction [grey levels squared / px squared]."""
+def texture(image: Gray) -> Floats:
+    """(h, w) float32 squared gradient of each pixel's patch in its weakest direction [gray levels squared / px squared]."""
     across, down = (cv2.Scharr(image, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
     xx, yy, xy = (
         cv2.blur(product, (PATCH, PATCH)) for product in (across * across, down * down, across * down)
@@ -102,35 +102,35 @@ def moved(image: NDArray, flow: NDArray[np.floating]) -> NDArray:
 
 
 def sampled(image: NDArray, places: NDArray[np.floating]) -> NDArray:
-    """The image at (h, w, 2) places [px, pixel centres at integers as in OpenCV]."""
+    """The image at (h, w, 2) places [px, pixel centers at integers as in OpenCV]."""
     return cv2.remap(
         image, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
 
 
-def _flow(source: Grey, target: Grey) -> Floats:
+def _flow(source: Gray, target: Gray) -> Floats:
     height, width = source.shape
     return find_flow(padded(source), padded(target))[:height, :width]
 
 
-def _warp(image: Grey, homography: Array) -> Grey:
+def _warp(image: Gray, homography: Array) -> Gray:
     """Sample an image at the pixels that a homography maps to; 0 outside."""
     height, width = image.shape
-    # Pixel centres are at + 0.5 in the package and at integers in OpenCV.
+    # Pixel centers are at + 0.5 in the package and at integers in OpenCV.
     shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return cv2.warpPerspective(image, np.linalg.inv(shift) @ homography @ shift, (width, height), flags=flags)
 
 
 def _radii(flow: Floats, homography: Array) -> tuple[Array, Array]:
-    """(h, w) distance from the centre of each pixel, and of its target in the second image's own orientation."""
+    """(h, w) distance from the center of each pixel, and of its target in the second image's own orientation."""
     height, width = flow.shape[:2]
     pixels, half = pixel_grid(height, width) + 0.5, max(height, width) / 2
     targets = cv2.perspectiveTransform((pixels + flow).astype(np.float64), homography)
-    centre = np.array([width / 2, height / 2])
+    center = np.array([width / 2, height / 2])
     # A pixel that is measured is in view; elsewhere the homography may send it anywhere.
     return tuple(
-        np.linalg.norm(np.clip(one, -width, 2 * width) - centre, axis=2) / half for one in (pixels, targets)
+        np.linalg.norm(np.clip(one, -width, 2 * width) - center, axis=2) / half for one in (pixels, targets)
     )
 
 

@@ -20,7 +20,7 @@ from egosplat.survey.views import depth_quantile, median_depths, visible_depths
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 
 # Longest side of the images that flow is computed of [px].
 SIDE = 256
@@ -42,7 +42,7 @@ class Motion:
     Attributes:
         pairs: (P, 2) int64 frames.
         moving: (P,) float64 pixels in moving regions, as a fraction of the valid ones.
-        lasting: (P,) float64 those in regions that move in a neighbouring pair as well.
+        lasting: (P,) float64 those in regions that move in a neighboring pair as well.
         voting: (P,) float64 pixels that can show motion, as a fraction of the valid ones.
         noise_px: (P,) float64 of the flow after the poses are corrected [px]; NaN if the pair is not judged.
         stops: (P,) float64 exposure of the second frame relative to the first; NaN if unknown.
@@ -93,7 +93,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     for row, (first, second) in enumerate(
         track(np.concatenate([pairs, revisits]), "measuring motion", unit="pair")
     ):
-        images = [_grey(frames.row("rgb", frame), valid.shape[::-1]) for frame in (first, second)]
+        images = [_gray(frames.row("rgb", frame), valid.shape[::-1]) for frame in (first, second)]
         pair_poses = camera_to_world[first], camera_to_world[second]
         match = match_images(*images, valid, camera.matrix, pair_poses)
         view = _view(camera, pair_poses, depths[first], points)
@@ -149,7 +149,7 @@ def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Camera]:
     return valid > 1 - 1e-6, camera
 
 
-def _grey(rgb: NDArray[np.uint8], size: tuple[int, int]) -> Grey:
+def _gray(rgb: NDArray[np.uint8], size: tuple[int, int]) -> Gray:
     return cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
 
 

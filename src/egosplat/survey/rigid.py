@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from egosplat.geometry import Array
 from egosplat.survey.epipolar import max_static_flow
 
-# Standard deviation of a correction before anything is measured [rad; metres per metre of depth].
+# Standard deviation of a correction before anything is measured [rad; meters per meter of depth].
 _PRIOR = 0.03
 # Largest correction, per axis.
 _LARGEST = 0.2
-# Neighbouring flow vectors share their error: so many of them count as one.
+# Neighboring flow vectors share their error: so many of them count as one.
 _SHARED = 50.0
 _MAX_PIXELS = 1200
 _ITERATIONS = 6
@@ -81,12 +81,12 @@ def static_segment(view: View, pixels: Array, correction: Array) -> Array:
 
 def turned(intrinsics: Array, pixels: Array, rotation: Array) -> Array:
     """(..., 2) pixels after their rays turn by a small rotation vector, exact to its third power [px]."""
-    focal, centre = intrinsics[[0, 1], [0, 1]], intrinsics[:2, 2]
-    x, y = np.moveaxis((np.asarray(pixels, np.float64) - centre) / focal, -1, 0)
+    focal, center = intrinsics[[0, 1], [0, 1]], intrinsics[:2, 2]
+    x, y = np.moveaxis((np.asarray(pixels, np.float64) - center) / focal, -1, 0)
     once = _cross(rotation, (x, y, np.ones_like(x)))
     twice = _cross(rotation, once)
     x, y, z = (ray + one + two / 2 for ray, one, two in zip((x, y, 1.0), once, twice, strict=True))
-    return np.stack([x, y], axis=-1) / np.maximum(z, 0.1)[..., None] * focal + centre
+    return np.stack([x, y], axis=-1) / np.maximum(z, 0.1)[..., None] * focal + center
 
 
 def fit_correction(view: View, pixels: Array, flow: NDArray[np.floating]) -> Array:

@@ -18,7 +18,7 @@ Bools = NDArray[np.bool_]
 MAX_CHANGE_DEG = 30.0
 # A smaller difference of sharpness is no loss: that of a motion of 1.5 px during the exposure.
 _MIN_DIFFERENCE = 0.5
-# Places of a picture that a sharper frame has to show: the centres of a grid of this side.
+# Places of a picture that a sharper frame has to show: the centers of a grid of this side.
 _PLACES = 8
 # Frames whose median a frame is compared with for the scatter: one blurred frame does not change it.
 _NEAREST = 3

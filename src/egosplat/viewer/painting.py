@@ -1,4 +1,4 @@
-"""The Gaussians in the colours that the controls of a window ask for."""
+"""The Gaussians in the colors that the controls of a window ask for."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from egosplat.viewer.world import World
 
 
 class Painter:
-    """Paints scenes for one window; it remembers the last colours of each scene."""
+    """Paints scenes for one window; it remembers the last colors of each scene."""
 
     def __init__(self, controls: AskTab) -> None:
         self._controls = controls
@@ -26,25 +26,25 @@ class Painter:
             reply: the answer to show, or None.
         """
         ask = self._controls
-        wanted = (ask.colours.value, ask.level.value, ask.threshold.value, ask.only.value, reply)
+        wanted = (ask.colors.value, ask.level.value, ask.threshold.value, ask.only.value, reply)
         before = self._painted.get(world.name)
         if before is not None and before[0] == wanted:
             return before[1]
         fit = None if reply is None or reply.refusal else self._fit(world, reply)
-        painted = self._coloured(world, fit)
+        painted = self._colored(world, fit)
         if ask.only.value and fit is not None:
             painted = painted.only(fit >= ask.threshold.value)
         self._painted[world.name] = (wanted, painted)
         return painted
 
-    def _coloured(self, world: World, fit: NDArray[np.float32] | None) -> Painted:
-        colours, own = self._controls.colours.value, world.plain.colours
-        if colours == FIT and fit is not None:
-            return world.plain.coloured(heat(own, fit, self._controls.threshold.value))
+    def _colored(self, world: World, fit: NDArray[np.float32] | None) -> Painted:
+        colors, own = self._controls.colors.value, world.plain.colors
+        if colors == FIT and fit is not None:
+            return world.plain.colored(heat(own, fit, self._controls.threshold.value))
         for level, name in enumerate(world.instance_levels):
-            if colours == instances_choice(name):
+            if colors == instances_choice(name):
                 owners = world.owners(level)
-                return world.plain.coloured(instances(own, owners, palette(int(owners.max()) + 1)))
+                return world.plain.colored(instances(own, owners, palette(int(owners.max()) + 1)))
         return world.plain
 
     def _fit(self, world: World, reply: Reply) -> NDArray[np.float32]:

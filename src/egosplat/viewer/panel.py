@@ -11,7 +11,7 @@ from egosplat.viewer.wording import CLICK, LEGEND, WAITING, plain
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi
 
-# What colours show; the names of instances' levels follow.
+# What colors show; the names of instances' levels follow.
 OWN, FIT = "photographs", "fit to the query"
 
 # Levels to show besides those of the scene.
@@ -29,7 +29,7 @@ class AskTab:
     suggestions: Any
     answer: Any
     jump: Any
-    colours: Any
+    colors: Any
     legend: Any
     level: Any
     threshold: Any
@@ -87,8 +87,8 @@ class Panel:
             self.ask.threshold.value = threshold
         self.ask.level.options = (ANSWERS_LEVEL, BEST_LEVEL, *levels)
         self.ask.level.value = ANSWERS_LEVEL
-        self.ask.colours.options = (OWN, FIT, *map(instances_choice, instance_levels))
-        self.ask.colours.value = OWN
+        self.ask.colors.options = (OWN, FIT, *map(instances_choice, instance_levels))
+        self.ask.colors.value = OWN
         self.ask.suggestions.options = (NO_WORD, *words)
         self.ask.suggestions.value = NO_WORD
         for control in (
@@ -103,7 +103,7 @@ class Panel:
 
 
 def instances_choice(level: str) -> str:
-    """The choice of colours that shows the instances of a level."""
+    """The choice of colors that shows the instances of a level."""
     return f"instances: {level}"
 
 
@@ -134,7 +134,7 @@ def _ask_tab(gui: "GuiApi") -> AskTab:
         suggestions=gui.add_dropdown("Suggestions", (NO_WORD,), initial_value=NO_WORD),
         answer=gui.add_html(plain(WAITING)),
         jump=gui.add_button("Jump to the answer", disabled=True, hint="Again: to the next answer"),
-        colours=gui.add_dropdown("Colours", (OWN, FIT), initial_value=OWN),
+        colors=gui.add_dropdown("Colors", (OWN, FIT), initial_value=OWN),
         legend=gui.add_html(LEGEND),
         level=gui.add_dropdown("Level", (ANSWERS_LEVEL,), initial_value=ANSWERS_LEVEL),
         threshold=gui.add_slider(

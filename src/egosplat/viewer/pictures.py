@@ -1,4 +1,4 @@
-"""Pictures of a scene from any viewpoint, with its own colours, relevancy as heat, or instances as colours."""
+"""Pictures of a scene from any viewpoint, with its own colors, relevancy as heat, or instances as colors."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from egosplat.gaussians.render import render
 from egosplat.geometry import Array, Camera
 from egosplat.query.scene import TrainedScene
 
-Colours = NDArray[np.float32]
+Colors = NDArray[np.float32]
 
 # Depth of pixels that show nothing, in the unit of the scene: farther than the browser can tell.
 NOTHING = 1e3
@@ -27,13 +27,13 @@ DIM = 0.6
 # Quantile of the fitting Gaussians' relevancy from which the heat is red.
 BEST = 0.9
 
-# Share of the heat's or an instance's colour in a Gaussian; the rest is its own brightness.
+# Share of the heat's or an instance's color in a Gaussian; the rest is its own brightness.
 STRENGTH = 0.75
 
 
 @dataclass(frozen=True, eq=False)
 class Painted:
-    """Gaussians with the colours to draw them in.
+    """Gaussians with the colors to draw them in.
 
     Attributes:
         sh_degree: active degree of their spherical harmonics.
@@ -44,12 +44,12 @@ class Painted:
 
     @staticmethod
     def of(scene: TrainedScene) -> "Painted":
-        """The scene in its own colours."""
+        """The scene in its own colors."""
         return Painted(scene.gaussians, scene.sh_degree)
 
-    def coloured(self, colours: Colours) -> "Painted":
-        """The same Gaussians in (N, 3) colours in 0..1 that no longer depend on the direction of view."""
-        sh = (torch.from_numpy(colours).to(self.gaussians.means) - 0.5) / SH_C0
+    def colored(self, colors: Colors) -> "Painted":
+        """The same Gaussians in (N, 3) colors in 0..1 that no longer depend on the direction of view."""
+        sh = (torch.from_numpy(colors).to(self.gaussians.means) - 0.5) / SH_C0
         return Painted(replace(self.gaussians, sh=sh[:, None]), 0)
 
     def only(self, chosen: NDArray[np.bool_]) -> "Painted":
@@ -58,24 +58,24 @@ class Painted:
         return Painted(self.gaussians.select(index), self.sh_degree)
 
     @property
-    def colours(self) -> Colours:
-        """(N, 3) colours in 0..1, without the part that depends on the direction of view."""
+    def colors(self) -> Colors:
+        """(N, 3) colors in 0..1, without the part that depends on the direction of view."""
         return np.clip(self.gaussians.sh[:, 0].cpu().numpy() * np.float32(SH_C0) + 0.5, 0.0, 1.0)
 
 
-def heat(own: Colours, fit: NDArray[np.float32], threshold: float) -> Colours:
-    """Colours that show how well each Gaussian fits a query.
+def heat(own: Colors, fit: NDArray[np.float32], threshold: float) -> Colors:
+    """Colors that show how well each Gaussian fits a query.
 
     Args:
-        own: (N, 3) colours of the Gaussians in 0..1.
+        own: (N, 3) colors of the Gaussians in 0..1.
         fit: (N,) relevancy in 0..1.
-        threshold: Gaussians below it are dim and grey; above it, colours go from blue at the threshold to red for
+        threshold: Gaussians below it are dim and gray; above it, colors go from blue at the threshold to red for
             the best tenth of those above it.
 
     Returns:
         (N, 3) float32 in 0..1.
     """
-    grey = own.mean(axis=1, keepdims=True)
+    gray = own.mean(axis=1, keepdims=True)
     fitting = fit[fit >= threshold]
     # A few Gaussians fit far better than all others; scaled by them, an answer would be blue throughout.
     best = float(np.quantile(fitting, BEST)) if len(fitting) else 1.0
@@ -83,24 +83,24 @@ def heat(own: Colours, fit: NDArray[np.float32], threshold: float) -> Colours:
     # The darkest blue and red of the scale are hard to tell from black.
     codes = (40 + 190 * scaled).round().astype(np.uint8)
     turbo = cv2.applyColorMap(codes[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1].astype(np.float32) / 255
-    hot = STRENGTH * turbo + (1 - STRENGTH) * grey
-    return np.where((fit >= threshold)[:, None], hot, DIM * grey).astype(np.float32)
+    hot = STRENGTH * turbo + (1 - STRENGTH) * gray
+    return np.where((fit >= threshold)[:, None], hot, DIM * gray).astype(np.float32)
 
 
-def instances(own: Colours, owner: NDArray[np.int64], palette: NDArray[np.float64]) -> Colours:
-    """Colours by instance.
+def instances(own: Colors, owner: NDArray[np.int64], palette: NDArray[np.float64]) -> Colors:
+    """Colors by instance.
 
     Args:
-        own: (N, 3) colours of the Gaussians in 0..1.
+        own: (N, 3) colors of the Gaussians in 0..1.
         owner: (N,) instance of each Gaussian, -1 for none.
-        palette: (I, 3) colours of the instances in 0..1.
+        palette: (I, 3) colors of the instances in 0..1.
 
     Returns:
-        (N, 3) float32 in 0..1; Gaussians without an instance are dim and grey.
+        (N, 3) float32 in 0..1; Gaussians without an instance are dim and gray.
     """
-    grey = own.mean(axis=1, keepdims=True)
-    tinted = STRENGTH * palette[owner] + (1 - STRENGTH) * grey
-    return np.where((owner >= 0)[:, None], tinted, DIM * grey).astype(np.float32)
+    gray = own.mean(axis=1, keepdims=True)
+    tinted = STRENGTH * palette[owner] + (1 - STRENGTH) * gray
+    return np.where((owner >= 0)[:, None], tinted, DIM * gray).astype(np.float32)
 
 
 def browser_camera(fov: float, width: int, height: int) -> Camera:

@@ -1,4 +1,4 @@
-"""What all questions about a scene share: which Gaussians are seen, their neighbours and decoded features; kept in a cache."""
+"""What all questions about a scene share: which Gaussians are seen, their neighbors and decoded features; kept in a cache."""
 
 import contextlib
 import hashlib
@@ -25,7 +25,7 @@ from egosplat.query.relevancy import fold, relevancy
 from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import SceneIndex, index_scene
 from egosplat.query.text import Texts
-from egosplat.query.things import Neighbours, Surface
+from egosplat.query.things import Neighbors, Surface
 
 # Number of scenes in the cache: the one that was not opened for the longest time goes first.
 MOST_SCENES = 4
@@ -105,7 +105,7 @@ def _compute(scene: QueryScene, camera_to_world: Array, valid: Mask) -> Prepared
 
 
 def _write(prepared: Prepared, place: Path) -> None:
-    touching = prepared.index.surface.neighbours.touching
+    touching = prepared.index.surface.neighbors.touching
     arrays = {
         "features": prepared.features.numpy(),
         "shares": prepared.index.surface.shares,
@@ -129,7 +129,7 @@ def _read(scene: QueryScene, place: Path) -> Prepared:
     touching = csr_array((load("data"), load("indices"), load("indptr")), shape=(count, count))
     means = scene.gaussians.means.double().cpu().numpy()
     share = scene.share.cpu().numpy()
-    surface = Surface.joined(means, Neighbours(touching), load("shares"), share)
+    surface = Surface.joined(means, Neighbors(touching), load("shares"), share)
     features = torch.from_numpy(load("features"))
     return Prepared(SceneIndex(scene, surface, np.array(load("frame"))), features)
 

@@ -47,7 +47,7 @@ class Reply:
         answer: all that was found.
         things: what fits well enough, by decreasing score.
         refusal: why nothing fits, or None.
-        fit: (L, N) float32 relevancy of each Gaussian, averaged over its neighbours.
+        fit: (L, N) float32 relevancy of each Gaussian, averaged over its neighbors.
     """
 
     answer: SceneAnswer

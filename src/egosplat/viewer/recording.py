@@ -29,7 +29,7 @@ FRUSTUM = 0.03
 # Distance below which a frustum is hidden, in lengths of a frustum.
 NEAR = 6.0
 
-# Colour of what moves, and its share in a pixel.
+# Color of what moves, and its share in a pixel.
 MOVING, SHARE = np.array([255.0, 40.0, 160.0]), 0.6
 
 

@@ -33,7 +33,7 @@ class Renderer(threading.Thread):
         """Prepare a thread.
 
         Args:
-            draw: draws the view of a camera with a pose; returns colours and depth, or None for no picture.
+            draw: draws the view of a camera with a pose; returns colors and depth, or None for no picture.
         """
         super().__init__(daemon=True, name=f"renderer {client.client_id}")
         self._client, self._draw = client, draw
@@ -46,7 +46,7 @@ class Renderer(threading.Thread):
         self._wanted.set()
 
     def changed(self) -> None:
-        """Draw soon, at full size: the colours changed."""
+        """Draw soon, at full size: the colors changed."""
         self._wanted.set()
 
     def stop(self) -> None:

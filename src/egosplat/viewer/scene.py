@@ -105,5 +105,5 @@ def _if_there(path: Path, schema: Schema, frames: Artifact) -> Artifact | None:
 
 
 def _reach(means: NDArray[np.float32], camera_to_world: Array) -> float:
-    centre = np.nanmedian(camera_to_world[:, :3, 3], axis=0)
-    return float(np.median(np.linalg.norm(means - centre, axis=1)))
+    center = np.nanmedian(camera_to_world[:, :3, 3], axis=0)
+    return float(np.median(np.linalg.norm(means - center, axis=1)))

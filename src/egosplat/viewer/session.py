@@ -78,7 +78,7 @@ class Session:
         self._client.camera.on_update(lambda _: self._renderer.camera_moved())
         on(ask.query, lambda: self._typed(ask.query.value))
         on(ask.suggestions, self._suggested)
-        for control in (ask.colours, ask.level, ask.threshold, ask.only):
+        for control in (ask.colors, ask.level, ask.threshold, ask.only):
             on(control, self._repaint)
         ask.jump.on_click(lambda _: self._jump())
         on(frames.frame, self._go_to_frame)
@@ -133,11 +133,11 @@ class Session:
             for world in filter(None, (self._other, self._world)):
                 told = self._answer(world, phrase) if phrase else told
             found = self._found()
-            if found and not self._in_view(found[0].centre):
+            if found and not self._in_view(found[0].center):
                 told += plain(OUTSIDE)
             self._panel.ask.answer.content = told
             self._panel.ask.jump.disabled = not found
-            self._panel.ask.colours.value = FIT if found else OWN
+            self._panel.ask.colors.value = FIT if found else OWN
             self._mark(found)
             self._repaint()
 
@@ -157,17 +157,17 @@ class Session:
         return reply.things if reply else ()
 
     def _mark(self, things: Sequence[Thing]) -> None:
-        """Mark the centres of things with balls and numbers."""
+        """Mark the centers of things with balls and numbers."""
         for mark in self._marks:
             mark.remove()
         scene, radius = self._client.scene, self._world.viewed.size_of_markers
         self._marks = []
         for number, thing in enumerate(things, 1):
             ball = scene.add_icosphere(
-                f"/answers/{number}/ball", radius=radius, color=(230, 30, 60), position=thing.centre
+                f"/answers/{number}/ball", radius=radius, color=(230, 30, 60), position=thing.center
             )
             text = f"{number} {self._phrase}" if len(things) > 1 else self._phrase
-            label = scene.add_label(f"/answers/{number}/label", text[:40], position=thing.centre)
+            label = scene.add_label(f"/answers/{number}/label", text[:40], position=thing.center)
             self._marks += [ball, label]
 
     def _prepare_marks(self) -> None:
@@ -195,11 +195,11 @@ class Session:
             frame = questions.best_frame(thing)
             self._show_frame(frame)
             seen_from = viewed.camera_to_world[frame][:3, 3]
-            away = seen_from - thing.centre
+            away = seen_from - thing.center
             wanted = max(STEP_BACK * float(np.linalg.norm(thing.high - thing.low)), NEAREST * viewed.reach)
             # Nearer along the line of sight of a frame, where nothing hides the thing; never farther.
             distance = min(wanted, float(np.linalg.norm(away)))
-            self.look(thing.centre + away / np.linalg.norm(away) * distance, thing.centre)
+            self.look(thing.center + away / np.linalg.norm(away) * distance, thing.center)
 
     def look(self, position: Array, target: Array) -> None:
         """Move the window's camera."""

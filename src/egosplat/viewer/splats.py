@@ -10,13 +10,13 @@ if TYPE_CHECKING:
 
 
 def add_splats(client: "ClientHandle", painted: Painted) -> "GaussianSplatHandle":
-    """Send Gaussians to a window, in colours that do not depend on the direction of view."""
+    """Send Gaussians to a window, in colors that do not depend on the direction of view."""
     gaussians = painted.gaussians
     spread = rotation_matrices(gaussians.quats) * gaussians.scales[:, None]
     return client.scene.add_gaussian_splats(
         "/splats",
         centers=gaussians.means.cpu().numpy(),
         covariances=(spread @ spread.mT).cpu().numpy(),
-        rgbs=painted.colours,
+        rgbs=painted.colors,
         opacities=gaussians.opacities[:, None].cpu().numpy(),
     )

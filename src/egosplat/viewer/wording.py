@@ -21,7 +21,7 @@ def paragraph(text: str) -> str:
     return f'<div style="padding:0.2em 0.7em;font-size:0.875em;overflow-wrap:anywhere">{text}</div>'
 
 
-# The scale of ``pictures.heat``: the colour map Turbo without its darkest ends.
+# The scale of ``pictures.heat``: the color map Turbo without its darkest ends.
 LEGEND = paragraph(
     '<div style="display:flex;justify-content:space-between;padding:0 0.5em;border-radius:4px;color:#fff;'
     "text-shadow:0 0 3px #000;background:linear-gradient(90deg,#4454c4,#36aaf9 22%,#1ae4b6 40%,#72fe5e 50%,"
@@ -78,7 +78,7 @@ def scene_text(viewed: ViewedScene, silence: str | None, notice: str | None) -> 
 
 def _place(thing: Thing, unit: str) -> str:
     size = " x ".join(f"{side:.2f}" for side in thing.high - thing.low)
-    return f"centre {_numbers(thing.centre)} {unit}, size {size} {unit}"
+    return f"center {_numbers(thing.center)} {unit}, size {size} {unit}"
 
 
 def _numbers(point: Array) -> str:

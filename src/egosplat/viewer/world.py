@@ -30,7 +30,7 @@ class World:
     Attributes:
         viewed: the scene.
         name: the folder, as the user gave it.
-        plain: the Gaussians in their own colours.
+        plain: the Gaussians in their own colors.
         questions: None until they are ready, and where the scene cannot be asked.
         silence: why no question can be asked, or None.
     """
@@ -55,7 +55,7 @@ class World:
 
     @property
     def instance_levels(self) -> tuple[str, ...]:
-        """Names of the levels whose instances can be shown in colours; none where instances are not known in 3D."""
+        """Names of the levels whose instances can be shown in colors; none where instances are not known in 3D."""
         instances = self.viewed.instances
         if instances is None or not instances.shape("gaussians/xyz")[0]:
             return ()

@@ -1,4 +1,4 @@
-"""Quantise Gaussians for the scene page, in an order in which neighbours are near each other."""
+"""Quantize Gaussians for the scene page, in an order in which neighbors are near each other."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.model import Gaussians
 from egosplat.viewing.container import Arrays, Facts
 
-# Gaussians that share one box for their quantised centres.
+# Gaussians that share one box for their quantized centers.
 BLOCK = 256
 
 # Degree of the spherical harmonics on the page.
@@ -27,7 +27,7 @@ def keep_largest(gaussians: Gaussians, most: int) -> NDArray[np.int64]:
 
 
 def spatial_order(means: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Order of (N, 3) centres along a Z-order curve, on which Gaussians of one index range are near each other."""
+    """Order of (N, 3) centers along a Z-order curve, on which Gaussians of one index range are near each other."""
     low, high = np.quantile(means, [0.01, 0.99], axis=0) if len(means) else (np.zeros(3), np.ones(3))
     cell = np.clip((means - low) / np.maximum(high - low, 1e-9) * 1023, 0, 1023).astype(np.int64)
     code = np.zeros(len(means), np.int64)
@@ -49,15 +49,15 @@ class _Range:
         low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
         return _Range(low, max(high, low + 1e-6))
 
-    def quantise(self, values: NDArray[np.float32]) -> NDArray[np.uint8]:
+    def quantize(self, values: NDArray[np.float32]) -> NDArray[np.uint8]:
         return np.rint((values - self.low) / (self.high - self.low) * 255).clip(0, 255).astype(np.uint8)
 
 
 def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]:
-    """Quantise N Gaussians to 26 bytes each.
+    """Quantize N Gaussians to 26 bytes each.
 
-    Centres have 16 bits in the box of their block. A covariance is stored as its rotation and the logarithms of its
-    standard deviations, so its error is relative. Colours have spherical harmonics of degree 1.
+    Centers have 16 bits in the box of their block. A covariance is stored as its rotation and the logarithms of its
+    standard deviations, so its error is relative. Colors have spherical harmonics of degree 1.
 
     Args:
         gaussians: in their final order.
@@ -65,35 +65,35 @@ def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]
     """
     means, opacities = (values.cpu().numpy() for values in (gaussians.means, gaussians.opacities))
     log_scales = gaussians.scales.log().cpu().numpy()
-    colours = gaussians.sh.cpu().numpy()[:, : (min(sh_degree, SH_DEGREE) + 1) ** 2]
-    base, bands = colours[:, 0] * SH_C0 + 0.5, colours[:, 1:].reshape(len(means), -1)
+    colors = gaussians.sh.cpu().numpy()[:, : (min(sh_degree, SH_DEGREE) + 1) ** 2]
+    base, bands = colors[:, 0] * SH_C0 + 0.5, colors[:, 1:].reshape(len(means), -1)
     scale_range, base_range = _Range.of(log_scales), _Range.of(base)
     limit = float(np.quantile(np.abs(bands), 1 - _CUT_OFF)) if bands.size else 0.0
-    position, block_low, block_step = _quantise_centres(means)
+    position, block_low, block_step = _quantize_centers(means)
     quats = gaussians.quats.cpu().numpy()
     quats = quats / np.linalg.norm(quats, axis=1, keepdims=True)
     arrays = {
         "position": position,
         "block_low": block_low,
         "block_step": block_step,
-        "log_scale": scale_range.quantise(log_scales).T,
+        "log_scale": scale_range.quantize(log_scales).T,
         "rotation": np.rint(quats * 127).astype(np.int8).T,
         "opacity": np.rint(opacities * 255).astype(np.uint8),
-        "colour": base_range.quantise(base).T,
+        "color": base_range.quantize(base).T,
         "bands": np.rint(bands / max(limit, 1e-9) * 127).clip(-127, 127).astype(np.int8).T,
     }
     facts = {
         "count": len(means),
         "block": BLOCK,
         "log_scale_range": [scale_range.low, scale_range.high],
-        "colour_range": [base_range.low, base_range.high],
+        "color_range": [base_range.low, base_range.high],
         "band_limit": limit,
         "bands": bands.shape[1] // 3,
     }
     return arrays, facts
 
 
-def _quantise_centres(
+def _quantize_centers(
     means: NDArray[np.float32],
 ) -> tuple[NDArray[np.uint16], NDArray[np.float32], NDArray[np.float32]]:
     """(3, N) steps within the block, (3, B) lowest corner and (3, B) step of each block."""

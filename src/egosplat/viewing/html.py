@@ -22,7 +22,7 @@ SCRIPTS = (
     "main.js",
 )
 
-# Scripts that run in a worker: neighbours and the order of depths.
+# Scripts that run in a worker: neighbors and the order of depths.
 WORKER = ("worker.js",)
 
 

@@ -1,4 +1,4 @@
-"""The instance of each Gaussian, for colours and for naming what is clicked."""
+"""The instance of each Gaussian, for colors and for naming what is clicked."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -49,7 +49,7 @@ def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> 
 
 
 def fit_palette(rows: Floats, count: int, seed: int) -> Floats:
-    """K-means centres of (M, C) rows; the distinct rows themselves if there are at most ``count``.
+    """K-means centers of (M, C) rows; the distinct rows themselves if there are at most ``count``.
 
     Returns:
         (K, C) float32, K at most ``count``.
@@ -58,13 +58,13 @@ def fit_palette(rows: Floats, count: int, seed: int) -> Floats:
     sample = rows[rng.permutation(len(rows))[:_SAMPLE]]
     if len(distinct := np.unique(sample, axis=0)) <= count and len(sample) == len(rows):
         return distinct
-    centres = _spread(sample, count, rng)
+    centers = _spread(sample, count, rng)
     for _ in range(_ROUNDS):
-        owner = nearest(sample, centres)
-        sums, size = np.zeros_like(centres), np.bincount(owner, minlength=len(centres))
+        owner = nearest(sample, centers)
+        sums, size = np.zeros_like(centers), np.bincount(owner, minlength=len(centers))
         np.add.at(sums, owner, sample)
-        centres = np.where(size[:, None] > 0, sums / np.maximum(size, 1)[:, None], centres)
-    return centres.astype(np.float32)
+        centers = np.where(size[:, None] > 0, sums / np.maximum(size, 1)[:, None], centers)
+    return centers.astype(np.float32)
 
 
 def nearest(rows: Floats, entries: Floats) -> NDArray[np.int64]:

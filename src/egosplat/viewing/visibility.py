@@ -17,7 +17,7 @@ SMALLEST_MEAN = 1e-7
 
 
 def pack_visibility(shares: NDArray[np.float32], frame: NDArray[np.int64]) -> tuple[Arrays, Facts]:
-    """Quantise the shares of views that Gaussians fill, on a logarithmic scale.
+    """Quantize the shares of views that Gaussians fill, on a logarithmic scale.
 
     Args:
         shares: (V, N) of ``egosplat.query.scene_query.visible_shares``.

@@ -69,7 +69,7 @@ def camera_calibration(size: int) -> CameraCalibration:
         _RGB_MAX_ANGLE_RAD,
         DEVICE_SERIAL,
     )
-    # The library's own scaling: it puts pixel centres at integers, but keeps the field of view.
+    # The library's own scaling: it puts pixel centers at integers, but keeps the field of view.
     return full.rescale(np.array([size, size], dtype=np.int32), size / _FULL_SIZE)
 
 

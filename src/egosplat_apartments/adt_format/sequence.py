@@ -1,6 +1,6 @@
 """The content of a synthetic recording, before it is written in ADT's on-disk format.
 
-World axes are ADT's: y up, gravity (0, -9.81, 0), metres. The device frame is Aria's (the left SLAM
+World axes are ADT's: y up, gravity (0, -9.81, 0), meters. The device frame is Aria's (the left SLAM
 camera). Images are in sensor orientation: rotate them clockwise by 90° to see them upright.
 """
 
@@ -43,7 +43,7 @@ class View:
 
     Attributes:
         segmentation: (H, W) uint64 instance ids, 0 outside the lens circle.
-        depth_mm: (H, W) uint16, depth along the optical axis in millimetres, 0 outside the lens circle.
+        depth_mm: (H, W) uint16, depth along the optical axis in millimeters, 0 outside the lens circle.
         visibility: for each visible instance id, the fraction of its pixels that nothing occludes, 0..1.
     """
 

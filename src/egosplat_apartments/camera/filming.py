@@ -31,8 +31,8 @@ class Film:
         self._world, self._renderer, self._seconds, self._effects = world, renderer, seconds, effects
         channels = white_balance(effects, world.seed, seconds)
         self.exposures = [
-            Exposure(*expose(factor, effects.exposure_s), factor, colours)
-            for factor, colours in zip(self._factors(), channels, strict=True)
+            Exposure(*expose(factor, effects.exposure_s), factor, colors)
+            for factor, colors in zip(self._factors(), channels, strict=True)
         ]
 
     def shoot(self, number: int) -> Shot:

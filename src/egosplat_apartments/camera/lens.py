@@ -20,7 +20,7 @@ class Lens:
     Attributes:
         size: its side [px].
         valid: (H, W) bool, within the lens circle.
-        directions: (N, 3) float32 unit rays through the centres of the valid pixels, camera axes, row by row.
+        directions: (N, 3) float32 unit rays through the centers of the valid pixels, camera axes, row by row.
         right, down: (N, 3) float32 change of the ray to the next pixel in x and in y.
         angle: (N,) float32 angle that a pixel covers [rad].
         radius: (N,) float32 distance from the principal point as a fraction of the circle's radius.
@@ -40,26 +40,26 @@ def make_lens(size: int) -> Lens:
     """Aria's lens for images of ``size`` x ``size`` pixels."""
     # Cached: projectaria-tools takes microseconds per pixel.
     calibration = camera_calibration(size)
-    centres = to_aria_pixels(_centres(size, size))
-    rays = np.array([calibration.unproject_no_checks(pixel) for pixel in centres.reshape(-1, 2)])
-    return _lens(rays.reshape(*centres.shape[:2], 3), _radius(size, centres))
+    centers = to_aria_pixels(_centers(size, size))
+    rays = np.array([calibration.unproject_no_checks(pixel) for pixel in centers.reshape(-1, 2)])
+    return _lens(rays.reshape(*centers.shape[:2], 3), _radius(size, centers))
 
 
 @lru_cache(maxsize=4)
 def pinhole_lens(camera: Camera) -> Lens:
     """A square pinhole camera: renders a rectified, upright image without resampling."""
-    centres = _centres(camera.width, camera.height)
+    centers = _centers(camera.width, camera.height)
     focal, middle = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-    rays = np.dstack([(centres - middle) / focal, np.ones(centres.shape[:2])])
+    rays = np.dstack([(centers - middle) / focal, np.ones(centers.shape[:2])])
     # The radius is that of the sensor pixel behind each upright pixel, for the same vignette as Aria's lens.
     sensor = rotate(CLOCKWISE[:3, :3], rays)
     calibration = camera_calibration(camera.width)
     pixels = np.array([calibration.project_no_checks(ray) for ray in sensor.reshape(-1, 3)])
-    return _lens(rays, _radius(camera.width, pixels.reshape(centres.shape)))
+    return _lens(rays, _radius(camera.width, pixels.reshape(centers.shape)))
 
 
-def _centres(width: int, height: int) -> NDArray[np.float64]:
-    """(H + 2, W + 2, 2) pixel centres with a margin of one pixel, so that every pixel has neighbours."""
+def _centers(width: int, height: int) -> NDArray[np.float64]:
+    """(H + 2, W + 2, 2) pixel centers with a margin of one pixel, so that every pixel has neighbors."""
     return np.stack(np.meshgrid(np.arange(-1, width + 1) + 0.5, np.arange(-1, height + 1) + 0.5), axis=-1)
 
 
@@ -99,7 +99,7 @@ def develop(
     """(N, 3) display values of (N, 3) linear radiance.
 
     Args:
-        radius: (N,) distance from the centre of the lens circle as a fraction of its radius.
+        radius: (N,) distance from the center of the lens circle as a fraction of its radius.
         gain: factor on all light.
         sensor: what a sensor makes of the (N, 3) light that reaches it; None for a perfect one.
     """

@@ -15,7 +15,7 @@ _LAMP_POWER = np.array([7.5, 6.8, 5.8], dtype=np.float32)
 _SUN_POWER = np.array([5.5, 4.9, 4.0], dtype=np.float32)
 # Stands in for light that has bounced more than once.
 _AMBIENT = np.array([0.3, 0.29, 0.28], dtype=np.float32)
-# Rays of a vertex; ``_smoothed`` averages over its neighbours, too.
+# Rays of a vertex; ``_smoothed`` averages over its neighbors, too.
 _BAKE_RAYS = 40
 # Vertices at a time, which bounds the memory.
 _CHUNK = 16_000
@@ -174,7 +174,7 @@ def face_normals(geometry: Geometry, face: NDArray[np.int32], towards: Floats) -
 
 
 def _smoothed(geometry: Geometry, values: Floats) -> Floats:
-    """Average values with those of neighbouring vertices, twice; removes the noise of few rays."""
+    """Average values with those of neighboring vertices, twice; removes the noise of few rays."""
     count = len(values)
     faces = geometry.faces[: geometry.body_faces[geometry.group("static")[1]]]
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

@@ -132,8 +132,8 @@ class RayScene:
     def __init__(self, vertices: Floats, faces: Ints, first_face: int) -> None:
         self._triangles = Triangles(vertices, faces)
         self._first_face = first_face
-        self.centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        self.reach = float(lengths(vertices - self.centre).max())
+        self.center = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        self.reach = float(lengths(vertices - self.center).max())
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
         """First hits of rays from (N, 3) or (3,) origins along (N, 3) unit directions."""
@@ -151,8 +151,8 @@ class RayScene:
             # From their middle, to a sphere that is larger by the spread of the origins.
             origin = origins.mean(axis=0)
             reach += float(lengths(origins - origin).max())
-        # The angle to the sphere's centre against the angle that its radius covers, with a small margin.
-        way = self.centre - origin
+        # The angle to the sphere's center against the angle that its radius covers, with a small margin.
+        way = self.center - origin
         distance = float(np.linalg.norm(way, axis=-1))
         if distance <= reach * 1.001:
             return np.ones(len(directions), dtype=bool)

@@ -226,9 +226,9 @@ class Renderer:
         body = self.geometry.part_body[self.geometry.face_part[hits.face]]
         ids = np.where(hits.face >= 0, self._ids[body], 0).astype(np.uint64)
         depth = np.where(hits.face >= 0, hits.distance * self.lens.directions[:, 2], 0)
-        millimetres = np.clip(np.round(depth * 1000.0), 0, 65535)
+        millimeters = np.clip(np.round(depth * 1000.0), 0, 65535)
         visibility = self._visibility(scenes, ids, origin, rays)
-        return View(self._image(ids, np.uint64), self._image(millimetres, np.uint16), visibility)
+        return View(self._image(ids, np.uint64), self._image(millimeters, np.uint16), visibility)
 
     def _visibility(
         self, scenes: _Scenes, ids: NDArray[np.uint64], origin: Floats, rays: Floats
@@ -279,7 +279,7 @@ class Renderer:
         distance = np.where(np.isfinite(hits.distance), hits.distance, 0)
         points = origin + distance[:, None] * rays
         light += self._lights.direct(scenes.full, points, normals)
-        # A pixel covers more of a slanted surface; the bound keeps grazing views from blurring to one colour.
+        # A pixel covers more of a slanted surface; the bound keeps grazing views from blurring to one color.
         footprint = distance * angle / np.sqrt(np.maximum(np.abs(facing), 0.12))
         albedo = self.atlas.albedo(geometry.part_texture[part], uv, footprint)
         radiance = albedo * (light / np.float32(np.pi) + geometry.part_glow[part][:, None])

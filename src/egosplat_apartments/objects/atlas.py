@@ -43,18 +43,18 @@ class Atlas:
         detail = np.clip(detail, 0.0, _LEVELS - 1.001).astype(np.float32)
         level = detail.astype(np.int32)
         place = uv / self._size[texture]
-        colour = self._bilinear(texture, level, place)
+        color = self._bilinear(texture, level, place)
         share = detail - level
         blended = np.flatnonzero(share > 0.05)
         if len(blended):
             coarse = self._bilinear(texture[blended], level[blended] + 1, np.take(place, blended, axis=0))
-            fine = np.take(colour, blended, axis=1)
-            colour[:, blended] = fine + share[blended] * (coarse - fine)
+            fine = np.take(color, blended, axis=1)
+            color[:, blended] = fine + share[blended] * (coarse - fine)
         # Textures are in display values; the display's curve is a square root here as in the renderer.
-        return np.ascontiguousarray((colour * colour).T)
+        return np.ascontiguousarray((color * color).T)
 
     def _bilinear(self, texture: Ints, level: Ints, place: Floats) -> Floats:
-        """(3, N) display values in 0..1. Sums over one colour at a time take half the time of those over (N, 3)."""
+        """(3, N) display values in 0..1. Sums over one color at a time take half the time of those over (N, 3)."""
         rows, columns = self._rows[texture, level], self._columns[texture, level]
         start = self._start[texture, level]
         x = place[:, 0] * columns - 0.5

@@ -5,14 +5,14 @@ from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.objects.materials import some_fabric, some_glaze, some_metal, some_plastic
 from egosplat_apartments.objects.model import Model
-from egosplat_apartments.objects.pictures import random_colour
+from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, box, cushion, cylinder, ellipsoid, join, lathe, leaf, rod
 from egosplat_apartments.objects.textures import Rng, checks, cloth, make_texture, motifs, speckled, wicker
 
 
 def trash_can(rng: Rng) -> Model:
     """A tapering bin with a rim, a domed lid and a pedal."""
-    body = some_plastic(rng, random_colour(rng, (0.1, 0.8), (0.35, 0.85)))
+    body = some_plastic(rng, random_color(rng, (0.1, 0.8), (0.35, 0.85)))
     pail = lathe([(0, 0), (0.12, 0), (0.155, 0.36), (0.165, 0.36), (0.165, 0.39), (0, 0.39)])
     lid = lathe([(0.16, 0.39), (0.155, 0.42), (0.11, 0.45), (0, 0.465)])
     bands = join(
@@ -27,7 +27,7 @@ def trash_can(rng: Rng) -> Model:
                 "band",
                 bands,
                 make_texture(
-                    checks(rng, (0.9, 0.9, 0.85), random_colour(rng)), 0.1, surface="checked plastic"
+                    checks(rng, (0.9, 0.9, 0.85), random_color(rng)), 0.1, surface="checked plastic"
                 ),
             ),
             Part("pedal", pedal, some_plastic(rng, (0.1, 0.1, 0.1))),
@@ -63,7 +63,7 @@ def box_with_lid(rng: Rng) -> Model:
     band = [box((-0.012, 0, -d / 2 - 0.006), (0.012, h + 0.003, d / 2 + 0.006))]
     band += [ellipsoid((0.03, 0.014, 0.016), (x, h + 0.014, 0), 10) for x in (-0.028, 0.028)]
     paper = make_texture(
-        motifs(rng, random_colour(rng, (0.3, 0.7)), (random_colour(rng),), (256, 256), 50, (5, 15)),
+        motifs(rng, random_color(rng, (0.3, 0.7)), (random_color(rng),), (256, 256), 50, (5, 15)),
         0.2,
         surface="flowered paper",
     )
@@ -85,8 +85,8 @@ def tissue_box(rng: Rng) -> Model:
     card = make_texture(
         motifs(
             rng,
-            random_colour(rng, (0.2, 0.6), (0.6, 0.9)),
-            (random_colour(rng), (0.95, 0.95, 0.9)),
+            random_color(rng, (0.2, 0.6), (0.6, 0.9)),
+            (random_color(rng), (0.95, 0.95, 0.9)),
             (256, 256),
             40,
             (8, 26),
@@ -124,7 +124,7 @@ def vase(rng: Rng) -> Model:
                 "blossoms",
                 join(blossoms),
                 make_texture(
-                    speckled(rng, random_colour(rng, (0.6, 0.95), (0.7, 0.95)), (0.95, 0.9, 0.4), 40, 9), 0.08
+                    speckled(rng, random_color(rng, (0.6, 0.95), (0.7, 0.95)), (0.95, 0.9, 0.4), 40, 9), 0.08
                 ),
             ),
         )

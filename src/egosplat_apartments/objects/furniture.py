@@ -2,13 +2,13 @@
 
 from egosplat_apartments.objects.materials import some_metal, some_paint, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model, Surface
-from egosplat_apartments.objects.pictures import landscape, random_colour
+from egosplat_apartments.objects.pictures import landscape, random_color
 from egosplat_apartments.objects.shapes import Part, Shape, box, cylinder, join, lathe, rod
 from egosplat_apartments.objects.textures import Rng, cloth, make_texture, marble, metal
 
 
 def four_legs(width: float, depth: float, height: float, thickness: float, inset: float = 0.03) -> Shape:
-    """Square legs under a rectangle centred on the origin."""
+    """Square legs under a rectangle centered on the origin."""
     half = thickness / 2
     x, z = width / 2 - inset - half, depth / 2 - inset - half
     corners = [(sx * x, sz * z) for sx in (-1, 1) for sz in (-1, 1)]
@@ -113,8 +113,8 @@ def _drawers(
     for x in (left + dx * number for number in range(columns)):
         for y in (low + dy * number for number in range(rows)):
             fronts.append(box((x + 0.01, y + 0.01, front), (x + dx - 0.01, y + dy - 0.01, front + 0.018)))
-            centre = (x + dx / 2, y + dy / 2)
-            knobs.append(rod((*centre, front + 0.018), (*centre, front + 0.045), 0.014))
+            center = (x + dx / 2, y + dy / 2)
+            knobs.append(rod((*center, front + 0.018), (*center, front + 0.045), 0.014))
     return join(fronts), join(knobs)
 
 
@@ -168,7 +168,7 @@ def bookcase(rng: Rng) -> Model:
                 "back",
                 back,
                 make_texture(
-                    cloth(rng, random_colour(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5, surface="plain cloth"
+                    cloth(rng, random_color(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5, surface="plain cloth"
                 ),
             ),
         ),
@@ -178,7 +178,7 @@ def bookcase(rng: Rng) -> Model:
 
 def refrigerator(rng: Rng) -> Model:
     """Two doors with long handles; notes and magnets on the upper one."""
-    steel = make_texture(metal(rng, random_colour(rng, (0.0, 0.35), (0.65, 0.85))), 0.6, surface="metal")
+    steel = make_texture(metal(rng, random_color(rng, (0.0, 0.35), (0.65, 0.85))), 0.6, surface="metal")
     w, d, h = 0.64, 0.6, 1.75
     doors = [
         box((-w / 2 + 0.004, a, d / 2), (w / 2 - 0.004, b, d / 2 + 0.05))

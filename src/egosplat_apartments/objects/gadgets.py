@@ -5,17 +5,27 @@ from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.objects.materials import some_metal, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model
-from egosplat_apartments.objects.pictures import clock_face, cover, keys, landscape, random_colour, spine
-from egosplat_apartments.objects.shapes import Part, box, cushion, cylinder, ellipsoid, join, lathe, rod, sheet
+from egosplat_apartments.objects.pictures import clock_face, cover, keys, landscape, random_color, spine
+from egosplat_apartments.objects.shapes import (
+    Part,
+    box,
+    cushion,
+    cylinder,
+    ellipsoid,
+    join,
+    lathe,
+    rod,
+    sheet,
+)
 from egosplat_apartments.objects.textures import Rng, checks, make_texture, metal, stripes
 
 
 def book_standing(rng: Rng) -> Model:
     """One volume as it stands in a bookcase, its spine forward."""
     w, h, d = rng.uniform(0.035, 0.06), rng.uniform(0.2, 0.27), rng.uniform(0.15, 0.19)
-    colour = random_colour(rng)
-    title = np.rot90(spine(rng, colour), -1)
-    front = make_texture(cover(rng, colour), d, h, surface="printed paper")
+    color = random_color(rng)
+    title = np.rot90(spine(rng, color), -1)
+    front = make_texture(cover(rng, color), d, h, surface="printed paper")
     paper = make_texture(stripes(rng, ((0.93, 0.9, 0.82), (0.85, 0.81, 0.72)), 40), 0.05, surface="paper")
     return Model(
         (
@@ -41,11 +51,11 @@ def book_standing(rng: Rng) -> Model:
 def book_lying(rng: Rng) -> Model:
     """A book on its back cover."""
     w, h, d = rng.uniform(0.14, 0.19), rng.uniform(0.025, 0.045), rng.uniform(0.2, 0.26)
-    colour = random_colour(rng)
+    color = random_color(rng)
     paper = make_texture(
         stripes(rng, ((0.93, 0.9, 0.82), (0.82, 0.78, 0.7)), 30, upright=False), 0.04, surface="paper"
     )
-    front = make_texture(cover(rng, colour), w, d, surface="printed paper")
+    front = make_texture(cover(rng, color), w, d, surface="printed paper")
     return Model(
         (
             Part(
@@ -58,7 +68,7 @@ def book_lying(rng: Rng) -> Model:
             Part(
                 "spine",
                 box((-w / 2, 0.003, -d / 2), (-w / 2 + 0.003, h - 0.003, d / 2)),
-                make_texture(spine(rng, colour), d, h, surface="printed paper"),
+                make_texture(spine(rng, color), d, h, surface="printed paper"),
             ),
         )
     )
@@ -70,7 +80,7 @@ def magazine(rng: Rng) -> Model:
         stripes(rng, ((0.95, 0.95, 0.93), (0.7, 0.7, 0.7)), 10, upright=False), 0.01, surface="paper"
     )
     front = make_texture(
-        cover(rng, random_colour(rng, (0.5, 0.95), (0.6, 0.95))), 0.21, 0.28, surface="printed paper"
+        cover(rng, random_color(rng, (0.5, 0.95), (0.6, 0.95))), 0.21, 0.28, surface="printed paper"
     )
     return Model(
         (
@@ -103,7 +113,7 @@ def laptop(rng: Rng) -> Model:
 
 def desk_clock(rng: Rng) -> Model:
     """An alarm clock with feet and two bells."""
-    case = some_plastic(rng, random_colour(rng, (0.6, 0.95), (0.5, 0.9)))
+    case = some_plastic(rng, random_color(rng, (0.6, 0.95), (0.5, 0.9)))
     upright = Rotation.from_euler("x", 90, degrees=True)
     body = lathe(
         [

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.objects.materials import some_fabric, some_glaze, some_metal, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model
-from egosplat_apartments.objects.pictures import random_colour
+from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, cylinder, ellipsoid, join, lathe, leaf, rod
 from egosplat_apartments.objects.textures import (
     Rng,
@@ -97,7 +97,7 @@ def desk_lamp(rng: Rng) -> Model:
         [(0.125, h - 0.13), (0.075, h + 0.05), (0.072, h + 0.05), (0.121, h - 0.13), (0.125, h - 0.13)]
     )
     silk = make_texture(
-        stripes(rng, (random_colour(rng, (0.1, 0.5), (0.8, 0.95)), (0.95, 0.88, 0.7)), 10),
+        stripes(rng, (random_color(rng, (0.1, 0.5), (0.8, 0.95)), (0.95, 0.88, 0.7)), 10),
         0.3,
         surface="striped cloth",
     )
@@ -134,7 +134,7 @@ def pillow(rng: Rng) -> Model:
     return Model(
         (
             Part("pad", shape.moved((0, -low, 0)), some_fabric(rng)),
-            Part("buttons", join(buttons), some_plastic(rng, random_colour(rng))),
+            Part("buttons", join(buttons), some_plastic(rng, random_color(rng))),
         )
     )
 
@@ -145,7 +145,7 @@ def candle(rng: Rng) -> Model:
         [(0, 0), (0.05, 0), (0.05, 0.012), (0.022, 0.02), (0.022, 0.045), (0.034, 0.05), (0, 0.05)]
     )
     wax = make_texture(
-        stripes(rng, (random_colour(rng, (0.3, 0.8), (0.6, 0.9)), (0.95, 0.92, 0.85)), 6, upright=False),
+        stripes(rng, (random_color(rng, (0.3, 0.8), (0.6, 0.9)), (0.95, 0.92, 0.85)), 6, upright=False),
         0.08,
         surface="striped wax",
     )
@@ -163,7 +163,7 @@ def candle(rng: Rng) -> Model:
 def figurine(rng: Rng) -> Model:
     """A sitting cat on a plinth."""
     fur = make_texture(
-        stripes(rng, (random_colour(rng, (0.2, 0.6), (0.4, 0.9)), (0.2, 0.15, 0.12)), 12, upright=False),
+        stripes(rng, (random_color(rng, (0.2, 0.6), (0.4, 0.9)), (0.2, 0.15, 0.12)), 12, upright=False),
         0.12,
         surface="striped pottery",
     )
@@ -190,7 +190,7 @@ def figurine(rng: Rng) -> Model:
 def toy(rng: Rng) -> Model:
     """A dinosaur on four legs."""
     skin = make_texture(
-        speckled(rng, random_colour(rng, (0.5, 0.9), (0.5, 0.85)), random_colour(rng), 120, 9),
+        speckled(rng, random_color(rng, (0.5, 0.9), (0.5, 0.85)), random_color(rng), 120, 9),
         0.1,
         surface="speckled plastic",
     )
@@ -208,7 +208,7 @@ def toy(rng: Rng) -> Model:
             Part("head", neck, skin),
             Part("tail", rod((-0.07, 0.075, 0), (-0.16, 0.045, 0), 0.024, 0.005), skin),
             Part("legs", join(legs), skin),
-            Part("spikes", join(spikes), some_plastic(rng, random_colour(rng, (0.7, 0.95), (0.7, 0.95)))),
+            Part("spikes", join(spikes), some_plastic(rng, random_color(rng, (0.7, 0.95), (0.7, 0.95)))),
         )
     )
 

@@ -5,7 +5,7 @@ import colorsys
 import cv2
 import numpy as np
 
-from egosplat_apartments.objects.textures import Colour, Picture, Rng, mixed, noise, shaded
+from egosplat_apartments.objects.textures import Color, Picture, Rng, mixed, noise, shaded
 
 _WORDS = [
     "MOON",
@@ -38,17 +38,17 @@ _WORDS = [
 ]
 
 
-def random_colour(
+def random_color(
     rng: Rng, saturation: tuple[float, float] = (0.4, 0.9), value: tuple[float, float] = (0.35, 0.9)
-) -> Colour:
-    """A colour of any hue, its saturation and value within the given ranges."""
+) -> Color:
+    """A color of any hue, its saturation and value within the given ranges."""
     return colorsys.hsv_to_rgb(rng.uniform(0, 1), rng.uniform(*saturation), rng.uniform(*value))
 
 
 def landscape(rng: Rng, shape: tuple[int, int]) -> Picture:
     """Sky with a sun, rows of hills, trees and flowers in front."""
     height, width = shape
-    sky = [random_colour(rng, (0.3, 0.6), (0.6, 1.0)) for _ in range(2)]
+    sky = [random_color(rng, (0.3, 0.6), (0.6, 1.0)) for _ in range(2)]
     rows = np.broadcast_to(np.linspace(0, 1, height)[:, None], shape)
     picture = np.ascontiguousarray(
         mixed(sky[0], sky[1], rows) * (1 + 0.07 * noise(rng, shape, 1.6, 3.0))[..., None]
@@ -56,7 +56,7 @@ def landscape(rng: Rng, shape: tuple[int, int]) -> Picture:
     sun = (int(rng.uniform(0.15, 0.85) * width), int(rng.uniform(0.12, 0.35) * height))
     cv2.circle(picture, sun, height // 11, (1.0, 0.92, 0.6), -1, cv2.LINE_AA)
     for layer in range(4):
-        tint = np.asarray(random_colour(rng, (0.35, 0.8), (0.25, 0.75)))
+        tint = np.asarray(random_color(rng, (0.35, 0.8), (0.25, 0.75)))
         outline = noise(rng, (4, width), 1.5)[0] * height * 0.06 + height * (0.45 + 0.14 * layer)
         below = np.arange(height)[:, None] > outline[None]
         picture[below] = (tint * (1 + 0.12 * noise(rng, shape, 1.0))[..., None])[below]
@@ -69,10 +69,10 @@ def abstract(rng: Rng, shape: tuple[int, int]) -> Picture:
     """Overlapping rectangles, discs and strokes on canvas."""
     height, width = shape
     picture = np.ascontiguousarray(
-        shaded(random_colour(rng, (0.1, 0.4), (0.7, 0.95)), 0.04 * noise(rng, shape, 1.0))
+        shaded(random_color(rng, (0.1, 0.4), (0.7, 0.95)), 0.04 * noise(rng, shape, 1.0))
     )
     for _ in range(26):
-        tint = random_colour(rng, (0.2, 0.95), (0.1, 0.95))
+        tint = random_color(rng, (0.2, 0.95), (0.1, 0.95))
         a, b = (tuple(int(v) for v in rng.integers(0, (width, height))) for _ in range(2))
         match int(rng.integers(3)):
             case 0:
@@ -84,7 +84,7 @@ def abstract(rng: Rng, shape: tuple[int, int]) -> Picture:
     return picture * (1 + 0.06 * noise(rng, shape, 0.6))[..., None]
 
 
-def clock_face(rng: Rng, ground: Colour, ink: Colour, side: int = 256) -> Picture:
+def clock_face(rng: Rng, ground: Color, ink: Color, side: int = 256) -> Picture:
     """Ticks, numerals and two hands; fills the circle inscribed in the square."""
     picture = np.ascontiguousarray(shaded(ground, 0.03 * noise(rng, (side, side), 1.0)))
     middle = side // 2
@@ -101,43 +101,43 @@ def clock_face(rng: Rng, ground: Colour, ink: Colour, side: int = 256) -> Pictur
     return picture
 
 
-def cover(rng: Rng, colour: Colour, shape: tuple[int, int] = (256, 192)) -> Picture:
+def cover(rng: Rng, color: Color, shape: tuple[int, int] = (256, 192)) -> Picture:
     """A book's cover: a picture, a title, an author."""
     height, width = shape
-    picture = np.ascontiguousarray(shaded(colour, 0.05 * noise(rng, shape, 1.0)))
+    picture = np.ascontiguousarray(shaded(color, 0.05 * noise(rng, shape, 1.0)))
     inset = abstract(rng, (height // 2, int(width * 0.8)))
     top, left = int(height * 0.36), int(width * 0.1)
     picture[top : top + inset.shape[0], left : left + inset.shape[1]] = inset
-    ink = _ink(colour)
+    ink = _ink(color)
     for row, scale in ((0.14, 1.0), (0.27, 1.0), (0.94, 0.55)):
         _word(rng, picture, (int(width * 0.08), int(height * row)), scale, ink)
     return picture
 
 
-def spine(rng: Rng, colour: Colour, shape: tuple[int, int] = (64, 256)) -> Picture:
+def spine(rng: Rng, color: Color, shape: tuple[int, int] = (64, 256)) -> Picture:
     """A book's back, its title along x, with bands at both ends."""
     height, width = shape
-    picture = np.ascontiguousarray(shaded(colour, 0.07 * noise(rng, shape, 1.0)))
-    ink = _ink(colour)
+    picture = np.ascontiguousarray(shaded(color, 0.07 * noise(rng, shape, 1.0)))
+    ink = _ink(color)
     for x in (int(width * 0.06), int(width * 0.92)):
         picture[:, x : x + 6] = ink
     _word(rng, picture, (int(width * 0.14), int(height * 0.68)), 1.0, ink)
     return picture
 
 
-def label(rng: Rng, ground: Colour, paper: Colour) -> Picture:
+def label(rng: Rng, ground: Color, paper: Color) -> Picture:
     """A glazed jacket with a printed label, to be bent around a bottle or a box."""
     picture = np.ascontiguousarray(shaded(ground, 0.07 * noise(rng, (256, 256), 1.2)))
     picture[70:200] = shaded(paper, 0.03 * noise(rng, (130, 256), 1.0))
     ink = _ink(paper)
     for x in (8, 136):
         _word(rng, picture, (x, 115), 0.8, ink)
-        cv2.circle(picture, (x + 50, 155), 22, random_colour(rng), -1, cv2.LINE_AA)
+        cv2.circle(picture, (x + 50, 155), 22, random_color(rng), -1, cv2.LINE_AA)
         cv2.rectangle(picture, (x, 186), (x + 100, 192), ink, -1)
     return picture
 
 
-def keys(rng: Rng, ground: Colour, ink: Colour, rows: int = 5, columns: int = 13) -> Picture:
+def keys(rng: Rng, ground: Color, ink: Color, rows: int = 5, columns: int = 13) -> Picture:
     """A keyboard; with few rows and columns, a remote control's buttons."""
     picture = np.ascontiguousarray(shaded(ground, 0.03 * noise(rng, (256, 256), 1.0)))
     dy, dx = 256 // (rows + 1), 256 // (columns + 1)
@@ -158,7 +158,7 @@ def outside(rng: Rng, shape: tuple[int, int] = (256, 384)) -> Picture:
         x, top = int(rng.integers(width)), int(rng.uniform(0.4, 0.65) * height)
         breadth, tint = (
             int(rng.integers(width // 12, width // 6)),
-            random_colour(rng, (0.1, 0.5), (0.55, 0.85)),
+            random_color(rng, (0.1, 0.5), (0.55, 0.85)),
         )
         cv2.rectangle(picture, (x, top), (x + breadth, height), tint, -1)
         for y in range(top + 8, height, 18):
@@ -178,11 +178,11 @@ def _tree(rng: Rng, picture: Picture, x: int, y: int, size: int) -> None:
         cv2.circle(picture, (x + dx, y - 2 * size + dy), max(1, int(size * 0.6)), shade, -1, cv2.LINE_AA)
 
 
-def _word(rng: Rng, picture: Picture, place: tuple[int, int], scale: float, ink: Colour) -> None:
+def _word(rng: Rng, picture: Picture, place: tuple[int, int], scale: float, ink: Color) -> None:
     _write(picture, str(rng.choice(_WORDS)), place, scale, ink)
 
 
-def _write(picture: Picture, text: str, place: tuple[int, int], scale: float, ink: Colour) -> None:
+def _write(picture: Picture, text: str, place: tuple[int, int], scale: float, ink: Color) -> None:
     """Draw letters with the lower left corner at ``place``, through a mask: OpenCV draws on bytes only."""
     mask = np.zeros(picture.shape[:2], np.uint8)
     cv2.putText(mask, text, place, cv2.FONT_HERSHEY_DUPLEX, scale, 255, 2, cv2.LINE_AA)
@@ -190,5 +190,5 @@ def _write(picture: Picture, text: str, place: tuple[int, int], scale: float, in
     picture[:] = picture * (1 - share) + np.asarray(ink) * share
 
 
-def _ink(ground: Colour) -> Colour:
+def _ink(ground: Color) -> Color:
     return (0.95, 0.9, 0.75) if sum(ground) < 1.5 else (0.1, 0.08, 0.12)

@@ -1,6 +1,6 @@
 """Building blocks of objects: surfaces of triangles with normals and texture coordinates.
 
-Object axes: x to the right as seen from the object's front, y up, z out of its front. Metres.
+Object axes: x to the right as seen from the object's front, y up, z out of its front. Meters.
 """
 
 from collections.abc import Iterable
@@ -153,14 +153,14 @@ def cylinder(radius: float, bottom: float, top: float, segments: int = 24) -> Sh
     return lathe([(0, bottom), (radius, bottom), (radius, top), (0, top)], segments)
 
 
-def ellipsoid(radii: ArrayLike, centre: ArrayLike = (0, 0, 0), segments: int = 18) -> Shape:
+def ellipsoid(radii: ArrayLike, center: ArrayLike = (0, 0, 0), segments: int = 18) -> Shape:
     """An ellipsoid with semi-axes along x, y, z."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 1)
     profile = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     profile[[0, -1], 0] = 0.0
     scale = np.asarray(radii, dtype=np.float64)
     ball = replace(unit := lathe(profile, segments, 90.0), uv=unit.uv * scale.mean())
-    return ball.stretched(scale).moved(centre)
+    return ball.stretched(scale).moved(center)
 
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | None = None) -> Shape:
@@ -179,7 +179,7 @@ def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | Non
 
 
 def leaf(length: float, width: float, droop: float) -> Shape:
-    """A thin leaf along +z from the origin, its tip ``droop`` metres lower; visible from both sides."""
+    """A thin leaf along +z from the origin, its tip ``droop`` meters lower; visible from both sides."""
     t, s = np.meshgrid(np.linspace(0, 1, 6), np.linspace(-1, 1, 3), indexing="ij")
     half = 0.5 * width * np.sin(np.pi * np.clip(0.06 + 0.94 * t, 0, 1)) ** 0.8
     x = s * half

@@ -6,8 +6,18 @@ import numpy as np
 
 from egosplat_apartments.objects.materials import some_glaze, some_metal, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model
-from egosplat_apartments.objects.pictures import label, random_colour
-from egosplat_apartments.objects.shapes import Part, Shape, box, cushion, cylinder, ellipsoid, join, lathe, rod
+from egosplat_apartments.objects.pictures import label, random_color
+from egosplat_apartments.objects.shapes import (
+    Part,
+    Shape,
+    box,
+    cushion,
+    cylinder,
+    ellipsoid,
+    join,
+    lathe,
+    rod,
+)
 from egosplat_apartments.objects.textures import (
     Rng,
     Texture,
@@ -24,7 +34,7 @@ def coaster(rng: Rng) -> Model:
     """A round mat of cork with a picture on it, on a rim."""
     r = rng.uniform(0.055, 0.07)
     top = make_texture(
-        motifs(rng, random_colour(rng), (random_colour(rng), (0.95, 0.9, 0.8)), (256, 256), 26, (12, 34)),
+        motifs(rng, random_color(rng), (random_color(rng), (0.95, 0.9, 0.8)), (256, 256), 26, (12, 34)),
         2 * r,
         surface="flowered paper",
     )
@@ -88,7 +98,7 @@ def bowl(rng: Rng) -> Model:
 
 
 def _peel(rng: Rng) -> Texture:
-    first = random_colour(rng, (0.7, 0.95), (0.65, 0.95))
+    first = random_color(rng, (0.7, 0.95), (0.65, 0.95))
     return make_texture(speckled(rng, first, (first[0] * 0.5, first[1] * 0.6, 0.15), 300, 3), 0.08)
 
 
@@ -127,14 +137,14 @@ def bottle(rng: Rng) -> Model:
         sharp_deg=45,
     )
     jacket = make_texture(
-        label(rng, random_colour(rng, (0.5, 0.9), (0.2, 0.6)), random_colour(rng, (0.05, 0.4), (0.8, 0.95))),
+        label(rng, random_color(rng, (0.5, 0.9), (0.2, 0.6)), random_color(rng, (0.05, 0.4), (0.8, 0.95))),
         np.pi * r,
         h * 0.4,
         surface="printed paper",
     )
     sleeve = lathe([(r + 0.001, h * 0.12), (r + 0.001, h * 0.52)])
     glass = make_texture(
-        speckled(rng, random_colour(rng, (0.4, 0.9), (0.15, 0.55)), (0.8, 0.85, 0.8), 50, 2),
+        speckled(rng, random_color(rng, (0.4, 0.9), (0.15, 0.55)), (0.8, 0.85, 0.8), 50, 2),
         0.1,
         surface="glass",
     )
@@ -150,7 +160,7 @@ def bottle(rng: Rng) -> Model:
 def tea_kettle(rng: Rng) -> Model:
     """A round kettle: spout, handle, lid."""
     enamel = make_texture(
-        0.6 * metal(rng, base := random_colour(rng, (0.2, 0.9), (0.5, 0.9)))
+        0.6 * metal(rng, base := random_color(rng, (0.2, 0.9), (0.5, 0.9)))
         + 0.4 * speckled(rng, base, (0.9, 0.9, 0.9), 60, 5),
         0.25,
         surface="speckled metal",
@@ -177,7 +187,7 @@ def tea_kettle(rng: Rng) -> Model:
 def toaster(rng: Rng) -> Model:
     """A toaster with two slices in it."""
     body = make_texture(
-        0.7 * metal(rng, c := random_colour(rng, (0.1, 0.9), (0.6, 0.9)))
+        0.7 * metal(rng, c := random_color(rng, (0.1, 0.9), (0.6, 0.9)))
         + 0.3 * stripes(rng, (c, (0.9, 0.9, 0.9)), 6),
         0.3,
         surface="striped metal",
@@ -222,7 +232,7 @@ def cutting_board(rng: Rng) -> Model:
 
 def pot(rng: Rng) -> Model:
     """A cooking pot with a lid and two handles."""
-    steel = make_texture(metal(rng, random_colour(rng, (0.0, 0.8), (0.55, 0.85))), 0.25, surface="metal")
+    steel = make_texture(metal(rng, random_color(rng, (0.0, 0.8), (0.55, 0.85))), 0.25, surface="metal")
     body = lathe([(0, 0), (0.1, 0), (0.105, 0.01), (0.105, 0.12), (0.112, 0.124), (0, 0.124)], 28)
     handles = [rod((s * 0.1, 0.1, z), (s * 0.14, 0.1, z), 0.007) for s in (-1, 1) for z in (-0.03, 0.03)]
     handles += [rod((s * 0.14, 0.1, -0.03), (s * 0.14, 0.1, 0.03), 0.009) for s in (-1, 1)]

@@ -1,6 +1,6 @@
 """Procedural textures: noise, wood, cloth, stone, metal, and drawings on them.
 
-Colours are triples 0..1 in the image's own (gamma) encoding. Every texture repeats without a seam, or is
+Colors are triples 0..1 in the image's own (gamma) encoding. Every texture repeats without a seam, or is
 used once over its whole size.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Picture = NDArray[np.float64]
-Colour = tuple[float, float, float]
+Color = tuple[float, float, float]
 Rng = np.random.Generator
 
 _SIDE = 256
@@ -21,7 +21,7 @@ _SIDE = 256
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image and the size in metres that it covers before it repeats.
+    """An image and the size in meters that it covers before it repeats.
 
     Attributes:
         pixels: (H, W, 3) uint8.
@@ -59,26 +59,26 @@ def noise(rng: Rng, shape: tuple[int, int], roughness: float = 1.6, stretch: flo
     return (field - field.mean()) / field.std()
 
 
-def shaded(colour: Colour, field: Picture) -> Picture:
-    """Lighten and darken a colour by a (H, W) field of relative changes."""
-    return np.asarray(colour) * (1.0 + field[..., None])
+def shaded(color: Color, field: Picture) -> Picture:
+    """Lighten and darken a color by a (H, W) field of relative changes."""
+    return np.asarray(color) * (1.0 + field[..., None])
 
 
-def mixed(first: Colour, second: Colour, share: Picture) -> Picture:
-    """Mix two colours by the (H, W) fraction 0..1 of the second."""
+def mixed(first: Color, second: Color, share: Picture) -> Picture:
+    """Mix two colors by the (H, W) fraction 0..1 of the second."""
     return np.asarray(first) * (1 - share[..., None]) + np.asarray(second) * share[..., None]
 
 
-def wood(rng: Rng, colour: Colour, shape: tuple[int, int] = (_SIDE, _SIDE)) -> Picture:
+def wood(rng: Rng, color: Color, shape: tuple[int, int] = (_SIDE, _SIDE)) -> Picture:
     """Wood with grain along x."""
     rings = np.sin(2.2 * noise(rng, shape, 1.7, 9.0) + 9.0 * noise(rng, shape, 2.2, 6.0))
     fibres = noise(rng, shape, 0.7, 14.0)
-    return shaded(colour, 0.16 * rings + 0.09 * fibres + 0.05 * noise(rng, shape))
+    return shaded(color, 0.16 * rings + 0.09 * fibres + 0.05 * noise(rng, shape))
 
 
-def planks(rng: Rng, colour: Colour, shape: tuple[int, int], rows: int) -> Picture:
+def planks(rng: Rng, color: Color, shape: tuple[int, int], rows: int) -> Picture:
     """A floor of boards along x, each with its own shade and joints; does not repeat."""
-    picture = wood(rng, colour, shape)
+    picture = wood(rng, color, shape)
     height, width = shape
     edges = np.linspace(0, height, rows + 1).astype(int)
     for top, bottom in itertools.pairwise(edges):
@@ -92,23 +92,23 @@ def planks(rng: Rng, colour: Colour, shape: tuple[int, int], rows: int) -> Pictu
     return picture
 
 
-def cloth(rng: Rng, colour: Colour, contrast: float = 0.16) -> Picture:
+def cloth(rng: Rng, color: Color, contrast: float = 0.16) -> Picture:
     """A coarse weave with worn spots."""
     y, x = np.mgrid[:_SIDE, :_SIDE]
     weave = np.sign(np.sin(x * 2 * np.pi / 8) * np.sin(y * 2 * np.pi / 8))
-    return shaded(colour, contrast * (0.5 * weave + 0.8 * noise(rng, (_SIDE, _SIDE), 0.9)))
+    return shaded(color, contrast * (0.5 * weave + 0.8 * noise(rng, (_SIDE, _SIDE), 0.9)))
 
 
-def stripes(rng: Rng, colours: Sequence[Colour], count: int = 8, upright: bool = True) -> Picture:
+def stripes(rng: Rng, colors: Sequence[Color], count: int = 8, upright: bool = True) -> Picture:
     """Alternating stripes of unequal width."""
     cuts = np.cumsum(rng.uniform(0.5, 1.5, count))
     band = np.searchsorted(cuts / cuts[-1] * _SIDE, np.arange(_SIDE), side="right").clip(max=count - 1)
-    line = np.asarray(colours)[band % len(colours)]
+    line = np.asarray(colors)[band % len(colors)]
     picture = np.broadcast_to(line[None] if upright else line[:, None], (_SIDE, _SIDE, 3))
     return picture * (1 + 0.1 * noise(rng, (_SIDE, _SIDE), 0.8))[..., None]
 
 
-def checks(rng: Rng, first: Colour, second: Colour, count: int = 4) -> Picture:
+def checks(rng: Rng, first: Color, second: Color, count: int = 4) -> Picture:
     """Tartan: two sets of stripes that cross."""
     bands = [np.floor(np.arange(_SIDE) * 2 * count / _SIDE) % 2 for _ in range(2)]
     share = 0.5 * (bands[0][None] + bands[1][:, None])
@@ -117,23 +117,23 @@ def checks(rng: Rng, first: Colour, second: Colour, count: int = 4) -> Picture:
     return picture * (1 + 0.08 * noise(rng, (_SIDE, _SIDE), 0.8))[..., None]
 
 
-def marble(rng: Rng, colour: Colour, vein: Colour) -> Picture:
+def marble(rng: Rng, color: Color, vein: Color) -> Picture:
     """Marble: veins through a cloudy ground."""
     field = noise(rng, (_SIDE, _SIDE), 1.7)
     veins = np.exp(-((field + 0.3 * noise(rng, (_SIDE, _SIDE), 1.2)) ** 2) / 0.012)
-    clouds = shaded(colour, 0.07 * noise(rng, (_SIDE, _SIDE), 1.4))
+    clouds = shaded(color, 0.07 * noise(rng, (_SIDE, _SIDE), 1.4))
     return clouds * (1 - 0.8 * veins[..., None]) + np.asarray(vein) * 0.8 * veins[..., None]
 
 
-def metal(rng: Rng, colour: Colour) -> Picture:
+def metal(rng: Rng, color: Color) -> Picture:
     """Metal brushed along x, with stains."""
     fine = noise(rng, (_SIDE, _SIDE), 0.4, 40.0)
-    return shaded(colour, 0.12 * fine + 0.05 * noise(rng, (_SIDE, _SIDE), 1.5, 5.0))
+    return shaded(color, 0.12 * fine + 0.05 * noise(rng, (_SIDE, _SIDE), 1.5, 5.0))
 
 
-def speckled(rng: Rng, colour: Colour, spots: Colour, count: int = 260, largest: int = 4) -> Picture:
+def speckled(rng: Rng, color: Color, spots: Color, count: int = 260, largest: int = 4) -> Picture:
     """Glaze or stone with spots of several sizes."""
-    picture = shaded(colour, 0.06 * noise(rng, (_SIDE, _SIDE), 1.3))
+    picture = shaded(color, 0.06 * noise(rng, (_SIDE, _SIDE), 1.3))
     for x, y in rng.integers(0, _SIDE, (count, 2)):
         tint = np.asarray(spots) * rng.uniform(0.6, 1.2)
         cv2.circle(
@@ -142,18 +142,18 @@ def speckled(rng: Rng, colour: Colour, spots: Colour, count: int = 260, largest:
     return picture
 
 
-def wicker(rng: Rng, colour: Colour) -> Picture:
+def wicker(rng: Rng, color: Color) -> Picture:
     """Woven strips."""
     y, x = np.mgrid[:_SIDE, :_SIDE]
     over = (np.floor(x / 32) + np.floor(y / 16)) % 2
     bulge = np.where(over > 0, np.sin(np.pi * (x % 32) / 32), np.sin(np.pi * (y % 16) / 16))
-    return shaded(colour, 0.55 * (bulge - 0.7) + 0.1 * noise(rng, (_SIDE, _SIDE), 0.8))
+    return shaded(color, 0.55 * (bulge - 0.7) + 0.1 * noise(rng, (_SIDE, _SIDE), 0.8))
 
 
 def motifs(
     rng: Rng,
-    ground: Colour,
-    colours: Sequence[Colour],
+    ground: Color,
+    colors: Sequence[Color],
     shape: tuple[int, int],
     count: int,
     radius: tuple[int, int],
@@ -167,14 +167,14 @@ def motifs(
     for _ in range(count):
         x, y = int(rng.integers(shape[1])), int(rng.integers(shape[0]))
         size, turn = int(rng.integers(*radius)), float(rng.uniform(0, 360))
-        tint = np.asarray(colours[rng.integers(len(colours))]) * rng.uniform(0.8, 1.15)
+        tint = np.asarray(colors[rng.integers(len(colors))]) * rng.uniform(0.8, 1.15)
         petals = int(rng.integers(1, 7))
         for petal in range(petals):
             angle = turn + 360.0 * petal / petals
             offset = size * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
-            centre = (int(x + offset[0]), int(y + offset[1]))
+            center = (int(x + offset[0]), int(y + offset[1]))
             shade = tint * rng.uniform(0.85, 1.15)
             axes = (size, max(2, int(size * rng.uniform(0.25, 0.55))))
-            cv2.ellipse(picture, centre, axes, angle, 0, 360, shade.tolist(), -1, cv2.LINE_AA)
+            cv2.ellipse(picture, center, axes, angle, 0, 360, shade.tolist(), -1, cv2.LINE_AA)
         cv2.circle(picture, (x, y), max(1, size // 3), (tint * 0.6).tolist(), -1, cv2.LINE_AA)
     return picture

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.objects.materials import some_fabric, some_metal, some_paint, some_wood
 from egosplat_apartments.objects.model import Model, Surface
-from egosplat_apartments.objects.pictures import abstract, clock_face, landscape, random_colour
+from egosplat_apartments.objects.pictures import abstract, clock_face, landscape, random_color
 from egosplat_apartments.objects.shapes import Part, Shape, box, cylinder, join, lathe, rod, sheet
 from egosplat_apartments.objects.textures import Rng, cloth, make_texture
 
@@ -59,7 +59,7 @@ def wall_clock(rng: Rng) -> Model:
     forward = Rotation.from_euler("x", 90, degrees=True)
     rim = lathe([(r * 0.9, 0), (r, 0), (r, 0.03), (r * 0.93, 0.04), (r * 0.9, 0.03), (r * 0.9, 0)], 36)
     dial = make_texture(
-        clock_face(rng, random_colour(rng, (0.05, 0.3), (0.85, 0.97)), (0.08, 0.08, 0.12)), 1.8 * r
+        clock_face(rng, random_color(rng, (0.05, 0.3), (0.85, 0.97)), (0.08, 0.08, 0.12)), 1.8 * r
     )
     return Model(
         (

@@ -47,7 +47,7 @@ class Stance:
     """A person's posture at one moment.
 
     Attributes:
-        place: (2,) x and z of the body's centre; heading [rad]; walked: distance so far [m].
+        place: (2,) x and z of the body's center; heading [rad]; walked: distance so far [m].
         crouch: how far the shoulders move down [m]; lean: how far they move forward [m].
         hands: (left, right) (3,) targets of the palms, None for an arm that hangs.
         reach: 0..1, progress of the hands towards their targets.

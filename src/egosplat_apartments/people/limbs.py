@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from egosplat_apartments.objects.materials import some_fabric
-from egosplat_apartments.objects.pictures import random_colour
+from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, Shape, cushion, ellipsoid, join, rod
 from egosplat_apartments.objects.textures import Rng, Texture, cloth, make_texture, noise, shaded, speckled
 from egosplat_apartments.people.figure import FOREARM, SHIN, THIGH, UPPER_ARM
@@ -30,12 +30,10 @@ def random_clothes(rng: Rng) -> Clothes:
     return Clothes(
         make_texture(shaded(skin, 0.06 * noise(rng, (128, 128), 1.2)), 0.3, surface="skin"),
         some_fabric(rng),
-        make_texture(
-            cloth(rng, random_colour(rng, (0.2, 0.6), (0.2, 0.5)), 0.25), 0.3, surface="plain cloth"
-        ),
+        make_texture(cloth(rng, random_color(rng, (0.2, 0.6), (0.2, 0.5)), 0.25), 0.3, surface="plain cloth"),
         make_texture(shaded(hair, 0.25 * noise(rng, (128, 128), 0.8, 8.0)), 0.2, surface="hair"),
         make_texture(
-            speckled(rng, random_colour(rng, (0.1, 0.8), (0.2, 0.8)), (0.9, 0.9, 0.9), 60),
+            speckled(rng, random_color(rng, (0.1, 0.8), (0.2, 0.8)), (0.9, 0.9, 0.9), 60),
             0.2,
             surface="leather",
         ),

@@ -198,12 +198,12 @@ def _gaze(apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, grid: Arr
 
 def _fixations(apartment: Apartment, grid: Array, eyes: Array, heading: Array, rng: Rng) -> Array:
     """(K, 3) gaze targets: objects ahead, not too near, none twice within a while."""
-    centres = np.array([thing.bounds.mean(axis=0) for thing in apartment.things])
-    seen_at = np.full(len(centres), -np.inf)
-    targets, until, target = np.empty((len(grid), 3)), -np.inf, centres[0]
+    centers = np.array([thing.bounds.mean(axis=0) for thing in apartment.things])
+    seen_at = np.full(len(centers), -np.inf)
+    targets, until, target = np.empty((len(grid), 3)), -np.inf, centers[0]
     for k, moment in enumerate(grid):
         if moment >= until:
-            way = centres - eyes[k]
+            way = centers - eyes[k]
             distance = np.linalg.norm(way, axis=1)
             turn = np.arctan2(way[:, 0], way[:, 2]) - heading[k]
             off = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
@@ -211,7 +211,7 @@ def _fixations(apartment: Apartment, grid: Array, eyes: Array, heading: Array, r
             cost = 0.45 * off + 0.6 * (distance < 0.9) + 0.1 * distance
             cost += 2.0 * np.exp((seen_at - moment) / 8.0)
             number = int(np.argmin(cost + rng.uniform(0, 0.7, len(cost))))
-            target = centres[number]
+            target = centers[number]
             # Objects in the same direction count as seen too.
             along = (way * way[number]).sum(axis=1) / (distance * distance[number])
             seen_at[along > 0.9] = moment

@@ -114,13 +114,13 @@ def _yaw(pose: Array) -> float:
 def _grip(job: Job, pose: Array, heading: float) -> tuple[Array | None, Array | None]:
     """Targets of the palms on an object: both sides of it, or only the right one."""
     lower, upper = bounds_at(job.errand.thing.model, pose)
-    centre = (lower + upper) / 2
+    center = (lower + upper) / 2
     right = np.cross([np.sin(heading), 0.0, np.cos(heading)], [0.0, 1.0, 0.0])
     half = float((np.abs(right) * (upper - lower)).sum()) / 2
     grip = half + 0.015
     size = np.ptp(bounds_at(job.errand.thing.model, np.eye(4)), axis=0)
-    left = None if min(size[0], size[2]) / 2 < _OPEN_HAND_M else centre - grip * right
-    return left, centre + grip * right
+    left = None if min(size[0], size[2]) / 2 < _OPEN_HAND_M else center - grip * right
+    return left, center + grip * right
 
 
 def make_wearer(uid: int, head: HeadMotion, clothes: Clothes) -> Person:

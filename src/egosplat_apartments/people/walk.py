@@ -103,7 +103,7 @@ def make_walk(
     where = np.interp(grid, times, along)
     # The person stands still before the first and after the last of ``times``.
     places = route.at(where)
-    # The direction over half a metre: a single step of the route is too short to have a stable one.
+    # The direction over half a meter: a single step of the route is too short to have a stable one.
     ahead = route.at(where + 0.25) - route.at(where - 0.25)
     heading = np.arctan2(ahead[:, 0], ahead[:, 1])
     crouch, lean = np.zeros(len(grid)), np.zeros(len(grid))

@@ -42,7 +42,7 @@ def make_apartment(rng: Rng, objects: int) -> Apartment:
     """Furnish an apartment.
 
     Args:
-        objects: number of labelled objects, without the shell; 16 to 40.
+        objects: number of labeled objects, without the shell; 16 to 40.
 
     Raises:
         UserError: the objects do not fit.

@@ -29,7 +29,7 @@ class FloorPlan:
     """A grid over the floor of the room and the corridor.
 
     Attributes:
-        origin: (2,) x and z of the centre of cell (0, 0) [m].
+        origin: (2,) x and z of the center of cell (0, 0) [m].
         clearance: (X, Z) float64 distance to the nearest obstacle [m].
         inside: (X, Z) bool, connected cells of the room in which a person can stand.
         connected: (X, Z) bool, the same including the corridor.
@@ -97,7 +97,7 @@ class FloorPlan:
 
 
 def _graph(number: NDArray[np.int64], clearance: Array) -> csr_array:
-    """Steps between neighbouring cells; narrow places cost more."""
+    """Steps between neighboring cells; narrow places cost more."""
     # Clearance at either end makes a step dearer, so that routes keep off the furniture.
     cost = 1.0 + 0.6 / np.clip(clearance, 0.1, 1.0)
     rows, columns, weights = [], [], []

@@ -41,7 +41,7 @@ class Opening:
 class Room:
     """The room's size and openings.
 
-    World axes: y up, the floor at y = 0, the room's centre above the origin. The inward normals of walls 0..3
+    World axes: y up, the floor at y = 0, the room's center above the origin. The inward normals of walls 0..3
     are +z, +x, -z, -x.
     """
 

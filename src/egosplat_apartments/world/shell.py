@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 
 from egosplat_apartments.objects.materials import some_fabric, some_paint, some_plastic, some_wood
-from egosplat_apartments.objects.pictures import random_colour
+from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, Shape, cylinder, join, sheet
 from egosplat_apartments.objects.textures import (
-    Colour,
+    Color,
     Rng,
     make_texture,
     motifs,
@@ -32,8 +32,8 @@ def corridor_parts(room: Room, rng: Rng) -> list[Part]:
     ceiling = sheet(
         room.at(door.wall, left, _HEIGHT_M, -near), across * (right - left), -inward * (far - near)
     )
-    colours = [random_colour(rng) for _ in range(2)]
-    paper = motifs(rng, random_colour(rng, (0.1, 0.3), (0.7, 0.9)), colours, (512, 512), 150, (8, 26))
+    colors = [random_color(rng) for _ in range(2)]
+    paper = motifs(rng, random_color(rng, (0.1, 0.3), (0.7, 0.9)), colors, (512, 512), 150, (8, 26))
     stone = speckled(rng, (0.62, 0.6, 0.56), (0.35, 0.33, 0.32), 900, 5)
     plaster = make_texture(
         shaded((0.88, 0.87, 0.85), 0.04 * noise(rng, (256, 256), 1.0)), 1.0, surface="plaster"
@@ -124,10 +124,10 @@ def _floor(room: Room, rng: Rng) -> Part:
 def _rug(room: Room, rng: Rng) -> Part:
     w, d = rng.uniform(1.8, 2.4), rng.uniform(1.4, 1.8)
     x, z = rng.uniform(-0.15, 0.15) * room.width, rng.uniform(-0.15, 0.15) * room.depth
-    ground = random_colour(rng, (0.3, 0.7), (0.3, 0.7))
-    colours = [random_colour(rng, (0.2, 0.8), (0.3, 0.95)) for _ in range(4)]
-    picture = motifs(rng, ground, colours, (512, 704), 220, (7, 30))
-    for inset, tint in ((0, colours[0]), (12, (0.9, 0.87, 0.78)), (20, ground)):
+    ground = random_color(rng, (0.3, 0.7), (0.3, 0.7))
+    colors = [random_color(rng, (0.2, 0.8), (0.3, 0.95)) for _ in range(4)]
+    picture = motifs(rng, ground, colors, (512, 704), 220, (7, 30))
+    for inset, tint in ((0, colors[0]), (12, (0.9, 0.87, 0.78)), (20, ground)):
         for line in (picture[inset : inset + 10], picture[-inset - 10 : len(picture) - inset]):
             line[:] = tint
         for line in (picture[:, inset : inset + 10], picture[:, -inset - 10 : picture.shape[1] - inset]):
@@ -168,9 +168,9 @@ def _lamp(room: Room, rng: Rng) -> list[Part]:
 
 def _walls(room: Room, rng: Rng) -> list[Part]:
     """Four walls in two wallpapers whose patterns repeat nowhere on a wall."""
-    grounds = [random_colour(rng, (0.06, 0.3), (0.78, 0.95)) for _ in range(2)]
+    grounds = [random_color(rng, (0.06, 0.3), (0.78, 0.95)) for _ in range(2)]
     inks = [
-        [_faint(random_colour(rng, (0.2, 0.6), (0.3, 0.85)), ground) for _ in range(3)] for ground in grounds
+        [_faint(random_color(rng, (0.2, 0.6), (0.3, 0.85)), ground) for _ in range(3)] for ground in grounds
     ]
     sizes = [(3, int(rng.integers(7, 17))) for _ in range(2)]
     parts = []
@@ -193,8 +193,8 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
     return parts
 
 
-def _faint(ink: Colour, ground: Colour) -> Colour:
-    """Mix 45 % of the ground colour into the ink."""
+def _faint(ink: Color, ground: Color) -> Color:
+    """Mix 45 % of the ground color into the ink."""
     # Strong wallpaper would dominate the objects in front of it.
     red, green, blue = (0.55 * a + 0.45 * b for a, b in zip(ink, ground, strict=True))
     return red, green, blue

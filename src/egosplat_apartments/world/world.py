@@ -53,7 +53,7 @@ class World:
         }
 
     def thing_poses(self, seconds: float) -> dict[int, Array]:
-        """(4, 4) pose of every object labelled dynamic, by instance id."""
+        """(4, 4) pose of every object labeled dynamic, by instance id."""
         moved = self.moved_things(seconds)
         things = zip(self.apartment.instances[1:], self.apartment.things, strict=True)
         return {

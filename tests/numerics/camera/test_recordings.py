@@ -1,4 +1,4 @@
-"""Recordings of extreme cameras: clocks that are off by more than the recording, drift of metres, one frame."""
+"""Recordings of extreme cameras: clocks that are off by more than the recording, drift of meters, one frame."""
 
 import numpy as np
 import pytest
@@ -47,12 +47,12 @@ def test_time_offsets(measured):
     "drift of 1e-9 to 16 m and up to 1440° that changes within 0.1 s to 1e6 s", outside="poses stay rigid"
 )
 @pytest.mark.parametrize("drift_s", [0.1, 5.0, 1e6])
-@pytest.mark.parametrize(("metres", "degrees"), [(1e-9, 1e-9), (0.01, 180.0), (16.0, 1440.0)])
-def test_drift(drift_s, metres, degrees):
-    effects = Effects(drift_m=metres, drift_rad=np.deg2rad(degrees), drift_s=drift_s)
+@pytest.mark.parametrize(("meters", "degrees"), [(1e-9, 1e-9), (0.01, 180.0), (16.0, 1440.0)])
+def test_drift(drift_s, meters, degrees):
+    effects = Effects(drift_m=meters, drift_rad=np.deg2rad(degrees), drift_s=drift_s)
     found = closed_loop(effects, np.linspace(START_NS, END_NS, 100).astype(np.int64))
     assert is_rigid(found).all()
-    assert np.abs(found[:, :3, 3]).max() < 4 + 10 * metres
+    assert np.abs(found[:, :3, 3]).max() < 4 + 10 * meters
 
 
 @pytest.mark.numerics(

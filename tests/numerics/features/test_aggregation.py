@@ -21,14 +21,14 @@ def views(seed: int, *shape: int) -> np.ndarray:
 def exact(rows: np.ndarray, norm: str, k: float) -> np.ndarray:
     """The consistent feature of (V, D) views in extended precision, from the formula alone."""
     rows = rows.astype(np.longdouble)
-    centre = np.median(rows, axis=0)
+    center = np.median(rows, axis=0)
     if norm == "none":
         return rows.mean(axis=0)
     if norm == "element":
-        deviation = np.abs(rows - centre)
+        deviation = np.abs(rows - center)
         kept = deviation <= k * np.median(deviation, axis=0)
         return (rows * kept).sum(axis=0) / kept.sum(axis=0)
-    apart = rows - centre if norm == "euclidean" else direction(rows) - direction(centre)
+    apart = rows - center if norm == "euclidean" else direction(rows) - direction(center)
     deviation = np.sqrt((apart**2).sum(axis=1))
     deviation = deviation**2 / 2 if norm == "cosine" else deviation
     return rows[deviation <= k * np.median(deviation)].mean(axis=0)

@@ -123,7 +123,7 @@ def test_codes_of_any_length(measured, exponent):
     codes = torch.tensor([[0.3, -0.2, 0.9]]) * 10.0**exponent
     found = decode(codes, decoder)
     truth = decode(codes.double(), decoder)
-    # Shorter than 1e-12, what torch normalises is left as short as it is.
+    # Shorter than 1e-12, what torch normalizes is left as short as it is.
     measured(float((found - truth).abs().max()))
     assert not decode(torch.zeros(1, 3), decoder).any()
 

@@ -86,16 +86,16 @@ def test_gains(gain):
 
 
 @pytest.mark.numerics(
-    "exposure with compressed highlights: colours of 0 to 1e20, gains of 1e-6 to 1e6, compression of 0 to 4, all that one training can reach",
-    outside="a colour beyond 10 gains as little as 10 does",
+    "exposure with compressed highlights: colors of 0 to 1e20, gains of 1e-6 to 1e6, compression of 0 to 4, all that one training can reach",
+    outside="a color beyond 10 gains as little as 10 does",
 )
-@pytest.mark.parametrize("colour", [0.0, 1e-30, 1.0, 1e20])
+@pytest.mark.parametrize("color", [0.0, 1e-30, 1.0, 1e20])
 @pytest.mark.parametrize("log_gain", [-13.8, 0.0, 13.8])
 @pytest.mark.parametrize("compression", [0.0, 1.0, 4.0])
-def test_compression(colour, log_gain, compression):
+def test_compression(color, log_gain, compression):
     leaves = [
         torch.full(shape, value, requires_grad=True)
-        for shape, value in (((2, 2, 3), colour), ((3,), log_gain), ((1,), compression))
+        for shape, value in (((2, 2, 3), color), ((3,), log_gain), ((1,), compression))
     ]
     found = exposed(*leaves)
     assert bool(found.isfinite().all()) and bool((found >= 0).all())

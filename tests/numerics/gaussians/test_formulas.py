@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from egosplat.errors import UserError
 from egosplat.gaussians.adam import BETA1, BETA2, EPS, LARGEST_GRADIENT, adam_step, broken_rows
 from egosplat.gaussians.density_control import reset_opacities
-from egosplat.gaussians.initialization import from_points, neighbour_distance
+from egosplat.gaussians.initialization import from_points, neighbor_distance
 from egosplat.gaussians.loss import LARGEST_VALUE, l1_ssim, l2, torch_l1_ssim
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam, LearningRates
@@ -51,16 +51,16 @@ def test_loss_of_noise(measured, exponent, seed):
 
 
 @pytest.mark.numerics(
-    "loss: a picture of one colour (0 to 1e3) against another colour, where variances cancel", within=1e-3
+    "loss: a picture of one color (0 to 1e3) against another color, where variances cancel", within=1e-3
 )
 @pytest.mark.parametrize("level", [0.0, 1e-3, 0.3, 1.0, 10.0, 1e3])
-def test_loss_of_one_colour(measured, level):
+def test_loss_of_one_color(measured, level):
     for error in errors(torch.full((SIZE, SIZE, 3), level), torch.full((SIZE, SIZE, 3), 0.5), None):
         measured(error)
 
 
 @pytest.mark.numerics(
-    "loss: a render equal to the photograph, of one colour or of noise",
+    "loss: a render equal to the photograph, of one color or of noise",
     within=1e-6,
     outside="the error is absolute",
 )
@@ -97,7 +97,7 @@ def test_loss_of_broken_numbers(measured, value, which):
     (found, gradient), _ = values_and_gradients(**given_)
     (truth, expected), _ = values_and_gradients(**clean)
     if which == "target":
-        # A broken photograph is as a black one there, also to its neighbours' SSIM.
+        # A broken photograph is as a black one there, also to its neighbors' SSIM.
         clean["target"][7, 9] = 0.0
         (truth, expected), _ = values_and_gradients(**clean)
     assert gradient.isfinite().all() and not gradient[7, 9].any()
@@ -190,9 +190,9 @@ def test_starting_sizes(measured, seed, count, exponent):
         np.longdouble
     )
     truth = np.sqrt(np.maximum((distance**2).mean(axis=1), 1e-7)).astype(float)
-    measured(np.abs(neighbour_distance(points) / truth - 1).max())
+    measured(np.abs(neighbor_distance(points) / truth - 1).max())
     measured(float((start.scales[:, 0].double() / torch.from_numpy(truth) - 1).abs().max()) / 10)
-    assert neighbour_distance(points[:1]) == [0.1] and neighbour_distance(points[:0]).shape == (0,)
+    assert neighbor_distance(points[:1]) == [0.1] and neighbor_distance(points[:0]).shape == (0,)
 
 
 @pytest.mark.numerics(

@@ -24,7 +24,7 @@ def points(count: int = 40) -> np.ndarray:
     return np.random.default_rng(0).uniform([-1.2, -1.2, 1.9], [1.2, 1.2, 2.1], (count, 3))
 
 
-def colours(count: int) -> np.ndarray:
+def colors(count: int) -> np.ndarray:
     return np.full((count, 3), 128, np.uint8)
 
 
@@ -45,7 +45,7 @@ def test_broken_points(scene, run, capsys):
 )
 @pytest.mark.parametrize("xyz", [points(0), np.concatenate([points(3) * np.nan, points(5) - [0, 0, 9]])])
 def test_no_points(scene, run, capsys, xyz):
-    run(scene(**{"points/xyz": xyz, "points/rgb": colours(len(xyz))}), iterations=10)
+    run(scene(**{"points/xyz": xyz, "points/rgb": colors(len(xyz))}), iterations=10)
     assert "60 random points" in capsys.readouterr().err
 
 
@@ -55,14 +55,14 @@ def test_no_points(scene, run, capsys, xyz):
 @pytest.mark.parametrize("count", [1, 40])
 def test_points_in_one_place(scene, run, count):
     xyz = np.tile([[0.0, 0.0, 2.0]], (count, 1))
-    made = run(scene(**{"points/xyz": xyz, "points/rgb": colours(count)}))
+    made = run(scene(**{"points/xyz": xyz, "points/rgb": colors(count)}))
     assert np.isfinite(made.read("curve/loss")).all() and made.read("curve/loss")[-1] < 1
 
 
-@pytest.mark.numerics("pictures of one colour: black, grey, white", outside="trains; the loss is finite")
-@pytest.mark.parametrize("colour", [0, 128, 255])
-def test_pictures_of_one_colour(scene, run, colour):
-    made = run(scene(rgb=np.full((FRAMES, SIZE, SIZE, 3), colour, np.uint8)))
+@pytest.mark.numerics("pictures of one color: black, grey, white", outside="trains; the loss is finite")
+@pytest.mark.parametrize("color", [0, 128, 255])
+def test_pictures_of_one_color(scene, run, color):
+    made = run(scene(rgb=np.full((FRAMES, SIZE, SIZE, 3), color, np.uint8)))
     loss = made.read("curve/loss")
     assert np.isfinite(loss).all() and loss[-1] < loss[0] and (made.read("held_out/psnr") > 0).all()
 

@@ -87,7 +87,7 @@ def test_no_finite_gaussian(scene, monkeypatch):
 
 
 def diverge(monkeypatch, chosen, value):
-    """Let some of the trained Gaussians have centres that are not finite."""
+    """Let some of the trained Gaussians have centers that are not finite."""
     finished = geometry.resume_and_train
 
     def diverged(state, *others):

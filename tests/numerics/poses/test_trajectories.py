@@ -100,7 +100,7 @@ def test_signs_of_quaternions(write, measured, signs):
 
 
 @pytest.mark.numerics(
-    "quaternions of length 0.99 to 1.01: normalised",
+    "quaternions of length 0.99 to 1.01: normalized",
     within=1e-14,
     outside="other lengths, 0 or NaN: UserError that names the line",
 )

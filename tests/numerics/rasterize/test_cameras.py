@@ -143,11 +143,11 @@ def test_narrow_images(gaussian, compare, measured, width, height):
 )
 @given(exponent=st.floats(0, 6), turn=st.tuples(*[st.floats(-1, 1)] * 3))
 def test_a_camera_far_from_the_origin(gaussian, compare, measured, exponent, turn):
-    centre = np.array([1.0, -0.5, 0.3]) * 10.0**exponent
+    center = np.array([1.0, -0.5, 0.3]) * 10.0**exponent
     view = np.eye(4)
     view[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-    view[:3, 3] = -view[:3, :3] @ centre
-    mean = view[:3, :3].T @ [0.03, -0.02, 2.0] + centre
+    view[:3, 3] = -view[:3, :3] @ center
+    mean = view[:3, :3].T @ [0.03, -0.02, 2.0] + center
     both = compare(gaussian(means=[mean], viewmats=view[None]))
     measured(both.image_error)
     measured(both.gradient_error)

@@ -159,7 +159,7 @@ STEP = 1e-6
 
 
 @pytest.mark.numerics(
-    "gradients of the reference in float64 against central differences: all inputs, 4 Gaussians, colours, depth and "
+    "gradients of the reference in float64 against central differences: all inputs, 4 Gaussians, colors, depth and "
     "spherical harmonics",
     within=1e-6,
     outside="at a threshold the function jumps, so differences are no gradients",

@@ -148,7 +148,7 @@ def test_opacities(gaussian, compare, measured, opacity):
 
 
 @pytest.mark.numerics(
-    "opacity 1 at the centre of a pixel",
+    "opacity 1 at the center of a pixel",
     within=1e-6,
     outside="alpha is 0.999 there, without gradient",
 )
@@ -178,7 +178,7 @@ def test_opacities_above_one(gaussian, compare, measured):
 
 
 @pytest.mark.numerics(
-    "NaN or infinite positions, rotations, scales, opacities and colours, next to a valid Gaussian",
+    "NaN or infinite positions, rotations, scales, opacities and colors, next to a valid Gaussian",
     within=1e-5,
     outside="culled: radius 0, gradient 0; the valid Gaussian is drawn as if alone",
 )

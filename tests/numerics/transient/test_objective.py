@@ -180,13 +180,13 @@ def test_no_valid_pixel(views, measured):
     assert not image.grad.any()
 
 
-@pytest.mark.numerics("pictures of one colour: black, grey and white", outside="probabilities within 0..1")
-@pytest.mark.parametrize("colour", [0.0, 0.5, 1.0])
-def test_one_colour(colour):
+@pytest.mark.numerics("pictures of one color: black, grey and white", outside="probabilities within 0..1")
+@pytest.mark.parametrize("color", [0.0, 0.5, 1.0])
+def test_one_color(color):
     net = make_network(64, False, None, 0)
     for mode in (True, False):
         with torch.no_grad():
-            probability = net.train(mode)(torch.full((SIZE, SIZE, 3), colour), SIZE, SIZE)
+            probability = net.train(mode)(torch.full((SIZE, SIZE, 3), color), SIZE, SIZE)
         assert ((probability >= 0) & (probability <= 1)).all()
 
 

@@ -19,7 +19,7 @@ DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
 
 def surface_points(thing, inwards):
-    """Points on an object's surface, moved below it by some metres."""
+    """Points on an object's surface, moved below it by some meters."""
     vertices = np.concatenate([part.shape.vertices for part in thing.model.parts])
     normals = np.concatenate([part.shape.normals for part in thing.model.parts])
     return transform(thing.pose, vertices - inwards * normals)
@@ -53,7 +53,7 @@ def as_geometry(apartment):
 
 
 @pytest.mark.parametrize(("objects", "seed"), [(16, 1), (40, 3)])
-def test_number_of_labelled_objects_is_as_configured(objects, seed):
+def test_number_of_labeled_objects_is_as_configured(objects, seed):
     instances = make_apartment(np.random.default_rng(seed), objects).instances
     assert len(instances) == objects + 1
     assert [one.category for one in instances].count("shelter") == 1
@@ -91,8 +91,8 @@ def test_different_seeds_give_different_apartments(apartment, recorded):
             next(thing for thing in home.things if thing.kind.category == "couch") for home in (one, other)
         ]
         assert np.linalg.norm(couches[0].pose[:3, 3] - couches[1].pose[:3, 3]) > 0.3
-        colours = [couch.model.parts[3].texture.pixels.mean(axis=(0, 1)) for couch in couches]
-        assert np.abs(colours[0] - colours[1]).max() > 8
+        colors = [couch.model.parts[3].texture.pixels.mean(axis=(0, 1)) for couch in couches]
+        assert np.abs(colors[0] - colors[1]).max() > 8
         walls = [next(part for part in home.shell if part.name == "wall 0") for home in (one, other)]
         assert np.abs(walls[0].texture.pixels.astype(float) - walls[1].texture.pixels).mean() > 8
 

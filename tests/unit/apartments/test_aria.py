@@ -57,7 +57,7 @@ def test_corners_are_outside_the_lens_circle():
 def test_field_of_view_does_not_depend_on_the_size():
     large, small = camera_calibration(1408), camera_calibration(352)
     for pixel in pixels_in_lens_circle(small):
-        # The same point of the sensor; here pixel centres are at integers.
+        # The same point of the sensor; here pixel centers are at integers.
         same = (pixel + 0.5) * 4 - 0.5
         np.testing.assert_allclose(
             small.unproject_no_checks(pixel), large.unproject_no_checks(same), rtol=0, atol=1e-9

@@ -226,13 +226,13 @@ def test_textures_show_their_mean_from_afar_and_texels_from_near():
     picture = make_texture(rng.uniform(0.3, 0.7, (64, 64, 3)), 0.64)
     atlas = Atlas([GREY, picture])
     number = np.ones(64, np.int32)
-    centres = np.stack([(np.arange(64) + 0.5) * 0.01, np.full(64, 0.105)], axis=1).astype(np.float32)
-    near = atlas.albedo(number, centres, np.full(64, 1e-3, np.float32))
+    centers = np.stack([(np.arange(64) + 0.5) * 0.01, np.full(64, 0.105)], axis=1).astype(np.float32)
+    near = atlas.albedo(number, centers, np.full(64, 1e-3, np.float32))
     assert np.allclose(near, (picture.pixels[10] / 255.0) ** 2, atol=1e-5)
-    far = atlas.albedo(number, centres, np.full(64, 5.0, np.float32))
+    far = atlas.albedo(number, centers, np.full(64, 5.0, np.float32))
     assert np.allclose(far, (picture.pixels.mean(axis=(0, 1)) / 255) ** 2, atol=0.01)
     assert np.allclose(far, atlas.mean_albedo[1], atol=0.01)
-    wrapped = atlas.albedo(number, centres + np.float32(0.64), np.full(64, 1e-3, np.float32))
+    wrapped = atlas.albedo(number, centers + np.float32(0.64), np.full(64, 1e-3, np.float32))
     assert np.allclose(wrapped, near, atol=1e-3)
 
 

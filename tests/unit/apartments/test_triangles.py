@@ -109,7 +109,7 @@ def test_no_ray_passes_between_two_triangles():
     assert (distance == 2).all()
 
 
-def test_rays_along_the_axes_hit_a_box_from_its_centre():
+def test_rays_along_the_axes_hit_a_box_from_its_center():
     x, y, z = np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")
     vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3).astype(np.float32)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

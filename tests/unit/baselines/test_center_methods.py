@@ -11,7 +11,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
-from egosplat.baselines.occam import centred
+from egosplat.baselines.occam import centered
 from egosplat.language.lifting import lift
 from egosplat.baselines.semantic_gaussians import EVERY, pixel_features, projected
 from egosplat.language.views import CodeViews
@@ -127,7 +127,7 @@ def test_the_depth_test_is_5_percent_of_the_surface_s_depth(behind, seen):
     assert share[:, 0].tolist() == [1.0, seen]
 
 
-@pytest.mark.parametrize("method", [projected, centred])
+@pytest.mark.parametrize("method", [projected, centered])
 def test_gaussians_behind_the_camera_and_outside_the_image_get_no_code(method):
     lost = blobs([[0.0, 0.0, -2.0], [5.0, 0.0, 2.0], [0.1, 0.0, 2.0]], [0.9] * 3)
     code, share = code_of(method, lost, painted())
@@ -141,38 +141,38 @@ def test_a_gaussian_near_the_border_is_not_seen():
     assert share[:, 0].tolist() == [0.0, 1.0, 1.0, 0.0]
 
 
-def test_a_gaussian_across_two_segments_takes_the_one_at_its_centre_and_lifting_mixes():
+def test_a_gaussian_across_two_segments_takes_the_one_at_its_center_and_lifting_mixes():
     large = blobs([[0.05, 0.0, 2.0]], [0.9], size=0.3)
     targets = painted()
-    code, _ = code_of(centred, large, targets)
+    code, _ = code_of(centered, large, targets)
     torch.testing.assert_close(code[0, 0], torch.tensor(RIGHT))
     mixed = lift(large, look(targets), SETTINGS).code[0, 0]
     assert float(mixed.min()) > 0.3
 
 
-def test_occam_s_mean_is_weighted_by_what_each_view_shows_at_the_centre():
+def test_occam_s_mean_is_weighted_by_what_each_view_shows_at_the_center():
     """A second view lies behind a Gaussian of opacity 0.5, so that it counts half."""
     pair = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 5.0]], [0.5, 0.8], size=0.3)
     beyond = np.eye(4)
     beyond[2, 3] = 3.0
     targets = painted(frames=2)
     targets.codes[0, 0], targets.codes[1, 0] = (torch.tensor(one)[:, None, None] for one in (LEFT, RIGHT))
-    code, share = code_of(centred, pair, targets, look(targets, np.stack([np.eye(4), beyond])))
+    code, share = code_of(centered, pair, targets, look(targets, np.stack([np.eye(4), beyond])))
     torch.testing.assert_close(code[1, 0], torch.tensor([1 / 3, 2 / 3]), atol=0.01, rtol=0)
     torch.testing.assert_close(code[0, 0], torch.tensor(LEFT))
     assert share[:, 0].tolist() == [1.0, 1.0]
 
 
-def test_views_without_a_mask_at_the_centre_do_not_count_in_occam_s_mean():
+def test_views_without_a_mask_at_the_center_do_not_count_in_occam_s_mean():
     targets = painted(frames=2, levels=2, left=RIGHT)
     targets.codes[1, 0] = 0.0
     targets.codes[:, 1] = 0.0
-    code, share = code_of(centred, blobs([[0.1, 0.0, 2.0]], [0.9]), targets)
+    code, share = code_of(centered, blobs([[0.1, 0.0, 2.0]], [0.9]), targets)
     torch.testing.assert_close(code[0], torch.tensor([RIGHT, [0.0, 0.0]]))
     assert share.tolist() == [[1.0, 0.0]]
 
 
-@pytest.mark.parametrize("method", [projected, centred])
+@pytest.mark.parametrize("method", [projected, centered])
 def test_pixels_outside_the_lens_circle_do_not_count(method):
     targets = painted()
     views = look(targets)
@@ -184,7 +184,7 @@ def test_pixels_outside_the_lens_circle_do_not_count(method):
     assert share[:, 0].tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize("method", [projected, centred])
+@pytest.mark.parametrize("method", [projected, centered])
 def test_two_flat_squares_get_their_features(method):
     """A plane whose left half is one thing and whose right half another, seen in two views."""
     left, right = plane(2.0, x=-0.45), plane(2.0, x=0.45)

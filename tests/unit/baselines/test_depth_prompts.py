@@ -44,12 +44,12 @@ def test_the_ratio_of_a_cell_is_that_of_means_where_there_is_something():
     assert np.isnan(cell_ratios(np.zeros((24, 32)), least)).all()
 
 
-def test_points_lie_in_their_cells_and_more_where_there_are_more_centres():
+def test_points_lie_in_their_cells_and_more_where_there_are_more_centers():
     sides = np.ones((CELLS, CELLS), np.int64)
     sides[2, 5] = 20
-    centres = np.zeros((160, 320), bool)
-    centres[40:42, 200:204] = True  # the first part of that cell, 8 centres
-    found = draw_points(sides, centres, np.random.default_rng(0))
+    centers = np.zeros((160, 320), bool)
+    centers[40:42, 200:204] = True  # the first part of that cell, 8 centers
+    found = draw_points(sides, centers, np.random.default_rng(0))
     assert found.shape == (400 + CELLS**2 - 1, 2) and found.min() > 0 and found.max() < 1
     column, row = (found * CELLS).astype(int).T
     numbers = np.bincount(row * CELLS + column, minlength=CELLS**2)

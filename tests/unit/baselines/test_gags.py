@@ -101,7 +101,7 @@ def test_a_pixel_without_a_level_has_no_target_and_weights_get_a_gradient_throug
 def test_regions_are_the_instances_of_the_level_that_prevails_around_a_pixel():
     weights = torch.zeros(9, 9, 3)
     weights[..., 1] = 1.0
-    weights[4, 4] = torch.tensor([1.0, 0.0, 0.0])  # alone among its neighbours
+    weights[4, 4] = torch.tensor([1.0, 0.0, 0.0])  # alone among its neighbors
     labels = torch.stack([torch.full((9, 9), 7), torch.full((9, 9), 3), torch.full((9, 9), -1)])
     assert regions(weights, labels).unique().tolist() == [3]
     weights[..., :] = torch.tensor([0.0, 0.1, 0.9])

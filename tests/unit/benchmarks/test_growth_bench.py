@@ -126,7 +126,7 @@ def made_up(bench, seed: int = 0):
 def measured(bench):
     units = {"picture": 10.0, "prompt": 0.1, "tracked": 2.0, "crop": 0.5}
     points = made_up(bench)
-    checks = {"adt/scene1": made_up(bench, 1)["centre"]}
+    checks = {"adt/scene1": made_up(bench, 1)["center"]}
     return bench("store").Measured("Abacus, 2 cores", points, {}, checks, units)
 
 

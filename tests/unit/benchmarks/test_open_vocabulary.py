@@ -8,14 +8,14 @@ import pytest
 from benchmarks.open_vocabulary import __main__ as open_vocabulary
 from benchmarks.open_vocabulary import answering
 from benchmarks.open_vocabulary.answering import Answered, answer_scene
-from benchmarks.open_vocabulary.colours import colour_shares, is_doubtful, main_colour
+from benchmarks.open_vocabulary.colors import color_shares, is_doubtful, main_color
 from benchmarks.open_vocabulary.phrases import (
     NAME,
     NEW,
     UNTAUGHT,
     synonym_phrases,
 )
-from benchmarks.open_vocabulary.questions import COLOURED, TOLD_APART, WORDS, Question, find_questions
+from benchmarks.open_vocabulary.questions import COLORED, TOLD_APART, WORDS, Question, find_questions
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scores import Result
@@ -23,14 +23,14 @@ from egosplat.frames.recording import Instance
 from egosplat.pipeline import config as configuration
 from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
 from egosplat_apartments.world.world import make_world
-from training.small_models.attributes import COLOURS
+from training.small_models.attributes import COLORS
 from training.small_models.clip_vocabulary import known_words
 from training.small_models.concepts import WHOLES
 
 
-def shares_of(**colours: float) -> np.ndarray:
+def shares_of(**colors: float) -> np.ndarray:
     """Shares by name, the rest none."""
-    return np.array([colours.get(colour, 0.0) for colour in COLOURS])
+    return np.array([colors.get(color, 0.0) for color in COLORS])
 
 
 RED, BLUE, REDDISH = shares_of(red=1.0), shares_of(blue=0.9, red=0.1), shares_of(white=0.7, red=0.3)
@@ -47,11 +47,11 @@ def test_new_synonyms_are_in_no_caption_and_no_glossary():
     assert len(words) > 30
 
 
-def test_the_colour_of_a_thing_is_that_of_captions():
-    assert main_colour(RED) == "red" and main_colour(REDDISH) == "white"
-    assert main_colour(shares_of(red=0.39, blue=0.3, white=0.31)) is None
-    assert main_colour(np.full(len(COLOURS), np.nan)) is None
-    assert is_doubtful(REDDISH, "red") and is_doubtful(np.full(len(COLOURS), np.nan), "red")
+def test_the_color_of_a_thing_is_that_of_captions():
+    assert main_color(RED) == "red" and main_color(REDDISH) == "white"
+    assert main_color(shares_of(red=0.39, blue=0.3, white=0.31)) is None
+    assert main_color(np.full(len(COLORS), np.nan)) is None
+    assert is_doubtful(REDDISH, "red") and is_doubtful(np.full(len(COLORS), np.nan), "red")
     assert not is_doubtful(RED, "red") and not is_doubtful(BLUE, "red")
 
 
@@ -66,14 +66,14 @@ def asked(stripes: np.ndarray, shares: list[np.ndarray], min_area: float = 0.0) 
     return find_questions([query], {5: stripes}, np.stack(shares), min_area)
 
 
-def test_a_colour_means_the_things_that_have_it(stripes):
+def test_a_color_means_the_things_that_have_it(stripes):
     found = asked(stripes, [RED, BLUE, RED, RED])
-    coloured = {one.query.category: one for one in found if one.targets == TOLD_APART}
-    red = coloured["red couch"]
-    assert red.query.instances == {"all": (0,)} and (red.colour, red.category) == ("red", "couch")
-    assert coloured["blue couch"].query.instances == {"all": (1,)}
+    colored = {one.query.category: one for one in found if one.targets == TOLD_APART}
+    red = colored["red couch"]
+    assert red.query.instances == {"all": (0,)} and (red.color, red.category) == ("red", "couch")
+    assert colored["blue couch"].query.instances == {"all": (1,)}
     # Both are asked by the name alone as well, for the same things.
-    names = [one.query.instances["all"] for one in found if (one.targets, one.kind) == (COLOURED, NAME)]
+    names = [one.query.instances["all"] for one in found if (one.targets, one.kind) == (COLORED, NAME)]
     assert names == [(1,), (0,)]
     words = [one for one in found if one.targets == WORDS]
     assert {one.query.category for one in words} == {
@@ -82,12 +82,12 @@ def test_a_colour_means_the_things_that_have_it(stripes):
     assert all(one.query.instances["all"] == (0, 1) for one in words)
 
 
-def test_a_colour_that_another_thing_has_in_part_is_not_asked(stripes):
+def test_a_color_that_another_thing_has_in_part_is_not_asked(stripes):
     found = asked(stripes, [RED, REDDISH, RED, RED])
-    assert {one.colour for one in found if one.targets != WORDS} == {"white"}
+    assert {one.color for one in found if one.targets != WORDS} == {"white"}
 
 
-def test_colours_of_an_apartment_are_those_of_its_surfaces():
+def test_colors_of_an_apartment_are_those_of_its_surfaces():
     """Shares of what is seen, and what is seen of nothing has none; other keys make other things, which is said."""
     film = {"seed": 5, "seconds": 4.0, "objects": 16, "motion": 0.0}
     made = make_world(**film)
@@ -95,17 +95,17 @@ def test_colours_of_an_apartment_are_those_of_its_surfaces():
         Instance(one.instance_id, one.name, one.category, one.motion_type, one.instance_type)
         for one in made.instances
     ]
-    found = colour_shares(film, instances)
+    found = color_shares(film, instances)
     seen = ~np.isnan(found).any(axis=1)
     assert seen.sum() > 8 and found[seen].sum(axis=1) == pytest.approx(1.0, abs=1e-5)
-    assert sum(main_colour(one) is not None for one in found) > 8
+    assert sum(main_color(one) is not None for one in found) > 8
     with pytest.raises(UserError, match="synthetic.seed = 6"):
-        colour_shares(film | {"seed": 6}, instances)
+        color_shares(film | {"seed": 6}, instances)
 
 
 def test_phrases_are_scored_as_the_benchmark_scores(word_scene, monkeypatch):
     """A wall of which the left half means a couch and the right half a cup: found by name, as metrics.json has it."""
-    monkeypatch.setattr(answering, "colour_shares", lambda film, instances: np.stack([RED, BLUE]))
+    monkeypatch.setattr(answering, "color_shares", lambda film, instances: np.stack([RED, BLUE]))
     config = configuration.defaults()
     found = answer_scene(word_scene(), config)
     names = [one for one in found if (one.question.targets, one.question.kind) == (WORDS, NAME)]

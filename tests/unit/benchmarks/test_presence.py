@@ -41,7 +41,7 @@ def test_untaught_phrases_do_not_count_in_the_curve():
 
 
 def test_no_limit_is_chosen_on_untouched_apartments():
-    """Untouched apartments are recognised by name, in any order, and form a group of their own."""
+    """Untouched apartments are recognized by name, in any order, and form a group of their own."""
     touched, untouched = Scene(row(True, 0.9, True)), Scene(row(True, 0.4, True), untouched=True)
     groups = grouped([untouched, touched])
     assert {name: asked.present.tolist() for name, asked in groups.items()} == {

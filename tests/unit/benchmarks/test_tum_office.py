@@ -67,7 +67,7 @@ def test_the_recording_is_read_as_a_plain_one(pictures, tmp_path):
     )
     capture = recording.capture
     assert capture.camera_known and len(capture.timestamp_ns) == len(DRAWING.pictures)
-    # TUM states the centre for pixel centres at integers.
+    # TUM states the center for pixel centers at integers.
     assert (capture.camera.cx, capture.camera.cy) == pytest.approx((320.6, 248.1))
     annotations = PlainAnnotations(output, camera=capture.camera)
     ids = np.array([0, *(instance.id for instance in annotations.instances)])

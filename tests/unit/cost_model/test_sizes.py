@@ -107,7 +107,7 @@ def test_tracks_and_masks_of_frames_are_not_merged():
     merged = Sizes(defaults(), given=frames)
     for name in ("merging_iterations", "merging_pixels", "merging_gaussians", "masks", "merged_views"):
         assert tracks[name] == masks[name] == classical[name] == 0 < merged[name], name
-    assert classical["labelled"] == classical["kept"], (
+    assert classical["labeled"] == classical["kept"], (
         "the classical segmenter tracks, whatever prompting says"
     )
     assert masks["views"] == masks["instances"] > 5 * merged["instances"]

@@ -14,8 +14,8 @@ from egosplat.features.supervision import reconstruction, spread, summary
 def rows(count: int, channels: int, rank: int, seed: int = 0) -> np.ndarray:
     """(count, channels) float32 of unit norm, in a plane of ``rank`` dimensions that misses the origin."""
     rng = np.random.default_rng(seed)
-    basis, centre = rng.normal(size=(rank, channels)), 5 * rng.normal(size=channels)
-    return unit(rng.normal(size=(count, rank)) @ basis + centre).astype(np.float32)
+    basis, center = rng.normal(size=(rank, channels)), 5 * rng.normal(size=channels)
+    return unit(rng.normal(size=(count, rank)) @ basis + center).astype(np.float32)
 
 
 def test_langsplat_s_autoencoder_has_its_number_of_parameters():

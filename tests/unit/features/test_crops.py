@@ -30,7 +30,7 @@ def test_a_map_without_instances_has_no_areas(shape, count):
     assert len(found.instance) == len(found.area) == 0 and found.box.shape == (0, 4)
 
 
-def test_a_crop_is_black_outside_of_the_mask_and_centred_in_a_square():
+def test_a_crop_is_black_outside_of_the_mask_and_centered_in_a_square():
     rgb = np.arange(10 * 12 * 3, dtype=np.uint8).reshape(10, 12, 3) + 1
     labels = np.full((10, 12), -1, np.int32)
     labels[2:4, 3:9] = 7
@@ -42,7 +42,7 @@ def test_a_crop_is_black_outside_of_the_mask_and_centred_in_a_square():
 
 
 @pytest.mark.parametrize("height, width, top, left", [(1, 1, 0, 0), (5, 2, 0, 1), (2, 5, 1, 0), (3, 4, 0, 0)])
-def test_every_shape_is_centred(height, width, top, left):
+def test_every_shape_is_centered(height, width, top, left):
     labels = np.zeros((6, 6), np.int32)
     crop = cut_crop(np.full((6, 6, 3), 9, np.uint8), labels, 0, np.array([0, 0, width, height]))
     side = max(height, width)

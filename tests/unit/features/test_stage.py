@@ -86,7 +86,7 @@ def test_one_instance_alone_has_no_mismatched_views(run):
     assert features.facts["slipped"] == 0
 
 
-def test_without_renormalising_means_keep_their_length(run, feature):
+def test_without_renormalizing_means_keep_their_length(run, feature):
     features = run(normalize=False, mad_norm="none", mismatched_views="average")
     consistent = features.read("consistent")
     np.testing.assert_allclose(consistent[0], feature[:7].mean(axis=0), atol=1e-6)

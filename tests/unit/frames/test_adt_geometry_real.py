@@ -42,7 +42,7 @@ def world_from_device(sample):
 
 @pytest.fixture(scope="module")
 def boxes(sample):
-    """Of the objects mostly visible in the first annotated frame: 3D box centre in the world, and 2D box."""
+    """Of the objects mostly visible in the first annotated frame: 3D box center in the world, and 2D box."""
     seen = pd.read_csv(sample / "2d_bounding_box.csv")
     seen = seen[(seen["stream_id"] == "214-1") & (seen["timestamp[ns]"] < ANNOTATION_NS[0] + 10**6)]
     seen = seen[seen["visibility_ratio[%]"] > 0.5].set_index("object_uid")
@@ -55,11 +55,11 @@ def boxes(sample):
     placed = poses(
         objects.loc[seen.index], [f"t_wo_{axis}[m]" for axis in "xyz"], [f"q_wo_{axis}" for axis in "xyzw"]
     )
-    centres = np.einsum("nij,nj->ni", placed[:, :3], np.c_[local, np.ones(len(local))])
-    return seen.assign(x=centres[:, 0], y=centres[:, 1], z=centres[:, 2])
+    centers = np.einsum("nij,nj->ni", placed[:, :3], np.c_[local, np.ones(len(local))])
+    return seen.assign(x=centers[:, 0], y=centers[:, 1], z=centers[:, 2])
 
 
-def test_box_centres_project_into_the_2d_boxes(sample, boxes, world_from_device):
+def test_box_centers_project_into_the_2d_boxes(sample, boxes, world_from_device):
     calibration = rgb_calibration(sample)
     device_from_camera = calibration.get_transform_device_camera().to_matrix()
     points = transform(invert(world_from_device[0] @ device_from_camera), boxes[["x", "y", "z"]].to_numpy())
@@ -72,7 +72,7 @@ def test_box_centres_project_into_the_2d_boxes(sample, boxes, world_from_device)
 
 
 @pytest.mark.parametrize("upright", [False, True])
-def test_the_pinhole_camera_finds_the_instances_at_box_centres(sample, boxes, world_from_device, upright):
+def test_the_pinhole_camera_finds_the_instances_at_box_centers(sample, boxes, world_from_device, upright):
     recording = AdtRecording(sample, **(OPTIONS | {"resolution": 1408, "upright": upright}))
     capture = recording.capture
     reader = AdtAnnotations(sample, camera=capture.camera, upright=upright)
@@ -84,7 +84,7 @@ def test_the_pinhole_camera_finds_the_instances_at_box_centres(sample, boxes, wo
     usable = capture.camera.contains(pixels)
     u, v = np.floor(pixels[usable]).astype(int).T
     found = np.array([instance.id for instance in reader.instances] + [0])[instance_map[v, u]]
-    # The same, from the fisheye image: whatever is in front of a box's centre there is so here.
+    # The same, from the fisheye image: whatever is in front of a box's center there is so here.
     calibration = rgb_calibration(sample)
     camera_points = transform(
         invert(world_from_device[0] @ calibration.get_transform_device_camera().to_matrix()), world

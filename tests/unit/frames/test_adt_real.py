@@ -27,7 +27,7 @@ def open_and_read(folder, **options):
     return list(recording.read_frames(np.arange(len(recording.capture.timestamp_ns))))
 
 
-def test_the_sample_has_three_colour_frames_in_the_lens_circle(full_size):
+def test_the_sample_has_three_color_frames_in_the_lens_circle(full_size):
     capture = full_size.capture
     assert capture.timestamp_ns.tolist() == CAPTURE_NS
     assert (capture.exposure_middle_ns - capture.timestamp_ns == EXPOSURE_MIDDLE_AFTER_CAPTURE_NS).all()
@@ -39,7 +39,7 @@ def test_the_sample_has_three_colour_frames_in_the_lens_circle(full_size):
     for image in frames:
         assert (image[~capture.valid] == 0).all()
         assert 40 < image[capture.valid].mean() < 120
-    # 33 ms apart, the same room: neighbours differ, but less than a image and its mirror image.
+    # 33 ms apart, the same room: neighbors differ, but less than a image and its mirror image.
     change = np.abs(frames[0].astype(int) - frames[1]).mean()
     assert 0 < change < 0.3 * np.abs(frames[0].astype(int) - frames[0][:, ::-1]).mean()
 

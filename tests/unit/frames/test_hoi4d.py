@@ -41,7 +41,7 @@ def write_mask(path, labels):
     Image.fromarray(voc_color_map()[labels]).save(path)
 
 
-def test_voc_palette_has_its_published_colours():
+def test_voc_palette_has_its_published_colors():
     palette = voc_color_map()
     published = {1: (128, 0, 0), 2: (0, 128, 0), 3: (128, 128, 0), 4: (0, 0, 128), 6: (0, 128, 128),
                  8: (64, 0, 0), 20: (0, 64, 128), 255: (224, 224, 192)}  # fmt: skip
@@ -49,7 +49,7 @@ def test_voc_palette_has_its_published_colours():
     assert len(np.unique(palette, axis=0)) == 256
 
 
-def test_labels_are_decoded_and_unknown_colours_marked():
+def test_labels_are_decoded_and_unknown_colors_marked():
     labels = np.arange(7).reshape(1, 7)
     assert (decode_labels(voc_color_map()[labels]) == labels).all()
     assert decode_labels(np.array([[[1, 2, 3], [64, 0, 0]]], dtype=np.uint8)).tolist() == [[-1, -1]]
@@ -58,7 +58,7 @@ def test_labels_are_decoded_and_unknown_colours_marked():
 def test_frames_are_scaled_with_their_camera(root):
     recording = Hoi4dRecording(root / FOLDER, **OPTIONS)
     capture = recording.capture
-    # intrin.npy has pixel centres at the integer: 31.5 there is the middle, 32, here, and 16 at half size.
+    # intrin.npy has pixel centers at the integer: 31.5 there is the middle, 32, here, and 16 at half size.
     assert capture.camera == Camera(32, 24, 25.0, 25.5, 16.0, 12.0)
     assert capture.camera_known and capture.device_from_camera is None and capture.valid.all()
     assert np.abs(capture.timestamp_ns - np.arange(12) * 1e9 / 15).max() < 1000

@@ -33,7 +33,7 @@ def test_the_descriptors_are_restored_after_an_error(capfd):
     assert before is None or len(os.listdir("/proc/self/fd")) == before
 
 
-def test_damage_messages_are_recognised():
+def test_damage_messages_are_recognized():
     assert find_damage(
         ["[Reader][WARNING]: slow", "Corrupt JPEG data: premature end of data segment"]
     ).startswith("Corrupt")

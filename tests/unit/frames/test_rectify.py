@@ -67,14 +67,14 @@ def noise(side: int = 352) -> np.ndarray:
 
 
 @pytest.mark.parametrize("upright", [False, True])
-def test_colours_equal_the_librarys_within_a_grey_level(fisheye, upright):
+def test_colors_equal_the_librarys_within_a_grey_level(fisheye, upright):
     camera = pinhole(352, 460.0)
     rectification = Rectification(fisheye, camera, upright)
     assert supersampling(fisheye, camera) == 1
     image = noise()
     theirs = distort_by_calibration(image, linear_calibration(camera), fisheye)
     theirs = np.rot90(theirs, -1) if upright else theirs
-    difference = np.abs(theirs.astype(int) - rectification.colour(image))[rectification.valid]
+    difference = np.abs(theirs.astype(int) - rectification.color(image))[rectification.valid]
     assert difference.max() <= 1
 
 
@@ -105,13 +105,13 @@ def test_valid_pixels_project_into_the_lens_circle_and_the_frame(fisheye, resolu
 
 def _visible(fisheye, linear, u, v) -> bool:
     pixel = fisheye.project(linear.unproject_no_checks(np.array([u, v], dtype=float)))
-    # Bilinear sampling needs neighbours on all sides.
+    # Bilinear sampling needs neighbors on all sides.
     return pixel is not None and bool(0 <= pixel.min() and pixel.max() <= 351)
 
 
 def test_invalid_pixels_are_black_and_valid_ones_do_not_mix_with_them(fisheye):
     rectification = Rectification(fisheye, pinhole(88, 460.0), True)
-    white = rectification.colour(np.full((352, 352, 3), 255, dtype=np.uint8))
+    white = rectification.color(np.full((352, 352, 3), 255, dtype=np.uint8))
     assert (white[rectification.valid] == 255).all()
     assert (white[~rectification.valid] == 0).all()
 
@@ -122,7 +122,7 @@ def test_a_fine_pattern_averages_instead_of_aliasing(fisheye):
     image = np.repeat(checkers[..., None], 3, axis=2)
     camera = pinhole(44, 460.0)
     rectification = Rectification(fisheye, camera, False)
-    middle = rectification.colour(image)[12:32, 12:32, 0].astype(float)
+    middle = rectification.color(image)[12:32, 12:32, 0].astype(float)
     naive = distort_by_calibration(image, linear_calibration(camera), fisheye)[12:32, 12:32, 0].astype(float)
     assert np.abs(middle - 127.5).max() < 20
     assert naive.std() > 3 * middle.std()
@@ -132,7 +132,7 @@ def test_upright_turns_clockwise(fisheye):
     sensor = Rectification(fisheye, pinhole(176, 460.0), False)
     upright = Rectification(fisheye, pinhole(176, 460.0), True)
     image = noise()
-    assert (upright.colour(image) == np.rot90(sensor.colour(image), -1)).all()
+    assert (upright.color(image) == np.rot90(sensor.color(image), -1)).all()
     assert (upright.valid == np.rot90(sensor.valid, -1)).all()
     labels = image[..., 0].astype(np.uint16)
     assert (upright.labels(labels) == np.rot90(sensor.labels(labels), -1)).all()
@@ -140,4 +140,4 @@ def test_upright_turns_clockwise(fisheye):
 
 def test_a_frame_of_another_size_is_rejected(fisheye):
     with pytest.raises(ValueError, match="calibration for"):
-        Rectification(fisheye, pinhole(44, 460.0), False).colour(np.zeros((100, 100, 3), np.uint8))
+        Rectification(fisheye, pinhole(44, 460.0), False).color(np.zeros((100, 100, 3), np.uint8))

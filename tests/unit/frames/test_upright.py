@@ -72,7 +72,7 @@ def test_up_in_the_frame_is_up_of_the_wearer(version, build, origin, turns, tmp_
     assert up[1] > 0.98
     sensor = rectification(calibration, pinhole(64, 460.0), False, tmp_path)
     image = np.random.default_rng(0).integers(256, size=(192, 256, 3), dtype=np.uint8)
-    assert (made.colour(image) == np.rot90(sensor.colour(image), -turns)).all()
+    assert (made.color(image) == np.rot90(sensor.color(image), -turns)).all()
     assert (made.valid == np.rot90(sensor.valid, -turns)).all()
 
 

@@ -205,7 +205,7 @@ def test_no_correction_is_made_where_both_keys_are_off(start, pictures, camera_t
     assert make_corrections(CorrectionOptions(), start, sets.training, 0.1, 60) is None
 
 
-def test_gains_change_colours_and_not_features():
+def test_gains_change_colors_and_not_features():
     """Protects the codes of joint training from the exposure."""
     image = torch.rand(3, 4, 5)
     found = exposed(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
@@ -233,7 +233,7 @@ def test_highlights_gain_less(start, camera_to_world, pictures):
     np.testing.assert_allclose(corrections.values[:, 6:].numpy(), gains.numpy(), atol=0.02)
 
 
-def test_a_saturated_colour_asks_for_no_less_light():
+def test_a_saturated_color_asks_for_no_less_light():
     """Protects windows: their photographs are white at any exposure."""
     picture = torch.tensor([1.0, 0.99, 0.5]).expand(2, 2, 3)
     for value, expected in ((0.4, [0.8, 0.8, 0.8]), (0.8, [1.0, 0.99, 1.6])):
@@ -248,16 +248,16 @@ def test_a_saturated_colour_asks_for_no_less_light():
 
 
 def _photographed_step_by_step(image, log_gain, picture, compression):
-    colours = image[..., :3]
-    curve = (1.0 + compression / 4) / (1.0 + compression * colours.clamp_max(10.0) ** 2)
-    colours = colours * torch.exp(log_gain * curve)
-    colours = colours - torch.where(picture >= 0.98, (colours - picture).clamp_min(0.0), 0.0)
-    return torch.cat([colours, image[..., 3:]], dim=-1)
+    colors = image[..., :3]
+    curve = (1.0 + compression / 4) / (1.0 + compression * colors.clamp_max(10.0) ** 2)
+    colors = colors * torch.exp(log_gain * curve)
+    colors = colors - torch.where(picture >= 0.98, (colors - picture).clamp_min(0.0), 0.0)
+    return torch.cat([colors, image[..., 3:]], dim=-1)
 
 
 @pytest.mark.parametrize("features", [0, 2])
 def test_gradients_of_the_exposure_are_those_of_its_formula(features):
-    """Also where a colour is exactly as bright as a limit."""
+    """Also where a color is exactly as bright as a limit."""
     generator = torch.Generator().manual_seed(0)
     picture = torch.rand(6, 5, 3, generator=generator, dtype=torch.float64)
     picture[1:3], picture[3] = 1.0, 0.99
@@ -282,7 +282,7 @@ def test_gains_are_measured_where_nothing_is_saturated(start, camera_to_world, p
 
 
 def test_corrections_are_interpolated_only_where_they_change_slowly():
-    """Protects the first guess for frames outside the training: neighbours of a trajectory, nothing of single photographs."""
+    """Protects the first guess for frames outside the training: neighbors of a trajectory, nothing of single photographs."""
     known = np.array([0, 1, 2, 4, 5, 6, 7, 8])
     slow = np.sin(known / 3.0)[:, None]
     guess = interpolated(known, slow, np.array([3, 5, 9]))

@@ -35,15 +35,15 @@ def cover(xyz, rgb, poses=POSE[None], valid=ALL, pictures=None):
 
 def test_no_points_are_added_where_every_cell_has_one():
     xyz, rgb = wall(3.0, left_half=False)
-    every, colours = cover(xyz, rgb)
+    every, colors = cover(xyz, rgb)
     np.testing.assert_array_equal(every, xyz)
-    np.testing.assert_array_equal(colours, rgb)
+    np.testing.assert_array_equal(colors, rgb)
 
 
-def test_empty_cells_get_a_point_at_the_neighbouring_depth_in_the_image_s_colour():
+def test_empty_cells_get_a_point_at_the_neighboring_depth_in_the_image_s_color():
     xyz, rgb = wall(3.0, left_half=True)
-    every, colours = cover(xyz, rgb)
-    new, shown = every[len(xyz) :], colours[len(xyz) :]
+    every, colors = cover(xyz, rgb)
+    new, shown = every[len(xyz) :], colors[len(xyz) :]
     assert len(new) == CELLS * CELLS // 4
     np.testing.assert_allclose(new[:, 2], 3.0)
     pixels = CAMERA.project(new)

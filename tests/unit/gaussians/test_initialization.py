@@ -22,8 +22,8 @@ def start(xyz: np.ndarray, rgb: np.ndarray | None = None, **options: int) -> Gau
     return from_points(xyz, rgb, **options)
 
 
-def poses(*centres: tuple[float, float, float]) -> np.ndarray:
-    return make_pose(np.eye(3), np.array(centres))
+def poses(*centers: tuple[float, float, float]) -> np.ndarray:
+    return make_pose(np.eye(3), np.array(centers))
 
 
 def test_gaussians_from_points_have_the_stock_values() -> None:
@@ -45,7 +45,7 @@ def test_duplicates_get_a_small_scale_and_not_zero() -> None:
     assert bool(gaussians.finite().all())
 
 
-def test_points_that_are_not_finite_are_dropped_with_their_colours() -> None:
+def test_points_that_are_not_finite_are_dropped_with_their_colors() -> None:
     xyz = np.arange(15.0).reshape(5, 3)
     xyz[1, 2], xyz[3, 0] = np.nan, np.inf
     rgb = np.repeat(np.arange(5, dtype=np.uint8)[:, None] * 50, 3, axis=1)
@@ -67,7 +67,7 @@ def test_budget_keeps_a_seeded_subset() -> None:
 
 
 @pytest.mark.parametrize("rgb", [np.zeros((4, 3)), np.zeros((3, 3), np.uint8)])
-def test_mismatched_colours_are_rejected(rgb: np.ndarray) -> None:
+def test_mismatched_colors_are_rejected(rgb: np.ndarray) -> None:
     with pytest.raises(ValueError, match="uint8"):
         start(np.zeros((4, 3)), rgb)
 

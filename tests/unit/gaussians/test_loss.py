@@ -29,7 +29,7 @@ def test_ssim_is_torchmetrics_within_the_picture() -> None:
 
 
 def test_value_of_a_picture_that_is_known() -> None:
-    # One pixel: the window's centre weighs w^2 and everything else is zero.
+    # One pixel: the window's center weighs w^2 and everything else is zero.
     x, y = torch.full((1, 1, 3), 0.5), torch.full((1, 1, 3), 0.25)
     w = 0.2660117248617943**2
     variance = (w - w * w) * (0.5**2 + 0.25**2)

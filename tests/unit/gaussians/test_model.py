@@ -69,12 +69,12 @@ def test_rotations_agree_with_scipy_for_any_length() -> None:
 CAMERA = Camera(32, 24, 20.0, 20.0, 16.5, 12.5)
 
 
-def one_in_front(colour: float, feature: float) -> Gaussians:
+def one_in_front(color: float, feature: float) -> Gaussians:
     gaussians = make(1, degree=0, channels=1)
     gaussians.means[:] = torch.tensor([0.0, 0.0, 2.0])
     gaussians.log_scales.fill_(math.log(0.2))
     gaussians.logit_opacities.fill_(math.log(0.8 / 0.2))
-    gaussians.sh.fill_((colour - 0.5) / 0.28209479177387814)
+    gaussians.sh.fill_((color - 0.5) / 0.28209479177387814)
     gaussians.features.fill_(feature)
     return gaussians.requires_grad_()
 
@@ -91,10 +91,10 @@ def picture(gaussians: Gaussians, pose: np.ndarray, mode: str, background: torch
     )
 
 
-def test_render_orders_channels_colour_feature_depth() -> None:
+def test_render_orders_channels_color_feature_depth() -> None:
     image, alpha, meta = picture(one_in_front(0.9, 4.0), np.eye(4), "RGB+ED", torch.tensor([0.0, 0.5, 1.0]))
     assert image.shape == (24, 32, 5) and alpha.shape == (24, 32, 1) and meta["radii"].shape == (1, 1, 2)
-    # The Gaussian's centre is the centre of pixel (16, 12); behind features there is nothing.
+    # The Gaussian's center is the center of pixel (16, 12); behind features there is nothing.
     expected = [0.72, 0.72 + 0.2 * 0.5, 0.72 + 0.2, 0.8 * 4.0, 2.0]
     torch.testing.assert_close(image[12, 16], torch.tensor(expected), rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(image[0, 0, :4], torch.tensor([0.0, 0.5, 1.0, 0.0]))

@@ -30,7 +30,7 @@ def test_the_view_from_above_is_there_if_masks_were_merged(scene):
     assert merged.shape[1] > tracks.shape[1]
     right = merged[: tracks.shape[0], tracks.shape[1] :]
     assert merged.shape[0] > tracks.shape[0], "crops before and after merging"
-    # Two squares of the wall, in two colours.
+    # Two squares of the wall, in two colors.
     assert len({tuple(color) for color in right.reshape(-1, 3) if color.max() - color.min() > 120}) >= 2
 
 

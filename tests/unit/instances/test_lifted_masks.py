@@ -1,4 +1,4 @@
-"""In each frame, a Gaussian belongs with all its weight to the mask at the pixel of its centre."""
+"""In each frame, a Gaussian belongs with all its weight to the mask at the pixel of its center."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def weights() -> np.ndarray:
     return composite(view_of(WALL, CAMERA, np.eye(4), SETTINGS), torch.eye(4))[0].sum(dim=(0, 1)).numpy()
 
 
-def test_all_weight_goes_to_the_mask_at_the_centre():
+def test_all_weight_goes_to_the_mask_at_the_center():
     found = lifted()
     assert found.row.tolist() == [7] and found.frame.tolist() == [0, 0, 0]
     assert found.instance.tolist() == [LEFT, RIGHT, WHOLE]
@@ -40,8 +40,8 @@ def test_all_weight_goes_to_the_mask_at_the_centre():
     np.testing.assert_allclose(found.seen[0, :2], total[:2], rtol=1e-5)
 
 
-def test_what_a_surface_hides_at_its_centre_is_not_seen():
-    """Its edge may be visible; what is there says nothing about the pixel of its centre."""
+def test_what_a_surface_hides_at_its_center_is_not_seen():
+    """Its edge may be visible; what is there says nothing about the pixel of its center."""
     hidden = blobs([[0, 0, 4], [0, 0, 2], [0, 0, 2.1]], [0.9, 0.9999, 0.9999], size=0.3)
     labels = np.full((1, 24, 32), LEFT, np.int32)
     look = lambda _: (labels, np.ones((24, 32), bool))
@@ -54,7 +54,7 @@ def test_what_a_surface_hides_at_its_centre_is_not_seen():
 
 @pytest.mark.parametrize("column", [15, 16])
 def test_pixels_that_do_not_count_neither_vote_nor_show(column):
-    """The first Gaussian's centre is in column 15."""
+    """The first Gaussian's center is in column 15."""
     counted = np.ones((24, 32), bool)
     counted[:, column] = False
     found = lifted(counted)

@@ -33,7 +33,7 @@ def test_two_masks_are_too_few():
 
 
 def test_frames_that_see_different_parts_of_a_wall_are_no_evidence_against_it():
-    """Each two neighbouring frames share a half of the wall; the first and the last share nothing."""
+    """Each two neighboring frames share a half of the wall; the first and the last share nothing."""
     seen = [WALL[start : start + 20] for start in (0, 5, 10, 15, 20)]
     assert standing(seen, range(5), seen) == [0]
 

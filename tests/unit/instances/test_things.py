@@ -17,7 +17,7 @@ def things(masks, *, cut: bool = False, **changes: object) -> list[int]:
     return find_things(masks, run, np.ones(masks.seen.shape[1], np.float32), keys)[0].tolist()
 
 
-def test_masks_of_one_thing_merge_and_neighbours_stay_apart():
+def test_masks_of_one_thing_merge_and_neighbors_stay_apart():
     masks = lifted([TABLE, CUP, TABLE, CUP, CUP], [0, 0, 1, 1, 2], [ALL, ALL, ALL])
     assert things(masks) == [0, 1, 0, 1, 1]
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from egosplat.artifacts.language import GAUSSIANS
-from egosplat.codes.centres import project_centres
+from egosplat.codes.centers import project_centers
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking, open_masking
@@ -34,7 +34,7 @@ def prepared(scene, opened, unrefined):
 
 
 @pytest.mark.parametrize("masked", [False, True])
-def test_votes_are_rendering_weights_at_centres(wall, settings, prepared, masked):
+def test_votes_are_rendering_weights_at_centers(wall, settings, prepared, masked):
     views, targets = prepared(masked)
     votes, seen = instance_votes(wall, views, settings, targets)
     expected, total = np.zeros((wall.count, 3)), np.zeros(wall.count)
@@ -45,7 +45,7 @@ def test_votes_are_rendering_weights_at_centres(wall, settings, prepared, masked
         weight = views.weight(index)
         image = image if weight is None else image * weight[..., None]
         labels = targets.labels(int(views.frame[index]))
-        gaussian, pixel, _ = project_centres(wall, views.camera, views.camera_to_world[index], settings)
+        gaussian, pixel, _ = project_centers(wall, views.camera, views.camera_to_world[index], settings)
         own = image[pixel[:, 1], pixel[:, 0], gaussian].numpy()
         for instance in range(3):
             expected[gaussian, instance] += (

@@ -46,7 +46,7 @@ NAMES = ["subpart", "part", "whole"]
 FEATURE = np.eye(8, dtype=np.float32)[:2]
 
 # Of each method, iterations that suffice for so small a scene.
-ITERATIONS = {"sparse": 120, "granular": 150, "field": 100, "quantised": 500}
+ITERATIONS = {"sparse": 120, "granular": 150, "field": 100, "quantized": 500}
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +199,7 @@ def test_each_square_is_answered_with_its_feature(scene, camera_to_world, coded,
             cosine = decode(found.codes[level][pixels], coded.decoder) @ torch.from_numpy(FEATURE.T)
             assert float(cosine[:, side].min()) > 0.9, coded.levels[level]
             assert float(cosine[:, 1 - side].max()) < 0.3
-    # The codebook of quantised has another loss, and comes first.
+    # The codebook of quantized has another loss, and comes first.
     assert coded.curve.loss[-1] < max(coded.curve.loss) and len(coded.stands_in) >= 2
 
 

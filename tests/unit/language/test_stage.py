@@ -104,8 +104,8 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatc
 @pytest.mark.parametrize(
     "segmenter, method, told",
     [
-        ("sam2", "centre", "SAM2 in place of SAM"),
-        ("classical", "centre", "a classical segmenter in place of SAM"),
+        ("sam2", "center", "SAM2 in place of SAM"),
+        ("classical", "center", "a classical segmenter in place of SAM"),
         ("classical", "projected", "a classical segmenter + OpenCLIP features in place of OpenSeg"),
     ],
 )
@@ -152,7 +152,7 @@ CLUSTERED = pytest.param(
 )
 
 
-@pytest.mark.parametrize("method", ["lifted", "trained", "projected", "centre", CLUSTERED])
+@pytest.mark.parametrize("method", ["lifted", "trained", "projected", "center", CLUSTERED])
 def test_equal_runs_are_equal_and_leave_no_other_files(scene, method):
     folder = scene()
     train(folder)

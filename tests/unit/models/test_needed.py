@@ -58,7 +58,7 @@ def test_the_small_models_are_there(folder, server):
     assert "bundled" in egosplat("download") and server.requests == []
 
 
-def test_missing_models_come_with_place_licence_size_and_digest(folder, server):
+def test_missing_models_come_with_place_license_size_and_digest(folder, server):
     """Listing fetches nothing; its last line is the command that does."""
     listed = egosplat("--config", "models.set=published", "--config", "models.cache=cache")
     for key in published.LIBRARIES:

@@ -57,8 +57,8 @@ def test_set_image_size_equals_a_model_built_for_that_size(tiny_sam2, image, tmp
 
 def test_objects_are_tracked_through_a_video_without_warnings(sam2, tmp_path, recwarn):
     for number in range(3):
-        colours = np.random.default_rng(number).integers(0, 256, (77, 101, 3), dtype=np.uint8)
-        Image.fromarray(colours).save(tmp_path / f"{number}.jpg")
+        colors = np.random.default_rng(number).integers(0, 256, (77, 101, 3), dtype=np.uint8)
+        Image.fromarray(colors).save(tmp_path / f"{number}.jpg")
     predictor = sam2.video_predictor
     with sam2.compute.inference():
         state = predictor.init_state(str(tmp_path))

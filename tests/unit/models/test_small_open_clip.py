@@ -43,7 +43,7 @@ def render(kind: Kind, seed: int) -> np.ndarray:
     model = kind.build(np.random.default_rng([seed, 77]))
     geometry = build_geometry([Body(1, model.parts, np.eye(4), "static")])
     lower, upper = geometry.vertices.min(axis=0), geometry.vertices.max(axis=0)
-    centre, reach = (lower + upper) / 2, np.linalg.norm(upper - lower) / 2
+    center, reach = (lower + upper) / 2, np.linalg.norm(upper - lower) / 2
     side = 0.5 if seed % 2 else -0.5
     away = np.array([np.sin(side), 0.5, np.cos(side)])
     away /= np.linalg.norm(away)
@@ -54,7 +54,7 @@ def render(kind: Kind, seed: int) -> np.ndarray:
     x, y = np.meshgrid(place, -place)
     rays = -away + 0.3 * (x.ravel()[:, None] * right + y.ravel()[:, None] * up)
     rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
-    hits = static_scene(geometry).cast((centre + 3.5 * reach * away).astype(np.float32), rays)
+    hits = static_scene(geometry).cast((center + 3.5 * reach * away).astype(np.float32), rays)
     normals, uv = (interpolated(geometry, hits, values) for values in (geometry.normals, geometry.uv))
     texture = geometry.part_texture[geometry.face_part[hits.face]]
     width = np.full(len(rays), 0.3 * 3.5 * reach / SIDE, dtype=np.float32)
@@ -137,11 +137,11 @@ def test_true_names_are_more_relevant_than_canonical_phrases_and_false_ones_less
     assert relevant[~true].float().mean() <= 0.2
 
 
-def test_colours_are_recognized(clip: OpenClip) -> None:
+def test_colors_are_recognized(clip: OpenClip) -> None:
     discs = []
     y, x = np.mgrid[:SIDE, :SIDE] - SIDE / 2
-    for colour in ((200, 40, 40), (40, 150, 60), (50, 80, 200), (235, 205, 60)):
-        discs.append(((x**2 + y**2 < 28**2)[..., None] * np.array(colour)).astype(np.uint8))
+    for color in ((200, 40, 40), (40, 150, 60), (50, 80, 200), (235, 205, 60)):
+        discs.append(((x**2 + y**2 < 28**2)[..., None] * np.array(color)).astype(np.uint8))
     phrases = ("red object", "green object", "blue object", "yellow object")
     nearest = (encode(clip, discs) @ texts(clip, phrases).T).argmax(dim=1)
     assert (nearest == torch.arange(4)).sum() >= 3

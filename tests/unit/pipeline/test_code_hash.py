@@ -100,7 +100,9 @@ def test_the_sources_of_a_package_that_is_not_reached_do_not_count(package, tmp_
 
 
 def test_kernel_sources_change_the_hash():
-    assert (modules_of("egosplat.rasterize.kernels.library")["egosplat.rasterize.kernels"].parent / "source").is_dir()
+    assert (
+        modules_of("egosplat.rasterize.kernels.library")["egosplat.rasterize.kernels"].parent / "source"
+    ).is_dir()
 
 
 def test_library_versions_change_the_hash():

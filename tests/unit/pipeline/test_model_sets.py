@@ -173,7 +173,7 @@ def test_the_page_lists_every_key_that_follows_the_set_and_every_model():
     for one in CATALOGUE:
         (row,) = [line for line in lines if line.startswith(f"| `{one.architecture}` |")]
         digest = "yes" if one.sha256 else "no"
-        assert one.licence.partition(",")[0] in row and row.endswith(f"| {one.megabytes:,.0f} | {digest} |")
+        assert one.license.partition(",")[0] in row and row.endswith(f"| {one.megabytes:,.0f} | {digest} |")
 
 
 def test_the_catalogue_is_consistent(monkeypatch):

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from egosplat.geometry import Camera, invert, make_pose
 
 CAMERA = Camera(240, 180, 210.0, 210.0, 120.0, 90.0)
-TEXELS_PER_METRE = 120
+TEXELS_PER_METER = 120
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,17 @@ ROOM = (WALL, FLOOR, POSTER)
 
 
 def texture(plane: Plane, seed: int) -> NDArray[np.uint8]:
-    """(h, w, 3) uint8: many overlapping coloured discs and boxes of all sizes, a little blurred."""
+    """(h, w, 3) uint8: many overlapping colored discs and boxes of all sizes, a little blurred."""
     rng = np.random.default_rng(seed)
-    width, height = (int(np.linalg.norm(side) * TEXELS_PER_METRE) for side in (plane.right, plane.down))
+    width, height = (int(np.linalg.norm(side) * TEXELS_PER_METER) for side in (plane.right, plane.down))
     image = np.full((height, width, 3), 128, np.uint8)
     for _ in range(width * height // 250):
-        colour = tuple(int(value) for value in rng.integers(0, 256, 3))
+        color = tuple(int(value) for value in rng.integers(0, 256, 3))
         x, y, size = int(rng.integers(width)), int(rng.integers(height)), int(rng.geometric(0.12)) + 2
         if rng.random() < 0.5:
-            cv2.circle(image, (x, y), size, colour, -1, cv2.LINE_AA)
+            cv2.circle(image, (x, y), size, color, -1, cv2.LINE_AA)
         else:
-            cv2.rectangle(image, (x, y), (x + size, y + int(rng.integers(2, 16))), colour, -1)
+            cv2.rectangle(image, (x, y), (x + size, y + int(rng.integers(2, 16))), color, -1)
     return cv2.GaussianBlur(image, (0, 0), 0.8)
 
 
@@ -55,12 +55,12 @@ def render(pose: NDArray[np.float64], textures: list[NDArray[np.uint8]]) -> NDAr
     """(H, W, 3) uint8: the room from the camera pose ``pose`` (4, 4); every plane must lie in front of it."""
     rendered = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
     camera_from_world = invert(pose)
-    # OpenCV has pixel centres at integers; the package has them at + 0.5.
-    centre = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
+    # OpenCV has pixel centers at integers; the package has them at + 0.5.
+    center = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
     for plane, image in zip(ROOM, textures, strict=True):
         sides = np.array([plane.right, plane.down]).T / [image.shape[1], image.shape[0]]
         world = np.vstack([np.column_stack([sides, plane.corner]), [0.0, 0.0, 1.0]])
-        homography = centre @ CAMERA.matrix @ camera_from_world[:3] @ world @ np.linalg.inv(centre)
+        homography = center @ CAMERA.matrix @ camera_from_world[:3] @ world @ np.linalg.inv(center)
         size = (CAMERA.width, CAMERA.height)
         drawn = cv2.warpPerspective(image, homography, size, flags=cv2.INTER_LINEAR)
         inside = cv2.warpPerspective(

@@ -30,7 +30,7 @@ CAMERA = Camera(240, 180, 210.0, 210.0, 120.0, 90.0)
 """Camera of the rendered room."""
 EVERYWHERE = np.ones((CAMERA.height, CAMERA.width), np.bool_)
 GUESS = Camera(240, 180, 260.0, 260.0, 120.0, 90.0)
-# TUM states the centre for pixel centres at integers.
+# TUM states the center for pixel centers at integers.
 TUM_CAMERA = Camera(640, 480, 535.4, 539.2, 320.1 + 0.5, 247.6 + 0.5)
 
 
@@ -82,7 +82,7 @@ def test_colmap_recovers_the_true_trajectory(estimated: Poses, true_poses: NDArr
     assert estimated.camera == CAMERA
 
 
-def test_points_lie_on_the_planes_of_the_room_in_their_colours(
+def test_points_lie_on_the_planes_of_the_room_in_their_colors(
     estimated: Poses, true_poses: NDArray[np.float64]
 ):
     error = trajectory_error(estimated.camera_to_world, true_poses)
@@ -295,7 +295,7 @@ def frames_of(pairs: list[tuple[str, str]]) -> set[tuple[int, int]]:
     return {(int(first[:6]), int(second[:6])) for first, second in pairs}
 
 
-def test_frames_are_matched_with_neighbours_and_places_seen_again(
+def test_frames_are_matched_with_neighbors_and_places_seen_again(
     room: Any, walk_images: Images, tmp_path: Path
 ):
     back = room.walk(10)[::-1].copy()
@@ -335,11 +335,11 @@ def test_points_are_filtered_by_track_length_and_error():
         point.color = np.array([point_id, 2, 3], np.uint8)
         if length >= 3 and error <= 2.0:
             expected.append(point)
-    points, colours, notes = filter_points(model)
+    points, colors, notes = filter_points(model)
     assert (MIN_TRACK_LENGTH, MAX_REPROJECTION_ERROR_PX) == (3, 2.0)
     assert len(expected) == 2
     np.testing.assert_array_equal(points, [point.xyz for point in expected])
-    np.testing.assert_array_equal(colours, [point.color for point in expected])
+    np.testing.assert_array_equal(colors, [point.color for point in expected])
     assert notes == {
         "points": 2,
         "points_read": 5,

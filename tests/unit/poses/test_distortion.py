@@ -69,7 +69,7 @@ def test_a_distortion_below_the_precision_of_features_is_left_alone():
 
 
 def test_frames_are_chosen_from_the_whole_recording_and_then_closer():
-    """A long recording costs no more than a short one, and neighbours are the last resort."""
+    """A long recording costs no more than a short one, and neighbors are the last resort."""
     chosen = list(_choices(1000))
     assert [(len(one), int(np.diff(one)[0])) for one in chosen] == [(30, 34), (30, 4), (30, 1)]
     assert all(0 <= one.min() and one.max() < 1000 for one in chosen)

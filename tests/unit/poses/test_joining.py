@@ -32,7 +32,7 @@ def part(whole: pycolmap.Reconstruction, first: int, last: int, torn: bool = Tru
     return model
 
 
-def centres(model: pycolmap.Reconstruction) -> dict[int, np.ndarray]:
+def centers(model: pycolmap.Reconstruction) -> dict[int, np.ndarray]:
     return {number: model.images[number].projection_center() for number in model.reg_image_ids()}
 
 
@@ -43,7 +43,7 @@ def test_models_with_shared_frames_are_joined(whole, torn):
     second.transform(TURNED)
     joined = join_models([second, part(whole, 1, 8, torn)], camera_known=True)
     assert joined.parts == 2 and joined.others == [] and joined.model.num_reg_images() == 12
-    found, true = centres(joined.model), centres(whole)
+    found, true = centers(joined.model), centers(whole)
     scale = np.linalg.norm(true[1] - true[12]) / np.linalg.norm(found[1] - found[12])
     for number in true:
         away = np.linalg.norm(found[number] - found[1]) * scale

@@ -81,9 +81,9 @@ def test_pictures_without_a_pose_are_told_and_left_out(recording: Path, capsys: 
         run(recording, {}, min_registered=0.9)
 
 
-def test_a_named_scale_makes_metres(recording: Path):
+def test_a_named_scale_makes_meters(recording: Path):
     """The scale is a fact that only the user knows."""
-    _, poses = run(recording, {}, metres_per_unit=2.5)
+    _, poses = run(recording, {}, meters_per_unit=2.5)
     assert length_unit(poses) == "m"
     np.testing.assert_allclose(poses.read("camera_to_world")[2, :3, 3], [1.5, -0.25, -10.0], atol=1e-12)
 
@@ -121,8 +121,8 @@ def test_keys_that_do_not_fit_are_named(recording: Path):
     """A key without effect is an error, not a surprise."""
     with pytest.raises(UserError, match="poses.method = known: pictures has neither colmap nor transforms"):
         run(recording, {"known_poses": "none"}, method="known")
-    with pytest.raises(UserError, match="poses.metres_per_unit"):
-        run(recording, {"known_poses": "none"}, metres_per_unit=1.0)
+    with pytest.raises(UserError, match="poses.meters_per_unit"):
+        run(recording, {"known_poses": "none"}, meters_per_unit=1.0)
 
 
 def test_a_model_that_changed_after_the_frames_is_refused(recording: Path):

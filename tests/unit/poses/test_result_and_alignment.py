@@ -22,8 +22,8 @@ def valid_poses() -> Poses:
     camera_to_world = random_poses(4)
     camera_to_world[2] = np.nan
     registered = np.array([True, True, False, True])
-    points, colours = np.zeros((5, 3)), np.zeros((5, 3), np.uint8)
-    return Poses(camera_to_world, registered, CAMERA, points, colours, np.array([0.0, 1.0, 0.0]))
+    points, colors = np.zeros((5, 3)), np.zeros((5, 3), np.uint8)
+    return Poses(camera_to_world, registered, CAMERA, points, colors, np.array([0.0, 1.0, 0.0]))
 
 
 def test_valid_poses_are_accepted():

@@ -140,7 +140,7 @@ def test_transient(scene, gpu, monkeypatch):
     assert np.isfinite(verify(folder / "predicted.zarr", {**SCHEMAS}).read("probability")).all()
 
 
-@pytest.mark.parametrize("method", ["lifted", "trained", "sparse", "centre", "projected", "clustered"])
+@pytest.mark.parametrize("method", ["lifted", "trained", "sparse", "center", "projected", "clustered"])
 def test_language(scene, gpu, monkeypatch, method):
     folder = scene()
     train(folder, iterations=10)

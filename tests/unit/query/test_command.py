@@ -94,17 +94,17 @@ def test_small_checkpoints_on_a_real_recording_are_reported_with_the_answers(wor
 
 
 def test_the_whole_scene_is_answered_in_3d(word_scene, query):
-    """Without --frame the answer is a thing: its centre, its size and the frame that shows it best."""
+    """Without --frame the answer is a thing: its center, its size and the frame that shows it best."""
     folder = word_scene()
     status, out, err = query(folder, "couch", "cup")
     assert status == 0, err
     title, header, couch, cup, picture = out.splitlines()
     assert title == f"{folder}, the whole scene, origin synthetic"
-    assert columns(header) == ["query", "score", "level", "centre [m]", "size [m]", "frame"]
+    assert columns(header) == ["query", "score", "level", "center [m]", "size [m]", "frame"]
     for line, words, side in ((couch, "couch", -1), (cup, "cup", 1)):
-        found, score, level, centre, size, frame = columns(line)
+        found, score, level, center, size, frame = columns(line)
         assert (found, level, frame) == (words, "whole", "0") and float(score) > 0.5
-        x, y, z = (float(one) for one in centre.split(","))
+        x, y, z = (float(one) for one in center.split(","))
         # Each word is half of a wall 2 m ahead, 1.6 m wide; the camera sees 2.2 m of the 3.2 m.
         assert (side * x, y, z) == (
             pytest.approx(0.5, abs=0.2),
@@ -149,10 +149,10 @@ def test_the_answer_in_words_comes_before_the_picture(word_scene):
     assert next(answers).startswith("picture: ") and (folder / "query.png").exists()
 
 
-def test_lengths_have_no_metres_without_a_scale(word_scene, query, unscaled):
+def test_lengths_have_no_meters_without_a_scale(word_scene, query, unscaled):
     """COLMAP's world has an arbitrary scale."""
     folder = word_scene()
-    for words, column in (((), "centre [scene units]"), (("--frame", 1), "position [scene units]")):
+    for words, column in (((), "center [scene units]"), (("--frame", 1), "position [scene units]")):
         with unscaled():
             _, out, _ = query(folder, "cup", *words)
         assert column in out.splitlines()[1]

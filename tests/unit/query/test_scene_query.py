@@ -46,7 +46,7 @@ def test_views_are_those_of_frames_with_a_pose(index):
 def test_each_word_finds_its_half(index, texts):
     couch, cup = ask_scene(index, texts, LANGSPLAT, 3)
     assert (couch.phrase, cup.phrase) == ("couch", "cup")
-    assert couch.things[0].centre[0] < -0.3 and cup.things[0].centre[0] > 0.3
+    assert couch.things[0].center[0] < -0.3 and cup.things[0].center[0] > 0.3
     assert couch.score == couch.things[0].score > 0.8 and couch.things[0].level == 1
     assert index.best_frame(couch.things[0]) == 0
 

@@ -9,7 +9,7 @@ SPACING = 0.1
 
 
 def patch(x: float, side: int = 6) -> np.ndarray:
-    """(side², 3) centres on a square whose left border is at ``x`` [m]."""
+    """(side², 3) centers on a square whose left border is at ``x`` [m]."""
     along = SPACING * np.arange(side)
     return np.stack(np.meshgrid(along + x, along, [0.0]), axis=-1).reshape(-1, 3)
 
@@ -28,12 +28,12 @@ def relevancy(home: Surface, *values: float, levels: int = 1) -> np.ndarray:
 
 
 def test_two_of_a_kind_are_distinguished():
-    """Two patches that fit, a metre apart, are two things with their own centres and boxes."""
+    """Two patches that fit, a meter apart, are two things with their own centers and boxes."""
     home = surface(patch(0.0), patch(1.5), patch(3.0))
     first, second = find_things(home, relevancy(home, 0.9, 0.1, 0.85), 0.7, 0.0, 3)
     assert first.score == pytest.approx(0.9) and second.score == pytest.approx(0.85)
-    np.testing.assert_allclose(first.centre, [0.25, 0.25, 0.0], atol=1e-6)
-    np.testing.assert_allclose(second.centre, [3.25, 0.25, 0.0], atol=1e-6)
+    np.testing.assert_allclose(first.center, [0.25, 0.25, 0.0], atol=1e-6)
+    np.testing.assert_allclose(second.center, [3.25, 0.25, 0.0], atol=1e-6)
     np.testing.assert_allclose(first.high - first.low, [0.5, 0.5, 0.0], atol=1e-6)
 
 
@@ -43,14 +43,14 @@ def test_the_number_of_things_is_limited():
 
 
 def test_touching_patches_are_one_thing():
-    """Neighbours whose Gaussians reach each other belong together."""
+    """Neighbors whose Gaussians reach each other belong together."""
     home = surface(patch(0.0), patch(6 * SPACING), patch(3.0))
     (thing,) = find_things(home, relevancy(home, 0.9, 0.9, 0.1), 0.7, 0.0, 3)
     assert len(thing.members) == 72
 
 
 def test_a_speck_is_no_thing():
-    """A few Gaussians that fit by chance are fewer than one neighbourhood."""
+    """A few Gaussians that fit by chance are fewer than one neighborhood."""
     home = surface(patch(0.0), patch(2.0))
     values = relevancy(home, 0.6, 0.1)
     values[0, 36:38] = 1.0

@@ -125,7 +125,7 @@ def crowd(count: int) -> dict[str, Any]:
 
 
 def gradient(geometry: dict[str, Any], image: torch.Tensor, backend: str) -> torch.Tensor:
-    """The gradient of a render by its colours, where ``image`` is that of the render."""
+    """The gradient of a render by its colors, where ``image`` is that of the render."""
     height, width, channels = image.shape
     colors = image.new_zeros(len(geometry["means"]), channels).requires_grad_()
     cameras = {name: gaussians()[name] for name in ("viewmats", "Ks")}

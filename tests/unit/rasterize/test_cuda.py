@@ -48,7 +48,7 @@ class GsplatDouble:
                 name: value[index, None] if name in per_camera and value is not None else value
                 for name, value in arguments.items()
             }
-            # The reference, unlike gsplat, culls where a colour is undefined.
+            # The reference, unlike gsplat, culls where a color is undefined.
             results.append(reference.rasterization(Arguments(**own, colors=colors[index].nan_to_num())))
         images, alphas, metas = zip(*results, strict=True)
         meta = {name: torch.cat([each[name] for each in metas]) for name in ("means2d", "radii", "depths")}
@@ -107,7 +107,7 @@ def test_gsplat_gets_arguments_for_the_same_image(sh, render_mode, rasterize_mod
             inputs["means"][0, 1] = inputs["features"][1, 2] = math.nan
             inputs["colors"][2], inputs["scales"][3], inputs["quats"][4] = math.inf, math.inf, 0.0
             inputs["opacities"][5] = math.nan
-            # At the first camera's centre, which has no viewing direction.
+            # At the first camera's center, which has no viewing direction.
             inputs["means"][6] = 0.0
     modes = {"render_mode": render_mode, "rasterize_mode": rasterize_mode, "sh_degree": 3 if sh else None}
     arguments = inputs | SIZE | modes

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.report.sheets.language_sheet import UNKNOWN, choose_frames, principal_colours, run
+from egosplat.report.sheets.language_sheet import UNKNOWN, choose_frames, principal_colors, run
 from tests.support.scenes import LEVELS, put_scene
 
 CAMERA = Camera(36, 24, 18.0, 18.0, 18.0, 12.0)
@@ -59,7 +59,7 @@ def test_the_page_is_written_as_one_picture(tmp_path, channels, share):
     cells = picture[height // 8 :].reshape(-1, 3)
     green = (cells[:, 1] > 180) & (cells[:, [0, 2]].max(axis=1) < 60)
     assert green.sum() > 5000
-    # The level without a meaning is grey; the other, where it has one, is of other colours.
+    # The level without a meaning is grey; the other, where it has one, is of other colors.
     grey = (np.abs(cells - 255 * UNKNOWN).max(axis=1) < 2).sum() / (height * width)
     assert (0.2 < grey < 0.4) if share else grey > 0.4
 
@@ -81,18 +81,18 @@ def codes(count: int, *scales: float) -> np.ndarray:
 
 
 def painted(code: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(N, 3) colours of the first level."""
-    return principal_colours(code, share).paint(code[:, 0], np.ones(len(code), np.float32))
+    """(N, 3) colors of the first level."""
+    return principal_colors(code, share).paint(code[:, 0], np.ones(len(code), np.float32))
 
 
 def test_red_green_and_blue_are_the_first_three_components():
     code = codes(4000, 0.1, 3.0, 0.01, 1.0, 0.3)
-    colours = painted(code, np.ones((4000, 1), np.float32))
+    colors = painted(code, np.ones((4000, 1), np.float32))
     for channel, axis in enumerate((1, 3, 4)):
-        assert np.corrcoef(colours[:, channel], code[:, 0, axis])[0, 1] > 0.97
-    np.testing.assert_allclose(colours.mean(axis=0), 0.5, atol=0.01)
+        assert np.corrcoef(colors[:, channel], code[:, 0, axis])[0, 1] > 0.97
+    np.testing.assert_allclose(colors.mean(axis=0), 0.5, atol=0.01)
     # Two standard deviations reach to the ends: uniform enough to be told apart, and little is cut off.
-    assert 0.2 < colours.std(axis=0).min() and (colours == 1).mean() < 0.05
+    assert 0.2 < colors.std(axis=0).min() and (colors == 1).mean() < 0.05
 
 
 def test_codes_weigh_by_their_share():
@@ -106,11 +106,11 @@ def test_codes_weigh_by_their_share():
     np.testing.assert_allclose(painted(repeated, twice)[:100], painted(code, share)[:100], atol=1e-6)
 
 
-def test_a_code_has_one_colour_at_all_levels():
+def test_a_code_has_one_color_at_all_levels():
     code = np.repeat(codes(50, 1.0, 0.5, 0.2), 2, axis=1)
     code[:, 1] += np.float32(2.0)
-    both = principal_colours(code, np.ones((50, 2), np.float32))
-    flat = principal_colours(code.reshape(100, 1, 3), np.ones((100, 1), np.float32))
+    both = principal_colors(code, np.ones((50, 2), np.float32))
+    flat = principal_colors(code.reshape(100, 1, 3), np.ones((100, 1), np.float32))
     np.testing.assert_allclose(both.axes, flat.axes, atol=1e-9)
 
 
@@ -123,15 +123,15 @@ def test_a_code_has_one_colour_at_all_levels():
     ],
     ids=["no Gaussian", "one code", "no meaning"],
 )
-def test_codes_that_do_not_differ_have_the_middle_colour(code, share):
-    colours = principal_colours(code.astype(np.float32), share.astype(np.float32))
-    assert np.abs(colours.paint(np.ones((3, 4)), np.ones(3)) - 0.5).max() < 1e-6
+def test_codes_that_do_not_differ_have_the_middle_color(code, share):
+    colors = principal_colors(code.astype(np.float32), share.astype(np.float32))
+    assert np.abs(colors.paint(np.ones((3, 4)), np.ones(3)) - 0.5).max() < 1e-6
 
 
 def test_half_covered_pixels_are_half_grey():
-    colours = principal_colours(codes(100, 1.0, 1.0, 1.0), np.ones((100, 1), np.float32))
-    code = colours.mean + 100 * colours.axes[0]  # the brightest red
-    full, half, none = colours.paint(np.stack([code] * 3), np.array([1.0, 0.5, 0.0]))
+    colors = principal_colors(codes(100, 1.0, 1.0, 1.0), np.ones((100, 1), np.float32))
+    code = colors.mean + 100 * colors.axes[0]  # the brightest red
+    full, half, none = colors.paint(np.stack([code] * 3), np.array([1.0, 0.5, 0.0]))
     assert full[0] == 1.0 and none.tolist() == [UNKNOWN] * 3
     np.testing.assert_allclose(half, (full + none) / 2)
 

@@ -57,7 +57,7 @@ def marks(page: np.ndarray) -> list[tuple[bool, bool]]:
     """Of each of the two blocks, whether something of it is marked as found, and as missed."""
     middle = page.shape[1] // 2
     return [
-        tuple(int((block == colour).all(axis=-1).sum()) > 20 for colour in (GREEN, RED))
+        tuple(int((block == color).all(axis=-1).sum()) > 20 for color in (GREEN, RED))
         for block in (page[:, :middle], page[:, middle:])
     ]
 

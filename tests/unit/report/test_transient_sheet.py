@@ -66,7 +66,7 @@ def drawn(folder, *what: int) -> np.ndarray:
 
 
 def count(picture: np.ndarray, low: list[int], high: list[int]) -> int:
-    """Pixels whose colour lies in a box."""
+    """Pixels whose color lies in a box."""
     return int(((picture >= low) & (picture <= high)).all(axis=2).sum())
 
 

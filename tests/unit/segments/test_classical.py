@@ -21,9 +21,9 @@ def scene(side: int) -> tuple[np.ndarray, np.ndarray]:
     what[160:] = 1
     what[90:200, 80:180] = 2
     what[90:120, 80:180] = 3
-    colours = np.array([[60, 120, 60], [40, 50, 130], [170, 40, 40], [240, 240, 235]], dtype=np.uint8)
+    colors = np.array([[60, 120, 60], [40, 50, 130], [170, 40, 40], [240, 240, 235]], dtype=np.uint8)
     size = (side, side)
-    image = cv2.resize(cv2.GaussianBlur(colours[what], (0, 0), 0.7), size, interpolation=cv2.INTER_AREA)
+    image = cv2.resize(cv2.GaussianBlur(colors[what], (0, 0), 0.7), size, interpolation=cv2.INTER_AREA)
     return image, cv2.resize(what, size, interpolation=cv2.INTER_NEAREST)
 
 
@@ -104,7 +104,7 @@ def test_noise_gives_few_large_regions():
     assert np.bincount(subpart.ravel()).min() >= OPTIONS.least_area * subpart.size
 
 
-def test_textures_of_equal_mean_colour_are_separated():
+def test_textures_of_equal_mean_color_are_separated():
     rng = np.random.default_rng(4)
     amplitude = np.where(np.arange(128) < 64, 4, 90)[None, :, None]
     image = (120 + amplitude * rng.uniform(-1, 1, (128, 128, 1)) + np.zeros(3)).astype(np.uint8)
@@ -113,7 +113,7 @@ def test_textures_of_equal_mean_colour_are_separated():
     assert best_iou(levels, left) > 0.85
 
 
-def test_small_and_thin_regions_are_merged_into_similar_neighbours():
+def test_small_and_thin_regions_are_merged_into_similar_neighbors():
     image = np.full((128, 128, 3), (200, 40, 40), dtype=np.uint8)
     image[:, 64:] = (40, 40, 200)
     image[60:62, 63:65] = (190, 50, 50)

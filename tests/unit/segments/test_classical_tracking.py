@@ -96,7 +96,7 @@ def test_tracking_holds_two_frames_in_memory():
     assert len(alive) == 5
 
 
-def test_labels_are_propagated_and_unlabelled_pixels_stay_unlabelled():
+def test_labels_are_propagated_and_unlabeled_pixels_stay_unlabeled():
     (previous, mask), (current, moved) = frame(20), frame(26)
     labels = np.where(mask, np.int32(7), np.int32(-1))
     regions = np.where(moved, np.int32(1), np.int32(0))
@@ -154,6 +154,6 @@ def test_pictures_larger_than_the_flow_are_tracked_alike():
 
 
 def test_wrong_input_is_rejected():
-    """An image without colours is a programming error."""
+    """An image without colors is a programming error."""
     with pytest.raises(ValueError, match="image"):
         list(track([frame(20)[0][..., 0]], VALID, "whole", OPTIONS))

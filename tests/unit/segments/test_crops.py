@@ -25,7 +25,7 @@ def candidates(masks):
 
 @pytest.mark.parametrize("per_side", [1, 2, 3, 4])
 def test_crops_cover_the_frame_and_overlap(per_side):
-    """Each pixel is in a crop, all crops have one size, and neighbours share a part of the frame."""
+    """Each pixel is in a crop, all crops have one size, and neighbors share a part of the frame."""
     found = crops_of(480, 640, per_side)
     assert len(found) == per_side**2
     seen = np.zeros((480, 640), int)

@@ -94,7 +94,7 @@ def test_tracks_start_where_something_moves_and_go_both_ways(sam2, images):
 
 
 def test_a_track_is_lost_where_nothing_moves_and_found_again(sam2, images):
-    """The mask of a frame in which it rests is neither labelled nor remembered."""
+    """The mask of a frame in which it rests is neither labeled nor remembered."""
     found = tracker(sam2, images, probability(0, 1, 3, 4), replace(OPTIONS, lost_track_stride=1)).run()
     shown = [bool((found.labels[frame] >= 0).any()) for frame in range(FRAMES)]
     assert shown == [True, True, False, True, True]

@@ -230,7 +230,7 @@ def test_no_masks_give_no_instance(sam2, images):
 
 
 def test_objects_found_later_are_tracked_backwards(sam2, images):
-    """Objects of the second key frame are labelled in earlier frames, too."""
+    """Objects of the second key frame are labeled in earlier frames, too."""
     black = images.copy()
 
     class LateTracker(Tracker):
@@ -244,7 +244,7 @@ def test_objects_found_later_are_tracked_backwards(sam2, images):
     assert (segmented.labels[1] >= 0).any() or (segmented.labels[0] >= 0).any()
 
 
-def test_grid_points_are_cell_centres_row_by_row():
+def test_grid_points_are_cell_centers_row_by_row():
     points = grid_points(2)
     assert points.tolist() == [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
     assert len(grid_points(32)) == 1024

@@ -61,7 +61,7 @@ def test_frames_that_may_not_be_dropped_stay_and_others_do_not_stand_in():
 
 
 @pytest.mark.parametrize("values", [[np.nan] * 4, [2.0, np.nan, np.nan, np.nan], [2.0]])
-def test_without_edges_or_neighbours_nothing_is_dropped(values):
+def test_without_edges_or_neighbors_nothing_is_dropped(values):
     """Protects black frames and a recording of one frame."""
     found = find_blurred(
         np.array(values), views(range(len(values))), *[np.ones(len(values), bool)] * 2, min_scatters=4.0

@@ -1,10 +1,10 @@
-"""Colours have the names that people use, and captions have words for all surfaces."""
+"""Colors have the names that people use, and captions have words for all surfaces."""
 
 import numpy as np
 import pytest
 
 from egosplat_apartments.objects.catalogue import CORE, GROUPS, REST
-from training.small_models.attributes import COLOURS, colour_of
+from training.small_models.attributes import COLORS, color_of
 from training.small_models.captions import MATERIALS, PATTERNS
 
 KINDS = {kind.prototype: kind for kind in (*CORE, *REST, *(one for group in GROUPS for one in group))}
@@ -25,8 +25,8 @@ KINDS = {kind.prototype: kind for kind in (*CORE, *REST, *(one for group in GROU
         ((128, 128, 128), "grey"),
     ],
 )
-def test_colours_have_their_names(rgb: tuple[int, int, int], name: str) -> None:
-    assert COLOURS[colour_of(np.array([rgb], dtype=np.uint8))[0]] == name
+def test_colors_have_their_names(rgb: tuple[int, int, int], name: str) -> None:
+    assert COLORS[color_of(np.array([rgb], dtype=np.uint8))[0]] == name
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))

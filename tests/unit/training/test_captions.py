@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from egosplat_apartments.objects.catalogue import COFFEE_TABLE, CORE, GROUPS, REST
-from training.small_models.attributes import COLOURS
+from training.small_models.attributes import COLORS
 from training.small_models.captions import (
     describe,
     facts,
     held_out,
-    main_colour,
+    main_color,
     make_claims,
     unseen_combination,
 )
@@ -17,23 +17,23 @@ from training.small_models.concepts import KINDS, PARTS, WHOLES, Concept
 from training.small_models.crops import Crops
 from training.small_models.glossary import GLOSSARY
 
-RED, BLUE = COLOURS.index("red"), COLOURS.index("blue")
+RED, BLUE = COLORS.index("red"), COLORS.index("blue")
 
 
 def make_crops(rows: list[tuple[str, int, dict[int, float], str, float]]) -> Crops:
-    """Crops of (name, number of the whole, shares of colours, surfaces, share of the whole)."""
+    """Crops of (name, number of the whole, shares of colors, surfaces, share of the whole)."""
     count = len(rows)
-    colours = np.zeros((count, len(COLOURS)), dtype=np.float32)
+    colors = np.zeros((count, len(COLORS)), dtype=np.float32)
     for row, (_, _, shares, _, _) in enumerate(rows):
-        for colour, share in shares.items():
-            colours[row, colour] = share
+        for color, share in shares.items():
+            colors[row, color] = share
     zeros = np.zeros(count, dtype=np.int32)
     return Crops(
         np.zeros((count, 1, 1, 4), dtype=np.uint8),
         zeros,
         np.array([row[0] for row in rows]),
         np.array([1 if "/" in row[0] else 2 for row in rows], dtype=np.int32),
-        colours,
+        colors,
         np.array([row[3] for row in rows]),
         zeros + 100,
         zeros + 10,
@@ -83,7 +83,7 @@ def test_statements_are_true_false_or_undecided_of_a_crop(
 ) -> None:
     got = truth_of(crops, phrase)
     if phrase == "red":
-        # Two colours with equal fractions: neither dominates, so both may be in a caption, and blue is not false.
+        # Two colors with equal fractions: neither dominates, so both may be in a caption, and blue is not false.
         truth[2] = got[2]
         assert got[2] in (1, -1)
     assert got == truth
@@ -122,14 +122,14 @@ def test_glossary_words_are_in_no_caption() -> None:
 
 
 def test_one_combination_in_eight_is_held_out(crops: Crops) -> None:
-    pairs = [(colour, name) for colour in COLOURS for name in WHOLES]
+    pairs = [(color, name) for color in COLORS for name in WHOLES]
     share = np.mean([held_out(*pair) for pair in pairs])
     assert 0.09 < share < 0.16
-    colour, name = next(pair for pair in pairs if held_out(*pair) and pair[1] != "own arms")
-    shown = COLOURS.index(colour)
+    color, name = next(pair for pair in pairs if held_out(*pair) and pair[1] != "own arms")
+    shown = COLORS.index(color)
     unseen = make_crops([(name, 5, {shown: 1.0}, "", 1.0), (f"{name}/x", 5, {RED: 1.0}, "", 0.3)])
     assert unseen_combination(unseen).tolist() == [True, True]
-    assert main_colour(unseen).tolist() == [shown, RED]
+    assert main_color(unseen).tolist() == [shown, RED]
 
 
 def test_a_part_that_is_nearly_the_whole_counts_as_the_whole() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from training.small_models.attributes import COLOURS
+from training.small_models.attributes import COLORS
 from training.small_models.clip_evaluation import Exam, table_of_kinds
 from training.small_models.clip_model import build, write_description
 from training.small_models.crops import Crops
@@ -28,7 +28,7 @@ def test_an_unmasked_exam_sees_the_background(tmp_path: Path) -> None:
         np.zeros(count, dtype=np.int32),
         names,
         np.full(count, 2, dtype=np.int32),
-        rng.dirichlet(np.ones(len(COLOURS)), count).astype(np.float32),
+        rng.dirichlet(np.ones(len(COLORS)), count).astype(np.float32),
         np.array(["plain cloth:1.00"] * count),
         numbers + 100,
         numbers + 10,

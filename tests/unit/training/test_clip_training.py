@@ -9,7 +9,7 @@ import torch
 from safetensors.torch import load_file
 
 from training.open_clip import main
-from training.small_models.attributes import COLOURS
+from training.small_models.attributes import COLORS
 from training.small_models.clip_model import (
     WEIGHTS,
     build,
@@ -45,7 +45,7 @@ def make_crops() -> Crops:
         (numbers % 5 == 0).astype(np.int32),
         names,
         np.where(np.char.find(names, "/") < 0, 2, 1).astype(np.int32),
-        rng.dirichlet(np.ones(len(COLOURS)), count).astype(np.float32),
+        rng.dirichlet(np.ones(len(COLORS)), count).astype(np.float32),
         np.array(["striped cloth:1.00"] * count),
         numbers + 100,
         numbers + 10,

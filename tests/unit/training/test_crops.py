@@ -77,7 +77,7 @@ def test_areas_and_shares_equal_those_of_the_image(folder: Path, crops: Crops) -
     parts = crops.level < LEVELS.index("whole")
     assert (crops.share[parts] <= 1).all()
     assert (crops.share[parts] > 0).all()
-    np.testing.assert_allclose(crops.colours.sum(axis=1), 1, atol=1e-4)
+    np.testing.assert_allclose(crops.colors.sum(axis=1), 1, atol=1e-4)
 
 
 def test_a_tile_has_the_name_of_what_fills_most_of_it(folder: Path, crops: Crops) -> None:

@@ -24,7 +24,7 @@ from training.small_models.worlds import NOTHING, RenderedWorld
 def world():
     """A grid of 6 x 6 subparts that moves to the right, four to a part, and nothing in the upper left corner.
 
-    A subpart's number is its colour.
+    A subpart's number is its color.
     """
     rows, columns = np.indices((96, 96)) // 16
     subpart = np.stack([np.roll(rows * 6 + columns, 3 * frame, axis=1) for frame in range(4)])[None].astype(
@@ -48,15 +48,15 @@ def test_the_cut_is_the_same_in_all_frames_images_and_labels(world):
         clip = sample_clip([world], vocabulary([world]), rng, 3)
         assert clip.pictures.shape == (3, SIDE, SIDE, 3) and clip.labels.shape == (3, 3, SIDE, SIDE)
         assert np.array_equal(clip.names, names[clip.labels[1]])
-        # One colour per subpart, except at smoothed edges: medians differ between subparts, not within one.
+        # One color per subpart, except at smoothed edges: medians differ between subparts, not within one.
         values = [value for value in np.unique(clip.labels[0]) if value >= 0]
         for value in values:
-            colours = [
+            colors = [
                 np.median(clip.pictures[frame][clip.labels[0, frame] == value].astype(float), axis=0)
                 for frame in range(3)
                 if (clip.labels[0, frame] == value).sum() > 200
             ]
-            assert np.ptp(colours, axis=0).max() < 6 if len(colours) > 1 else True
+            assert np.ptp(colors, axis=0).max() < 6 if len(colors) > 1 else True
 
 
 def test_targets_of_a_prompt_are_the_masks_under_the_point(world):

@@ -40,11 +40,11 @@ def world():
     subpart = np.stack([np.roll(rows * 4 + columns, 2 * frame, axis=1) for frame in range(3)])[None].astype(
         np.uint16
     )
-    colours = rng.integers(0, 256, (16, 3), dtype=np.uint8)
+    colors = rng.integers(0, 256, (16, 3), dtype=np.uint8)
     tables = np.stack([np.arange(16), np.arange(16) // 2, np.arange(16) // 4])
     tables = np.pad(tables, ((0, 0), (0, 1)), constant_values=-1).astype(np.int32)
     return RenderedWorld(
-        colours[subpart],
+        colors[subpart],
         subpart,
         tables,
         tuple("abcd"),

@@ -30,7 +30,7 @@ def drawn(world: World, painted: Painted, side: int = 48) -> tuple[np.ndarray, n
 def test_the_cups_half_is_hot(world):
     """Heat of a query lies on the Gaussians that fit; the others are grey and dim."""
     reply = world.questions.ask("cup")
-    painted = world.plain.coloured(heat(world.plain.colours, reply.fit[reply.level], 0.5))
+    painted = world.plain.colored(heat(world.plain.colors, reply.fit[reply.level], 0.5))
     plain, hot = drawn(world, world.plain)[0].astype(int), drawn(world, painted)[0].astype(int)
     assert np.ptp(hot[16:32, 30:44], axis=-1).min() > 60
     assert np.ptp(hot[16:32, 4:12], axis=-1).max() < 3
@@ -54,20 +54,20 @@ def test_nothing_to_draw_is_an_empty_picture(world):
 def test_heat_begins_at_the_threshold():
     """Below it a Gaussian is dim and grey; the best ones are red, and no threshold fails."""
     own, fit = np.full((4, 3), 0.5, np.float32), np.array([0.2, 0.5, 0.7, 0.9], np.float32)
-    colours = heat(own, fit, 0.5)
-    assert np.ptp(colours[0]) == 0 and colours[0, 0] < 0.35
-    assert colours[1].argmax() == 2 and colours[3].argmax() == 0
+    colors = heat(own, fit, 0.5)
+    assert np.ptp(colors[0]) == 0 and colors[0, 0] < 0.35
+    assert colors[1].argmax() == 2 and colors[3].argmax() == 0
     assert (
         np.isfinite(heat(own, fit, 0.95)).all() and np.isfinite(heat(own, np.ones(4, np.float32), 0.99)).all()
     )
 
 
-def test_an_instance_has_one_colour():
-    """Gaussians of an instance get its colour; those of none are grey."""
+def test_an_instance_has_one_color():
+    """Gaussians of an instance get its color; those of none are grey."""
     palette = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    colours = instances(np.full((4, 3), 0.5, np.float32), np.array([0, 1, 1, -1]), palette)
-    assert colours[0].argmax() == 0 and colours[1].argmax() == 1
-    assert np.array_equal(colours[1], colours[2]) and np.ptp(colours[3]) == 0
+    colors = instances(np.full((4, 3), 0.5, np.float32), np.array([0, 1, 1, -1]), palette)
+    assert colors[0].argmax() == 0 and colors[1].argmax() == 1
+    assert np.array_equal(colors[1], colors[2]) and np.ptp(colors[3]) == 0
 
 
 def test_instances_come_from_the_nearest_gaussian(word_scene):
@@ -94,7 +94,7 @@ def test_a_scene_without_instances_or_masks_opens(world):
 
 
 def test_what_moves_is_tinted(word_scene):
-    """Masked pixels of a photograph take the colour of what moves; the others are as photographed."""
+    """Masked pixels of a photograph take the color of what moves; the others are as photographed."""
     folder = word_scene()
     refined = np.zeros((4, 48, 48), bool)
     refined[1, :, :24] = True

@@ -59,8 +59,8 @@ def test_the_same_scene_gives_the_same_data():
     assert pack(facts, arrays) == pack(*reversed(pack_gaussians(wall(), 1)))
 
 
-def test_gaussians_are_quantised_finely():
-    """Centres to a 65,535th of their block, scales to 2 % of each Gaussian, colours to a byte."""
+def test_gaussians_are_quantized_finely():
+    """Centers to a 65,535th of their block, scales to 2 % of each Gaussian, colors to a byte."""
     gaussians = wall()
     gaussians = gaussians.select(torch.from_numpy(spatial_order(gaussians.means.numpy())))
     arrays, facts = pack_gaussians(gaussians, 1)
@@ -74,7 +74,7 @@ def test_gaussians_are_quantised_finely():
     assert np.median(np.abs(bands - gaussians.sh[:, 1:].reshape(-1, 9).numpy())) < 0.002
 
 
-def test_neighbours_in_the_order_are_near():
+def test_neighbors_in_the_order_are_near():
     """Blocks are small in space, which makes their steps fine."""
     means = np.random.default_rng(0).uniform(size=(2000, 3)).astype(np.float32)
     steps = np.linalg.norm(np.diff(means[spatial_order(means)], axis=0), axis=1)

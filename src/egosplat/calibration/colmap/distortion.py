@@ -55,7 +55,7 @@ class Evidence:
         median_px: median reprojection error of the radial camera [px].
         chance: probability of such a drop of the error without distortion.
         bend_px: largest distance between the two cameras at a feature [px].
-        reach: distance from the centre within which 99 % of the features lie, in half diagonals of the picture.
+        reach: distance from the center within which 99 % of the features lie, in half diagonals of the picture.
         k1, k2: the distortion.
         distorted: whether the pictures ask for it.
     """
@@ -111,7 +111,7 @@ def estimate_lens(
 
 
 def _choices(count: int) -> Iterator[NDArray[np.int64]]:
-    """Up to ``MAX_PICTURES`` frames in the middle of the recording, from far apart to neighbours."""
+    """Up to ``MAX_PICTURES`` frames in the middle of the recording, from far apart to neighbors."""
     step = max(1, -(-count // MAX_PICTURES))
     while True:
         number = min(MAX_PICTURES, -(-count // step))

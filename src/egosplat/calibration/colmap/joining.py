@@ -10,7 +10,7 @@ import pycolmap
 
 from egosplat.calibration.colmap.adjustment import adjust
 
-# COLMAP aligns two models by a similarity, estimated from the centres of three shared cameras.
+# COLMAP aligns two models by a similarity, estimated from the centers of three shared cameras.
 MIN_SHARED = 3
 # The error of a joined model, in units of the larger error of its parts. Bundle adjustment absorbs a slightly wrong
 # alignment; a wrong one bends the scene and raises the error.

@@ -30,7 +30,7 @@ class Projection:
         radius_clip: Gaussians with both radii at most this are culled [px].
         eps2d: added to both variances in the image [px²].
         antialiased: whether to lower opacities to compensate for the blur of ``eps2d``.
-        coefficients: number of spherical harmonics to evaluate; 0 without colour.
+        coefficients: number of spherical harmonics to evaluate; 0 without color.
         depth: whether to append camera z as the last channel.
     """
 
@@ -66,7 +66,7 @@ def project(
 
     Returns:
         means2d (N, 2), conics (N, 3), depths (N,), opacities (N,), channels (N, X), variances_y (N,) and radii
-        (N, 2) int32; all 0 where culled. The X channels are colour, features and depth, those that exist.
+        (N, 2) int32; all 0 where culled. The X channels are color, features and depth, those that exist.
     """
     return _Project.apply(means, quats, scales, opacities, sh, features, viewmat, settings)
 

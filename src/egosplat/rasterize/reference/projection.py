@@ -16,7 +16,7 @@ class Projected:
     """Gaussians in one image; all numbers of a culled Gaussian are 0.
 
     Attributes:
-        means2d: (N, 2) centres [px].
+        means2d: (N, 2) centers [px].
         conics: (N, 3) upper triangle (xx, xy, yy) of the inverse of the 2D covariance [1/px²].
         depths: (N,) camera z [m].
         radii: (N, 2) int32 half extents in x and y [px]; (0, 0) where culled.

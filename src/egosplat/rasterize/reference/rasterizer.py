@@ -68,12 +68,12 @@ def rasterization(arguments: Arguments) -> Render:
 
 
 def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, radii: Tensor) -> Tensor:
-    """Colours of the visible Gaussians from a camera centre: ``max(SH + 0.5, 0)``; 0 for the others.
+    """Colors of the visible Gaussians from a camera center: ``max(SH + 0.5, 0)``; 0 for the others.
 
     Args:
         means: (N, 3) [m].
         coeffs: (N, K, 3).
-        center: (3,) camera centre in the world [m].
+        center: (3,) camera center in the world [m].
         radii: (N, 2), 0 where culled.
 
     Returns:
@@ -109,7 +109,7 @@ def composite(
     Gradients reach ``means2d``, ``conics``, ``opacities`` and ``channels``.
 
     Args:
-        means2d: (N, 2) centres [px]; pixel centres lie at integer + 0.5.
+        means2d: (N, 2) centers [px]; pixel centers lie at integer + 0.5.
         conics: (N, 3) upper triangle of a positive definite inverse covariance [1/px²].
         opacities: (N,).
         channels: (N, X).

@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 def spherical_harmonics(degree: int, dirs: Tensor, coeffs: Tensor) -> Tensor:
-    """Evaluate spherical harmonics, without the constant 0.5 of 3DGS colours.
+    """Evaluate spherical harmonics, without the constant 0.5 of 3DGS colors.
 
     Args:
         degree: highest degree to evaluate, 0 to 3.
@@ -26,7 +26,7 @@ def sh_basis(degree: int, dirs: Tensor) -> Tensor:
     """(N, (degree + 1)²) values of the functions in (N, 3) unit directions; ``degree`` is 0 to 3."""
     x, y, z = dirs.unbind(dim=-1)
     xx, yy, zz = x * x, y * y, z * z
-    # The factors normalise each function: its square integrates to 1 over the sphere.
+    # The factors normalize each function: its square integrates to 1 over the sphere.
     # Coefficient l² + l + m belongs to the real harmonic Y_lm with the Condon-Shortley phase: degree 1 is (-y, z, -x),
     # as in 3DGS (Kerbl et al. 2023) and gsplat.
     functions = [torch.full_like(x, _norm(1 / 4))]

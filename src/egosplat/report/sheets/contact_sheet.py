@@ -120,7 +120,7 @@ def draw_from_above(axes: Axes, poses: Artifact) -> None:
 
 def _widen(axes: Axes, least: float) -> None:
     """Widen each axis to at least ``least``."""
-    # Otherwise millimetres of noise in the poses fill the page like a real trajectory.
+    # Otherwise millimeters of noise in the poses fill the page like a real trajectory.
     for get, set_ in ((axes.get_xlim, axes.set_xlim), (axes.get_ylim, axes.set_ylim)):
         low, high = get()
         if high - low < least:
@@ -198,10 +198,10 @@ def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDAr
         instance_map: (H, W) int32, -1 without annotation.
 
     Returns:
-        (H, W, 3) uint8; pixels without annotation keep their colour.
+        (H, W, 3) uint8; pixels without annotation keep their color.
     """
-    # Golden-angle hues: neighbouring indices get very different colours.
+    # Golden-angle hues: neighboring indices get very different colors.
     hue = (np.arange(instance_map.max() + 2) * 0.618034) % 1.0
-    colours = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255
-    tinted = 0.6 * picture + 0.4 * colours[instance_map]
+    colors = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255
+    tinted = 0.6 * picture + 0.4 * colors[instance_map]
     return np.where((instance_map >= 0)[..., None], tinted, picture).astype(np.uint8)

@@ -21,15 +21,15 @@ def has_corrections(splats: Artifact) -> bool:
 def draw_poses(axes: Axes, splats: Artifact) -> None:
     """Draw the trajectory from above, with an arrow from each camera towards its corrected place."""
     source = splats.read("corrections/source")
-    centre = splats.read("corrections/camera_to_world")[:, :3, 3]
-    known = np.isfinite(centre).all(axis=1)
+    center = splats.read("corrections/camera_to_world")[:, :3, 3]
+    known = np.isfinite(center).all(axis=1)
     shift, plane = splats.read("corrections/shift")[known], ground_axes(np.array(splats.facts["up"]))
-    after, moved, source = centre[known] @ plane.T, shift @ plane.T, source[known]
+    after, moved, source = center[known] @ plane.T, shift @ plane.T, source[known]
     before = after - moved
     longest, extent = np.linalg.norm(moved, axis=1).max(initial=0.0), np.ptp(before, axis=0).max(initial=0.0)
     factor = max(_ARROW * extent / longest, 1.0) if longest > 0 else 1.0
     axes.plot(*before.T, color=_GREY, linewidth=1.0, zorder=1)
-    for fitted, colour, label in ((False, "tab:blue", "training"), (True, _ORANGE, "held out")):
+    for fitted, color, label in ((False, "tab:blue", "training"), (True, _ORANGE, "held out")):
         rows = (source == FITTED) == fitted
         rows &= source != AS_GIVEN
         axes.quiver(
@@ -39,7 +39,7 @@ def draw_poses(axes: Axes, splats: Artifact) -> None:
             scale_units="xy",
             scale=1.0,
             width=0.003,
-            color=colour,
+            color=color,
             label=label,
             zorder=2,
         )
@@ -62,12 +62,12 @@ def draw_gains(axes: Axes, splats: Artifact) -> None:
     """Draw the gains of red, green and blue over the frames."""
     gain, source = splats.read("corrections/gain"), splats.read("corrections/source")
     frame = np.flatnonzero(source != AS_GIVEN)
-    for channel, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
-        axes.plot(frame, gain[frame, channel], color=colour, linewidth=1.2)
+    for channel, color in enumerate(("tab:red", "tab:green", "tab:blue")):
+        axes.plot(frame, gain[frame, channel], color=color, linewidth=1.2)
     fitted = np.flatnonzero(source == FITTED)
     axes.plot(fitted, gain[fitted].mean(axis=1), "o", color=_ORANGE, markersize=4, label="held out (mean)")
     axes.axhline(1.0, color=_GREY, linewidth=0.8)
-    axes.set(title="gain of each frame's colours, 1 = mean exposure", xlabel="frame", ylabel="gain")
+    axes.set(title="gain of each frame's colors, 1 = mean exposure", xlabel="frame", ylabel="gain")
     if len(fitted):
         axes.legend(loc="best", fontsize=8)
     axes.grid(alpha=0.3)

@@ -52,7 +52,7 @@ NUMBERS = {
 # Side of a crop on the page [inches].
 CELL = 1.25
 
-# Grey level around objects, 0..1: it separates masked pixels from dark objects.
+# Gray level around objects, 0..1: it separates masked pixels from dark objects.
 BACKGROUND = 0.12
 
 
@@ -193,8 +193,8 @@ def _draw_views(
         labels = sources.instances.row("labels", frame)[table.level[instance]]
         crop = cut_crop(sources.frames.row("rgb", frame), labels, instance, table.box[row])
         _draw_crop(cell, np.rot90(crop, -1) if turned else crop, bool(table.inlier[row]))
-        colour = "black" if table.inlier[row] else "crimson"
-        cell.set_title(f"{frame}: {number}" if number else f"{frame}", fontsize=8, pad=2, color=colour)
+        color = "black" if table.inlier[row] else "crimson"
+        cell.set_title(f"{frame}: {number}" if number else f"{frame}", fontsize=8, pad=2, color=color)
 
 
 def _draw_crop(cell: Axes, crop: NDArray[np.uint8], inlier: bool) -> None:

@@ -29,7 +29,7 @@ CELL = 2.9
 # Height of a crop relative to that of an image.
 CROP = 0.6
 
-# Opacity of an instance's colour.
+# Opacity of an instance's color.
 TINT = 0.55
 
 # Gaussians up to this share of the cameras' height above the floor are drawn from above: no ceiling hides the rest.
@@ -69,7 +69,7 @@ def run(
         len(heights), columns, squeeze=False, figsize=size, layout="constrained", height_ratios=heights
     )
     draw_heading(figure, f"{title}: {_summary(instances)}", warnings_of(instances))
-    colours = palette(instances.shape("instances/level")[0])
+    colors = palette(instances.shape("instances/level")[0])
     for column, frame in enumerate(shown):
         image, labels = frames.row("rgb", frame), instances.row("labels", frame)
         show(grid[0, column], image, f"frame {frame}")
@@ -78,9 +78,9 @@ def run(
             heading = (
                 f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {visible} instances"
             )
-            show(grid[1 + level, column], tinted(image, labels[level], colours), heading)
+            show(grid[1 + level, column], tinted(image, labels[level], colors), heading)
     if in_3d:
-        _draw_from_above(grid[: 1 + len(levels), -1], poses, instances, colours)
+        _draw_from_above(grid[: 1 + len(levels), -1], poses, instances, colors)
     for place, instance in enumerate(cropped):
         rows = grid[1 + len(levels) + 2 * place :][:2]
         rows[0, -1].set_axis_off(), rows[1, -1].set_axis_off()
@@ -92,11 +92,11 @@ def _summary(instances: Artifact) -> str:
     facts = instances.facts
     by_level = ", ".join(f"{number} {name}s" for name, number in facts["instances"].items())
     made = "tracks" if facts["source"] == "tracks" else "masks merged in 3D"
-    return f"{by_level} ({made}), origin {instances.origin}\nan instance has the same colour everywhere"
+    return f"{by_level} ({made}), origin {instances.origin}\nan instance has the same color everywhere"
 
 
 def _draw_from_above(
-    cells: NDArray[np.object_], poses: Artifact, instances: Artifact, colours: NDArray[np.float64]
+    cells: NDArray[np.object_], poses: Artifact, instances: Artifact, colors: NDArray[np.float64]
 ) -> None:
     """Draw the Gaussians of each level's instances from above, without what is higher than the cameras."""
     up = poses.read("up")
@@ -112,13 +112,13 @@ def _draw_from_above(
         drawn = np.flatnonzero(inside & (owner[:, level] >= 0))
         drawn = drawn[np.argsort(height[drawn], kind="stable")]
         cell = cells[1 + level]
-        cell.scatter(*(xyz[drawn] @ plane.T).T, s=0.6, c=colours[owner[drawn, level]], linewidths=0)
+        cell.scatter(*(xyz[drawn] @ plane.T).T, s=0.6, c=colors[owner[drawn, level]], linewidths=0)
         cell.set(aspect="equal", xticks=[], yticks=[])
         cell.set_title(f"{name}: from above", fontsize=9)
 
 
 def palette(count: int) -> NDArray[np.float64]:
-    """(count, 3) colours in 0..1; consecutive ones have very different hues."""
+    """(count, 3) colors in 0..1; consecutive ones have very different hues."""
     hues = (np.arange(count) * 0.61803398875) % 1.0
     value = 0.75 + 0.25 * ((np.arange(count) // 7) % 2)
     hsv = np.stack([hues, np.full(count, 0.85), value], axis=1)
@@ -126,30 +126,30 @@ def palette(count: int) -> NDArray[np.float64]:
 
 
 def tinted(
-    picture: NDArray[np.uint8], labels: NDArray[np.int32], colours: NDArray[np.float64]
+    picture: NDArray[np.uint8], labels: NDArray[np.int32], colors: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Tint and outline the instances of an image; the rest is grey.
+    """Tint and outline the instances of an image; the rest is gray.
 
     Args:
         picture: (H, W, 3) uint8.
         labels: (H, W) instances, -1 for none.
-        colours: (N, 3) in 0..1.
+        colors: (N, 3) in 0..1.
 
     Returns:
         (H, W, 3) float64 in 0..1.
     """
     light = picture / 255.0
-    grey = np.repeat(light.mean(axis=2, keepdims=True), 3, axis=2)
-    if not len(colours):
-        return 0.6 * grey
-    tint = (1 - TINT) * grey + TINT * colours[np.maximum(labels, 0)]
-    shown = np.where((labels >= 0)[..., None], tint, 0.6 * grey)
+    gray = np.repeat(light.mean(axis=2, keepdims=True), 3, axis=2)
+    if not len(colors):
+        return 0.6 * gray
+    tint = (1 - TINT) * gray + TINT * colors[np.maximum(labels, 0)]
+    shown = np.where((labels >= 0)[..., None], tint, 0.6 * gray)
     shown[_borders(labels)] = 1.0
     return shown
 
 
 def _borders(labels: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(H, W) bool pixels whose right or lower neighbour has another label."""
+    """(H, W) bool pixels whose right or lower neighbor has another label."""
     borders = np.zeros(labels.shape, dtype=bool)
     borders[:, :-1] |= labels[:, :-1] != labels[:, 1:]
     borders[:-1] |= labels[:-1] != labels[1:]

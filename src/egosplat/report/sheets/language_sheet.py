@@ -1,4 +1,4 @@
-"""Draw the codes of the Gaussians on one page: views through the recording, with the codes of each level as colours."""
+"""Draw the codes of the Gaussians on one page: views through the recording, with the codes of each level as colors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,19 +31,19 @@ LONGEST_SIDE = 512
 # Width of an image on the page [inches].
 CELL = 2.9
 
-# Grey level, 0..1, of pixels without a code.
+# Gray level, 0..1, of pixels without a code.
 UNKNOWN = 0.25
 
-# Range of the colours, in standard deviations on either side of the mean.
+# Range of the colors, in standard deviations on either side of the mean.
 SPREAD = 2.0
 
 
 @dataclass(frozen=True)
-class CodeColours:
-    """An affine map of C-dimensional codes to colours: the first three principal components as red, green, blue.
+class CodeColors:
+    """An affine map of C-dimensional codes to colors: the first three principal components as red, green, blue.
 
     Attributes:
-        mean: (C,) code shown as medium grey.
+        mean: (C,) code shown as medium gray.
         axes: (3, C) principal axes, divided by the width of their range; 0 for a missing component.
     """
 
@@ -51,10 +51,10 @@ class CodeColours:
     axes: NDArray[np.float64]
 
     def paint(self, codes: NDArray[np.float32], coverage: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(..., 3) colours in [0, 1] of (..., C) codes, blended with grey where the (...) coverage is below 1."""
-        colours = np.clip(0.5 + (codes - self.mean) @ self.axes.T, 0.0, 1.0)
+        """(..., 3) colors in [0, 1] of (..., C) codes, blended with gray where the (...) coverage is below 1."""
+        colors = np.clip(0.5 + (codes - self.mean) @ self.axes.T, 0.0, 1.0)
         share = np.clip(coverage, 0.0, 1.0)[..., None]
-        return share * colours + (1 - share) * UNKNOWN
+        return share * colors + (1 - share) * UNKNOWN
 
 
 def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, *, title: str) -> None:
@@ -91,9 +91,9 @@ def _reduced(camera: Camera) -> Camera:
 def _summary(language: Artifact) -> str:
     return (
         f"language codes of the Gaussians ({language.facts['method']}), origin {language.origin}\n"
-        "views of the recording, as different as possible: rendered colours, and codes of each level; similar colours are "
+        "views of the recording, as different as possible: rendered colors, and codes of each level; similar colors are "
         "similar features; "
-        "dark grey: no code, because no training view shows an instance"
+        "dark gray: no code, because no training view shows an instance"
     )
 
 
@@ -107,7 +107,7 @@ def _draw_views(
 ) -> None:
     """Draw a column for each frame of ``poses``, which has its (4, 4) camera_to_world."""
     code, share = language.read("code"), language.read("share")
-    colours, device = principal_colours(code, share), scene.gaussians.means.device
+    colors, device = principal_colors(code, share), scene.gaussians.means.device
     for column, (frame, pose) in enumerate(poses.items()):
         show(grid[0, column], scene.picture(camera, pose), f"as in frame {frame}")
         rendered = render_codes(
@@ -120,12 +120,12 @@ def _draw_views(
         )
         for row, name in enumerate(language.facts["levels"]):
             coverage = rendered.coverage[row].cpu().numpy()
-            picture = colours.paint(rendered.codes[row].cpu().numpy(), coverage)
+            picture = colors.paint(rendered.codes[row].cpu().numpy(), coverage)
             show(grid[1 + row, column], picture, f"{name}: {coverage.mean():.0%} covered by codes")
 
 
-def principal_colours(code: NDArray[np.float32], share: NDArray[np.float32]) -> CodeColours:
-    """Fit one colour map to the codes of all levels, so that equal codes have equal colours at every level.
+def principal_colors(code: NDArray[np.float32], share: NDArray[np.float32]) -> CodeColors:
+    """Fit one color map to the codes of all levels, so that equal codes have equal colors at every level.
 
     Args:
         code: (N, L, C), weighted by their shares.
@@ -141,15 +141,15 @@ def principal_colours(code: NDArray[np.float32], share: NDArray[np.float32]) -> 
         second += (values * weight[:, None]).T @ values
     mean = first / max(total, np.finfo(float).tiny)
     variance, vectors = np.linalg.eigh(second / max(total, np.finfo(float).tiny) - np.outer(mean, mean))
-    return CodeColours(mean, _scaled(variance[::-1][:3], vectors.T[::-1][:3]))
+    return CodeColors(mean, _scaled(variance[::-1][:3], vectors.T[::-1][:3]))
 
 
 def _scaled(variance: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, C) axes of ``CodeColours`` from at most three principal components, the largest first."""
+    """(3, C) axes of ``CodeColors`` from at most three principal components, the largest first."""
     axes = np.zeros((3, vectors.shape[1]))
     for axis, value, vector in zip(axes, variance, vectors, strict=False):
         if value > 1e-9 * max(variance[0], 1e-9):
-            # The sign of an eigenvector is arbitrary. Making its largest entry positive keeps colours reproducible.
+            # The sign of an eigenvector is arbitrary. Making its largest entry positive keeps colors reproducible.
             sign = np.sign(vector[np.argmax(np.abs(vector))])
             axis[:] = sign * vector / (2 * SPREAD * np.sqrt(value))
     return axes

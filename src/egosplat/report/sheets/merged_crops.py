@@ -10,7 +10,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import show
 from egosplat.sampling import evenly_spaced
 
-# Grey level around a crop's mask, 0..1.
+# Gray level around a crop's mask, 0..1.
 _BACKGROUND = 0.12
 
 # Frames that are searched for an instance, and least share of a frame's pixels that it must cover to be shown.

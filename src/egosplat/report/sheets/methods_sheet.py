@@ -60,7 +60,7 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
             _draw(part, queries, names, shown)
     else:
         figure.text(0.5, 0.4, "No query was asked of all methods.", ha="center")
-    legend = "white: annotated instances; colours: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel"
+    legend = "white: annotated instances; colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel"
     draw_heading(figure, f"{title}\n{legend}", [])
     save_figure(figure, output, PAGE)
 
@@ -103,11 +103,11 @@ def _draw(
 
 
 def _draw_answer(axes: Axes, name: str, query: ShownQuery) -> None:
-    verdict, marker, colour = HIT if query.scored.hit else MISS
+    verdict, marker, color = HIT if query.scored.hit else MISS
     draw_heat(axes, query.view, query.answer.relevancy)
     draw_outline(axes, query.target)
-    axes.set_title(f"{name}: {verdict}, IoU {query.scored.iou:.2f}", fontsize=8, color=colour)
+    axes.set_title(f"{name}: {verdict}, IoU {query.scored.iou:.2f}", fontsize=8, color=color)
     if query.answer.pixel is not None:
         axes.scatter(
-            *query.answer.pixel, s=60, marker=marker, color=colour, edgecolors="white", linewidths=1.2
+            *query.answer.pixel, s=60, marker=marker, color=color, edgecolors="white", linewidths=1.2
         )

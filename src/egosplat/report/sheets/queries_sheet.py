@@ -83,7 +83,7 @@ def summary(scored: ScoredScene) -> str:
     return (
         f"{accuracy.queries} queries; accuracy {_percent(accuracy)}, mIoU {_percent(mean_iou)}; chance: {chance}; "
         f"{about}\nwhite: annotated instances{', dashed: their boxes' if _hits_boxes(scored) else ''}; "
-        "colours: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel, green for a hit, red for a miss"
+        "colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel, green for a hit, red for a miss"
     )
 
 
@@ -124,8 +124,8 @@ def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> N
     photograph.imshow(query.photograph)
     photograph.set_title(f'"{scored.category}", frame {scored.frame}', fontsize=9)
     draw_heat(heat, query.view, answer.relevancy)
-    verdict, marker, colour = HIT if scored.hit else MISS
-    heat.set_title(f"{verdict}, relevancy {scored.relevancy:.2f}", fontsize=9, color=colour)
+    verdict, marker, color = HIT if scored.hit else MISS
+    heat.set_title(f"{verdict}, relevancy {scored.relevancy:.2f}", fontsize=9, color=color)
     draw_mask(mask, query.view, answer.mask)
     mask.set_title(f"mask: IoU {scored.iou:.2f}", fontsize=9)
     for axes in cells:
@@ -134,7 +134,7 @@ def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> N
         _draw_boxes(photograph, query.boxes)
         _draw_boxes(heat, query.boxes)
     if answer.pixel is not None:
-        heat.scatter(*answer.pixel, s=110, marker=marker, color=colour, edgecolors="white", linewidths=1.5)
+        heat.scatter(*answer.pixel, s=110, marker=marker, color=color, edgecolors="white", linewidths=1.5)
 
 
 def _draw_boxes(axes: Axes, boxes: NDArray[np.int64]) -> None:

@@ -27,7 +27,7 @@ PICTURES = 4
 # Height of an image [inches].
 CELL = 3.0
 
-# Mean absolute error over the channels, 0..1, with the brightest colour of the error map.
+# Mean absolute error over the channels, 0..1, with the brightest color of the error map.
 ERROR_LIMIT = 0.3
 
 

@@ -44,11 +44,11 @@ CELL = 2.9
 # Height of the chart [inches].
 CHART = 2.6
 
-# Colours of transient instances, of static ones, and of those above the threshold at a level that is not
+# Colors of transient instances, of static ones, and of those above the threshold at a level that is not
 # used.
 MASKED, STATIC, OTHER_LEVEL = "crimson", "0.7", "lightpink"
 
-# Opacity of the colour of masked pixels.
+# Opacity of the color of masked pixels.
 TINT = 0.4
 
 # Opacity of the heat map.
@@ -121,7 +121,7 @@ def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list
         posed: (F,) which frames have a pose; only these can be rendered.
     """
     moving, still = np.flatnonzero(posed & (masked > 0)), np.flatnonzero(posed & (masked == 0))
-    # The outer quarters of a part are left out, so that no two frames are neighbours.
+    # The outer quarters of a part are left out, so that no two frames are neighbors.
     middles = [part[len(part) // 4 : len(part) - len(part) // 4] for part in np.array_split(moving, MOVING)]
     most = [int(middle[np.argmax(masked[middle])]) for middle in middles if len(middle)]
     spread = still[middles_of_parts(len(still), PICTURES - len(most))].tolist()
@@ -163,7 +163,7 @@ def _draw_frames(page: SubFigure, sources: _Sources, shown: list[int], columns: 
 def _draw_probability(
     cell: Axes, photograph: NDArray[np.uint8], probability: NDArray[np.float16]
 ) -> AxesImage:
-    """Draw the probability over the photograph, shown in grey."""
+    """Draw the probability over the photograph, shown in gray."""
     values = np.nan_to_num(probability.astype(np.float32))
     show(cell, photograph.mean(axis=2), f"transient probability: mean {values.mean():.1%}", cmap="gray")
     return cell.imshow(values, cmap="inferno", vmin=0.0, vmax=1.0, alpha=HEAT)
@@ -212,10 +212,10 @@ def _draw_scores(axes: Axes, masks: Artifact, instances: Artifact) -> None:
     named = len(order) <= NAMED_BARS
     other = ~moves & (scores >= threshold)
     groups = ((moves, MASKED, "transient"), (other, OTHER_LEVEL, "at a level that is not used"))
-    for chosen, colour, label in (*groups, (~moves & ~other, STATIC, "static")):
+    for chosen, color, label in (*groups, (~moves & ~other, STATIC, "static")):
         places = np.flatnonzero(chosen[order])
         # Antialiasing would draw seams between many narrow bars.
-        options = {"width": 0.8 if named else 1.0, "antialiased": False, "color": colour, "label": label}
+        options = {"width": 0.8 if named else 1.0, "antialiased": False, "color": color, "label": label}
         if len(places):
             axes.bar(places, scores[order[places]], **options)
     axes.axhline(threshold, color="black", linestyle="--", linewidth=1.2, label=f"threshold {threshold:g}")

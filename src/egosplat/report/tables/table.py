@@ -17,7 +17,7 @@ class Column:
     Attributes:
         scene: name of the scene, or ``AVERAGE``.
         metric, group: see ``egosplat.report.tables.paper_numbers``.
-        over: heading shared with neighbouring columns; empty for none.
+        over: heading shared with neighboring columns; empty for none.
         heading: heading of the column.
     """
 

@@ -55,8 +55,8 @@ _DIRECTIONS = (
 def draw(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
     """Plot one or more ``tradeoff.json`` as PNG, atomically.
 
-    A marker is the mean of a point, with its interval. The front is connected and labelled; presets are labelled, too. Of
-    several scenes, each has a thin line, and the means of all scenes are labelled.
+    A marker is the mean of a point, with its interval. The front is connected and labeled; presets are labeled, too. Of
+    several scenes, each has a thin line, and the means of all scenes are labeled.
     """
     figure = plt.figure(figsize=(13.5, 10.5), layout="constrained")
     names = ", ".join(document["scene"] for document in documents)

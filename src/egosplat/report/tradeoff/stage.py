@@ -10,7 +10,15 @@ from egosplat.pipeline.validation import read_document
 from egosplat.progress import log
 from egosplat.report.tradeoff.chart import PICTURE, draw
 from egosplat.report.tradeoff.measured import read_points
-from egosplat.report.tradeoff.page import PAGE, TABLE, TRADEOFF, to_csv, to_html, tradeoff_document, write_document
+from egosplat.report.tradeoff.page import (
+    PAGE,
+    TABLE,
+    TRADEOFF,
+    to_csv,
+    to_html,
+    tradeoff_document,
+    write_document,
+)
 
 # Stem of the files.
 NAME = "tradeoff"

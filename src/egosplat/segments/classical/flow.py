@@ -12,7 +12,7 @@ from egosplat.segments.classical.working_image import resize_to_side
 
 Floats = NDArray[np.float32]
 
-# Colours are compared after smoothing with a Gaussian of this sigma, at the nominal side [px].
+# Colors are compared after smoothing with a Gaussian of this sigma, at the nominal side [px].
 _SURROUNDINGS = 2.0
 
 
@@ -48,14 +48,14 @@ def find_origins(
     """
     height, width = valid.shape
     small = [resize_to_side(one, valid, options.flow_side) for one in (previous, current)]
-    colours = [cv2.cvtColor(one.rgb, cv2.COLOR_RGB2LAB) for one in small]
+    colors = [cv2.cvtColor(one.rgb, cv2.COLOR_RGB2LAB) for one in small]
     # CIELAB lightness, 0 to 100, as uint8: optical flow needs one 8-bit channel.
-    before, now = (np.rint(one[..., 0] * 2.55).astype(np.uint8) for one in colours)
+    before, now = (np.rint(one[..., 0] * 2.55).astype(np.uint8) for one in colors)
     motion = find_motion(now, before)
     backward, forward = _flow(now, before, motion), _flow(before, now, np.linalg.inv(motion))
     shape = small[0].valid.shape
     agrees = is_consistent(backward, forward, options.flow_error * small[0].unit)
-    agrees &= _look_alike(*colours, backward, small[0].unit, options)
+    agrees &= _look_alike(*colors, backward, small[0].unit, options)
     scale = np.array([width / shape[1], height / shape[0]], dtype=np.float32)
     if (height, width) != shape:
         backward = cv2.resize(backward, (width, height), interpolation=cv2.INTER_LINEAR)
@@ -71,12 +71,12 @@ def find_origins(
 def _look_alike(
     before: Floats, now: Floats, backward: Floats, unit: float, options: ClassicalOptions
 ) -> NDArray[np.bool_]:
-    """(h, w) bool: a pixel's neighbourhood has the colour (CIELAB) of the neighbourhood at its origin."""
+    """(h, w) bool: a pixel's neighborhood has the color (CIELAB) of the neighborhood at its origin."""
     ends = pixel_grid(*now.shape[:2]) + backward
     warped = cv2.remap(before, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     apart = cv2.GaussianBlur(now - warped, (0, 0), _SURROUNDINGS * unit)
     apart[..., 0] *= options.lightness_weight
-    return np.linalg.norm(apart, axis=2) <= options.colour_error
+    return np.linalg.norm(apart, axis=2) <= options.color_error
 
 
 def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[np.float64]) -> Floats:

@@ -1,4 +1,4 @@
-"""Superpixels of an image as a graph: colour and texture of each region, boundaries between neighbours."""
+"""Superpixels of an image as a graph: color and texture of each region, boundaries between neighbors."""
 
 from dataclasses import dataclass
 
@@ -12,11 +12,11 @@ from egosplat.segments.classical.working_image import WorkingImage
 Floats = NDArray[np.float64]
 
 _BINS = 20
-# Ranges of the histograms: CIELAB, and the standard deviation of CIELAB in a neighbourhood.
-_LIGHTNESS, _COLOUR, _TEXTURE = (0.0, 100.0), (-60.0, 60.0), (0.0, 40.0)
+# Ranges of the histograms: CIELAB, and the standard deviation of CIELAB in a neighborhood.
+_LIGHTNESS, _COLOR, _TEXTURE = (0.0, 100.0), (-60.0, 60.0), (0.0, 40.0)
 # Texture is the difference to a Gaussian blur of the first sigma; its power is averaged by the second [px at
 # side].
-_DETAIL, _NEIGHBOURHOOD = 2.0, 3.0
+_DETAIL, _NEIGHBORHOOD = 2.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class RegionGraph:
         profile: (N, 4, B) cumulative histograms of lightness, a, b and texture, summed over the pixels. They are
             scaled: the absolute differences of two profiles, each divided by its area, sum to the weighted earth
             mover's distance.
-        pairs: (E, 2) neighbouring regions, smaller number first.
+        pairs: (E, 2) neighboring regions, smaller number first.
         length: (E,) length of their common boundary [px].
         edge: (E,) gradient summed along that boundary [CIELAB/px x px].
     """
@@ -43,7 +43,7 @@ class RegionGraph:
 
 
 def make_graph(working: WorkingImage, options: ClassicalOptions) -> RegionGraph:
-    """Divide an image into superpixels (Felzenszwalb and Huttenlocher 2004) and connect neighbours."""
+    """Divide an image into superpixels (Felzenszwalb and Huttenlocher 2004) and connect neighbors."""
     lab = cv2.cvtColor(working.rgb, cv2.COLOR_RGB2LAB)
     labels = _superpixels(lab, working, options)
     count = int(labels.max()) + 1
@@ -51,8 +51,8 @@ def make_graph(working: WorkingImage, options: ClassicalOptions) -> RegionGraph:
     area = np.bincount(labels[inside], minlength=count).astype(np.float64)
     channels = (
         (lab[..., 0], _LIGHTNESS, options.lightness_weight),
-        (lab[..., 1], _COLOUR, 1.0),
-        (lab[..., 2], _COLOUR, 1.0),
+        (lab[..., 1], _COLOR, 1.0),
+        (lab[..., 2], _COLOR, 1.0),
         (_texture(lab, working.unit), _TEXTURE, options.texture_weight),
     )
     profile = [_profile(channel[inside], labels[inside], count, *rest) for channel, *rest in channels]
@@ -80,7 +80,7 @@ def _texture(lab: NDArray[np.float32], unit: float) -> NDArray[np.float32]:
     """(h, w) strength of the texture around each pixel [CIELAB]."""
     detail = lab - cv2.GaussianBlur(lab, (0, 0), _DETAIL * unit)
     power = np.square(detail).sum(axis=2)
-    return np.sqrt(cv2.GaussianBlur(power, (0, 0), _NEIGHBOURHOOD * unit))
+    return np.sqrt(cv2.GaussianBlur(power, (0, 0), _NEIGHBORHOOD * unit))
 
 
 def _gradient(lab: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
@@ -101,7 +101,7 @@ def _profile(
     low, high = bounds
     place = np.clip((values - low) / (high - low), 0, 1) * (_BINS - 1)
     lower = np.minimum(place.astype(np.int64), _BINS - 2)
-    # A value between the centres of two bins counts for both: else slow changes of light would appear as jumps.
+    # A value between the centers of two bins counts for both: else slow changes of light would appear as jumps.
     upper_share = place - lower
     cells = labels * np.int64(_BINS) + lower
     counts = np.bincount(cells, 1 - upper_share, count * _BINS)
@@ -112,7 +112,7 @@ def _profile(
 def _boundaries(
     labels: NDArray[np.int32], gradient: NDArray[np.float32], count: int
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Pairs of neighbouring regions, the length of each boundary, and the gradient summed along it."""
+    """Pairs of neighboring regions, the length of each boundary, and the gradient summed along it."""
     keys, edges = [], []
     for before, after in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         here, there = labels[before], labels[after]

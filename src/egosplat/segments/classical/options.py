@@ -14,9 +14,9 @@ class ClassicalOptions:
         side: longest side at which images are segmented [px]; larger images are reduced, their labels enlarged.
         smoothing: sigma of the Gaussian blur before superpixels are computed, at ``side`` [px].
         granularity: Felzenszwalb and Huttenlocher's k [difference x area]; larger values give larger superpixels.
-        least_area: smaller regions are merged into their most similar neighbour.
+        least_area: smaller regions are merged into their most similar neighbor.
         least_width: thinner regions are, too; at ``side`` [px].
-        lightness_weight: weight of a difference in lightness; that of the two colour axes is 1.
+        lightness_weight: weight of a difference in lightness; that of the two color axes is 1.
         texture_weight: weight of a difference in texture strength.
         edge_weight: weight of the gradient across the common boundary, in differences per (difference/px).
         edge_scale: sigma of that gradient's Gaussian blur, at ``side`` [px].
@@ -28,7 +28,7 @@ class ClassicalOptions:
         flow_side: longest side at which optical flow is computed [px].
         flow_error: largest gap between forward and backward flow at ``flow_side`` [px], besides a tenth of their
             length.
-        colour_error: largest colour change of a pixel between frames [difference].
+        color_error: largest color change of a pixel between frames [difference].
         least_support: a fine region takes a label only if this share of its pixels has one,
         purity: and if this share of those agrees; else pixels keep their own labels.
         new_area: an uncovered region becomes a new track if it is at least this large.
@@ -50,7 +50,7 @@ class ClassicalOptions:
     whole: float = 29.0
     flow_side: int = 384
     flow_error: float = 8.0
-    colour_error: float = 15.0
+    color_error: float = 15.0
     least_support: float = 0.15
     purity: float = 0.7
     new_area: float = 1e-3

@@ -38,8 +38,8 @@ def partition(
 def merge_levels(graph: RegionGraph, unit: float, options: ClassicalOptions) -> NDArray[np.int32]:
     """Merge superpixels into the regions of each level.
 
-    The two most similar neighbours are merged repeatedly (binary partition tree, Salembier and Garrido 2000). The
-    difference of two regions is the earth mover's distance of their colours and textures plus the gradient across
+    The two most similar neighbors are merged repeatedly (binary partition tree, Salembier and Garrido 2000). The
+    difference of two regions is the earth mover's distance of their colors and textures plus the gradient across
     their boundary; it is reduced for small and for enclosed regions, see ``ClassicalOptions``.
 
     Args:
@@ -72,18 +72,18 @@ class _Merging:
         self._area = graph.area.copy()
         self._sum = graph.profile.copy()
         self._mean = graph.profile / graph.area[:, None, None]
-        self._neighbours: list[dict[int, tuple[float, float]]] = [{} for _ in range(count)]
+        self._neighbors: list[dict[int, tuple[float, float]]] = [{} for _ in range(count)]
         for (a, b), *boundary in zip(
             graph.pairs.tolist(), graph.length.tolist(), graph.edge.tolist(), strict=True
         ):
-            self._neighbours[a][b] = self._neighbours[b][a] = tuple(boundary)
-        self._outline = np.array([_length(one) for one in self._neighbours])
+            self._neighbors[a][b] = self._neighbors[b][a] = tuple(boundary)
+        self._outline = np.array([_length(one) for one in self._neighbors])
         # Merging a region raises its version: queue entries of an older version are ignored.
         self._version = [0] * count
         self._queue: list[tuple[float, int, int, int, int]] = []
 
     def clean(self, least_area: float, least_width: float) -> None:
-        """Merge regions that are too small or too thin, the smallest first, into their most similar neighbour."""
+        """Merge regions that are too small or too thin, the smallest first, into their most similar neighbor."""
 
         def is_poor(number: int) -> bool:
             area = self._area[number]
@@ -93,25 +93,25 @@ class _Merging:
         heapq.heapify(queue)
         while queue:
             area, number = heapq.heappop(queue)
-            if area != self._area[number] or not self._neighbours[number]:
+            if area != self._area[number] or not self._neighbors[number]:
                 continue  # an outdated entry: the region was merged meanwhile
-            others = list(self._neighbours[number])
+            others = list(self._neighbors[number])
             kept = self._merge(number, others[int(np.argmin(self._differences(number, others)))])
             if is_poor(kept):
                 heapq.heappush(queue, (self._area[kept], kept))
 
     def start(self) -> None:
-        """Queue all pairs of neighbours."""
-        for number, neighbours in enumerate(self._neighbours):
-            self._push(number, [other for other in neighbours if other > number])
+        """Queue all pairs of neighbors."""
+        for number, neighbors in enumerate(self._neighbors):
+            self._push(number, [other for other in neighbors if other > number])
 
     def merge_below(self, threshold: float) -> None:
-        """Merge until all neighbouring regions differ by at least ``threshold``."""
+        """Merge until all neighboring regions differ by at least ``threshold``."""
         while self._queue and self._queue[0][0] < threshold:
             _, a, b, version_a, version_b = heapq.heappop(self._queue)
             if (self._version[a], self._version[b]) == (version_a, version_b):
                 kept = self._merge(a, b)
-                self._push(kept, list(self._neighbours[kept]))
+                self._push(kept, list(self._neighbors[kept]))
 
     def _push(self, number: int, others: list[int]) -> None:
         if not others:
@@ -122,15 +122,15 @@ class _Merging:
             heapq.heappush(self._queue, (difference, number, other, mine, self._version[other]))
 
     def _differences(self, number: int, others: list[int]) -> Floats:
-        """(K,) difference of a region to each of K neighbours [CIELAB]."""
+        """(K,) difference of a region to each of K neighbors [CIELAB]."""
         apart = np.abs(self._mean[others] - self._mean[number]).sum(axis=2)
-        boundary = np.array([self._neighbours[number][other] for other in others])
+        boundary = np.array([self._neighbors[number][other] for other in others])
         edge = boundary[:, 1] / boundary[:, 0]
         return np.sqrt(np.square(apart).sum(axis=1)) + self._options.edge_weight * edge
 
     def _size_weight(self, number: int, others: list[int]) -> Floats:
         """(K,) factors of the differences for the regions' sizes and common boundaries."""
-        length = np.array([self._neighbours[number][other][0] for other in others])
+        length = np.array([self._neighbors[number][other][0] for other in others])
         # As in Ward's criterion: about the smaller area if the areas differ much, half of it if they are equal.
         size = self._area[others] * self._area[number] / (self._area[others] + self._area[number])
         contact = length / np.minimum(self._outline[others], self._outline[number])
@@ -138,7 +138,7 @@ class _Merging:
         return size * (1 - self._options.contact_weight * contact)
 
     def _merge(self, a: int, b: int) -> int:
-        """Merge two neighbours; returns the number of the larger, which the region keeps."""
+        """Merge two neighbors; returns the number of the larger, which the region keeps."""
         kept, gone = (a, b) if (self._area[a], -a) >= (self._area[b], -b) else (b, a)
         self._sum[kept] += self._sum[gone]
         self._area[kept] += self._area[gone]
@@ -148,17 +148,17 @@ class _Merging:
         self._version[gone] = -1
         self.region[self._members[gone]] = kept
         self._members[kept] += self._members[gone]
-        del self._neighbours[gone][kept], self._neighbours[kept][gone]
-        mine = self._neighbours[kept]
-        for other, (length, edge) in self._neighbours[gone].items():
-            del self._neighbours[other][gone]
+        del self._neighbors[gone][kept], self._neighbors[kept][gone]
+        mine = self._neighbors[kept]
+        for other, (length, edge) in self._neighbors[gone].items():
+            del self._neighbors[other][gone]
             known_length, known_edge = mine.get(other, (0.0, 0.0))
-            mine[other] = self._neighbours[other][kept] = (known_length + length, known_edge + edge)
-        self._neighbours[gone] = {}
+            mine[other] = self._neighbors[other][kept] = (known_length + length, known_edge + edge)
+        self._neighbors[gone] = {}
         self._outline[kept] = _length(mine)
         return kept
 
 
-def _length(neighbours: dict[int, tuple[float, float]]) -> float:
-    """Total length of the boundaries to all neighbours [px]."""
-    return sum(length for length, _ in neighbours.values())
+def _length(neighbors: dict[int, tuple[float, float]]) -> float:
+    """Total length of the boundaries to all neighbors [px]."""
+    return sum(length for length, _ in neighbors.values())

@@ -12,7 +12,7 @@ class WorkingImage:
     """An image at the working size.
 
     Attributes:
-        rgb: (h, w, 3) float32 in [0, 1]; invalid pixels have the colour of the nearest valid one.
+        rgb: (h, w, 3) float32 in [0, 1]; invalid pixels have the color of the nearest valid one.
         valid: (h, w) bool, pixels that are valid at least in part.
         shape: height and width of the original image.
         unit: working pixels per pixel at the nominal side, at most 1.
@@ -64,7 +64,7 @@ def fill(values: NDArray[np.generic], known: NDArray[np.bool_]) -> NDArray[np.ge
 
 
 def enlarge(labels: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.int32]:
-    """Enlarge (..., h, w) labels to (..., *shape): each pixel takes the label at its centre."""
+    """Enlarge (..., h, w) labels to (..., *shape): each pixel takes the label at its center."""
     rows, columns = (
         (2 * np.arange(size) + 1) * there // (2 * size)
         for size, there in zip(shape, labels.shape[-2:], strict=True)

@@ -35,9 +35,9 @@ function gaussianRelevancy(scene, ofEntries) {
 }
 
 // The things that match best, by decreasing score.
-function findThings(scene, neighbours, relevancy, most) {
+function findThings(scene, neighbors, relevancy, most) {
   const found = relevancy.flatMap((values, level) =>
-    parts(scene, neighbours, values, level).map((members) => measured(scene, values, members, level)));
+    parts(scene, neighbors, values, level).map((members) => measured(scene, values, members, level)));
   found.sort((one, other) => other.score - one.score);
   const kept = [];
   for (const thing of found) {
@@ -48,14 +48,14 @@ function findThings(scene, neighbours, relevancy, most) {
 }
 
 // Connected sets of Gaussians whose averaged relevancy, normalized over the level, is above the threshold.
-function parts(scene, neighbours, values, level) {
+function parts(scene, neighbors, values, level) {
   const { count, weights } = scene, weight = weights[level], { nearest, segmentation_threshold, least } = scene.facts.query;
   const smooth = new Float32Array(count);
   let lowest = Infinity, peak = -Infinity;
   for (let one = 0; one < count; one++) {
     let sum = 0, total = 0;
     for (let place = one * nearest; place < (one + 1) * nearest; place++) {
-      const other = neighbours[place];
+      const other = neighbors[place];
       if (other >= count) continue;
       sum += weight[other] * values[other];
       total += weight[other];
@@ -69,10 +69,10 @@ function parts(scene, neighbours, values, level) {
   const isMember = (one) => weight[one] > 0 && smooth[one] - lowest > segmentation_threshold * (peak - lowest);
   const members = [];
   for (let one = 0; one < count; one++) if (isMember(one)) members.push(one);
-  return components(members, neighbours, nearest, count).filter((part) => part.length >= least);
+  return components(members, neighbors, nearest, count).filter((part) => part.length >= least);
 }
 
-function components(members, neighbours, nearest, count) {
+function components(members, neighbors, nearest, count) {
   const parent = new Int32Array(count).fill(-1);
   for (const one of members) parent[one] = one;
   const root = (one) => {
@@ -81,7 +81,7 @@ function components(members, neighbours, nearest, count) {
   };
   for (const one of members)
     for (let place = one * nearest; place < (one + 1) * nearest; place++) {
-      const other = neighbours[place];
+      const other = neighbors[place];
       if (other < count && parent[other] >= 0) parent[root(one)] = root(other);
     }
   const groups = new Map();
@@ -94,12 +94,12 @@ function components(members, neighbours, nearest, count) {
 }
 
 function measured(scene, values, members, level) {
-  const weight = scene.weights[level], centre = [0, 0, 0];
+  const weight = scene.weights[level], center = [0, 0, 0];
   let total = 0, fit = 0;
   for (const one of members) {
     total += weight[one];
     fit += weight[one] * values[one];
-    for (let axis = 0; axis < 3; axis++) centre[axis] += weight[one] * scene.means[3 * one + axis];
+    for (let axis = 0; axis < 3; axis++) center[axis] += weight[one] * scene.means[3 * one + axis];
   }
   const shown = scene.views.map(({ share }) => members.reduce((sum, one) => sum + share[one], 0));
   const view = shown.indexOf(Math.max(...shown));
@@ -108,7 +108,7 @@ function measured(scene, values, members, level) {
     members, level,
     score: ((fit / total) * shown[view]) / (shown[view] + box),
     frame: scene.views[view].frame,
-    centre: centre.map((sum) => sum / total),
+    center: center.map((sum) => sum / total),
     size: [0, 1, 2].map((axis) => extent(scene, weight, members, axis)),
   };
 }

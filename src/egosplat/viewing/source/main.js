@@ -13,7 +13,7 @@ class Page {
     this.canvas = $("view");
     const source = URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" }));
     this.renderer = new Renderer(this.canvas, scene, new Worker(source));
-    this.neighbours = this.findNeighbours(source);
+    this.neighbors = this.findNeighbors(source);
     this.camera = new SceneCamera(facts.up);
     this.share = 1;
     this.questions = 0;
@@ -24,14 +24,14 @@ class Page {
     this.showFrame(Math.max(0, facts.frames.indexOf(mostSeen(scene.views))));
   }
 
-  findNeighbours(source) {
+  findNeighbors(source) {
     const worker = new Worker(source), { nearest, reach } = this.scene.facts.query;
     return new Promise((resolve) => {
       worker.onmessage = ({ data }) => {
         worker.terminate();
-        resolve(data.neighbours);
+        resolve(data.neighbors);
       };
-      worker.postMessage({ means: this.scene.means, neighbours: { radii: this.scene.radii, nearest, reach } });
+      worker.postMessage({ means: this.scene.means, neighbors: { radii: this.scene.radii, nearest, reach } });
     });
   }
 
@@ -200,12 +200,12 @@ class Page {
     const relevancy = gaussianRelevancy(this.scene, paletteRelevancy(this.scene, vector));
     this.heatTime = performance.now() - begun;
     $("answer").textContent = `"${shortened(phrase)}" ...`;
-    const things = findThings(this.scene, await this.neighbours, relevancy, 3);
+    const things = findThings(this.scene, await this.neighbors, relevancy, 3);
     if (question !== this.questions) return null;
     const best = things[0], { min_score } = this.scene.facts.query, fitting = things.filter((thing) => thing.score >= min_score);
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
-    this.mark = fitting.length ? { point: best.centre, text: `${shortened(phrase)} ${best.score.toFixed(2)}` } : null;
+    this.mark = fitting.length ? { point: best.center, text: `${shortened(phrase)} ${best.score.toFixed(2)}` } : null;
     $("level").value = String(best?.level ?? this.showing.level);
     this.show({ relevancy, level: best?.level ?? this.showing.level });
     const none = best ? `not found: the best match is below ${min_score.toFixed(2)}` : "no Gaussian of the scene has a code";
@@ -215,7 +215,7 @@ class Page {
   tell(phrase, answer) {
     const score = answer.score === undefined ? "" : ` (${answer.score.toFixed(2)})`;
     const number = answer.things?.length ?? 0;
-    const outside = number && !this.project(answer.things[0].centre) ? ", outside of the view" : "";
+    const outside = number && !this.project(answer.things[0].center) ? ", outside of the view" : "";
     $("answer").textContent = `"${shortened(phrase)}": ${answer.why ? answer.why + score : number > 1 ? `${number} found` : "found"}${outside}`;
     $("things").replaceChildren(...(answer.things ?? []).map((thing) => this.thingItem(thing, phrase)));
     return { phrase, ...answer };
@@ -224,7 +224,7 @@ class Page {
   thingItem(thing, phrase) {
     const { facts } = this.scene, button = element("button", `\u2192 Go there: ${thing.score.toFixed(2)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
     const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
-    button.append(element("small", `at ${place(thing.centre)}; ${size} ${facts.unit}`));
+    button.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
     button.onclick = () => this.jump(thing, phrase);
     const item = element("li", "");
     item.append(button);
@@ -235,15 +235,15 @@ class Page {
   jump(thing, phrase) {
     const { facts, poses } = this.scene, row = 12 * facts.frames.indexOf(thing.frame);
     const eye = [3, 7, 11].map((entry) => poses[row + entry]);
-    const away = plus(eye, thing.centre, -1), distance = Math.hypot(...away);
+    const away = plus(eye, thing.center, -1), distance = Math.hypot(...away);
     const enough = Math.max(2 * Math.hypot(...thing.size), 6 * facts.near);
-    const nearer = enough < distance ? plus(thing.centre, unit(away), enough) : eye;
+    const nearer = enough < distance ? plus(thing.center, unit(away), enough) : eye;
     this.stop();
     this.showPhotograph(row / 12);
-    this.camera.lookAt(nearer, thing.centre);
-    this.pivot = thing.centre;
+    this.camera.lookAt(nearer, thing.center);
+    this.pivot = thing.center;
     this.moving = false;
-    this.mark = { point: thing.centre, text: `${shortened(phrase)} ${thing.score.toFixed(2)}` };
+    this.mark = { point: thing.center, text: `${shortened(phrase)} ${thing.score.toFixed(2)}` };
     this.showing.level = thing.level;
     $("level").value = String(thing.level);
     this.show({ level: thing.level });
@@ -274,7 +274,7 @@ class Page {
         const value = relevancy[level][one];
         if (value >= threshold && value > 0) paint.set([...turbo(value), PAINTED], 4 * one);
         else paint[4 * one + 3] = only ? HIDDEN : GREY;
-      } else if (instance[level][one]) paint.set([...instanceColour(instance[level][one]), PAINTED], 4 * one);
+      } else if (instance[level][one]) paint.set([...instanceColor(instance[level][one]), PAINTED], 4 * one);
       else paint[4 * one + 3] = GREY;
     }
     return paint;
@@ -372,7 +372,7 @@ function say(text) {
   $("state").textContent = text;
 }
 
-// Google's colour map Turbo, by its published polynomial (Mikhailov 2019); bytes.
+// Google's color map Turbo, by its published polynomial (Mikhailov 2019); bytes.
 function turbo(value) {
   const powers = [1, value, value ** 2, value ** 3, value ** 4, value ** 5];
   return [
@@ -382,8 +382,8 @@ function turbo(value) {
   ].map((factors) => Math.max(0, Math.min(255, 255 * factors.reduce((sum, factor, power) => sum + factor * powers[power], 0))));
 }
 
-// Neighbouring numbers get hues far apart.
-function instanceColour(number) {
+// Neighboring numbers get hues far apart.
+function instanceColor(number) {
   const hue = (number * 0.618034) % 1;
   return [0, 1 / 3, 2 / 3].map((shift) => 150 + 105 * Math.cos(2 * Math.PI * (hue - shift)));
 }

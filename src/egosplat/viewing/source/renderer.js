@@ -34,19 +34,19 @@ class Renderer {
   }
 
   textures() {
-    const { count, means, opacities, covariances, colours, bands, facts } = this.scene;
+    const { count, means, opacities, covariances, colors, bands, facts } = this.scene;
     const geometry = new Float32Array(12 * count), shades = new Float32Array(16 * count);
     for (let one = 0; one < count; one++) {
       geometry.set(means.subarray(3 * one, 3 * one + 3), 12 * one);
       geometry[12 * one + 3] = opacities[one];
       geometry.set(covariances.subarray(6 * one, 6 * one + 6), 12 * one + 4);
-      shades.set(colours.subarray(3 * one, 3 * one + 3), 16 * one);
+      shades.set(colors.subarray(3 * one, 3 * one + 3), 16 * one);
       for (let band = 0; band < facts.bands; band++)
         shades.set(bands.subarray(3 * (one * facts.bands + band), 3 * (one * facts.bands + band) + 3), 16 * one + 4 * (band + 1));
     }
     this.paint = new Uint8Array(4 * count);
     this.texture(0, "geometry", geometry);
-    this.texture(1, "colours", shades);
+    this.texture(1, "colors", shades);
     this.texture(2, "paint", this.paint);
   }
 
@@ -62,7 +62,7 @@ class Renderer {
     gl.uniform1i(this.uniform(name), place);
   }
 
-  // Colours over the Gaussians: bytes of colour and of use (0 none, 64 hidden, 128 grey, 255 this colour).
+  // Colors over the Gaussians: bytes of color and of use (0 none, 64 hidden, 128 gray, 255 this color).
   setPaint(paint) {
     const gl = this.gl, height = Math.max(1, Math.ceil(this.scene.count / TEXTURE_WIDTH));
     const padded = new Uint8Array(4 * TEXTURE_WIDTH * height);

@@ -5,12 +5,12 @@ function buildScene({ facts, arrays }) {
   const values = (name) => arrays[name].values;
   const scene = {
     facts, count, levels,
-    means: centres(facts, arrays),
+    means: centers(facts, arrays),
     scales: new Float32Array(3 * count),
     covariances: new Float32Array(6 * count),
     radii: new Float32Array(count),
     opacities: new Float32Array(count),
-    colours: rows(values("colour"), 3, count, (byte) => lerp(facts.colour_range, byte / 255)),
+    colors: rows(values("color"), 3, count, (byte) => lerp(facts.color_range, byte / 255)),
     bands: rows(values("bands"), 3 * facts.bands, count, (byte) => (byte / 127) * facts.band_limit),
     codeIndex: split(values("code_index"), levels, count),
     codeShare: split(values("code_share"), levels, count),
@@ -32,19 +32,19 @@ function buildScene({ facts, arrays }) {
 
 const lerp = ([low, high], share) => low + share * (high - low);
 
-// (channels, count) quantised values -> (count, channels) float32.
-function rows(quantised, channels, count, value) {
+// (channels, count) quantized values -> (count, channels) float32.
+function rows(quantized, channels, count, value) {
   const result = new Float32Array(channels * count);
   for (let channel = 0; channel < channels; channel++)
     for (let index = 0; index < count; index++)
-      result[index * channels + channel] = value(quantised[channel * count + index]);
+      result[index * channels + channel] = value(quantized[channel * count + index]);
   return result;
 }
 
 const split = (values, parts, size) =>
   Array.from({ length: parts }, (_, part) => values.subarray(part * size, (part + 1) * size));
 
-function centres(facts, arrays) {
+function centers(facts, arrays) {
   const count = facts.count, blocks = arrays.block_low.shape[1];
   const position = arrays.position.values, low = arrays.block_low.values, step = arrays.block_step.values;
   const means = new Float32Array(3 * count);

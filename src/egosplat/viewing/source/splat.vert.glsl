@@ -5,8 +5,8 @@ precision highp int;
 precision highp sampler2D;
 
 uniform sampler2D geometry;  // per Gaussian: (mean, opacity), (xx, xy, xz, yy), (yz, zz, 0, 0) of the covariance
-uniform sampler2D colours;   // per Gaussian: base colour, and three coefficients of degree 1
-uniform sampler2D paint;     // per Gaussian: colour, and in alpha how to use it
+uniform sampler2D colors;   // per Gaussian: base color, and three coefficients of degree 1
+uniform sampler2D paint;     // per Gaussian: color, and in alpha how to use it
 uniform mat3 worldToCamera;
 uniform vec3 eye;
 uniform vec2 size;           // of the image [px]
@@ -19,7 +19,7 @@ in uint index;
 
 out vec2 offset;
 flat out vec3 conic;
-flat out vec4 colour;
+flat out vec4 color;
 
 vec4 entry(sampler2D data, int number) {
   int width = textureSize(data, 0).x;
@@ -27,18 +27,18 @@ vec4 entry(sampler2D data, int number) {
 }
 
 vec3 shade(int one, vec3 direction) {
-  vec3 sum = entry(colours, 4 * one).rgb;
+  vec3 sum = entry(colors, 4 * one).rgb;
   if (bands == 3)
-    sum += 0.4886025119029199 * (-direction.y * entry(colours, 4 * one + 1).rgb
-      + direction.z * entry(colours, 4 * one + 2).rgb - direction.x * entry(colours, 4 * one + 3).rgb);
+    sum += 0.4886025119029199 * (-direction.y * entry(colors, 4 * one + 1).rgb
+      + direction.z * entry(colors, 4 * one + 2).rgb - direction.x * entry(colors, 4 * one + 3).rgb);
   return max(sum, 0.0);
 }
 
 void main() {
   int one = int(index);
-  vec4 centre = entry(geometry, 3 * one), first = entry(geometry, 3 * one + 1), second = entry(geometry, 3 * one + 2);
+  vec4 center = entry(geometry, 3 * one), first = entry(geometry, 3 * one + 1), second = entry(geometry, 3 * one + 2);
   vec4 mark = entry(paint, one);
-  vec3 seen = worldToCamera * (centre.xyz - eye);
+  vec3 seen = worldToCamera * (center.xyz - eye);
   gl_Position = vec4(0.0, 0.0, 2.0, 1.0);  // outside of the image
   bool hidden = mark.a > 0.1 && mark.a < 0.4;
   if (seen.z < near || hidden) return;
@@ -51,7 +51,7 @@ void main() {
   float sharp = max(uu * vv - uv * uv, 0.0);
   uu += limits.y;
   vv += limits.y;
-  float area = uu * vv - uv * uv, alpha = centre.w;
+  float area = uu * vv - uv * uv, alpha = center.w;
   if (limits.w > 0.5) alpha *= sqrt(sharp / area);
   if (alpha < limits.z || !(area > 0.0)) return;
   // The quad along the ellipse's axes, to where alpha falls below the least.
@@ -61,11 +61,11 @@ void main() {
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
   offset = reach * (corner.x * longer * axis + corner.y * shorter * vec2(-axis.y, axis.x));
   conic = vec3(vv, -uv, uu) / area;
-  vec3 natural = shade(one, normalize(centre.xyz - eye));
+  vec3 natural = shade(one, normalize(center.xyz - eye));
   float light = dot(natural, vec3(0.3, 0.59, 0.11));
   if (mark.a > 0.9) natural = mark.rgb * (0.35 + 0.75 * light);
   else if (mark.a > 0.4) natural = vec3(0.12 + 0.4 * light);
-  colour = vec4(natural, alpha);
+  color = vec4(natural, alpha);
   vec2 place = focal * seen.xy / seen.z + offset;
   gl_Position = vec4(2.0 * place.x / size.x, -2.0 * place.y / size.y, 0.0, 1.0);
 }

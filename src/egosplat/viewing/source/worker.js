@@ -1,4 +1,4 @@
-// Runs in workers: the order of depths, and the nearest neighbours.
+// Runs in workers: the order of depths, and the nearest neighbors.
 
 let means = null;
 
@@ -8,10 +8,10 @@ onmessage = ({ data }) => {
     const order = byDepth(data.sort);
     postMessage({ order, view: data.view }, [order.buffer]);
   }
-  if (data.neighbours) {
-    const { radii, nearest, reach } = data.neighbours;
-    const found = findNeighbours(radii, nearest, reach);
-    postMessage({ neighbours: found }, [found.buffer]);
+  if (data.neighbors) {
+    const { radii, nearest, reach } = data.neighbors;
+    const found = findNeighbors(radii, nearest, reach);
+    postMessage({ neighbors: found }, [found.buffer]);
   }
 };
 
@@ -35,7 +35,7 @@ function byDepth([x, y, z, offset]) {
 }
 
 // For each Gaussian its nearest ones, itself first; 0xffffffff for those whose extents do not overlap its own.
-function findNeighbours(radii, nearest, reach) {
+function findNeighbors(radii, nearest, reach) {
   const count = means.length / 3, found = new Uint32Array(count * nearest).fill(0xffffffff);
   const order = Uint32Array.from({ length: count }, (_, one) => one), axes = new Uint8Array(count);
   buildTree(order, axes, 0, count);

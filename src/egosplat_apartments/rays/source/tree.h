@@ -65,7 +65,7 @@ class Tree {
         return r;
     }
 
-    // The split of a range: the cheapest of BINS - 1 planes along the axis with the widest spread of centres.
+    // The split of a range: the cheapest of BINS - 1 planes along the axis with the widest spread of centers.
     static int part(std::vector<Item>& items, const Range& r) {
         Box spread;
         for (int i = r.begin; i < r.end; i++) spread.add({items[i].middle, items[i].middle});

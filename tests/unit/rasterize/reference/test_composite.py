@@ -67,7 +67,7 @@ def test_compositing_equals_a_plain_loop(count, width, height, low, high, dtype)
 
 
 def centered(opacities: list[float], depths: list[float]) -> tuple[Tensor, Tensor]:
-    """One pixel under wide Gaussians of colours 1, 10, 100, ...; its colour and alpha."""
+    """One pixel under wide Gaussians of colors 1, 10, 100, ...; its color and alpha."""
     count = len(opacities)
     conics = torch.tensor([[0.01, 0.0, 0.01]]).double().expand(count, 3)
     colors = 10.0 ** torch.arange(count).double()[:, None]

@@ -65,7 +65,7 @@ def test_conics_equal_those_of_the_linearised_camera():
 
 
 def test_linearisation_is_clamped_to_the_wider_frustum():
-    # The centre's slope is 1; the covariance is that at slope (W - cx) / fx + 0.3 W / (2 fx) = 0.72.
+    # The center's slope is 1; the covariance is that at slope (W - cx) / fx + 0.3 W / (2 fx) = 0.72.
     found = one(mean=(2.0, 0.0, 2.0), scale=(0.1, 0.1, 1.0))
     slope = (CAMERA.width - CAMERA.cx) / CAMERA.fx + 0.15 * CAMERA.width / CAMERA.fx
     variance = (CAMERA.fx / 2 * 0.1) ** 2 + (CAMERA.fx * slope / 2) ** 2 + EPS2D

@@ -71,7 +71,7 @@ def test_gradients_equal_finite_differences(render_mode, rasterize_mode, sh_degr
 
 
 def one(**changes: object) -> tuple[Tensor, Tensor, dict]:
-    """One round Gaussian, 2 m ahead, at the centre of the pixel in row 8, column 9 of a float64 image."""
+    """One round Gaussian, 2 m ahead, at the center of the pixel in row 8, column 9 of a float64 image."""
     arguments = {
         "means": [[0.0, 0.0, 2.0]],
         "quats": [[1.0, 0.0, 0.0, 0.0]],

@@ -45,7 +45,7 @@ def test_missing_costs_are_unknown(scored):
     assert one.sample(ACCURACY).step == 1 / 80
 
 
-def test_settings_are_labelled_by_their_keys(three_points):
+def test_settings_are_labeled_by_their_keys(three_points):
     labels = [one.label for one in read_points(three_points)]
     assert labels == ["the scene (balanced)", "paper_scaled", "splats.iterations=1500"]
 

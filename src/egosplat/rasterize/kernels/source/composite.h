@@ -77,7 +77,7 @@ INLINE void forward_row(const Column& column, RowList& list, int row, Floats (&c
     }
 }
 
-// As forward_row without colours: calls call(place in the column, weights at the pixels of the row), nearest first.
+// As forward_row without colors: calls call(place in the column, weights at the pixels of the row), nearest first.
 template <class Call>
 INLINE void visit_row(const Column& column, RowList& list, int row, Floats T, Call call) {
     Floats alphas[BLOCK];

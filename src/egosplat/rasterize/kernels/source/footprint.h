@@ -15,8 +15,8 @@ struct Camera {
     double near_plane, far_plane, radius_clip, eps2d;
     bool antialiased;
 
-    // Camera centre in the world.
-    void centre(double* c) const {
+    // Camera center in the world.
+    void center(double* c) const {
         for (int j = 0; j < 3; j++)
             c[j] = -(rotation[j] * translation[0] + rotation[3 + j] * translation[1] +
                      rotation[6 + j] * translation[2]);
@@ -93,8 +93,8 @@ struct Footprint {
 struct Direction {
     double n[3], inverse_norm;
 
-    Direction(const double* centre, const float* mean) {
-        for (int i = 0; i < 3; i++) n[i] = mean[i] - centre[i];
+    Direction(const double* center, const float* mean) {
+        for (int i = 0; i < 3; i++) n[i] = mean[i] - center[i];
         const double norm = std::sqrt(Footprint::dot(n, n));
         inverse_norm = norm > 0 ? 1 / norm : 0;
         for (double& v : n) v *= inverse_norm;

@@ -7,7 +7,7 @@
 // Its derivative with respect to x takes three more: 2 (blur(a) + s blur(b) + d blur(c)), see `maps_of`.
 //
 // The image is processed in strips of LANES rows, and each strip, channel by channel, in blocks of LANES columns.
-// A vector holds neighbours in a row during the vertical blur and neighbours in a column during the horizontal one;
+// A vector holds neighbors in a row during the vertical blur and neighbors in a column during the horizontal one;
 // blocks are transposed in between. Only the few rows that the next strip needs leave the cache.
 #pragma once
 

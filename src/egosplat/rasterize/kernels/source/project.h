@@ -25,7 +25,7 @@ struct Parameters {
 template <class Number>
 struct Projections {
     Number *means, *conics, *depths, *opacities;  // (n, 2), (n, 3), (n,), (n,)
-    Number* channels;                             // (n, channels): colour, features, depth, those that exist
+    Number* channels;                             // (n, channels): color, features, depth, those that exist
 };
 
 struct Layout {
@@ -39,7 +39,7 @@ struct Layout {
 };
 
 // Returns whether Gaussian i is visible. If so, fills `out`, spreads (n,), its variances in y, and radii (n, 2).
-inline bool project_one(int i, const Camera& camera, const double* centre, const Layout& layout,
+inline bool project_one(int i, const Camera& camera, const double* center, const Layout& layout,
                         Parameters<const float> in, Projections<float> out, float* spreads, int32_t* radii) {
     Footprint f;
     if (!f.make(camera, in.means + 3 * i, in.quats + 4 * i, in.scales + 3 * i)) return false;
@@ -65,7 +65,7 @@ inline bool project_one(int i, const Camera& camera, const double* centre, const
     if (layout.coefficients) {
         // Coefficients beyond the degree count 0 times, so that a non-finite one still makes the sum non-finite.
         double basis[MAX_COEFFICIENTS] = {}, color[3] = {0.5, 0.5, 0.5};
-        const Direction d(centre, in.means + 3 * i);
+        const Direction d(center, in.means + 3 * i);
         harmonics(layout.coefficients, d.n[0], d.n[1], d.n[2], basis);
         const float* sh = in.sh + size_t(i) * layout.stored * 3;
         for (int k = 0; k < layout.stored; k++)
@@ -90,11 +90,11 @@ void clear(Number* p, size_t i, int count) {
 // Fills all outputs; culled Gaussians get radius 0 and zeros.
 inline void project_forward(const Camera& camera, const Layout& layout, Parameters<const float> in,
                             Projections<float> out, float* spreads, int32_t* radii, int threads) {
-    double centre[3];
-    camera.centre(centre);
+    double center[3];
+    camera.center(center);
 #pragma omp parallel for schedule(static) num_threads(threads)
     for (int i = 0; i < layout.n; i++) {
-        if (project_one(i, camera, centre, layout, in, out, spreads, radii)) continue;
+        if (project_one(i, camera, center, layout, in, out, spreads, radii)) continue;
         clear(out.means, i, 2), clear(out.conics, i, 3), clear(out.depths, i, 1), clear(out.opacities, i, 1);
         clear(out.channels, i, layout.channels()), clear(spreads, i, 1), clear(radii, i, 2);
     }

@@ -73,14 +73,14 @@ inline void quaternion_gradient(const Footprint& f, const double* v_rotation, fl
     for (int i = 0; i < 4; i++) v_quat[i] = float((g[i] - along * f.q[i]) * f.inverse_norm);
 }
 
-// Adds the gradient of a colour to its coefficients and to the mean (and, negated, to the camera centre).
-inline void color_gradient(int i, const double* centre, const Layout& layout, Parameters<const float> in,
+// Adds the gradient of a color to its coefficients and to the mean (and, negated, to the camera center).
+inline void color_gradient(int i, const double* center, const Layout& layout, Parameters<const float> in,
                            const float* channel, const float* v_channel, float* v_sh, double* v_mean) {
     double basis[MAX_COEFFICIENTS], along[MAX_COEFFICIENTS] = {}, v[3], v_color[3];
-    const Direction d(centre, in.means + 3 * i);
+    const Direction d(center, in.means + 3 * i);
     harmonics(layout.coefficients, d.n[0], d.n[1], d.n[2], basis);
     const float* sh = in.sh + size_t(i) * layout.stored * 3;
-    for (int c = 0; c < 3; c++) v_color[c] = channel[c] > 0 ? v_channel[c] : 0;  // the colour is clamped at 0
+    for (int c = 0; c < 3; c++) v_color[c] = channel[c] > 0 ? v_channel[c] : 0;  // the color is clamped at 0
     for (int k = 0; k < layout.coefficients; k++)
         for (int c = 0; c < 3; c++) {
             along[k] += sh[3 * k + c] * v_color[c];
@@ -92,14 +92,14 @@ inline void color_gradient(int i, const double* centre, const Layout& layout, Pa
     for (int j = 0; j < 3; j++) v_mean[j] += (v[j] - radial * d.n[j]) * d.inverse_norm;
 }
 
-inline void project_one_backward(int i, const Camera& camera, const double* centre, const Layout& layout,
+inline void project_one_backward(int i, const Camera& camera, const double* center, const Layout& layout,
                                  Parameters<const float> in, const float* channels, Projections<const float> v,
                                  Parameters<float> out, PoseGradient* pose) {
     const int width = layout.channels();
     const float* v_channel = v.channels + size_t(i) * width;
     double v_direction[3] = {};
     if (layout.coefficients && (out.sh || out.means))
-        color_gradient(i, centre, layout, in, channels + size_t(i) * width, v_channel,
+        color_gradient(i, center, layout, in, channels + size_t(i) * width, v_channel,
                        out.sh ? out.sh + size_t(i) * layout.stored * 3 : nullptr, v_direction);
     if (out.features && layout.feature_count)
         memcpy(out.features + size_t(i) * layout.feature_count, v_channel + layout.colors(), 4 * layout.feature_count);
@@ -125,12 +125,12 @@ inline void project_one_backward(int i, const Camera& camera, const double* cent
     double r[9];
     f.rotation_of(r);
     for (int a = 0; a < 3; a++) {
-        // The direction is mean - centre, and the centre is -inverse(rotation) translation.
-        const double v_centre = -Footprint::dot(w + 3 * a, v_direction);
-        pose->translation[a] += g.p[a] - v_centre;
+        // The direction is mean - center, and the center is -inverse(rotation) translation.
+        const double v_center = -Footprint::dot(w + 3 * a, v_direction);
+        pose->translation[a] += g.p[a] - v_center;
         for (int b = 0; b < 3; b++)
             pose->rotation[3 * a + b] += g.p[a] * in.means[3 * i + b] + Footprint::dot(g.turn + 3 * a, r + 3 * b) -
-                                         v_centre * centre[b];
+                                         v_center * center[b];
     }
 }
 
@@ -141,13 +141,13 @@ inline void project_backward(const Camera& camera, const Layout& layout, Paramet
     constexpr int BLOCK = 1024;
     const int blocks = (layout.n + BLOCK - 1) / BLOCK;
     std::vector<PoseGradient> partial(pose ? blocks : 0);
-    double centre[3];
-    camera.centre(centre);
+    double center[3];
+    camera.center(center);
 #pragma omp parallel for schedule(static) num_threads(threads)
     for (int block = 0; block < blocks; block++)
         for (int i = block * BLOCK; i < std::min(layout.n, (block + 1) * BLOCK); i++) {
             if (radii[2 * i] > 0) {
-                project_one_backward(i, camera, centre, layout, in, channels, v, out, pose ? &partial[block] : nullptr);
+                project_one_backward(i, camera, center, layout, in, channels, v, out, pose ? &partial[block] : nullptr);
                 continue;
             }
             clear(out.means, i, 3), clear(out.quats, i, 4), clear(out.scales, i, 3), clear(out.opacities, i, 1);

@@ -94,7 +94,7 @@ inline bool bounds(const Splat& s, int width, int height, Rectangle& box) {
     return box.x0 <= box.x1 && box.y0 <= box.y1;
 }
 
-// First and last column of pixels of the ellipse in the rows y0 to y1 (pixel centres).
+// First and last column of pixels of the ellipse in the rows y0 to y1 (pixel centers).
 inline bool columns_within(const Splat& s, int width, float y0, float y1, int& x0, int& x1) {
     const float t = s.log2_opacity - LOG2_MIN_ALPHA + SLACK, reach = std::sqrt(t);
     const float steepest = s.l21 * reach / (s.l22 * std::sqrt(s.l21 * s.l21 + s.l22 * s.l22));

@@ -1,4 +1,4 @@
-"""What a view shows where the centres of Gaussians are projected."""
+"""What a view shows where the centers of Gaussians are projected."""
 
 from dataclasses import dataclass
 
@@ -17,13 +17,13 @@ _PIXELS_AT_ONCE = 2**16
 
 
 @dataclass(frozen=True, eq=False)
-class Centres:
-    """The M Gaussians whose centre lies in a view, and the pixels that hold the centres.
+class Centers:
+    """The M Gaussians whose center lies in a view, and the pixels that hold the centers.
 
     Attributes:
         gaussian: (M,) int64 index of each.
         pixel: (M, 2) int64, column and row.
-        depth: (M,) float64 camera z of the centre [m].
+        depth: (M,) float64 camera z of the center [m].
         weight: (M,) float32 alpha times transmittance of the Gaussian at its pixel; 0 if the pixel ends before it.
         median_depth: (M,) float64 [m], see ``median_depths``; None if it was not asked for.
     """
@@ -35,49 +35,49 @@ class Centres:
     median_depth: NDArray[np.float64] | None
 
 
-def look_at_centres(
+def look_at_centers(
     gaussians: Gaussians,
     camera: Camera,
     camera_to_world: NDArray[np.float64],
     settings: RenderSettings,
     *,
     median: bool = True,
-) -> Centres:
-    """Find what a view shows at the centres of the Gaussians in front of the near plane.
+) -> Centers:
+    """Find what a view shows at the centers of the Gaussians in front of the near plane.
 
     Args:
         camera_to_world: (4, 4) float64, OpenCV axes, meters.
         median: whether to find median depths, which take most of the time.
     """
-    chosen, pixel, depth = project_centres(gaussians, camera, camera_to_world, settings)
+    chosen, pixel, depth = project_centers(gaussians, camera, camera_to_world, settings)
     view = view_of(gaussians, camera, camera_to_world, settings)
     own = torch.full((gaussians.count, 2), -1)
     own[chosen] = torch.from_numpy(pixel)
     weight = own_weights(view, own)[chosen].numpy()
     if not median:
-        return Centres(chosen, pixel, depth[chosen], weight, None)
+        return Centers(chosen, pixel, depth[chosen], weight, None)
     depths = [np.zeros(0)]
     for begin in range(0, len(chosen), _PIXELS_AT_ONCE):
         shown = pixel_lists(view, torch.from_numpy(pixel[begin : begin + _PIXELS_AT_ONCE]))
         depths.append(median_depths(*shown, torch.from_numpy(depth)).numpy())
-    return Centres(chosen, pixel, depth[chosen], weight, np.concatenate(depths))
+    return Centers(chosen, pixel, depth[chosen], weight, np.concatenate(depths))
 
 
-def project_centres(
+def project_centers(
     gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Find the M Gaussians in front of the near plane whose centre lies in a view.
+    """Find the M Gaussians in front of the near plane whose center lies in a view.
 
     Args:
         camera_to_world: (4, 4) float64, OpenCV axes, meters.
 
     Returns:
-        (M,) index of each; (M, 2) column and row of the pixel that holds its centre; (N,) camera z of all Gaussians [m].
+        (M,) index of each; (M, 2) column and row of the pixel that holds its center; (N,) camera z of all Gaussians [m].
     """
     local = transform(invert(camera_to_world), gaussians.means.double().cpu().numpy())
     projected = camera.project(local)
     chosen = np.flatnonzero(camera.contains(projected) & (local[:, 2] >= settings.near_plane))
-    # Pixel centres lie at integers + 0.5.
+    # Pixel centers lie at integers + 0.5.
     return chosen, np.floor(projected[chosen]).astype(np.int64), local[:, 2]
 
 

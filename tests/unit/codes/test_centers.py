@@ -1,10 +1,10 @@
-"""Weights and median depths at projected centres, against the definition in float64 and by hand."""
+"""Weights and median depths at projected centers, against the definition in float64 and by hand."""
 
 import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.centres import look_at_centres, median_depths
+from egosplat.codes.centers import look_at_centers, median_depths
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
@@ -49,7 +49,7 @@ def test_kernels_list_what_the_reference_shows(crowd):
 
 def test_what_a_view_shows_is_the_same_with_both_backends(crowd):
     found, wanted = (
-        look_at_centres(crowd, CAMERA, np.eye(4), settings(name)) for name in ("cpu", "reference")
+        look_at_centers(crowd, CAMERA, np.eye(4), settings(name)) for name in ("cpu", "reference")
     )
     np.testing.assert_array_equal(found.gaussian, wanted.gaussian)
     np.testing.assert_allclose(found.weight, wanted.weight, rtol=1e-4, atol=1e-6)
@@ -60,44 +60,44 @@ def test_what_a_view_shows_is_the_same_with_both_backends(crowd):
 def test_weights_and_median_depth_of_two_blobs_in_a_row():
     """Opacity 0.4 leaves a transmittance of 0.6, and 0.9 behind it leaves 0.06: the second is the median."""
     row = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0]], [0.4, 0.9])
-    found = look_at_centres(row, CAMERA, np.eye(4), settings())
+    found = look_at_centers(row, CAMERA, np.eye(4), settings())
     np.testing.assert_array_equal(found.pixel, [[30, 20], [30, 20]])
-    # The centre lies at the corner of its pixel, half a pixel from the pixel's centre.
+    # The center lies at the corner of its pixel, half a pixel from the pixel's center.
     np.testing.assert_allclose(found.weight, [0.4, 0.6 * 0.9], rtol=0.02)
     np.testing.assert_allclose(found.median_depth, [3.0, 3.0])
 
 
 def test_a_lone_gaussian_of_opacity_0_4_has_no_median_depth():
-    found = look_at_centres(blobs([[0.0, 0.0, 2.0]], [0.4]), CAMERA, np.eye(4), settings())
+    found = look_at_centers(blobs([[0.0, 0.0, 2.0]], [0.4]), CAMERA, np.eye(4), settings())
     assert np.isnan(found.median_depth).all() and found.weight[0] == pytest.approx(0.4, rel=0.02)
 
 
 def test_a_gaussian_behind_an_opaque_stack_has_weight_0():
     """Two opacities of 0.995 end the pixel: their transmittance is below 1e-4."""
     stack = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 2.1], [0.0, 0.0, 2.2], [0.0, 0.0, 3.0]], [0.995] * 3 + [0.9])
-    found = look_at_centres(stack, CAMERA, np.eye(4), settings())
+    found = look_at_centers(stack, CAMERA, np.eye(4), settings())
     assert found.weight[0] > 0.9 and found.weight[3] == 0.0
 
 
-def test_centres_behind_the_camera_and_outside_the_image_are_left_out():
-    found = look_at_centres(
+def test_centers_behind_the_camera_and_outside_the_image_are_left_out():
+    found = look_at_centers(
         blobs([[0.0, 0.0, -2.0], [9.0, 0.0, 2.0], [0.2, 0.0, 2.0]], [0.9] * 3), CAMERA, np.eye(4), settings()
     )
     np.testing.assert_array_equal(found.gaussian, [2])
     np.testing.assert_array_equal(found.pixel, [[35, 20]])
 
 
-def test_a_view_without_centres_is_empty():
-    found = look_at_centres(blobs([[0.0, 0.0, -2.0]], [0.9]), CAMERA, np.eye(4), settings())
+def test_a_view_without_centers_is_empty():
+    found = look_at_centers(blobs([[0.0, 0.0, -2.0]], [0.9]), CAMERA, np.eye(4), settings())
     assert found.pixel.shape == (0, 2) and found.weight.shape == found.median_depth.shape == (0,)
 
 
 @pytest.mark.parametrize("width, height", [(60, 40), (67, 33)])
 def test_own_weights_are_those_of_the_lists(crowd, width, height):
-    """Near the centres, also in tiles that the image cuts, and for Gaussians without a pixel in the image."""
+    """Near the centers, also in tiles that the image cuts, and for Gaussians without a pixel in the image."""
     size = torch.tensor([width, height])
-    centres = CAMERA.project(crowd.means.double().numpy())
-    pixels = torch.from_numpy(np.floor(centres + np.random.default_rng(5).normal(0, 5, (300, 2)))).long()
+    centers = CAMERA.project(crowd.means.double().numpy())
+    pixels = torch.from_numpy(np.floor(centers + np.random.default_rng(5).normal(0, 5, (300, 2)))).long()
     pixels[::7] = torch.tensor([-1, -1])
     pixels[1::7] = size
     camera = Camera(width, height, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)

@@ -1,4 +1,4 @@
-"""The true colours of a synthetic apartment's things, from its surfaces, by the rule of the captions."""
+"""The true colors of a synthetic apartment's things, from its surfaces, by the rule of the captions."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from egosplat.pipeline.config import Config
 from egosplat_apartments.camera.lens import pinhole_lens
 from egosplat_apartments.stage import make_renderer
 from egosplat_apartments.world.world import World, camera_pose, make_world
-from training.small_models.attributes import COLOURS, find_appearance
+from training.small_models.attributes import COLORS, find_appearance
 from training.small_models.captions import MAIN_SHARE, TRACE_SHARE
 
 # Pictures from which it is counted how much is seen of each surface: their side [px], and how many there are.
@@ -22,15 +22,15 @@ SIDE, MOMENTS = 128, 40
 Shares = NDArray[np.float64]
 
 
-def colour_shares(film: Config, instances: Sequence[Instance]) -> Shares:
-    """Share of each colour in the visible surface of each instance, over the recording.
+def color_shares(film: Config, instances: Sequence[Instance]) -> Shares:
+    """Share of each color in the visible surface of each instance, over the recording.
 
     Args:
         film: the keys of the section ``synthetic`` that the recording was made with.
         instances: N of them, as annotated.
 
     Returns:
-        (N, len(COLOURS)) float64; NaN where nothing is seen of an instance.
+        (N, len(COLORS)) float64; NaN where nothing is seen of an instance.
 
     Raises:
         UserError: these keys make other instances.
@@ -43,23 +43,23 @@ def colour_shares(film: Config, instances: Sequence[Instance]) -> Shares:
         )
     seen = _seen_parts(world, film["seconds"])
     owner = np.array([world.geometry.bodies[body].instance_id for body in world.geometry.part_body])
-    colours = find_appearance(world.geometry).colours.astype(np.float64)
-    weighted = np.stack([(seen[:, None] * colours)[owner == one.id].sum(axis=0) for one in instances])
+    colors = find_appearance(world.geometry).colors.astype(np.float64)
+    weighted = np.stack([(seen[:, None] * colors)[owner == one.id].sum(axis=0) for one in instances])
     total = weighted.sum(axis=1, keepdims=True)
     return np.divide(weighted, total, out=np.full_like(weighted, np.nan), where=total > 0)
 
 
-def main_colour(shares: Shares) -> str | None:
-    """The colour of a thing in captions; None if none prevails, or if the thing is not visible."""
+def main_color(shares: Shares) -> str | None:
+    """The color of a thing in captions; None if none prevails, or if the thing is not visible."""
     if np.isnan(shares).any() or shares.max() < MAIN_SHARE:
         return None
-    return COLOURS[int(shares.argmax())]
+    return COLORS[int(shares.argmax())]
 
 
-def is_doubtful(shares: Shares, colour: str) -> bool:
-    """Whether it is neither true nor false that a thing has a colour."""
-    share = shares[COLOURS.index(colour)]
-    return main_colour(shares) != colour and not share < TRACE_SHARE
+def is_doubtful(shares: Shares, color: str) -> bool:
+    """Whether it is neither true nor false that a thing has a color."""
+    share = shares[COLORS.index(color)]
+    return main_color(shares) != color and not share < TRACE_SHARE
 
 
 def _seen_parts(world: World, seconds: float) -> Shares:
