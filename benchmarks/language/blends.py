@@ -19,13 +19,13 @@ from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
 from egosplat.evaluation.options import MetricsOptions, metrics_options
 from egosplat.evaluation.queries import Query
 from egosplat.evaluation.run_queries import run_queries
+from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.language.dominant import lifted
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.result import Coded
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.query.answer import Asker
 from egosplat.report.sheets.queries_asking import open_asker, open_finished
-from egosplat.evaluation.scored_scenes import read_scored_scene
 
 MEANS, ONE = "mean of the codes of its pixels", "code of the instance that it shows most"
 RENDERED = {PIXELS: "codes; pixels are decoded", GAUSSIANS: "relevancies of Gaussians"}

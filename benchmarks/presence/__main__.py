@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, scene_folders
+from egosplat.drawing import plt, save_figure
 from egosplat.errors import UserError
 from egosplat.evaluation.presence import separation
-from egosplat.output_files import picture_kind
-from egosplat.drawing import plt, save_figure
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
+from egosplat.output_files import picture_kind
 
 PICTURE = picture_kind("benchmarks/presence")
 

@@ -15,10 +15,10 @@ from benchmarks.rasterizer.scenes import SCENES
 from benchmarks.rasterizer.timing import Turn, start_worker, summary, take_turns
 from egosplat.artifacts.usage import machine
 from egosplat.errors import UserError
+from egosplat.progress import log, track
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.kernels.compiling import find_compiler
 from egosplat.rasterize.kernels.targets import HERE, VARIANTS
-from egosplat.progress import log, track
 
 CHANNELS = (3, 12)
 SWEEP = (1, 3, 4, 8, 12, 16, 32)

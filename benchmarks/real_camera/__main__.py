@@ -11,9 +11,9 @@ import numpy as np
 
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.scores import METHOD, SCORES, chance, psnr, seconds, told
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.report.tables.paper_tables import average
-from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
 COLUMNS = (
     "scene",

@@ -17,9 +17,9 @@ from benchmarks.common import command, markdown, scene_folders
 from benchmarks.scores import METHOD, accuracy_difference, iou_difference, paired, psnr, seconds
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.survey_file import read_survey
-from egosplat.evaluation.scored_scenes import read_scored_scene
 
 
 def row(folder: Path) -> dict[str, object]:

@@ -17,9 +17,9 @@ import numpy as np
 
 from benchmarks.common import command, markdown, output_of
 from egosplat.evaluation.presence import separation
+from egosplat.evaluation.scored_scenes import UNTOUCHED
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.survey.decisions import LEAST_SHARE
-from egosplat.evaluation.scored_scenes import UNTOUCHED
 
 # The order of strengths in benchmarks/real_camera: their seeds are consecutive.
 _STRENGTHS = ("half", "once", "twice", "4times")

@@ -15,10 +15,10 @@ import click
 
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.scores import METHOD, accuracy_difference, chance, iou_difference, paired, told
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.files import read_json
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.report.tables.paper_tables import average
-from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.report.tradeoff.measured import COSTS, PSNR, Measure
 from egosplat.report.tradeoff.scenes import mean_points
 

@@ -34,12 +34,12 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
+from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config, stage_values
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.stages import run_stage
 from egosplat.progress import log, track
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 
 PRESETS = ROOT / "config" / "presets"
 TARGETS = ("view", "average")

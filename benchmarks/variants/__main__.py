@@ -20,8 +20,8 @@ from benchmarks.scores import (
     queries_of,
     seconds,
 )
-from egosplat.pipeline.scene_folder import title_of
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.pipeline.scene_folder import title_of
 
 COLUMNS = (
     "scene",

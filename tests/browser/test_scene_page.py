@@ -12,11 +12,11 @@ from PIL import Image
 from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.viewing.container import unpack
-from egosplat.viewing.words import words_to_try
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import find_things
+from egosplat.viewing.container import unpack
+from egosplat.viewing.words import words_to_try
 from tests.browser.conftest import PHONE, WIDE
 from tests.support.page_scene import (
     SETTINGS,

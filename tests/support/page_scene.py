@@ -14,11 +14,11 @@ from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.viewing.stage import ScenePageOptions, run
-from egosplat.viewing.visibility import STEP
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import Surface
+from egosplat.viewing.stage import ScenePageOptions, run
+from egosplat.viewing.visibility import STEP
 from tests.support.scenes import UP, camera_facts, put
 
 SIDE = 96

@@ -12,11 +12,11 @@ import pytest
 from PIL import Image
 
 from egosplat import cli
+from egosplat.drawing import plt, save_figure
 from egosplat.errors import UserError
 from egosplat.export.ply import PLY, write_ply
 from egosplat.output_files import check_output, output_file, picture_kind, stage_json_kind, write_text_file
 from egosplat.pipeline.stages import PAGES, STAGES
-from egosplat.drawing import plt, save_figure
 from egosplat.query.answers import QUERY_PICTURE
 from egosplat.report.tables import stage as tables_stage
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from egosplat.evaluation.scored_scenes import UNTOUCHED
 from egosplat.pipeline import config
 from egosplat.pipeline.scenes import Scene, read_scenes
-from egosplat.evaluation.scored_scenes import UNTOUCHED
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "config" / "scenes.tsv"

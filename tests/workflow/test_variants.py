@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 
-from egosplat.report.tables.paper_layouts import in_a_table
 from egosplat.evaluation.scored_scenes import read_scored_scene
+from egosplat.report.tables.paper_layouts import in_a_table
 
 SCENE = "results/adt/scene1"
 VARIANT = f"{SCENE}/variants"

@@ -4,8 +4,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from egosplat.geometry import Camera
 from egosplat.baselines.tile_views import TileViews
+from egosplat.geometry import Camera
 
 # Published: words; scales that are mixed, and what their sum is divided by; rows of the map of features.
 WORDS = 128

@@ -17,6 +17,7 @@ from egosplat.artifacts.prompts import PROMPTS
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.writer import create
+from egosplat.baselines.granularity import cell_ratios, draw_points, points_a_side
 from egosplat.codes.centers import project_centers
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
@@ -25,7 +26,6 @@ from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.training_views import split_views
 from egosplat.geometry import Array, Camera
 from egosplat.progress import log, track
-from egosplat.baselines.granularity import cell_ratios, draw_points, points_a_side
 
 # Published: a view sees a Gaussian whose depth is that of the surface at its pixel, up to this share.
 TOLERANCE = 0.25

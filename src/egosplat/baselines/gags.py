@@ -5,16 +5,16 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.pixel_views import PixelViews
+from egosplat.baselines.regions import Sample, mean_over_regions, sample_regions, variance_within
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.baselines.decoders import Layers, described
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
-from egosplat.baselines.pixel_views import PixelViews
-from egosplat.baselines.regions import Sample, mean_over_regions, sample_regions, variance_within
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.baselines.pixel_views import PixelViews
 from egosplat.codes.decoder import Decoder
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
@@ -16,7 +17,6 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
-from egosplat.baselines.pixel_views import PixelViews
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 

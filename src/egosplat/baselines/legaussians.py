@@ -7,17 +7,17 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.baselines.codebook import Codebook, dense_features
+from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.pixel_views import PixelViews
+from egosplat.baselines.tile_views import TileViews, nearest
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.baselines.codebook import Codebook, dense_features
-from egosplat.baselines.decoders import Layers, described
 from egosplat.language.lifting import everywhere, shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.options import LanguageOptions
-from egosplat.baselines.pixel_views import PixelViews
 from egosplat.language.result import Coded, fewer_iterations
-from egosplat.baselines.tile_views import TileViews, nearest
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 

@@ -9,19 +9,19 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contracted, exponential
+from egosplat.baselines.pixel_views import PixelViews
+from egosplat.baselines.tile_views import TileViews, nearest
 from egosplat.codes.centers import median_depths
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import invert
-from egosplat.baselines.decoders import Layers, described
-from egosplat.baselines.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contracted, exponential
 from egosplat.language.lifting import everywhere, shares
 from egosplat.language.loop import Step, Trainee, train
 from egosplat.language.options import LanguageOptions
-from egosplat.baselines.pixel_views import PixelViews
 from egosplat.language.result import Coded, fewer_iterations
-from egosplat.baselines.tile_views import TileViews, nearest
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import pixel_lists
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
+from egosplat.baselines.clusters import SAMPLE, check_installed, clusters_of
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
-from egosplat.baselines.clusters import SAMPLE, check_installed, clusters_of
 from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded

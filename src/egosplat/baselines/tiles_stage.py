@@ -16,10 +16,10 @@ from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES, scale_name
 from egosplat.artifacts.writer import Writer, create
+from egosplat.baselines.image_maps import image_maps
 from egosplat.baselines.tiles import Scale, pyramid
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
-from egosplat.baselines.image_maps import image_maps
 from egosplat.models.checkpoints import CLIP, SAM2, model_hash
 from egosplat.models.configs import SMALL
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip

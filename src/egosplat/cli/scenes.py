@@ -29,8 +29,8 @@ def query_command() -> click.Command:
         precision: str,
         **keys: Any,
     ) -> None:
-        from egosplat.query.options import QueryOptions
         from egosplat.query.command import Asking, run
+        from egosplat.query.options import QueryOptions
 
         check_scene_folder(folder, ("frames", "poses", "splats", "language"))
         asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)

@@ -20,9 +20,9 @@ from egosplat.export.spz import SPZ, write_spz
 from egosplat.gaussians.io import read_gaussians
 from egosplat.output_files import check_output
 from egosplat.progress import log
+from egosplat.query.command import open_question, open_sources
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene_query import ask_scene, index_scene
-from egosplat.query.command import open_question, open_sources
 
 # The files of each format; the others are folders.
 _FILES = {"ply": PLY, "spz": SPZ, "instances": PLY}

@@ -11,9 +11,9 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.export.ply import point_columns, write_ply
 from egosplat.gaussians.io import read_gaussians
-from egosplat.viewing.instances import pack_instances
 from egosplat.progress import log
 from egosplat.report.sheets.instances_sheet import palette
+from egosplat.viewing.instances import pack_instances
 
 # Color of points without an instance.
 _GREY = 96

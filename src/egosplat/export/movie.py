@@ -16,12 +16,12 @@ from egosplat.geometry import Array, known_poses
 from egosplat.output_files import FileKind, check_output, output_file
 from egosplat.progress import log, track
 from egosplat.query.answer import rendering_camera
+from egosplat.query.command import open_question, open_sources
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import SceneAnswer, ask_scene, index_scene
 from egosplat.query.sources import QuerySources
 from egosplat.query.things import Thing
-from egosplat.query.command import open_question, open_sources
 from egosplat.sampling import evenly_spaced
 from egosplat.viewer.pictures import Painted, heat
 

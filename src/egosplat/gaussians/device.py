@@ -5,9 +5,9 @@ import importlib.util
 import torch
 
 from egosplat.errors import UserError
-from egosplat.rasterize.kernels import library
 from egosplat.progress import log
 from egosplat.rasterize.cuda import load_gsplat
+from egosplat.rasterize.kernels import library
 
 
 def training_device(backend: str) -> torch.device:

@@ -22,6 +22,7 @@ from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.tiles import TILES
 from egosplat.artifacts.writer import create
+from egosplat.baselines.tile_views import TileViews
 from egosplat.codes.decoder import decoder_metadata
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
@@ -32,7 +33,6 @@ from egosplat.language.joint import joint
 from egosplat.language.methods import METHODS, TILE_METHODS, masks_stand_in
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
-from egosplat.baselines.tile_views import TileViews
 from egosplat.language.views import select_code_views
 from egosplat.progress import log
 

@@ -17,8 +17,8 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import Config, section_keys
 from egosplat.pipeline.presets import QUESTIONS, preset_keys
 from egosplat.pipeline.scenes import Scene, read_scenes
-from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant_folder
 from egosplat.pipeline.sweep_recipes import recipe_of
+from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant_folder
 
 # The knob whose values are presets.
 PRESET = "preset"

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from egosplat.calibration.colmap.mapping import format_ranges
 from egosplat.calibration.companions import KNOWN_POSES, companion_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
-from egosplat.calibration.colmap.mapping import format_ranges
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.colmap import MAX_REPROJECTION_ERROR_PX, MIN_TRACK_LENGTH

@@ -11,11 +11,6 @@ from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
-from egosplat.query.options import QueryOptions
-from egosplat.query.scene import read_scene
-from egosplat.query.sources import QuerySources, find_sources
-from egosplat.query.text import encode_texts, load_clip_of, untaught_words
-from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
 from egosplat.query.answers import (
     MOST_DRAWN,
     QUERY_PICTURE,
@@ -23,6 +18,11 @@ from egosplat.query.answers import (
     answer_in_scene,
     answer_in_view,
 )
+from egosplat.query.options import QueryOptions
+from egosplat.query.scene import read_scene
+from egosplat.query.sources import QuerySources, find_sources
+from egosplat.query.text import encode_texts, load_clip_of, untaught_words
+from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
 
 
 @dataclass(frozen=True)

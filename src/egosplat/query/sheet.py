@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.query.answer_drawing import draw_heat, draw_mask
 from egosplat.drawing import plt, save_figure
+from egosplat.query.answer_drawing import draw_heat, draw_mask
 from egosplat.query.answers import QUERY_PICTURE, DrawnAnswer
 
 # Height of an image [inches].

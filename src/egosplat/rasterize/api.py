@@ -6,9 +6,9 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from egosplat.rasterize.kernels import library
 from egosplat.progress import log
 from egosplat.rasterize.contract import Arguments, Render, check
+from egosplat.rasterize.kernels import library
 
 BACKENDS = ("auto", "cuda", "cpu", "reference")
 

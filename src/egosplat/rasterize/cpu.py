@@ -6,10 +6,6 @@ import torch
 from torch import Tensor
 
 from egosplat.errors import UserError
-from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels import pixel_weights as kernels
-from egosplat.rasterize.kernels.raster import Projection, composite, project, sum_pixels
-from egosplat.rasterize.kernels.sparse import composite_sparse
 from egosplat.rasterize.contract import (
     MIN_DEPTH_ALPHA,
     Arguments,
@@ -18,6 +14,10 @@ from egosplat.rasterize.contract import (
     shows_depth,
     shows_expected_depth,
 )
+from egosplat.rasterize.kernels import library
+from egosplat.rasterize.kernels import pixel_weights as kernels
+from egosplat.rasterize.kernels.raster import Projection, composite, project, sum_pixels
+from egosplat.rasterize.kernels.sparse import composite_sparse
 
 
 def rasterization(arguments: Arguments) -> Render:

@@ -4,9 +4,9 @@ import numpy as np
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, known_poses
-from egosplat.viewing.container import Arrays, Facts
 from egosplat.resize import shrink_image
 from egosplat.sampling import evenly_spaced
+from egosplat.viewing.container import Arrays, Facts
 from egosplat.webp import encode_webp
 
 # Largest number of pictures, their longer side [px] and the quality of WebP.

@@ -21,6 +21,13 @@ from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.errors import UserError
 from egosplat.geometry import known_poses
 from egosplat.output_files import check_output, write_text_file
+from egosplat.progress import log
+from egosplat.query.options import QueryOptions
+from egosplat.query.scene import QueryScene, read_scene
+from egosplat.query.scene_query import index_scene
+from egosplat.query.text import load_clip_of
+from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
+from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
 from egosplat.viewing.frames import pack_frames
 from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
@@ -29,13 +36,6 @@ from egosplat.viewing.instances import pack_instances
 from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.visibility import pack_visibility
 from egosplat.viewing.words import pack_words
-from egosplat.progress import log
-from egosplat.query.options import QueryOptions
-from egosplat.query.scene import QueryScene, read_scene
-from egosplat.query.scene_query import index_scene
-from egosplat.query.text import load_clip_of
-from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
-from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 
 
 @dataclass(frozen=True)

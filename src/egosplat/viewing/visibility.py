@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.viewing.container import Arrays, Facts
 from egosplat.sampling import evenly_spaced
+from egosplat.viewing.container import Arrays, Facts
 
 # Largest number of views on the page, evenly spaced among those of the scene's index.
 MOST_VIEWS = 32

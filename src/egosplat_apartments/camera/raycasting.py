@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import rotate, transform
-from egosplat_apartments.rays.triangles import Triangles
 from egosplat_apartments.objects.shapes import Part
 from egosplat_apartments.objects.textures import Texture
+from egosplat_apartments.rays.triangles import Triangles
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from egosplat.rasterize.kernels import library
 from egosplat.rasterize import cpu
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, MAX_ALPHA, MIN_TRANSMITTANCE, Arguments
+from egosplat.rasterize.kernels import library
 from egosplat.rasterize.reference import rasterizer as reference
 
 WIDTH, HEIGHT = 32, 24

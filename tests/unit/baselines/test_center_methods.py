@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.baselines.occam import centered
+from egosplat.baselines.semantic_gaussians import EVERY, pixel_features, projected
 from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
-from egosplat.baselines.occam import centered
 from egosplat.language.lifting import lift
-from egosplat.baselines.semantic_gaussians import EVERY, pixel_features, projected
 from egosplat.language.views import CodeViews
 from tests.support.blobs import blobs
 

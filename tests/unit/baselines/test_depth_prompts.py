@@ -6,6 +6,8 @@ import pytest
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.segments import SEGMENTS
+from egosplat.baselines.depth_prompts_stage import PromptsOptions, SplatViews
+from egosplat.baselines.granularity import CELLS, PARTS, cell_ratios, draw_points, points_a_side
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
@@ -13,8 +15,6 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import depth_prompts_stage, stage
-from egosplat.baselines.depth_prompts_stage import PromptsOptions, SplatViews
-from egosplat.baselines.granularity import CELLS, PARTS, cell_ratios, draw_points, points_a_side
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.prompts import grid_points
 from tests.support.scenes import camera_facts, put, put_scene

@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from egosplat.codes.decoder import split_layers
 from egosplat.baselines.decoders import Layers, described
 from egosplat.baselines.gags import (
     CHANNELS,
@@ -17,6 +16,7 @@ from egosplat.baselines.gags import (
     weighted_target,
 )
 from egosplat.baselines.regions import Sample, mean_over_regions, sample_regions, variance_within
+from egosplat.codes.decoder import split_layers
 
 CPU = torch.device("cpu")
 

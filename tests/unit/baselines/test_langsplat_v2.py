@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.errors import UserError
 from egosplat.baselines.langsplat_v2 import WORDS, codebook, coefficients
+from egosplat.errors import UserError
 
 
 def test_only_the_four_largest_logits_get_a_gradient():

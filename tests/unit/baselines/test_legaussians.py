@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 
-from egosplat.codes.decoder import Decoder, decode
 from egosplat.baselines.codebook import MIXED, REGULARISER, WORDS, Codebook, even_use, mixture
 from egosplat.baselines.legaussians import LEAST_SMOOTHING, smoothing, uncertain_loss
+from egosplat.codes.decoder import Decoder, decode
 
 
 def test_the_best_uncertainty_for_the_entropy_of_128_equal_words():

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.decoder import decode
-from egosplat.baselines.lerf import baked, feature_loss, input_scale, world_of
 from egosplat.baselines.hash_grid import (
     ENTRIES,
     FEATURES,
@@ -15,6 +13,8 @@ from egosplat.baselines.hash_grid import (
     corners,
     exponential,
 )
+from egosplat.baselines.lerf import baked, feature_loss, input_scale, world_of
+from egosplat.codes.decoder import decode
 
 
 @pytest.mark.parametrize(

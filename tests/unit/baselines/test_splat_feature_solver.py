@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.baselines import clusters
+from egosplat.baselines.clusters import clusters_of, principal_components
+from egosplat.baselines.splat_feature_solver import SHARPENING, agreeing, clustered, mask_means, sharpened
 from egosplat.codes.targets import Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
-from egosplat.baselines import clusters
-from egosplat.baselines.splat_feature_solver import SHARPENING, agreeing, clustered, mask_means, sharpened
-from egosplat.baselines.clusters import clusters_of, principal_components
 from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
 from egosplat.pipeline.config import defaults, stage_values

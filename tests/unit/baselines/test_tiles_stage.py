@@ -9,11 +9,11 @@ import torch
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.tiles import SCALES, scale_name
+from egosplat.baselines import tiles_stage as stage
+from egosplat.baselines.image_maps import principal_components
 from egosplat.baselines.tiles import pyramid
 from egosplat.errors import UserError
-from egosplat.baselines import tiles_stage as stage
 from egosplat.features.crops import encode, resize
-from egosplat.baselines.image_maps import principal_components
 from egosplat.models.open_clip_loader import load_open_clip
 
 KEYS = {"regulariser": "none", "batch": 50, "sam2_config": "small", "sam2_checkpoint": "small"}

@@ -13,9 +13,9 @@ from egosplat.doctor import machine
 from egosplat.doctor.examination import examine
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
-from egosplat.rasterize.kernels import compiling, library
 from egosplat.pipeline.validation import schema
 from egosplat.rasterize import cuda
+from egosplat.rasterize.kernels import compiling, library
 from egosplat_apartments.rays import library as rays
 
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"

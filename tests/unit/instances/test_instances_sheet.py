@@ -8,10 +8,10 @@ from egosplat.artifacts.frames import FRAMES as FRAMES_SCHEMA
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
+from egosplat.drawing import plt
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.report import instances_sheet, merged_crops
-from egosplat.drawing import plt
 from tests.unit.instances.conftest import COLORS, FRAMES, LEFT, RIGHT, SIZE, options
 
 

@@ -15,23 +15,23 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES, scale_name
+from egosplat.baselines.lerf import Field, baked
+from egosplat.baselines.pixel_views import PixelViews
+from egosplat.baselines.tile_views import TileViews
+from egosplat.baselines.tiles import pyramid
 from egosplat.codes.decoder import Decoder, decode
 from egosplat.codes.rendering import render_codes
 from egosplat.codes.targets import CodeTargets
-from egosplat.baselines.tiles import pyramid
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language import loop
-from egosplat.baselines.lerf import Field, baked
 from egosplat.language.loop import train
 from egosplat.language.methods import METHODS, TILE_METHODS
 from egosplat.language.options import LanguageOptions
-from egosplat.baselines.pixel_views import PixelViews
 from egosplat.language.result import Coded
-from egosplat.baselines.tile_views import TileViews
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.query.answer import Answer, ask

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from egosplat.pipeline.config import merge, resolve
 from egosplat.pipeline.scenes import read_scenes
-from egosplat.pipeline.sweeps import with_points
 from egosplat.pipeline.sweep_recipes import recipe_of
+from egosplat.pipeline.sweeps import with_points
 
 ROOT = Path(__file__).resolve().parents[3]
 PRESETS = ROOT / "config" / "presets"

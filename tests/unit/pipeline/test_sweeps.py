@@ -8,8 +8,8 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge, resolve
 from egosplat.pipeline.presets import preset_keys
-from egosplat.pipeline.variants import owner, variant_config
 from egosplat.pipeline.sweeps import Setting, points_of, variant_name, with_points
+from egosplat.pipeline.variants import owner, variant_config
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 

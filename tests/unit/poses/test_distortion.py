@@ -5,7 +5,6 @@ import numpy as np
 import pycolmap
 import pytest
 
-from egosplat.calibration.lens import Lens, Rectifier
 from egosplat.calibration.colmap.distortion import (
     FALSE_ALARM,
     MAX_PICTURES,
@@ -14,6 +13,7 @@ from egosplat.calibration.colmap.distortion import (
     estimate_lens,
     lens_of_frames,
 )
+from egosplat.calibration.lens import Lens, Rectifier
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 

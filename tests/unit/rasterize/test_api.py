@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from egosplat.errors import UserError
-from egosplat.rasterize.kernels import library
 from egosplat.rasterize import api
 from egosplat.rasterize.contract import Arguments
+from egosplat.rasterize.kernels import library
 from egosplat.rasterize.reference import rasterizer as reference
 from egosplat.rasterize.view import View, sum_over_pixels
 

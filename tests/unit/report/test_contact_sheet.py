@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from egosplat.drawing import ground_axes
 from egosplat.geometry import Camera
 from egosplat.report.sheets.contact_sheet import overlay, run
-from egosplat.drawing import ground_axes
 from tests.support.scenes import camera_facts, put
 
 HEIGHT, WIDTH = 24, 24

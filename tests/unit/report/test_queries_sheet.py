@@ -9,13 +9,13 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
+from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.evaluation.scores import iou
 from egosplat.pipeline.config import stage_keys
 from egosplat.report.sheets import queries_asking
 from egosplat.report.sheets.queries_asking import ask_again, open_finished
 from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.report.sheets.queries_sheet import run, summary
-from egosplat.evaluation.scored_scenes import read_scored_scene
 
 NAMES = ("frames", "poses", "annotations", "splats", "language", "features")
 GREEN, RED = (34, 139, 34), (255, 0, 0)

@@ -20,11 +20,11 @@ import pycolmap
 from numpy.typing import NDArray
 from scipy import stats
 
-from egosplat.calibration.lens import Lens
 from egosplat.calibration.colmap.adjustment import adjust
 from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
 from egosplat.calibration.colmap.mapping import build_models
 from egosplat.calibration.colmap.matching import match_images
+from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.geometry import Camera

@@ -14,7 +14,6 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.output_files import check_output, picture_kind
 from egosplat.drawing import (
     draw_heading,
     ground_axes,
@@ -23,6 +22,7 @@ from egosplat.drawing import (
     save_figure,
     show,
 )
+from egosplat.output_files import check_output, picture_kind
 from egosplat.page_text import add_name
 from egosplat.sampling import evenly_spaced
 

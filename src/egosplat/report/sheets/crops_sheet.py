@@ -15,10 +15,10 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.codes.vectors import unit, usable
+from egosplat.drawing import draw_heading, plt, save_figure
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.output_files import check_output, picture_kind
-from egosplat.drawing import draw_heading, plt, save_figure
 from egosplat.sampling import evenly_spaced
 
 PAGE = picture_kind("egosplat crops-sheet")

@@ -15,10 +15,10 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.codes.rendering import render_codes
+from egosplat.drawing import draw_heading, plt, save_figure, show
 from egosplat.geometry import Camera
 from egosplat.output_files import check_output, picture_kind
 from egosplat.query.scene import TrainedScene, read_trained_scene
-from egosplat.drawing import draw_heading, plt, save_figure, show
 
 PAGE = picture_kind("egosplat language-sheet")
 

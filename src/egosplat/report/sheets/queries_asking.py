@@ -21,12 +21,12 @@ from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.options import MetricsOptions, metrics_options
 from egosplat.evaluation.queries import Query, find_queries
+from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.query.answer import Answer, Asker
 from egosplat.query.scene import read_scene
 from egosplat.query.sources import QuerySources, find_sources
 from egosplat.query.text import encode_texts, load_clip_of
 from egosplat.report.sheets.queries_choice import ScoredQuery
-from egosplat.evaluation.scored_scenes import ScoredScene
 
 _SCHEMAS = (FRAMES, POSES, SPLATS, LANGUAGE, ANNOTATIONS)
 

@@ -14,10 +14,10 @@ from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
+from egosplat.drawing import draw_heading, label_log_axis, middles_of_parts, plt, save_figure, show
 from egosplat.gaussians.evaluation import Scores
 from egosplat.output_files import check_output, picture_kind
 from egosplat.report.sheets.corrections_figure import draw_gains, draw_poses, has_corrections
-from egosplat.drawing import draw_heading, label_log_axis, middles_of_parts, plt, save_figure, show
 
 PAGE = picture_kind("egosplat splats-sheet")
 

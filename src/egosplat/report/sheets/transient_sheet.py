@@ -19,10 +19,10 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.output_files import check_output, picture_kind
-from egosplat.query.scene import read_trained_scene
 from egosplat.drawing import draw_heading, inner_point, middles_of_parts, plt, save_figure, show
+from egosplat.output_files import check_output, picture_kind
 from egosplat.page_text import add_name
+from egosplat.query.scene import read_trained_scene
 
 PAGE = picture_kind("egosplat transient-sheet")
 

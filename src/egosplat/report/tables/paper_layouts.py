@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from egosplat.evaluation.queries import GROUPS
-from egosplat.report.tables.paper_numbers import AVERAGE, METHODS, METRICS, SCENES
 from egosplat.evaluation.scored_scenes import FULL, UNTOUCHED, ScoredScene
+from egosplat.report.tables.paper_numbers import AVERAGE, METHODS, METRICS, SCENES
 from egosplat.report.tables.series import OWN
 from egosplat.report.tables.table import METRIC_NAMES, Column
 

@@ -6,9 +6,9 @@ from itertools import count, islice, product
 from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
+from egosplat.evaluation.scored_scenes import CHANCE, FULL, UNTOUCHED, ScoredScene
 from egosplat.report.tables.paper_layouts import LAYOUTS, Layout, Line
 from egosplat.report.tables.paper_numbers import AVERAGE, PAPER_NOTES, printed
-from egosplat.evaluation.scored_scenes import CHANCE, FULL, UNTOUCHED, ScoredScene
 from egosplat.report.tables.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
 from egosplat.report.tables.table import (
     PRINTED,

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from egosplat.errors import UserError
-from egosplat.models.suitability import BRIEF
 from egosplat.evaluation.scored_scenes import Model, ScoredScene
+from egosplat.models.suitability import BRIEF
 
 # Names of the datasets in the paper.
 NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.output_files import check_output, write_text_file
 from egosplat.progress import log
 from egosplat.report.tables.formats import CSV, LATEX, MARKDOWN, to_csv, to_latex, to_markdown
 from egosplat.report.tables.page import HTML, read_picture, to_html
 from egosplat.report.tables.paper_layouts import LAYOUTS, in_a_table
 from egosplat.report.tables.paper_tables import paper_tables
-from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.report.tables.series import find_series
 
 PAGE = "tables.html"

@@ -10,11 +10,11 @@ from matplotlib.text import Annotation, Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from matplotlib.transforms import Bbox
 
-from egosplat.output_files import picture_kind
 from egosplat.drawing import plt, save_figure
+from egosplat.output_files import picture_kind
+from egosplat.pipeline.sweeps import PRESET
 from egosplat.report.tradeoff.estimates import front
 from egosplat.report.tradeoff.measured import ACCURACY, CPU, MEAN_IOU, PSNR, WALL, Measure
-from egosplat.pipeline.sweeps import PRESET
 from egosplat.report.tradeoff.scenes import Entry, mean_of, mean_points
 
 PICTURE = picture_kind("egosplat tradeoff")

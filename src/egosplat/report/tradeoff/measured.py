@@ -7,10 +7,10 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.pipeline.sweep_recipes import Recipe
+from egosplat.pipeline.sweeps import PRESET, Setting, shown
 from egosplat.report.tables.series import find_series
 from egosplat.report.tradeoff.estimates import Chance, Sample, pooled
-from egosplat.pipeline.sweeps import PRESET, Setting, shown
-from egosplat.pipeline.sweep_recipes import Recipe
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
+from egosplat.evaluation.scored_scenes import CHANCE
 from egosplat.output_files import json_kind, text_kind, write_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.sweeps import shown
 from egosplat.report.tables.page import read_picture
-from egosplat.evaluation.scored_scenes import CHANCE
 from egosplat.report.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
 from egosplat.report.tradeoff.measured import (
     ACCURACY,
@@ -25,7 +26,6 @@ from egosplat.report.tradeoff.measured import (
     MeasuredPoint,
     chances,
 )
-from egosplat.pipeline.sweeps import shown
 from egosplat.report.tradeoff.scenes import bought, mean_of, mean_points
 
 FORMAT_VERSION = 5

@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
+from egosplat.evaluation.scored_scenes import one_line, read_scored_scene
 from egosplat.models.suitability import BRIEF, notice
 from egosplat.pipeline import config as configuration
-from egosplat.evaluation.scored_scenes import one_line, read_scored_scene
 from egosplat.report.tables.stage import run
 from tests.support.scores import OPTIONS
 

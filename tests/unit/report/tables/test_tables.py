@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval
+from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.report.tables.paper_numbers import METHODS, SCENES, printed
 from egosplat.report.tables.paper_tables import average, average_chance, paper_tables
-from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.report.tables.table import Cell, Row, aside, number, ranked
 
 
