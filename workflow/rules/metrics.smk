@@ -138,7 +138,9 @@ rule tables:
         runtime="10m",
     params:
         pictures=get_picture_flags,
-        code=code_hash("egosplat.report.tables.stage", ("jinja2", "jsonschema", "pandas")),
+        code=code_hash(
+            "egosplat.report.tables.stage", ("jinja2", "jsonschema", "pandas")
+        ),
     shell:
         "egosplat tables"
         " --output results/benchmark"

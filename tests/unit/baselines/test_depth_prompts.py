@@ -6,6 +6,7 @@ import pytest
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.segments import SEGMENTS
+from egosplat.baselines import depth_prompts_stage
 from egosplat.baselines.depth_prompts_stage import PromptsOptions, SplatViews
 from egosplat.baselines.granularity import CELLS, PARTS, cell_ratios, draw_points, points_a_side
 from egosplat.errors import UserError
@@ -14,7 +15,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults, stage_values
-from egosplat.segments import depth_prompts_stage, stage
+from egosplat.segments import stage
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.prompts import grid_points
 from tests.support.scenes import camera_facts, put, put_scene

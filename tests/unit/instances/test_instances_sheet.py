@@ -11,7 +11,7 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.drawing import plt
 from egosplat.errors import UserError
 from egosplat.instances import stage
-from egosplat.report import instances_sheet, merged_crops
+from egosplat.report.sheets import instances_sheet, merged_crops
 from tests.unit.instances.conftest import COLORS, FRAMES, LEFT, RIGHT, SIZE, options
 
 

@@ -15,9 +15,9 @@ from PIL import Image
 from egosplat import cli
 from egosplat.artifacts.poses import length_unit
 from egosplat.models.suitability import notice
+from egosplat.query import answers, command
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene_query import SceneAnswer
-from egosplat.report import query_answers, query_command
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def unscaled(monkeypatch):
     def pretend():
         with monkeypatch.context() as patch:
             patch.setattr(
-                query_answers,
+                answers,
                 "length_unit",
                 lambda _: length_unit(SimpleNamespace(facts={"notes": {"scale": "arbitrary"}})),
             )
@@ -128,7 +128,7 @@ def test_what_is_not_there_is_rejected(word_scene, query):
 
 def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, monkeypatch):
     """A least score of 0 refuses nothing, but there may be no thing to name."""
-    monkeypatch.setattr(query_answers, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
+    monkeypatch.setattr(answers, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
     status, out, err = query(word_scene(), "cup", "--min-score", 0)
     assert status == 0, err
     assert columns(out.splitlines()[2]) == ["cup", "0.00", "no Gaussian of the scene has a code"]
@@ -142,9 +142,9 @@ def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
 def test_the_answer_in_words_comes_before_the_picture(word_scene):
     """Words are there in half the time."""
     folder = word_scene()
-    asking = query_command.Asking(None, None, 1, None)
+    asking = command.Asking(None, None, 1, None)
     how = {"backend": "auto", "device": "cpu", "precision": "float32"}
-    answers = query_command.run(folder, ["cup"], asking, LANGSPLAT, **how)
+    answers = command.run(folder, ["cup"], asking, LANGSPLAT, **how)
     assert "cup" in next(answers) and not (folder / "query.png").exists()
     assert next(answers).startswith("picture: ") and (folder / "query.png").exists()
 
