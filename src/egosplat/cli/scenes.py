@@ -29,13 +29,11 @@ def query_command() -> click.Command:
         precision: str,
         **keys: Any,
     ) -> None:
-        from egosplat.query.command import Asking, run
-        from egosplat.query.options import QueryOptions
+        from egosplat.query.command import run
+        from egosplat.query.opening import open_scene
 
-        check_scene_folder(folder, ("frames", "poses", "splats", "language"))
-        asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)
-        how = {"backend": backend, "device": device, "precision": precision}
-        for part in run(folder, phrases, asking, options, **how):
+        scene = open_scene(folder, backend=backend, device=device, precision=precision, **keys)
+        for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output):
             click.echo(part)
 
     return click.Command(

@@ -1,7 +1,10 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
+
+from egosplat.errors import UserError
 
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
 CANONICAL = ("object", "things", "stuff", "texture")
@@ -50,6 +53,19 @@ class QueryOptions:
         for name, good in ranges.items():
             if not good:
                 raise ValueError(f"{name} = {getattr(self, name)!r} is out of range")
+
+    def changed(self, **keys: Any) -> "QueryOptions":
+        """Get these options with other values for some keys.
+
+        Raises:
+            UserError: a key is unknown, or a value is out of its range.
+        """
+        if unknown := keys.keys() - vars(self).keys():
+            raise UserError(f"query.{min(unknown)}: is no key; known are {', '.join(vars(self))}")
+        try:
+            return replace(self, **keys)
+        except (TypeError, ValueError) as error:
+            raise UserError(f"query: {error}") from None
 
     def refusal(self, score: float, untaught: Sequence[str]) -> str | None:
         """The reason why a query has no answer; None if it has one.

@@ -22,7 +22,7 @@ from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.options import MetricsOptions, metrics_options
 from egosplat.evaluation.queries import Query, find_queries
 from egosplat.evaluation.scored_scenes import ScoredScene
-from egosplat.query.answer import Answer, Asker
+from egosplat.query.answer import Asker, ViewAnswer
 from egosplat.query.scene import read_scene
 from egosplat.query.sources import QuerySources, find_sources
 from egosplat.query.text import encode_texts, load_clip_of
@@ -60,7 +60,7 @@ class ShownQuery:
     view: NDArray[np.float32]
     target: NDArray[np.bool_]
     boxes: NDArray[np.int64]
-    answer: Answer
+    answer: ViewAnswer
 
 
 def open_sources(paths: Sequence[Path], encoded: Artifact) -> ScoredSources:
