@@ -15,7 +15,7 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.lineage import Lineage, lineage
+from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.provenance import Provenance
@@ -47,9 +47,8 @@ from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.output_files import check_output
 from egosplat.progress import log
-from egosplat.query.answer import Asker
-from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts, load_clip_of, open_encoded
+from egosplat.query.finished_scene import Backends, scene_of
+from egosplat.query.text import open_encoded
 
 
 def run(
@@ -82,20 +81,17 @@ def run(
     artifacts = list(map(open_artifact, paths, schemas))
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
-    made_from = lineage([*artifacts, encoded])
+    scene = scene_of([*artifacts, encoded], options, Backends.of(options))
+    made_from = scene.made_from
     keys = asdict(options)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
-    model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    clip = load_clip_of(encoded, *model)
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
-    texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
-    scene = read_scene(splats, language, encoded, options.backend)
-    asker = Asker.of(scene, texts, options)
+    asker = scene.asker(sorted({query.category for query in queries}))
     answered = list(run_queries(queries, evaluation, asker, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
-    presence_queries = ask_presence(*phrases, evaluation, scene, clip, options)
+    presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
     scores = summarise([one.score for one in answered], options)
     used, levels = list(made_from.found.values()), language.facts["levels"]

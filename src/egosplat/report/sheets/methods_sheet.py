@@ -11,7 +11,7 @@ from egosplat.drawing import draw_heading, plt, save_figure
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.output_files import check_output, picture_kind
 from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_outline
-from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_finished
+from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_scored, scoring_options
 from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.report.tables.series import OWN
 
@@ -80,7 +80,8 @@ def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuer
 
 
 def _answers(scene: ScoredScene, queries: Sequence[ScoredQuery]) -> dict[Asked, ShownQuery]:
-    shown = ask_again(queries, open_finished(scene.path.parent), scene)
+    opened = open_scored(scene.path.parent, scoring_options(scene))
+    shown = ask_again(queries, opened, scene)
     return {(one.scored.frame, one.scored.category): one for one in shown}
 
 
