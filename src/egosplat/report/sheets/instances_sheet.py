@@ -14,11 +14,8 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.drawing import draw_heading, ground_axes, plt, save_figure, show
-from egosplat.output_files import check_output, picture_kind
 from egosplat.report.sheets.merged_crops import draw_merged_crops, largest_and_most_changed, shown_in
 from egosplat.sampling import evenly_spaced
-
-PAGE = picture_kind("egosplat instances-sheet")
 
 # Maximum number of frames, evenly spaced.
 PICTURES = 6
@@ -50,7 +47,6 @@ def run(
     Raises:
         UserError: the inputs do not belong together.
     """
-    check_output(output, PAGE)
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     segments, instances = open_artifact(segments_path, SEGMENTS), open_artifact(instances_path, INSTANCES)
     check_made_from(instances, frames, axes=("frame",))
@@ -85,7 +81,7 @@ def run(
         rows = grid[1 + len(levels) + 2 * place :][:2]
         rows[0, -1].set_axis_off(), rows[1, -1].set_axis_off()
         draw_merged_crops(rows[:, :-1], frames, segments, instances, instance, seen)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def _summary(instances: Artifact) -> str:
