@@ -14,6 +14,7 @@ from egosplat.artifacts.splats import camera_poses
 from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.geometry import Array, known_poses
+from egosplat.images import evenly_spaced
 from egosplat.progress import log, track
 from egosplat.query.answer import rendering_camera
 from egosplat.query.command import open_question, open_sources
@@ -22,7 +23,6 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import SceneAnswer, ask_scene, index_scene
 from egosplat.query.sources import QuerySources
 from egosplat.query.things import Thing
-from egosplat.sampling import evenly_spaced
 from egosplat.viewer.pictures import Painted, heat
 
 # Views on the way to an answer and time of each [ms].

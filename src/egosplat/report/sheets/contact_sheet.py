@@ -22,8 +22,8 @@ from egosplat.drawing import (
     save_figure,
     show,
 )
+from egosplat.images import evenly_spaced
 from egosplat.page_text import add_name
-from egosplat.sampling import evenly_spaced
 
 # Maximum number of frames, and of evaluation frames.
 PICTURES = 8

@@ -18,7 +18,7 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.drawing import draw_heading, plt, save_figure
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
-from egosplat.sampling import evenly_spaced
+from egosplat.images import evenly_spaced
 
 # Maximum number of views of an instance.
 COLUMNS = 12

@@ -14,8 +14,8 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.drawing import draw_heading, ground_axes, plt, save_figure, show
+from egosplat.images import evenly_spaced
 from egosplat.report.sheets.merged_crops import draw_merged_crops, largest_and_most_changed, shown_in
-from egosplat.sampling import evenly_spaced
 
 # Maximum number of frames, evenly spaced.
 PICTURES = 6
