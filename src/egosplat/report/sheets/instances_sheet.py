@@ -53,7 +53,7 @@ def run(
     check_made_from(instances, segments, axes=("frame", "height", "width"))
     count, height, width, _ = frames.shape("rgb")
     shown = evenly_spaced(count, PICTURES)
-    levels, repeats = instances.facts["levels"], instances.facts.get("repeats", {})
+    levels = instances.facts["levels"]
     in_3d = instances.shape("gaussians/xyz")[0] > 0
     columns = len(shown) + in_3d
     # Tracks are what they were before.
@@ -71,10 +71,8 @@ def run(
         show(grid[0, column], image, f"frame {frame}")
         for level, name in enumerate(levels):
             visible = len(np.unique(labels[level][labels[level] >= 0]))
-            heading = (
-                f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {visible} instances"
-            )
-            show(grid[1 + level, column], tinted(image, labels[level], colors), heading)
+            tint = tinted(image, labels[level], colors)
+            show(grid[1 + level, column], tint, f"{name}: {visible} instances")
     if in_3d:
         _draw_from_above(grid[: 1 + len(levels), -1], poses, instances, colors)
     for place, instance in enumerate(cropped):
