@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from egosplat.output_files import SOFTWARE, FileKind, output_file
+from egosplat.files import atomic_file
 from egosplat.page_text import HEADING_WIDTH, arrange_texts, wrap_text
 
 __all__ = [
@@ -81,17 +81,14 @@ def label_log_axis(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def save_figure(figure: Figure, output: Path, kind: FileKind) -> None:
-    """Write a figure as PNG, marked with the command that made it, and close it. The file is complete or absent.
+def save_figure(figure: Figure, output: Path) -> None:
+    """Write a figure as PNG and close it. The file is complete or absent.
 
     Long titles are wrapped first, and names are moved inside their images.
-
-    Raises:
-        UserError: ``output`` exists and was not written by the command.
     """
     arrange_texts(figure)
-    with output_file(output, kind) as scratch:
-        figure.savefig(scratch, dpi=DPI, format="png", metadata={SOFTWARE: kind.command})
+    with atomic_file(output) as scratch:
+        figure.savefig(scratch, dpi=DPI, format="png", metadata={"Software": "egosplat"})
     plt.close(figure)
 
 

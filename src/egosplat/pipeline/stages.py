@@ -334,6 +334,9 @@ STAGES = {stage.name: stage for stage in _STAGES}
 # The stages that write an artifact, in the order of the pipeline.
 ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
 
+# The stages that write one file, by default under the name ``output``.
+FILES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".json", ".png", ".html")))
+
 # The stages that draw a page.
 PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".png", ".html")))
 

@@ -7,13 +7,10 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
-from egosplat.output_files import check_output, picture_kind
 from egosplat.progress import track
 from egosplat.query.answers import Answer, FoundView
 from egosplat.query.finished_scene import Scene
 from egosplat.query.viewpoint import Viewpoint
-
-QUERY_PICTURE = picture_kind("egosplat query")
 
 # Maximum number of answers in the picture; the table has all of them.
 MOST_DRAWN = 8
@@ -41,7 +38,7 @@ class DrawnAnswer:
 
 
 def run(
-    scene: Scene, phrases: Sequence[str], viewpoint: Viewpoint | None, most: int, output: Path | None
+    scene: Scene, phrases: Sequence[str], viewpoint: Viewpoint | None, most: int, output: Path
 ) -> Iterator[str]:
     """Answer queries in a table, then in a picture.
 
@@ -49,16 +46,14 @@ def run(
         phrases: the queries, at least one.
         viewpoint: the view to query; None for the whole scene.
         most: maximum number of things in an answer of the whole scene.
-        output: picture to write; None for query.png in the scene's folder.
+        output: picture to write.
 
     Yields:
         The table as soon as it is known, then a line about the picture once it is drawn.
 
     Raises:
-        UserError: as ``Scene.ask``; or the output is another kind of file.
+        UserError: as ``Scene.ask``.
     """
-    output = scene.folder / "query.png" if output is None else output
-    check_output(output, QUERY_PICTURE)
     place = "the whole scene" if viewpoint is None else viewpoint.name
     title = f"{scene.folder}, {place}, origin {scene.origin}"
     title = "\n".join(filter(None, (title, scene.notice)))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.drawing import plt, save_figure
 from egosplat.query.answer_drawing import draw_heat, draw_mask
-from egosplat.query.command import QUERY_PICTURE, DrawnAnswer
+from egosplat.query.command import DrawnAnswer
 
 # Height of an image [inches].
 CELL = 4.0
@@ -32,7 +32,7 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
     figure.suptitle(title, fontsize=12)
     for cells, answer in zip(grid, answers, strict=True):
         _draw(cells, answer)
-    save_figure(figure, output, QUERY_PICTURE)
+    save_figure(figure, output)
 
 
 def _draw(cells: NDArray[np.object_], drawn: DrawnAnswer) -> None:

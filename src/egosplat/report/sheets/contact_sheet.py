@@ -22,11 +22,8 @@ from egosplat.drawing import (
     save_figure,
     show,
 )
-from egosplat.output_files import check_output, picture_kind
+from egosplat.images import evenly_spaced
 from egosplat.page_text import add_name
-from egosplat.sampling import evenly_spaced
-
-PAGE = picture_kind("egosplat contact-sheet")
 
 # Maximum number of frames, and of evaluation frames.
 PICTURES = 8
@@ -52,7 +49,6 @@ LEAST_SHARE = 0.002
 
 def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Path, *, title: str) -> None:
     """Draw the contact sheet of a scene as PNG, atomically."""
-    check_output(output, PAGE)
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     annotations = open_artifact(annotations_path, ANNOTATIONS)
     shown = evenly_spaced(frames.shape("rgb")[0], PICTURES)
@@ -70,7 +66,7 @@ def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Pat
         cell.set_axis_off()
     _draw_frames(grid[:above], frames, shown)
     _draw_evaluation_frames(grid[above:], frames, annotations, rows)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def _grid_width(frames: Artifact, columns: int, rows: int) -> float:

@@ -17,7 +17,6 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.drawing import draw_heading, plt, save_figure
 from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
-from egosplat.output_files import check_output, picture_kind
 from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
 from egosplat.query.finished_scene import Backends, scene_of
 from egosplat.query.text import open_encoded
@@ -25,8 +24,6 @@ from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, scoring
 from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
 from egosplat.report.tables.series import find_series
 from egosplat.report.tables.table import Cell
-
-PAGE = picture_kind("egosplat queries-sheet")
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4
@@ -63,7 +60,6 @@ def run(
     Raises:
         UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
     """
-    check_output(output, PAGE)
     scored = read_scored_scene(metrics_path)
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
     schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
@@ -80,7 +76,7 @@ def run(
         figure.set_size_inches(6 * CELL, CELL)
         figure.text(0.5, 0.4, "No annotated frame with a pose has a category to query.", ha="center")
     draw_heading(figure, f"{title}: {summary(scored)}", scored.warnings)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def summary(scored: ScoredScene) -> str:
