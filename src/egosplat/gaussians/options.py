@@ -1,69 +1,21 @@
-"""Training options, and the schedule and density control they select."""
+"""Options that the stages with a training of Gaussians share."""
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import ClassVar, Literal
 
-from egosplat.gaussians.density_control import DensityControl, DensityOptions
-from egosplat.gaussians.render import RenderSettings
-from egosplat.gaussians.schedule import STOCK, Schedule, cut, scaled
+from egosplat.pipeline.options import Options
 
 
-@dataclass(frozen=True, kw_only=True)
-class GrowthOptions:
-    """Keys that the stages ``splats`` and ``transient`` share."""
+class CameraOptions(Options):
+    """What the training of Gaussians corrects about the camera (docs/method.md#corrections)."""
 
-    iterations: int
-    max_gaussians: int
-    grow_grad2d: float
-    reset_opacity: float
-    reset_at_start: bool
-    prune_screen_px: float | None
-    seed: int
+    section: ClassVar[str] = "camera"
 
-    def training_options(self, render: RenderSettings, **own: Any) -> "TrainingOptions":
-        """Return the options of a training run with these values and ``own`` ones."""
-        shared = {field.name: getattr(self, field.name) for field in fields(GrowthOptions)}
-        return TrainingOptions(render=render, **shared, **own)
+    refine_poses: Literal["auto", "on", "off"] = "auto"
+    """Refine the pose of each training frame together with the Gaussians: a small rigid motion a frame, by gradient
+    descent. It costs time and helps where poses are off by millimeters or more. auto: if the survey finds that the
+    poses do not explain the pictures; by hand, as the given survey says, else off."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class TrainingOptions(GrowthOptions):
-    """Options of one training run. ``config.schema.yaml`` describes each key and its trade-off.
-
-    Attributes:
-        max_gaussians: largest number of Gaussians.
-        position_lr: initial learning rate of the means, per unit of scene extent; it decays to 1/100.
-        grow_grad2d: image position gradient above which a Gaussian grows.
-        reset_opacity: largest opacity after a reset.
-        reset_at_start: also reset opacities when density control begins.
-        cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
-        prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
-        evaluate_every: iterations between two evaluations.
-    """
-
-    render: RenderSettings
-    position_lr: float
-    evaluate_every: int
-    reset_opacity: float = 0.05
-    reset_at_start: bool = False
-    prune_screen_px: float | None = None
-    cuts_schedule: bool = False
-
-    @property
-    def schedule(self) -> Schedule:
-        """Return the schedule for ``iterations``."""
-        stock = replace(STOCK, reset_at_start=self.reset_at_start)
-        # 3DGS's ratio: 1.6e-4 to 1.6e-6.
-        rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
-        fitted = cut if self.cuts_schedule else scaled
-        return replace(fitted(stock, self.iterations), **rates)
-
-    def density_control(self, extent: float) -> DensityControl:
-        """Return the density control of a scene of ``extent`` [m]."""
-        options = DensityOptions(
-            self.max_gaussians,
-            grow_grad2d=self.grow_grad2d,
-            prune_screen_px=self.prune_screen_px,
-            reset_opacity=self.reset_opacity,
-        )
-        return DensityControl(options, self.schedule, extent)
+    compensate_exposure: Literal["auto", "on", "off"] = "auto"
+    """Give each training frame a gain of red, green and blue, which its render gets before it is compared. It helps
+    where auto-exposure or white balance change; the Gaussians keep the mean exposure. auto: if the survey finds
+    that the brightness of the same surfaces changes; by hand, as the given survey says, else off."""
