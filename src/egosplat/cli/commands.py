@@ -1,5 +1,6 @@
-"""The command line: a sub-command for each stage, with the stage's configuration keys as flags."""
+"""The command line: a sub-command for each stage, with the stage's paths as flags and its keys in ``--set``."""
 
+import json
 import os
 import sys
 from collections.abc import Callable
@@ -9,11 +10,12 @@ from typing import Any
 import click
 
 import egosplat
-from egosplat.cli.flags import ARTIFACT, JSON, stage_flags
+from egosplat.cli.flags import ARTIFACT, JSON, KeysCommand, path_flags
 from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
 from egosplat.errors import UserError, user_message
-from egosplat.pipeline.config import stage_keys
-from egosplat.pipeline.config_table import keys_page
+from egosplat.pipeline.config import stage_options
+from egosplat.pipeline.config_table import json_schema, keys_page
+from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import end_with_snakemake
 from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import show_log
@@ -21,7 +23,7 @@ from egosplat.progress import show_log
 # Half of the longest message about a flag [characters]; a value may be a whole file.
 _LONGEST = 500
 
-# Commands that are built on demand: their flags come from the configuration's schema.
+# Commands that are built on demand: their keys come from the options of stages.
 _BUILT: dict[str, Callable[[], click.Command]] = {
     "export": export_command,
     "movie": movie_command,
@@ -128,9 +130,12 @@ def story(files: tuple[Path, ...], title: str, output: Path) -> None:
 
 
 @cli.command()
-def keys() -> None:
+@click.option(
+    "--schema", is_flag=True, help="Print a JSON schema instead, with which editors complete and check."
+)
+def keys(schema: bool) -> None:
     """Print all configuration keys with defaults and descriptions as a Markdown page."""
-    click.echo(keys_page())
+    click.echo(json.dumps(json_schema(), indent=2) if schema else keys_page())
 
 
 CONFIGFILE = click.option(
@@ -207,18 +212,17 @@ def download(
 
 
 def stage_command(stage: str) -> click.Command:
-    """Build the command of a stage, with a flag for each path and each configuration key."""
+    """Build the command of a stage, with a flag for each path, and ``--set`` for its keys."""
 
-    def call(**values: Any) -> None:
+    def call(options: Options | None = None, **paths: Any) -> None:
         from egosplat.alarms.artifact_alarms import log_warnings
 
-        keys = {name: values.pop(name) for name in stage_keys(stage)}
-        run_stage(stage, keys, **values)
-        log_warnings(stage, values["output"])
+        run_stage(stage, options, **paths)
+        log_warnings(stage, paths["output"])
 
-    return click.Command(
-        stage.replace("_", "-"), callback=call, params=stage_flags(stage), help=STAGES[stage].help
-    )
+    about = {"callback": call, "params": path_flags(stage), "help": STAGES[stage].help}
+    name, keys = stage.replace("_", "-"), stage_options(stage)
+    return KeysCommand(name, keys, stage, **about) if keys else click.Command(name, **about)
 
 
 def main() -> None:

@@ -1,21 +1,21 @@
 """Commands on the folder of a finished scene: ``query``, ``page``, ``view``, ``export`` and ``movie``.
 
-Their flags come from the configuration's schema, so each is built only when it is called.
+Their keys come from the options of stages, so each is built only when it is called.
 """
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from egosplat.cli.flags import ARTIFACT, flag, query_flags
-from egosplat.pipeline.config import stage_keys
+from egosplat.cli.flags import ARTIFACT, KeysCommand
 from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.query.options import AskingOptions
+from egosplat.viewing.options import ScenePageOptions
 
 
 def query_command() -> click.Command:
-    """Build the command ``query``, with a flag for each key of the section ``query``."""
+    """Build the command ``query``, with the keys of the section ``query``."""
 
     def call(
         folder: Path,
@@ -24,21 +24,19 @@ def query_command() -> click.Command:
         pose: Path | None,
         most: int,
         output: Path | None,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
+        options: AskingOptions,
     ) -> None:
         from egosplat.query.command import Asking, run
-        from egosplat.query.options import QueryOptions
 
         check_scene_folder(folder, ("frames", "poses", "splats", "language"))
-        asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)
-        how = {"backend": backend, "device": device, "precision": precision}
+        asking = Asking(frame, pose, most, output)
+        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
         for part in run(folder, phrases, asking, options, **how):
             click.echo(part)
 
-    return click.Command(
+    return KeysCommand(
+        "query",
+        AskingOptions,
         "query",
         callback=call,
         params=[
@@ -62,60 +60,58 @@ def query_command() -> click.Command:
                 help="Largest number of matches listed for the whole scene.",
             ),
             click.Option(["--output"], type=ARTIFACT, help="Output image, .png. [default: FOLDER/query.png]"),
-            *query_flags(),
         ],
         help="Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1.",
     )
 
 
+def _write_page(folder: Path, output: Path | None, title: str | None, options: ScenePageOptions) -> None:
+    """Write the scene page of a finished scene."""
+    from egosplat.artifacts.locating import locate
+
+    stage = STAGES["scene_page"]
+    check_scene_folder(folder, stage.inputs)
+    paths = dict(zip(stage.inputs, locate(folder, *stage.inputs), strict=True))
+    target = output or folder / stage.output
+    run_stage(stage.name, options, **paths, output=target, title=title or title_of(folder))
+
+
 def page_command() -> click.Command:
-    """Build the command ``page``, with the flags of the stage ``scene_page`` but its paths."""
-    stage = "scene_page"
-
-    def call(folder: Path, output: Path | None, title: str | None, **keys: Any) -> None:
-        from egosplat.artifacts.locating import locate
-
-        inputs = STAGES[stage].inputs
-        check_scene_folder(folder, inputs)
-        paths = dict(zip(inputs, locate(folder, *inputs), strict=True))
-        target = output or folder / STAGES[stage].output
-        run_stage(stage, keys, **paths, output=target, title=title or title_of(folder))
-
-    return click.Command(
+    """Build the command ``page``, with the keys of the stage ``scene_page``."""
+    return KeysCommand(
         "page",
-        callback=call,
+        ScenePageOptions,
+        "scene_page",
+        callback=_write_page,
         params=[
             click.Argument(["folder"], type=ARTIFACT),
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output page, .html. [default: FOLDER/scene.html]"
             ),
             click.Option(["--title"], help="Title of the scene. [default: dataset/scene]"),
-            *(flag(name, key) for name, key in stage_keys(stage).items()),
         ],
         help="Write the finished scene of FOLDER as one HTML file to share: it answers queries in the browser.",
     )
 
 
 def view_command() -> click.Command:
-    """Build the command ``view``, with a flag for each key of the section ``query``."""
+    """Build the command ``view``, with the keys of the section ``query``."""
 
     def call(
         folders: tuple[Path, ...],
         host: str,
         port: int,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
+        options: AskingOptions,
     ) -> None:
-        from egosplat.query.options import QueryOptions
         from egosplat.viewer.command import run
 
-        how = {"backend": backend, "device": device, "precision": precision}
-        run(folders, QueryOptions(**keys), host=host, port=port, **how)
+        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
+        run(folders, options, host=host, port=port, **how)
 
-    return click.Command(
+    return KeysCommand(
         "view",
+        AskingOptions,
+        "query",
         callback=call,
         params=[
             click.Argument(["folders"], nargs=-1, required=True, type=ARTIFACT),
@@ -132,14 +128,13 @@ def view_command() -> click.Command:
                 show_default=True,
                 help="0: any free port.",
             ),
-            *query_flags(),
         ],
         help="Show the finished scenes of FOLDERS, such as results/adt/scene1, in the browser.",
     )
 
 
 def export_command() -> click.Command:
-    """Build the command ``export``, with a flag for each key of the section ``query``."""
+    """Build the command ``export``, with the keys of the section ``query``."""
     needs = {
         "ply": ("splats",),
         "spz": ("splats",),
@@ -154,25 +149,23 @@ def export_command() -> click.Command:
         output: Path | None,
         query: str | None,
         codes: bool,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
+        options: AskingOptions,
     ) -> None:
         if format == "html":
-            click.get_current_context().invoke(page_command(), folder=folder, output=output)
+            _write_page(folder, output, None, ScenePageOptions.model_validate(dict(options)))
             return
         from egosplat.export.command import Exporting, run
-        from egosplat.query.options import QueryOptions
 
         asked = ("frames", "poses", "language") if query is not None else ()
         coded = ("language",) if codes and format == "ply" else ()
         check_scene_folder(folder, dict.fromkeys((*needs[format], *asked, *coded)))
-        how = {"backend": backend, "device": device, "precision": precision}
-        run(folder, Exporting(format, output, query, codes), QueryOptions(**keys), **how)
+        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
+        run(folder, Exporting(format, output, query, codes), options, **how)
 
-    return click.Command(
+    return KeysCommand(
         "export",
+        AskingOptions,
+        "query",
         callback=call,
         params=[
             click.Argument(["folder"], type=ARTIFACT),
@@ -196,34 +189,31 @@ def export_command() -> click.Command:
                 show_default=True,
                 help="Include the language codes; ply.",
             ),
-            *query_flags(),
         ],
         help="Write the finished scene of FOLDER, such as results/adt/scene1, for other programs.",
     )
 
 
 def movie_command() -> click.Command:
-    """Build the command ``movie``, with a flag for each key of the section ``query``."""
+    """Build the command ``movie``, with the keys of the section ``query``."""
 
     def call(
         folder: Path,
         phrases: tuple[str, ...],
         output: Path | None,
         side: int,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
+        options: AskingOptions,
     ) -> None:
         check_scene_folder(folder, ("frames", "poses", "splats", "language"))
         from egosplat.export.movie import run
-        from egosplat.query.options import QueryOptions
 
-        how = {"backend": backend, "device": device, "precision": precision}
-        run(folder, phrases, output or folder / "query.webp", side, QueryOptions(**keys), **how)
+        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
+        run(folder, phrases, output or folder / "query.webp", side, options, **how)
 
-    return click.Command(
+    return KeysCommand(
         "movie",
+        AskingOptions,
+        "query",
         callback=call,
         params=[
             click.Argument(["folder"], type=ARTIFACT),
@@ -238,7 +228,6 @@ def movie_command() -> click.Command:
                 show_default=True,
                 help="Longer side of the picture [px].",
             ),
-            *query_flags(),
         ],
         help="Draw a moving picture of FOLDER that is asked for PHRASES: the camera goes to each answer.",
     )

@@ -1,6 +1,7 @@
 """Options of the stage ``metrics``."""
 
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from egosplat.pipeline.options import READING, UNIQUE, Options, Share, Text
 from egosplat.pipeline.shared_options import BackendOptions, ClipOptions, DeviceOptions
@@ -108,3 +109,8 @@ class MetricsOptions(
     ScoringOptions, QueryOptions, PresenceOptions, ClipOptions, BackendOptions, DeviceOptions
 ):
     """How a scene is queried and scored."""
+
+
+def recorded_options(record: Mapping[str, Any]) -> MetricsOptions:
+    """Make the options that ``metrics.json`` records."""
+    return MetricsOptions.model_validate({name: record[name] for name in MetricsOptions.model_fields})

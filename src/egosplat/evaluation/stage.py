@@ -38,6 +38,7 @@ from egosplat.evaluation.evaluation_frames import (
     find_asked_queries,
     read_evaluation,
 )
+from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS
@@ -83,7 +84,7 @@ def run(
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
     made_from = lineage([*artifacts, encoded])
-    keys = asdict(options)
+    keys = options.as_dict() | asdict(RESAMPLING)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
     model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
@@ -97,7 +98,7 @@ def run(
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene, clip, options)
     presence = presence_entry(presence_queries, options.min_score)
-    scores = summarise([one.score for one in answered], options)
+    scores = summarise([one.score for one in answered], RESAMPLING)
     used, levels = list(made_from.found.values()), language.facts["levels"]
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     document = {

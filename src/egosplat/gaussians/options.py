@@ -1,21 +1,58 @@
-"""Options that the stages with a training of Gaussians share."""
+"""Training options, and the schedule and density control they select."""
 
-from typing import ClassVar, Literal
+from dataclasses import dataclass, replace
 
-from egosplat.pipeline.options import Options
+from egosplat.gaussians.density_control import DensityControl, DensityOptions
+from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.schedule import STOCK, Schedule, cut, scaled
+
+# 3DGS's learning rate and densification threshold.
+POSITION_LR = 1.6e-4
+GROW_GRAD2D = 2e-4
 
 
-class CameraOptions(Options):
-    """What the training of Gaussians corrects about the camera (docs/method.md#corrections)."""
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions:
+    """Options of one training run.
 
-    section: ClassVar[str] = "camera"
+    Attributes:
+        max_gaussians: largest number of Gaussians.
+        grow_grad2d: image position gradient above which a Gaussian grows.
+        reset_opacity: largest opacity after a reset.
+        reset_at_start: also reset opacities when density control begins.
+        prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
+        cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
+        evaluate_every: iterations between two evaluations.
+        position_lr: initial learning rate of the means, per unit of scene extent; it decays to 1/100.
+    """
 
-    refine_poses: Literal["auto", "on", "off"] = "auto"
-    """Refine the pose of each training frame together with the Gaussians: a small rigid motion a frame, by gradient
-    descent. It costs time and helps where poses are off by millimeters or more. auto: if the survey finds that the
-    poses do not explain the pictures; by hand, as the given survey says, else off."""
+    render: RenderSettings
+    iterations: int
+    max_gaussians: int
+    grow_grad2d: float
+    evaluate_every: int
+    seed: int
+    reset_opacity: float = 0.05
+    reset_at_start: bool = False
+    prune_screen_px: float | None = None
+    cuts_schedule: bool = False
+    position_lr: float = POSITION_LR
 
-    compensate_exposure: Literal["auto", "on", "off"] = "auto"
-    """Give each training frame a gain of red, green and blue, which its render gets before it is compared. It helps
-    where auto-exposure or white balance change; the Gaussians keep the mean exposure. auto: if the survey finds
-    that the brightness of the same surfaces changes; by hand, as the given survey says, else off."""
+    @property
+    def schedule(self) -> Schedule:
+        """Return the schedule for ``iterations``."""
+        stock = replace(STOCK, reset_at_start=self.reset_at_start)
+        # 3DGS's ratio: 1.6e-4 to 1.6e-6.
+        rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
+        fitted = cut if self.cuts_schedule else scaled
+        return replace(fitted(stock, self.iterations), **rates)
+
+    def density_control(self, extent: float) -> DensityControl:
+        """Return the density control of a scene of ``extent`` [m]."""
+        options = DensityOptions(
+            self.max_gaussians,
+            grow_grad2d=self.grow_grad2d,
+            prune_screen_px=self.prune_screen_px,
+            reset_opacity=self.reset_opacity,
+        )
+        return DensityControl(options, self.schedule, extent)

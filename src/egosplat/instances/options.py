@@ -4,9 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from egosplat.gaussians.options import CameraOptions
 from egosplat.pipeline.options import Count
-from egosplat.pipeline.shared_options import NearPlaneOptions, SeedOptions
+from egosplat.pipeline.shared_options import CameraOptions, NearPlaneOptions, SeedOptions
 
 
 class InstancesOptions(CameraOptions, SeedOptions, NearPlaneOptions):

@@ -28,7 +28,7 @@ _SHARED = {
     "tradeoff": "egosplat.pipeline.general_options:TradeoffOptions",
     "run": "egosplat.pipeline.shared_options:RunOptions",
     "models": "egosplat.pipeline.shared_options:ModelsOptions",
-    "camera": "egosplat.gaussians.options:CameraOptions",
+    "camera": "egosplat.pipeline.shared_options:CameraOptions",
     "query": "egosplat.query.options:QueryOptions",
     "presence": "egosplat.evaluation.options:PresenceOptions",
 }
@@ -72,12 +72,14 @@ def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
     return {key: config[section][key] for section, keys in stage_sections(stage).items() for key in keys}
 
 
-def make_options(options: type[Options], values: Mapping[str, Any], section: str, where: str) -> Options:
+def make_options(
+    options: type[Options], values: Mapping[str, Any], where: str, names: Mapping[str, str]
+) -> Options:
     """Make options, which checks the values and adds the defaults.
 
     Args:
-        section: of the keys, for messages.
-        where: what gives the values.
+        where: what gives the values, for messages.
+        names: full name of each key, such as ``run.seed``, for messages.
 
     Raises:
         UserError: a key is unknown or has a forbidden value; names the first one.
@@ -85,7 +87,7 @@ def make_options(options: type[Options], values: Mapping[str, Any], section: str
     try:
         return options.model_validate(values)
     except ValidationError as error:
-        raise UserError(f"{where}: {refusal(error, values, keys_of(options), section)}") from None
+        raise UserError(f"{where}: {refusal(error, values, keys_of(options), names)}") from None
 
 
 def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
@@ -99,7 +101,7 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
         if key not in sections and key not in general:
             raise UserError(f"{where}: {unknown_key('', key, [*general, *sections])}")
     own = {key: value for key, value in values.items() if key in general}
-    found = make_options(GeneralOptions, own, "", where).as_dict()
+    found = make_options(GeneralOptions, own, where, {key: key for key in general}).as_dict()
     found |= {name: _section(name, values.get(name, {}), where) for name in sections}
     found["tradeoff"]["sweep"] = {
         key: _converted_sweep(key, swept) for key, swept in found["tradeoff"]["sweep"].items()
@@ -119,7 +121,9 @@ def _section(name: str, values: Any, where: str) -> Config:
     for key in values:
         if key not in keys:
             raise UserError(f"{where}: {unknown_key(name, key, list(keys))}")
-    found = make_options(section_options()[name], values, name, where).as_dict()
+    found = make_options(
+        section_options()[name], values, where, {key: f"{name}.{key}" for key in keys}
+    ).as_dict()
     return {key: found[key] for key in keys}
 
 

@@ -110,20 +110,23 @@ def renamed(section: str, key: str) -> str | None:
 
 
 def refusal(
-    error: ValidationError, given: Mapping[Any, Any], keys: Mapping[str, Mapping[str, Any]], section: str = ""
+    error: ValidationError,
+    given: Mapping[Any, Any],
+    keys: Mapping[str, Mapping[str, Any]],
+    names: Mapping[str, str],
 ) -> str:
     """Describe the first error of options in one line: the key, its value, and what is allowed.
 
     Args:
         given: the values.
         keys: JSON schema of each known key, by name.
-        section: of the keys; empty if they are in none.
+        names: full name of each known key, such as ``splats.iterations``.
     """
     first = error.errors(include_url=False)[0]
     name, *rest = first["loc"]
     if name not in keys:
-        return unknown_key(section, name, list(keys))
-    path, part, value = [section, name] if section else [name], keys[name], given[name]
+        return unknown_key("", name, list(keys))
+    path, part, value = [names[name]], keys[name], given[name]
     names: Mapping[str, Any] = {}
     for step in rest:
         if step == "[key]":  # the key itself is wrong
@@ -162,14 +165,21 @@ def unknown_key(section: str, key: object, known: Sequence[str]) -> str:
     return f"unknown key {shortened(full)}; {advice}"
 
 
-def allowed(part: Mapping[str, Any], value: object = None) -> str:
-    """Describe the values that a JSON schema of one key allows; ``value`` is the one that is refused."""
-    words = choices(part)
-    kinds = kinds_of(part)
+def allowed(part: Mapping[str, Any], value: object) -> str:
+    """Say what a JSON schema of one key allows in place of a refused value."""
+    words, kinds = choices(part), kinds_of(part)
     if words and not kinds:
         near = difflib.get_close_matches(str(value), words, n=1)
-        return f"one of {', '.join(words)}" + (f" (did you mean {near[0]!r}?)" if near else "")
-    return ", ".join([f"must be {' or '.join([*kinds, *words])}", *limits_of(part), *_hint(kinds, value)])
+        return described(part) + (f" (did you mean {near[0]!r}?)" if near else "")
+    return ", ".join([f"must be {described(part)}", *_hint(kinds, value)])
+
+
+def described(part: Mapping[str, Any]) -> str:
+    """Describe the values that a JSON schema of one key allows."""
+    words, kinds = choices(part), kinds_of(part)
+    if words and not kinds:
+        return f"one of {', '.join(words)}"
+    return ", ".join([" or ".join([*kinds, *words]), *limits_of(part)])
 
 
 def choices(part: Mapping[str, Any]) -> list[str]:
@@ -186,10 +196,10 @@ def kinds_of(part: Mapping[str, Any]) -> list[str]:
 def limits_of(part: Mapping[str, Any]) -> list[str]:
     """List the limits of numbers, texts and lists, in words."""
     return [
-        _LIMITS[word].format(limit)
+        text.format(one[word])
         for one in _options(part)
-        for word, limit in one.items()
-        if word in _LIMITS and limit != LARGEST_INTEGER
+        for word, text in _LIMITS.items()
+        if word in one and one[word] != LARGEST_INTEGER
     ]
 
 

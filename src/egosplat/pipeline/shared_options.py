@@ -128,3 +128,19 @@ class MaskSourceOptions(Options):
     crops. depth: 64 to 25,600 points in the frame alone, more where the scene's Gaussians show surfaces farther
     than in other frames (docs/methods.md#gags). It needs prompting each_frame, splats.masking none and
     splats.language after."""
+
+
+class CameraOptions(Options):
+    """What the training of Gaussians corrects about the camera (docs/method.md#corrections)."""
+
+    section: ClassVar[str] = "camera"
+
+    refine_poses: Literal["auto", "on", "off"] = "auto"
+    """Refine the pose of each training frame together with the Gaussians: a small rigid motion a frame, by gradient
+    descent. It costs time and helps where poses are off by millimeters or more. auto: if the survey finds that the
+    poses do not explain the pictures; by hand, as the given survey says, else off."""
+
+    compensate_exposure: Literal["auto", "on", "off"] = "auto"
+    """Give each training frame a gain of red, green and blue, which its render gets before it is compared. It helps
+    where auto-exposure or white balance change; the Gaussians keep the mean exposure. auto: if the survey finds
+    that the brightness of the same surfaces changes; by hand, as the given survey says, else off."""

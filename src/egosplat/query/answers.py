@@ -1,7 +1,7 @@
 """Turn answers to queries, of the whole scene or of one view, into rows of a table and images."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +139,7 @@ def _draw_thing(
     pose = camera_poses(sources.poses, sources.splats)[frame]
     texts, camera = question.texts.of([answer.phrase]), question.scene.camera
     valid = sources.frames.read("valid")
-    options = replace(question.options, resolution=DRAWN_SIDE)
+    options = question.options.change(resolution=DRAWN_SIDE)
     seen = view_thing(question.scene, thing, texts, camera, pose, valid, options)
     level = sources.language.facts["levels"][thing.level]
     return DrawnAnswer(

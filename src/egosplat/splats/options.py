@@ -4,9 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from egosplat.gaussians.options import CameraOptions
 from egosplat.pipeline.options import READING, Count, Positive, Share
-from egosplat.pipeline.shared_options import BackendOptions, NearPlaneOptions, SeedOptions
+from egosplat.pipeline.shared_options import BackendOptions, CameraOptions, NearPlaneOptions, SeedOptions
 
 
 class SplatsOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions):

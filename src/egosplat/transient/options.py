@@ -4,9 +4,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from egosplat.gaussians.options import CameraOptions
 from egosplat.pipeline.options import READING, Count, Positive, Share, Text
-from egosplat.pipeline.shared_options import BackendOptions, NearPlaneOptions, SeedOptions, ThresholdOptions
+from egosplat.pipeline.shared_options import (
+    BackendOptions,
+    CameraOptions,
+    NearPlaneOptions,
+    SeedOptions,
+    ThresholdOptions,
+)
 
 
 class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions):

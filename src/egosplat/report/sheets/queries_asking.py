@@ -1,7 +1,7 @@
 """Answer scored queries of a scene again, to get the maps behind their scores."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
-from egosplat.evaluation.options import MetricsOptions, metrics_options
+from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query, find_queries
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.query.answer import Answer, Asker
@@ -112,8 +112,8 @@ def ask_again(
     if not chosen:
         return
     evaluation = sources.evaluation()
-    recorded = metrics_options(scored.document["provenance"]["options"])
-    options = replace(recorded, device="auto", backend="auto")
+    recorded = recorded_options(scored.document["provenance"]["options"])
+    options = recorded.change(device="auto", backend="auto")
     queries = find_queries(evaluation.annotations, evaluation.valid, options)
     asked = {(one.frame, one.category): one for one in queries}
     asker = open_asker(sources, [one.category for one in chosen], options)
