@@ -1,4 +1,4 @@
-"""The effects of a real camera, from the keys of ``synthetic``, in SI units (docs/real_camera.md)."""
+"""The effects of a real camera, from the keys of ``synthetic``, in SI units (benchmarks/real_camera/README.md)."""
 
 from dataclasses import dataclass
 
