@@ -31,7 +31,7 @@ class SyntheticOptions(Options):
     camera: Literal["ideal", "real"] = "ideal"
     """Camera that records. ideal: exact poses, an instant per frame, constant exposure. real: drift, motion blur,
     rolling shutter, auto-exposure and noise like an Aria's, each by a key of its own whose value auto is on under
-    real and off under ideal (docs/real_camera.md)."""
+    real and off under ideal (benchmarks/real_camera/README.md)."""
 
     camera_strength: Annotated[float, Field(ge=0, le=16)] = 1.0
     """Factor on every effect of the camera, those of set keys included; on drift_s it has no effect. 0 is an ideal

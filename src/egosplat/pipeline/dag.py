@@ -147,9 +147,9 @@ def training_frames(stage: str, config: Config, survey: Survey) -> str:
     return ALL_FRAMES if chosen is None else chosen[1]
 
 
-def stage_flags(stage: str, config: Config) -> str:
-    """Format the values of a stage's options as a command line flag: JSON, sorted by name."""
-    return f"--options {shlex.quote(json.dumps(stage_values(stage, config), sort_keys=True))}"
+def options_json(stage: str, config: Config) -> str:
+    """Format the values of a stage's options as JSON, sorted by name, for its flag ``--options``."""
+    return json.dumps(stage_values(stage, config), sort_keys=True)
 
 
 def input_flags(paths: Mapping[str, str]) -> str:

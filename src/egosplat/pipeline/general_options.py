@@ -100,6 +100,10 @@ class GeneralOptions(Options):
     """Folder that holds the recordings of each dataset, or null. Without a folder for adt, scenes 1 to 5 of adt are
     synthetic apartments; recordings of other datasets are then relative to the working directory."""
 
+    container: Text | None = None
+    """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
+    (docs/running.md)."""
+
     formats: dict[Literal["adt", "hoi4d", "plain"], dict[_OF_FORMATS, dict[str, Any]]] = Field(default={})
     """Keys for all scenes whose recording has the format adt, hoi4d or plain. They win over the keys of all scenes,
     and a scene's own row wins over them. The preset paper sets some for HOI4D; a key set in the configuration wins
@@ -138,7 +142,7 @@ class TablesOptions(Options):
 
     maps: str | None = None
     """Folder of relevancy maps of methods that were run elsewhere, DATASET/SCENE/NAME.zarr
-    (docs/external_methods.md). Those that exist are scored and get a row."""
+    (docs/methods.md). Those that exist are scored and get a row."""
 
 
 SWEEP: dict[str, tuple[Any, ...]] = {

@@ -6,7 +6,7 @@ import numpy as np
 
 from egosplat_apartments.options import SyntheticOptions
 
-# Values of the keys that are ``auto``, with ``camera: real``; docs/real_camera.md has their sources.
+# Values of the keys that are ``auto``, with ``camera: real``; benchmarks/real_camera/README.md has their sources.
 REAL = {
     "drift_mm": 10.0,
     "drift_deg": 0.2,

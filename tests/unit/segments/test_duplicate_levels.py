@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
+
 from egosplat.segments.label_maps import LabelMaps
 
 EACH = 25
