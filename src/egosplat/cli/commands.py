@@ -1,5 +1,6 @@
-"""The command line: a sub-command for each stage, with the stage's configuration keys as flags."""
+"""The command line: a sub-command for each stage, with the stage's paths as flags and its keys in ``--set``."""
 
+import json
 import os
 import sys
 from collections.abc import Callable
@@ -9,12 +10,13 @@ from typing import Any
 import click
 
 import egosplat
-from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, stage_flags
+from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
 from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
-from egosplat.pipeline.config import stage_keys
-from egosplat.pipeline.config_table import keys_page
+from egosplat.pipeline.config import stage_options
+from egosplat.pipeline.config_table import json_schema, keys_page
+from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
 from egosplat.progress import show_log
@@ -22,7 +24,7 @@ from egosplat.progress import show_log
 # Half of the longest message about a flag [characters]; a value may be a whole file.
 _LONGEST = 500
 
-# Commands that are built on demand: their flags come from the configuration's schema.
+# Commands that are built on demand: their keys come from the options of stages.
 _BUILT: dict[str, Callable[[], click.Command]] = {
     "export": export_command,
     "movie": movie_command,
@@ -133,9 +135,12 @@ def story(files: tuple[Path, ...], title: str, output: Path, overwrite: bool) ->
 
 
 @cli.command()
-def keys() -> None:
+@click.option(
+    "--schema", is_flag=True, help="Print a JSON schema instead, with which editors complete and check."
+)
+def keys(schema: bool) -> None:
     """Print all configuration keys with defaults and descriptions as a Markdown page."""
-    click.echo(keys_page())
+    click.echo(json.dumps(json_schema(), indent=2) if schema else keys_page())
 
 
 CONFIGFILE = click.option(
@@ -212,20 +217,19 @@ def download(
 
 
 def stage_command(stage: str) -> click.Command:
-    """Build the command of a stage, with a flag for each path and each configuration key."""
+    """Build the command of a stage, with a flag for each path, and ``--set`` for its keys."""
 
-    def call(**values: Any) -> None:
+    def call(options: Options | None = None, **paths: Any) -> None:
         from egosplat.alarms.artifact_alarms import log_warnings
 
         if stage in FILES:
-            check_output(values["output"], STAGES[stage].output, overwrite=values.pop("overwrite"))
-        keys = {name: values.pop(name) for name in stage_keys(stage)}
-        run_stage(stage, keys, **values)
-        log_warnings(stage, values["output"])
+            check_output(paths["output"], STAGES[stage].output, overwrite=paths.pop("overwrite"))
+        run_stage(stage, options, **paths)
+        log_warnings(stage, paths["output"])
 
-    return click.Command(
-        stage.replace("_", "-"), callback=call, params=stage_flags(stage), help=STAGES[stage].help
-    )
+    about = {"callback": call, "params": path_flags(stage), "help": STAGES[stage].help}
+    name, keys = stage.replace("_", "-"), stage_options(stage)
+    return KeysCommand(name, keys, stage, **about) if keys else click.Command(name, **about)
 
 
 def main() -> None:

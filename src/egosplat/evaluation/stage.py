@@ -37,6 +37,7 @@ from egosplat.evaluation.evaluation_frames import (
     find_asked_queries,
     read_evaluation,
 )
+from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS
@@ -45,7 +46,7 @@ from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
-from egosplat.query.finished_scene import Backends, scene_of
+from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
 
 
@@ -78,9 +79,9 @@ def run(
     artifacts = list(map(open_artifact, paths, schemas))
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
-    scene = scene_of([*artifacts, encoded], options, Backends.of(options))
+    scene = scene_of([*artifacts, encoded], options)
     made_from = scene.made_from
-    keys = asdict(options)
+    keys = options.as_dict() | asdict(RESAMPLING)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
     evaluation = read_evaluation(frames, poses, annotations, splats)
@@ -90,7 +91,7 @@ def run(
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
-    scores = summarise([one.score for one in answered], options)
+    scores = summarise([one.score for one in answered], RESAMPLING)
     used, levels = list(made_from.found.values()), language.facts["levels"]
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     document = {

@@ -1,6 +1,6 @@
 """Stage ``annotations``: read the instance maps of the evaluation frames. For evaluation only."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +15,12 @@ from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.frames import adt_annotations, hoi4d_annotations, plain_annotations
 from egosplat.frames.hoi4d import find_sequence
+from egosplat.frames.options import AnnotationsOptions
 from egosplat.frames.readers import FORMATS
 from egosplat.frames.recording import Annotations
 from egosplat.frames.recording_files import is_annotated
 from egosplat.geometry import Camera
 from egosplat.progress import log, track
-
-
-@dataclass(frozen=True)
-class AnnotationsOptions:
-    """The schema's key of ``annotations``; ``config.schema.yaml`` describes it."""
-
-    max_age_ms: float
 
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: AnnotationsOptions) -> None:
@@ -51,7 +45,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         max_age_ns=round(options.max_age_ms * 1e6),
         lens=Lens.of_facts(facts.get("lens")),
     )
-    made = provenance.begin_from("annotations", asdict(options), [frames])
+    made = provenance.begin_from("annotations", options.as_dict(), [frames])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
         artifact.allocate("instance_map", (len(indices), camera.height, camera.width))

@@ -1,6 +1,5 @@
 """Stage ``language``: give each Gaussian a language code at every level."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -80,13 +79,13 @@ def run(
     else:
         learnt_from = [_opened(instances_path, INSTANCES, method), _opened(features_path, FEATURES, method)]
     used = [frames, poses, splats, *masking.artifacts, *learnt_from]
-    record = provenance.begin_from("language", asdict(options) | by_survey, used)
+    record = provenance.begin_from("language", options.as_dict() | by_survey, used)
     device = training_device(options.backend)
     targets = None if by_tiles else CodeTargets(*learnt_from, device)
     views = select_code_views(frames, poses, splats, targets and targets.of, masking, device, kept)
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)
-    checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
+    checkpoint = Checkpoint(output, provenance.key_of(record))
     if targets is None:
         tiles = TileViews(*learnt_from, frames)
         coded = TILE_METHODS[method](gaussians, views, settings, tiles, options, checkpoint)

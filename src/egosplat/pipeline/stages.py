@@ -1,16 +1,18 @@
 """The table of stages: code, inputs, outputs and dependencies of each stage.
 
-The command line, the checks, the sharing between variants and the rules' paths use ``STAGES``. ``config.schema.yaml`` has the
-types, defaults and descriptions of a stage's keys.
+The command line, the checks, the sharing between variants and the rules' paths use ``STAGES``. A stage's keys
+are the fields of its class of options.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from inspect import signature
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from egosplat.pipeline.code_hash import code_hash
+
+if TYPE_CHECKING:
+    from egosplat.pipeline.options import Options
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,7 @@ class Stage:
         inputs: inputs that it always reads: names of stages (their outputs) or of ``PATHS``.
         optional: inputs that some configurations need, with the condition as text, by name of the stage.
         libraries: distributions whose version changes the output.
-        sections: further configuration sections; the stage takes all their keys.
-        keys: single keys from other sections, by section.
+        options: class of its options, MODULE:CLASS; empty for a stage without keys.
         scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
             pages, ``method``, the published method that a variant stands for.
     """
@@ -38,14 +39,8 @@ class Stage:
     inputs: tuple[str, ...] = ()
     optional: Mapping[str, str] = field(default_factory=dict)
     libraries: tuple[str, ...] = ()
-    sections: tuple[str, ...] = ()
-    keys: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    options: str = ""
     scene: tuple[str, ...] = ()
-
-    @property
-    def models(self) -> tuple[str, ...]:
-        """Keys of the section ``models`` that the stage takes."""
-        return self.keys.get("models", ())
 
 
 # Inputs that no stage writes under this name.
@@ -71,15 +66,13 @@ _LEARNT_FROM = {
     "tiles": "if language.method is field or quantized",
 }
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
-_CLIP = {"models": ("clip_checkpoint", "clip_model", "device", "precision")}
-_CAMERA = {"camera": ("refine_poses", "compensate_exposure")}
-_SAM2 = {"models": ("sam2_config", "sam2_checkpoint", "device", "precision")}
 
 _STAGES = (
     Stage(
         "synthetic",
         "egosplat_apartments.stage",
         "Make the recording of a synthetic apartment, in ADT's format.",
+        options="egosplat_apartments.options:SyntheticOptions",
         output="recording",
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
     ),
@@ -87,6 +80,7 @@ _STAGES = (
         "frames",
         "egosplat.frames.stage",
         "Read and rectify a recording's frames, and split them into training and evaluation.",
+        options="egosplat.frames.options:FramesOptions",
         output="frames.zarr",
         inputs=("recording",),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "pycolmap", "zarr"),
@@ -96,6 +90,7 @@ _STAGES = (
         "annotations",
         "egosplat.frames.annotations_stage",
         "Read the instance maps of the evaluation frames (for evaluation only).",
+        options="egosplat.frames.options:AnnotationsOptions",
         output="annotations.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
@@ -104,6 +99,7 @@ _STAGES = (
         "poses",
         "egosplat.poses.stage",
         "Get camera poses and points from the device's trajectory, a file, or COLMAP.",
+        options="egosplat.poses.options:PosesOptions",
         output="poses.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
@@ -112,6 +108,7 @@ _STAGES = (
         "survey",
         "egosplat.survey.stage",
         "Decide whether a scene is static and which frames add views.",
+        options="egosplat.survey.options:SurveyOptions",
         output="survey.json",
         inputs=("frames", "poses"),
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "zarr"),
@@ -120,16 +117,17 @@ _STAGES = (
         "transient",
         "egosplat.transient.stage",
         "Train a network that predicts moving pixels, together with temporary Gaussians.",
+        options="egosplat.transient.options:TransientOptions",
         output="transient.zarr",
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "timm", "torch", "zarr"),
-        keys=_CAMERA,
     ),
     Stage(
         "segments",
         "egosplat.segments.stage",
         "Find instances at three levels, and track them through the video.",
+        options="egosplat.segments.options:SegmentsOptions",
         output="segments.zarr",
         inputs=("frames",),
         optional=_TRAINING_FRAMES | _MOVING | _PROMPTS,
@@ -142,31 +140,31 @@ _STAGES = (
             "sam2",
             "zarr",
         ),
-        keys=_SAM2 | {"masks": ("threshold",)},
     ),
     Stage(
         "instances",
         "egosplat.instances.stage",
         "Merge masks into instances that hold in 3D.",
+        options="egosplat.instances.options:InstancesOptions",
         output="instances.zarr",
         inputs=("frames", "poses", "segments"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
-        keys={"splats": ("near_plane",)} | _CAMERA,
     ),
     Stage(
         "view_features",
         "egosplat.features.view_features_stage",
         "Encode the crop of each instance in each training frame with OpenCLIP.",
+        options="egosplat.features.options:ViewFeaturesOptions",
         output="view_features.zarr",
         inputs=("frames", "instances"),
         libraries=("numpy", "open_clip_torch", "pillow", "scipy", "torch", "zarr"),
-        keys=_CLIP,
     ),
     Stage(
         "features",
         "egosplat.features.stage",
         "Aggregate the features of each instance over its views, and compress them.",
+        options="egosplat.features.options:FeaturesOptions",
         output="features.zarr",
         inputs=("view_features",),
         libraries=("numpy", "torch", "zarr"),
@@ -175,6 +173,7 @@ _STAGES = (
         "masks",
         "egosplat.transient.masks_stage",
         "Select the transient instances, and mask them in every frame.",
+        options="egosplat.transient.options:MasksOptions",
         output="masks.zarr",
         inputs=("frames", "transient", "instances"),
         libraries=("numpy", "zarr"),
@@ -183,46 +182,47 @@ _STAGES = (
         "splats",
         "egosplat.splats.stage",
         "Train 3D Gaussians on the frames.",
+        options="egosplat.splats.options:SplatsOptions",
         output="splats.zarr",
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES | _MASKING | _JOINT,
         libraries=("numpy", "scipy", "torch", "zarr"),
-        keys=_CAMERA,
     ),
     Stage(
         "tiles",
         "egosplat.baselines.tiles_stage",
         "Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them.",
+        options="egosplat.baselines.options:TilesOptions",
         output="tiles.zarr",
         inputs=("frames",),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "open_clip_torch", "pillow", "torch", "torchvision", "sam2", "zarr"),
-        keys={"models": (*_CLIP["models"][:2], *_SAM2["models"])},
     ),
     Stage(
         "prompts",
         "egosplat.baselines.depth_prompts_stage",
         "Place the point prompts of each training frame by depth, for the method of others that needs them.",
+        options="egosplat.baselines.options:PromptsOptions",
         output="prompts.zarr",
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "torch", "zarr"),
-        keys={"splats": ("backend", "seed")},
     ),
     Stage(
         "language",
         "egosplat.language.stage",
         "Assign each Gaussian the code of its instance, at every level.",
+        options="egosplat.language.options:LanguageOptions",
         output="language.zarr",
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("numpy", "scipy", "torch", "zarr"),
-        keys={"segments": ("segmenter", "point_prompts")},
     ),
     Stage(
         "metrics",
         "egosplat.evaluation.stage",
         "Query every annotated category, and score the answers and the renders.",
+        options="egosplat.evaluation.options:MetricsOptions",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
         optional=_ENCODED,
@@ -235,20 +235,16 @@ _STAGES = (
             "torch",
             "zarr",
         ),
-        sections=("query", "presence"),
-        keys=_CLIP,
         scene=("title", "method"),
     ),
     Stage(
         "method_metrics",
         "egosplat.baselines.external_maps",
         "Score another method's relevancy maps like egosplat's own.",
+        options="egosplat.baselines.options:MethodMetricsOptions",
         output="method_metrics.json",
         inputs=("frames", "poses", "annotations", "relevancy"),
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
-        sections=("metrics",),
-        # The other keys of the section apply only to egosplat's own maps.
-        keys={"query": ("box_filter", "segmentation_threshold", "majority_filter")},
         scene=("title",),
     ),
     Stage(
@@ -319,11 +315,10 @@ _STAGES = (
         "scene_page",
         "egosplat.viewing.stage",
         "Write the scene as one HTML file that answers queries in the browser.",
+        options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
         libraries=("open_clip_torch", "opencv-contrib-python-headless", "torch"),
-        sections=("query",),
-        keys=_CLIP,
         scene=("title",),
     ),
 )
@@ -359,24 +354,18 @@ def stage_function(name: str) -> Callable[..., None]:
     return import_module(STAGES[name].module).run
 
 
-def options_of(name: str) -> type | None:
-    """Get the dataclass of a stage's keys, the type of ``options``; None for a stage without keys."""
-    parameter = signature(stage_function(name)).parameters.get("options")
-    return parameter and parameter.annotation
-
-
-def run_stage(name: str, keys: Mapping[str, Any], **given: Any) -> None:
+def run_stage(name: str, options: "Options | None", **given: Any) -> None:
     """Run a stage.
 
     Args:
-        keys: values of its configuration keys, by name.
+        options: its options; None for a stage without keys.
         given: its paths and its values from the table of scenes, by name.
     """
-    options, stage = options_of(name), STAGES[name]
+    stage = STAGES[name]
     # ``run`` takes the path of an input as ``frames_path``; inside it, ``frames`` is the opened artifact.
     inputs = {*stage.inputs, *stage.optional}
     arguments = {f"{key}_path" if key in inputs else key: value for key, value in given.items()}
-    stage_function(name)(**arguments, **({"options": options(**keys)} if options else {}))
+    stage_function(name)(**arguments, **({} if options is None else {"options": options}))
 
 
 def code_of(name: str) -> str:

@@ -1,7 +1,7 @@
 """A finished scene as one object: open it, ask it, render it (docs/python.md)."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -21,11 +21,12 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.models.suitability import notice_of_artifacts
+from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.answer import Asker, ViewAnswer, ask
 from egosplat.query.answers import Answer, FoundThing, FoundView
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
-from egosplat.query.options import QueryOptions
+from egosplat.query.options import AskingOptions, QueryOptions
 from egosplat.query.scene import QueryScene, read_scene
 from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
 from egosplat.query.text import Texts, encode_texts, load_clip_of, untaught_words
@@ -35,28 +36,6 @@ from egosplat.query.viewpoint import Pose, Viewpoint, frame_viewpoint, pose_view
 
 # What OpenCLIP encoded for a scene's codes: the features of its instances, or tiles for methods without masks.
 ENCODED = ("features", "tiles")
-
-
-@dataclass(frozen=True)
-class Backends:
-    """What computes the answers.
-
-    Attributes:
-        backend: renderer, as the key ``query.backend``.
-        device, precision: of OpenCLIP, as the keys of the section ``models``.
-        clip_model, clip_checkpoint: OpenCLIP to encode queries with; None for the one that the features name.
-    """
-
-    backend: str = "auto"
-    device: str = "auto"
-    precision: str = "auto"
-    clip_model: str | None = None
-    clip_checkpoint: str | None = None
-
-    @classmethod
-    def of(cls, options: Any) -> "Backends":
-        """Take the values of a stage's options."""
-        return cls(**{name: getattr(options, name) for name in cls.__dataclass_fields__})
 
 
 class Frames(Sequence[NDArray[np.uint8]]):
@@ -84,16 +63,14 @@ class Scene:
         folder: folder of the scene or variant.
         given: the opened artifacts.
         made_from: these with everything that they were made from.
-        options: how queries are answered.
-        backends: what computes the answers.
+        options: how queries are answered, and by what renderer and device.
         checked: whether bytes of artifacts need not be compared with their digests before they are read.
     """
 
     folder: Path
     given: tuple[Artifact, ...]
     made_from: Lineage
-    options: QueryOptions
-    backends: Backends
+    options: AskingOptions
     checked: bool = True
 
     def __repr__(self) -> str:
@@ -186,13 +163,16 @@ class Scene:
                 if one.schema.name != "frames":
                     verify(one.path, SCHEMAS)
         splats, language = self.artifact("splats"), self.artifact("language")
-        return read_scene(splats, language, self.encoded, self.backends.backend)
+        return read_scene(splats, language, self.encoded, self.options.backend)
 
     @cached_property
     def clip(self) -> OpenClip:
         """The OpenCLIP that made the features."""
-        made_with, how = self.encoded.facts["clip"], self.backends
-        files = how.clip_model or made_with["model"], how.clip_checkpoint or made_with["checkpoint"]
+        how, made_with = self.options, self.encoded.facts["clip"]
+        files = made_with["model"], made_with["checkpoint"]
+        # A stage is told where OpenCLIP is: its files may have moved since they made the features.
+        if isinstance(how, ClipOptions):
+            files = how.clip_model, how.clip_checkpoint
         return load_clip_of(self.encoded, *files, how.device, how.precision)
 
     @cached_property
@@ -237,7 +217,8 @@ class Scene:
         >>> cup.view.mask.shape
         (96, 96)
         """
-        return list(self.answers(phrases, most, self.viewpoint(frame, pose), self.options.changed(**keys)))
+        options = self.options.changed(**keys)
+        return list(self.answers(phrases, most, self.viewpoint(frame, pose), options))
 
     def answers(
         self,
@@ -311,13 +292,19 @@ class Scene:
         True
         """
         level = self.levels.index(thing.level)
-        options, pose = replace(self.options, resolution=resolution), self.poses[thing.frame]
+        options, pose = self.options.change(resolution=resolution), self.poses[thing.frame]
         texts, place = self.encode([phrase]), (self.camera, pose, self.valid)
         seen = view_thing(self.trained, thing.members, level, texts, *place, options)
         return FoundView(thing.level, seen.pixel, None, seen.relevancy, seen.mask, thing.level)
 
     def export(
-        self, path: str | Path, *, format: str | None = None, query: str | None = None, codes: bool = True
+        self,
+        path: str | Path,
+        *,
+        format: str | None = None,
+        query: str | None = None,
+        codes: bool = True,
+        overwrite: bool = False,
     ) -> None:
         """Write the scene for other programs, as ``egosplat export``.
 
@@ -326,15 +313,18 @@ class Scene:
             format: ply, spz, instances, nerfstudio, colmap or html; None for what the suffix of ``path`` says.
             query: only the Gaussians of the best answer to these words; ply and spz.
             codes: also write the language codes; ply.
+            overwrite: whether a file that is there may be replaced.
 
         Raises:
-            UserError: the query has no answer, or something that is no export is at ``path``.
+            UserError: the query has no answer, or a file is at ``path``.
 
         >>> scene.export("couch.ply", query="couch")
         """
         # By name: the room of exports lies above this one, and its code must make no scores stale.
-        exports = import_module("egosplat.export.command")
-        exports.export_scene(self, exports.Exporting(Path(path), format, query, codes))
+        plan_export = import_module("egosplat.export.formats").plan_export
+        keys = {"format": format, "query": query, "codes": codes, "overwrite": overwrite}
+        what = plan_export(self.folder, Path(path), **keys)
+        import_module("egosplat.export.command").run(self.folder, what, self.options, self)
 
     def _answer_of_scene(self, found: SceneAnswer, options: QueryOptions) -> Answer:
         untaught = tuple(untaught_words(self.clip, found.phrase))
@@ -356,9 +346,7 @@ class Scene:
         return Answer(seen.phrase, seen.score, refusal, untaught, view=view)
 
 
-def scene_of(
-    artifacts: Iterable[Artifact], options: QueryOptions, backends: Backends, folder: Path | None = None
-) -> Scene:
+def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path | None = None) -> Scene:
     """Make a scene of opened artifacts: frames, poses, splats, language, and features or tiles; there may be more.
 
     Args:
@@ -370,4 +358,4 @@ def scene_of(
     """
     given = tuple(artifacts)
     place = next(one.path.parent for one in given if one.schema.name == "language")
-    return Scene(folder or place, given, lineage(given), options, backends, checked=folder is None)
+    return Scene(folder or place, given, lineage(given), options, checked=folder is None)

@@ -22,7 +22,6 @@ from egosplat.errors import UserError
 from egosplat.files import write_text
 from egosplat.geometry import known_poses
 from egosplat.progress import log
-from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene, read_scene
 from egosplat.query.scene_query import index_scene
 from egosplat.query.text import load_clip_of
@@ -33,21 +32,10 @@ from egosplat.viewing.frames import pack_frames
 from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
 from egosplat.viewing.html import scene_html
 from egosplat.viewing.instances import pack_instances
+from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.visibility import pack_visibility
 from egosplat.viewing.words import pack_words
-
-
-@dataclass(frozen=True)
-class ScenePageOptions(QueryOptions):
-    """The keys of ``scene_page`` and ``query``, and of OpenCLIP in ``models``; see ``config.schema.yaml``."""
-
-    backend: str
-    max_gaussians: int
-    clip_model: str
-    clip_checkpoint: str
-    device: str
-    precision: str
 
 
 @dataclass(frozen=True, eq=False)

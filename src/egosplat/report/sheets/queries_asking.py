@@ -1,7 +1,7 @@
 """Answer scored queries of a scene again, to get the maps behind their scores."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +13,11 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
-from egosplat.evaluation.options import MetricsOptions, metrics_options
+from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query, find_queries
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.query.answer import ViewAnswer
-from egosplat.query.finished_scene import Backends, Scene, scene_of
+from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.opening import open_artifacts
 from egosplat.report.sheets.queries_choice import ScoredQuery
 
@@ -51,7 +51,7 @@ def open_scored(folder: Path, options: MetricsOptions) -> Scene:
     """
     frames, *others = open_artifacts(folder)
     annotations = open_artifact(frames.path.with_name("annotations.zarr"), ANNOTATIONS)
-    return scene_of([frames, *others, annotations], options, Backends.of(options))
+    return scene_of([frames, *others, annotations], options)
 
 
 def evaluation_of(scene: Scene) -> Evaluation:
@@ -61,8 +61,8 @@ def evaluation_of(scene: Scene) -> Evaluation:
 
 def scoring_options(scored: ScoredScene) -> MetricsOptions:
     """The options of the stage ``metrics`` that scored a scene, on any device."""
-    recorded = metrics_options(scored.document["provenance"]["options"])
-    return replace(recorded, device="auto", backend="auto")
+    recorded = recorded_options(scored.document["provenance"]["options"])
+    return recorded.change(device="auto", backend="auto")
 
 
 def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) -> Iterator[ShownQuery]:

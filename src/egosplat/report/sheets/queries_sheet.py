@@ -18,7 +18,7 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.drawing import draw_heading, plt, save_figure
 from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
 from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
-from egosplat.query.finished_scene import Backends, scene_of
+from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
 from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, scoring_options
 from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
@@ -65,7 +65,7 @@ def run(
     schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
     artifacts = [*map(open_artifact, paths, schemas), open_encoded(features_path, tiles_path)]
     options = scoring_options(scored)
-    scene = scene_of(artifacts, options, Backends.of(options))
+    scene = scene_of(artifacts, options)
     best, worst = best_and_worst(scored_queries(scored.document), ROWS)
     shown = {one.scored: one for one in ask_again([*best, *worst], scene, scored)}
     figure = plt.figure(layout="constrained")
