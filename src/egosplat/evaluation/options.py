@@ -5,6 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from egosplat.pipeline.options import READING, UNIQUE, Options, Share, Text
 from egosplat.pipeline.shared_options import ClipOptions
+from egosplat.query.options import AskingOptions
 
 # The names are ADT's, and of things that no apartment has.
 NEGATIVES = [
