@@ -257,7 +257,7 @@ _STAGES = (
         "Draw a scene's frames, annotations, and its trajectory from above.",
         output="contact_sheet.png",
         inputs=("frames", "annotations", "poses"),
-        libraries=("matplotlib",),
+        libraries=("adjustText", "matplotlib"),
         scene=("title",),
     ),
     Stage(
@@ -275,7 +275,7 @@ _STAGES = (
         "Draw transient probability, masks, and the renders without the masked objects.",
         output="transient.png",
         inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
-        libraries=("matplotlib", "torch"),
+        libraries=("adjustText", "matplotlib", "torch"),
         scene=("title",),
     ),
     Stage(

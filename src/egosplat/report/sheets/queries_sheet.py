@@ -9,9 +9,8 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from egosplat.drawing import draw_heading, plt, save_figure
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_mask, draw_outline, plt, save_figure
 from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
-from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
 from egosplat.query.text import open_encoded
 from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
