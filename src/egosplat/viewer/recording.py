@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.frames import lies_on_its_side
 from egosplat.geometry import Array
-from egosplat.resize import shrink_image
-from egosplat.sampling import evenly_spaced
+from egosplat.images import evenly_spaced, shrink_image
 from egosplat.viewer.scene import ViewedScene
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from egosplat.errors import UserError
 from egosplat.geometry import Array
-from egosplat.sampling import evenly_spaced
+from egosplat.images import evenly_spaced
 from egosplat.viewer.pictures import Painted, browser_camera, draw
 from egosplat.viewer.questions import Questions
 from egosplat.viewer.scene import ViewedScene

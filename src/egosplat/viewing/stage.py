@@ -19,8 +19,8 @@ from egosplat.artifacts.provenance import joint_origin
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.errors import UserError
+from egosplat.files import write_text
 from egosplat.geometry import known_poses
-from egosplat.output_files import check_output, write_text_file
 from egosplat.progress import log
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene, read_scene
@@ -31,7 +31,7 @@ from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALP
 from egosplat.viewing.container import Arrays, Facts, pack
 from egosplat.viewing.frames import pack_frames
 from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
-from egosplat.viewing.html import PAGE, scene_html
+from egosplat.viewing.html import scene_html
 from egosplat.viewing.instances import pack_instances
 from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.visibility import pack_visibility
@@ -80,10 +80,9 @@ def run(
     """Write the page of a scene, whole or not at all.
 
     Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; no frame
-            has a pose; or the output is another kind of file.
+        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or no frame
+            has a pose.
     """
-    check_output(output, PAGE)
     paths = (frames_path, poses_path, instances_path, features_path, splats_path, language_path)
     sources = Sources(*map(open_artifact, paths, SCHEMAS))
     made_from = lineage(list(vars(sources).values()))
@@ -91,7 +90,7 @@ def run(
     facts, arrays = scene_data(sources, options)
     facts |= {"title": title, "warnings": warnings}
     text = scene_html(f"{title}: egosplat", pack(facts, arrays))
-    write_text_file(output, text, PAGE)
+    write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
 
 
