@@ -17,7 +17,7 @@ from egosplat.viewing.palette import fit_palette, nearest, pack_codes
 from egosplat.viewing.visibility import SMALLEST, STEP, pack_visibility, to_bytes
 from tests.support.page_scene import (
     TITLE,
-    data_of,
+    contents_of,
     from_bytes,
     means_of,
     put_page_scene,
@@ -134,7 +134,7 @@ def test_a_page_escapes_its_title_and_fits_together(tmp_path):
     text = page.read_text()
     assert TITLE not in text and "&lt;/script&gt;" in text
     assert "http://" not in text and "https://" not in text and "<!--{" not in text
-    facts, arrays = unpack(data_of(page))
+    facts, arrays = contents_of(page)
     assert facts["title"] == TITLE and facts["trained_count"] == facts["count"] == 700
     assert arrays["poses"].shape == (4, 3, 4) and facts["frames"] == [0, 1, 2, 4]
     assert set(np.unique(arrays["instance"])) == {1, 2, 3, 4, 5, 6}
