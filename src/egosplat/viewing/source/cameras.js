@@ -1,7 +1,7 @@
 // The recording's cameras over the picture: the wearer's way, and frusta with photographs at some of its places.
 
-// Length of a frustum in shares of the scene's reach, and the distance below which one is hidden, in lengths.
-const FRUSTUM = 0.06, TOO_NEAR = 5;
+// Length of a frustum in shares of the scene's reach, and the largest side of a photograph in shares of the window's.
+const FRUSTUM = 0.05, LARGEST = 0.15;
 
 class Cameras {
   constructor(canvas, scene, addresses, loaded) {
@@ -28,10 +28,11 @@ class Cameras {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.drawWay(context, this.way.map((eye) => (away(eye) > this.length ? onScreen(eye) : null)));
     this.drawn = [];
-    const far = this.frusta.filter(({ eye }) => away(eye) > TOO_NEAR * this.length);
-    for (const one of far.sort((a, b) => away(b.eye) - away(a.eye))) {
+    for (const one of this.frusta.sort((a, b) => away(b.eye) - away(a.eye))) {
       const apex = onScreen(one.eye), quad = one.corners.map(onScreen);
-      if (apex && quad.every(Boolean)) this.drawn.push({ row: one.row, outline: drawFrustum(context, ratio, one.image, apex, quad, one.row === current) });
+      // Whoever stands among the cameras would see nothing else.
+      const isSmall = apex && quad.every(Boolean) && longestSide(quad) < LARGEST * Math.max(width, height);
+      if (isSmall) this.drawn.push({ row: one.row, outline: drawFrustum(context, ratio, one.image, apex, quad, one.row === current) });
     }
   }
 
@@ -64,6 +65,8 @@ function corners({ width, height, fx, fy, cx, cy }, pose, depth) {
     return [0, 1, 2].map((row) => inner(pose.subarray(4 * row, 4 * row + 3), ray) + pose[4 * row + 3]);
   });
 }
+
+const longestSide = (quad) => Math.max(...quad.map(([x, y], place) => Math.hypot(x - quad.at(place - 1)[0], y - quad.at(place - 1)[1])));
 
 // Returns the outline of the photograph, for clicks.
 function drawFrustum(context, ratio, image, apex, quad, isCurrent) {
