@@ -51,7 +51,7 @@ class Stage:
 # Inputs that no stage writes under this name.
 PATHS = {
     "recording": "the recording's folder or video file",
-    "relevancy": "the other method's relevancy maps in the layout of docs/external_methods.md",
+    "relevancy": "the other method's relevancy maps in the layout of docs/methods.md",
 }
 
 _TRAINING_FRAMES = {"survey": "to train only on frames that add views"}
