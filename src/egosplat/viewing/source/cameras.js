@@ -10,7 +10,8 @@ class Cameras {
     this.drawn = [];
     const { facts, poses } = scene;
     this.way = facts.frames.map((_, row) => [3, 7, 11].map((entry) => poses[12 * row + entry]));
-    this.length = FRUSTUM * reach(scene.means, this.way);
+    this.reach = reach(scene.means, this.way);
+    this.length = FRUSTUM * this.reach;
     this.frusta = facts.pictures.map(({ frame }, number) => {
       const image = new Image(), row = facts.frames.indexOf(frame);
       image.onload = loaded;

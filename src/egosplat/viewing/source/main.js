@@ -317,6 +317,11 @@ class Page {
     this.showing.cameras = cameras;
     $("cameras-view").hidden = !cameras;
     this.placeMarks();
+    if (!cameras || this.cameras.drawn.length) return;
+    // From among the cameras none is in view: step back.
+    this.camera.move(0, 0, -this.cameras.reach);
+    this.pivot = null;
+    this.redraw();
   }
 
   // The row of the camera that is drawn at a point of the window; null for none.
