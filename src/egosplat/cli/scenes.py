@@ -104,33 +104,24 @@ def page_command() -> click.Command:
 
 
 def view_command() -> click.Command:
-    """Build the command ``view``, with a flag for each key of the section ``query``."""
+    """Build the command ``view``, with the flags of the page but those of OpenCLIP, which the scene tells."""
 
-    def call(
-        folders: tuple[Path, ...],
-        host: str,
-        port: int,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
-    ) -> None:
-        from egosplat.query.options import QueryOptions
-        from egosplat.viewer.command import run
+    def call(folder: Path, host: str, port: int, **keys: Any) -> None:
+        from egosplat.viewing.command import run
 
-        how = {"backend": backend, "device": device, "precision": precision}
-        run(folders, QueryOptions(**keys), host=host, port=port, **how)
+        run(folder, keys, host, port)
 
+    known = {"clip_model", "clip_checkpoint"}
     return click.Command(
         "view",
         callback=call,
         params=[
-            click.Argument(["folders"], nargs=-1, required=True, type=ARTIFACT),
+            click.Argument(["folder"], type=ARTIFACT),
             click.Option(
                 ["--host"],
                 default="127.0.0.1",
                 show_default=True,
-                help="Address to listen at. Others can look, too, where they reach it.",
+                help="Address to listen at. Other computers need the whole address that is printed.",
             ),
             click.Option(
                 ["--port"],
@@ -139,9 +130,9 @@ def view_command() -> click.Command:
                 show_default=True,
                 help="0: any free port.",
             ),
-            *query_flags(),
+            *(flag(name, key) for name, key in stage_keys("scene_page").items() if name not in known),
         ],
-        help="Show the finished scenes of FOLDERS, such as results/adt/scene1, in the browser.",
+        help="Show the finished scene of FOLDER, such as results/adt/scene1, in the browser.",
     )
 
 
