@@ -13,7 +13,7 @@ from egosplat.files import check_output
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.pipeline.stages import STAGES
 from egosplat.query.options import AskingOptions
-from egosplat.viewing.options import ScenePageOptions
+from egosplat.viewing.options import PageOptions, ScenePageOptions
 
 FOLDER = click.Argument(["folder"], type=ARTIFACT)
 PHRASES = click.Argument(["phrases"], nargs=-1, required=True)
@@ -111,26 +111,25 @@ def page_command() -> click.Command:
 
 
 def view_command() -> click.Command:
-    """Build the command ``view``, with the keys of the section ``query``."""
+    """Build the command ``view``, with the keys of the page but those of OpenCLIP, which the scene tells."""
 
-    def call(folders: tuple[Path, ...], host: str, port: int, options: AskingOptions) -> None:
-        from egosplat.viewer.command import run
+    def call(folder: Path, host: str, port: int, options: PageOptions) -> None:
+        from egosplat.viewing.command import run
 
-        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
-        run(folders, options, host=host, port=port, **how)
+        run(folder, dict(options), host, port)
 
     return KeysCommand(
         "view",
-        AskingOptions,
-        "query",
+        PageOptions,
+        "scene_page",
         callback=call,
         params=[
-            click.Argument(["folders"], nargs=-1, required=True, type=ARTIFACT),
+            click.Argument(["folder"], type=ARTIFACT),
             click.Option(
                 ["--host"],
                 default="127.0.0.1",
                 show_default=True,
-                help="Address to listen at. Others can look, too, where they reach it.",
+                help="Address to listen at. Other computers need the whole address that is printed.",
             ),
             click.Option(
                 ["--port"],
@@ -141,7 +140,7 @@ def view_command() -> click.Command:
             ),
         ],
         plain=PLAIN,
-        help="Show the finished scenes of FOLDERS, such as results/adt/scene1, in the browser.",
+        help="Show the finished scene of FOLDER, such as results/adt/scene1, in the browser.",
     )
 
 

@@ -79,7 +79,7 @@ _STAGES = (
     Stage(
         "frames",
         "egosplat.frames.stage",
-        "Read and rectify frames; split into training and evaluation.",
+        "Read and rectify frames, and choose those to evaluate.",
         options="egosplat.frames.options:FramesOptions",
         output="frames.zarr",
         inputs=("recording",),
@@ -253,7 +253,7 @@ _STAGES = (
         "Draw a scene's frames, annotations and trajectory.",
         output="contact_sheet.png",
         inputs=("frames", "annotations", "poses"),
-        libraries=("matplotlib",),
+        libraries=("adjustText", "matplotlib"),
         scene=("title",),
     ),
     Stage(
@@ -271,7 +271,7 @@ _STAGES = (
         "Draw what moves, its masks, and renders without it.",
         output="transient.png",
         inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
-        libraries=("matplotlib", "torch"),
+        libraries=("adjustText", "matplotlib", "torch"),
         scene=("title",),
     ),
     Stage(

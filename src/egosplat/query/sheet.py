@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.drawing import plt, save_figure
-from egosplat.query.answer_drawing import draw_heat, draw_mask
+from egosplat.drawing import draw_heat, draw_mask, plt, save_figure
 from egosplat.query.command import DrawnAnswer
 
 # Height of an image [inches].

@@ -8,7 +8,7 @@ from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.viewing.container import Arrays, Facts
 
 # Largest number of pictures, their longer side [px] and the quality of WebP.
-PICTURES, SIDE, QUALITY = 40, 192, 60
+PICTURES, SIDE, QUALITY = 40, 256, 60
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts]:

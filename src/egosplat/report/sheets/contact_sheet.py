@@ -15,6 +15,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.drawing import (
+    add_name,
     draw_heading,
     ground_axes,
     inner_point,
@@ -23,7 +24,6 @@ from egosplat.drawing import (
     show,
 )
 from egosplat.images import evenly_spaced
-from egosplat.page_text import add_name
 
 # Maximum number of frames, and of evaluation frames.
 PICTURES = 8

@@ -7,9 +7,8 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
-from egosplat.drawing import draw_heading, plt, save_figure
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, plt, save_figure
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_outline
 from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_scored, scoring_options
 from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.report.tables.series import OWN

@@ -15,9 +15,8 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
-from egosplat.drawing import draw_heading, plt, save_figure
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_mask, draw_outline, plt, save_figure
 from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
-from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
 from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
 from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, scoring_options

@@ -19,8 +19,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.drawing import draw_heading, inner_point, middles_of_parts, plt, save_figure, show
-from egosplat.page_text import add_name
+from egosplat.drawing import add_name, draw_heading, inner_point, middles_of_parts, plt, save_figure, show
 from egosplat.query.scene import read_trained_scene
 
 # Maximum number of frames.

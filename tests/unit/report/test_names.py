@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from egosplat.drawing import plt
-from egosplat.page_text import NAME, add_name, arrange_texts
+from egosplat.drawing import NAME, add_name, arrange_texts, plt
 
 TITLE = "evaluated, frame 123: 45 instances"
 
@@ -66,9 +65,14 @@ def test_a_name_at_the_border_is_not_cut(u, v):
     assert named([(u, v, "refrigerator")]) == (["refrigerator"], True, True)
 
 
-def test_names_at_one_place_are_moved_apart_and_the_fourth_is_dropped():
+def test_names_at_one_place_are_moved_apart():
     places = [(50, 50, name) for name in ("first", "second", "third", "fourth")]
-    assert named(places) == (["first", "second", "third"], True, True)
+    assert named(places) == (["first", "second", "third", "fourth"], True, True)
+
+
+def test_later_names_are_dropped_where_there_is_no_room():
+    names, within, apart = named([(50, 50, f"thing {number}") for number in range(60)])
+    assert names[0] == "thing 0" and 10 < len(names) < 60 and within and apart
 
 
 def test_a_name_wider_than_the_picture_is_dropped():
