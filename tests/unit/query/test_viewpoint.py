@@ -71,5 +71,5 @@ def test_files_without_a_pose_are_rejected(tmp_path, text, said):
     path = tmp_path / "pose.json"
     if text is not None:
         path.write_text(text)
-    with pytest.raises(UserError, match=f"--pose .*pose.json: .*{said}"):
+    with pytest.raises(UserError, match=f"^pose .*pose.json: .*{said}"):
         pose_viewpoint(path)

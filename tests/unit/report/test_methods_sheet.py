@@ -37,7 +37,7 @@ def test_a_lost_input_is_named(word_scene, tmp_path):
     folder = word_scene()
     path = scored(folder, folder)
     shutil.rmtree(folder / "poses.zarr")
-    with pytest.raises(UserError, match=r"poses\.zarr: does not exist"):
+    with pytest.raises(UserError, match=r"lacks poses\.zarr"):
         run([path], tmp_path / "page.png", "adt/scene1")
 
 
