@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.camera_file import CAMERA_FILE, read_camera_file
 from egosplat.calibration.colmap.distortion import lens_of_frames
 from egosplat.calibration.companions import KNOWN_POSES, companion_path
 from egosplat.calibration.known_poses import (
@@ -18,7 +17,7 @@ from egosplat.calibration.known_poses import (
     read_known_poses,
     unmatched_line,
 )
-from egosplat.calibration.lens import Lens, Rectifier
+from egosplat.calibration.lens import CAMERA_FILE, Lens, Rectifier, read_camera_file
 from egosplat.errors import UserError
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture
