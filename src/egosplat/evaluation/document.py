@@ -17,7 +17,7 @@ from egosplat.output_files import FileKind, stage_json_kind, write_json
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
 # Raised when a reader of older files would misread an entry.
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 METRICS = stage_json_kind("metrics")
 METHOD_METRICS = stage_json_kind("method_metrics")

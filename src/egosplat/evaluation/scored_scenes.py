@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat.alarms.alarm import Alarm, warning_lines
+from egosplat.alarms.limits import Alarm
+from egosplat.alarms.texts import warning_lines
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster, scaled
 from egosplat.pipeline.validation import read_document
@@ -103,8 +104,12 @@ class ScoredScene:
     @property
     def warnings(self) -> list[str]:
         """Reasons not to trust the scores, one line each: the notice, then the alarms."""
-        alarms = (Alarm(**alarm) for alarm in self.document["alarms"])
-        return warning_lines(self.document["notice"], alarms)
+        return warning_lines(self.document["notice"], self.alarms)
+
+    @property
+    def alarms(self) -> list[Alarm]:
+        """The alarms of the scene's stages, in their order."""
+        return [Alarm(**alarm) for alarm in self.document["alarms"]]
 
     def cell(self, metric: str, group: str) -> Cell:
         """A score in percent, with its interval if it has one."""

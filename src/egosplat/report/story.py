@@ -11,6 +11,8 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.alarms.limits import Alarm
+from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
@@ -310,8 +312,6 @@ def _costs(files: SceneFiles) -> list[Cost]:
 def _warnings(files: SceneFiles) -> list[str]:
     found = warnings_of(*files.artifacts.values())
     if files.has("metrics"):
-        own = (alarm for alarm in files.metrics["alarms"] if alarm["key"].startswith("metrics."))
-        found += [
-            f"alarm: {one['key']}: {one['found']} (normal: {one['normal']}). {one['advice']}" for one in own
-        ]
+        alarms = [Alarm(**alarm) for alarm in files.metrics["alarms"]]
+        found += warning_lines(None, (alarm for alarm in alarms if alarm.key.startswith("metrics.")))
     return found

@@ -244,12 +244,12 @@ def test_small_checkpoints_on_real_data_are_marked_in_every_format(tables, score
 
 
 def test_the_page_shows_the_alarms_of_its_scenes(tables, scored, tmp_path):
-    alarm = {"key": "masks.pixels", "normal": "few", "found": "most", "advice": "Mask <fewer>"}
+    alarm = {"key": "poses.models", "figures": {"value": 2, "limit": 1, "frames": "<4>, 7"}}
     tables(scored("adt/scene1", alarms=[alarm]), scored("adt/scene2"))
     page = (tmp_path / "out" / "tables.html").read_text()
     section = page[page.index('id="alarms"') :]
     assert "adt/scene1" in section and "adt/scene2" not in section
-    assert all(word in section for word in ("masks.pixels", "few", "most", "Mask &lt;fewer&gt;"))
+    assert all(word in section for word in ("poses.models", "&lt;4&gt;, 7", "up to 1", "log of poses"))
     tables(scored("adt/scene1"))
     assert 'id="alarms"' not in (tmp_path / "out" / "tables.html").read_text()
 
@@ -474,7 +474,7 @@ def test_a_file_without_scores_is_named(tables, tmp_path, content, message):
 
 def test_scores_of_an_older_format_are_named_with_what_to_do(tables, scored):
     """Those of format 1 have intervals over queries."""
-    with pytest.raises(UserError, match="scene1/metrics.json.* 1; .* 3") as caught:
+    with pytest.raises(UserError, match="scene1/metrics.json.* 1; .* 4") as caught:
         tables(scored("adt/scene1", format_version=1))
     assert "--force" in str(caught.value) and str(caught.value).count("\n") == 1
 
