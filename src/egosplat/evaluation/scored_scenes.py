@@ -11,7 +11,6 @@ from egosplat.alarms.texts import warning_lines
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster, scaled
 from egosplat.pipeline.validation import read_document
-from egosplat.report.tables.table import Cell, Cost
 
 # Name of the variant in a scene's own folder.
 FULL = "full"
@@ -47,6 +46,32 @@ class Model:
     checkpoint: str
     hash: str
     small: bool
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A score, or an average of scenes.
+
+    Attributes:
+        percent: the score [%], or None.
+        interval: bounds of its interval [%], or None.
+        queries, categories: numbers of queries and categories; None for a printed number.
+        scenes: scenes of a measured average; else empty.
+    """
+
+    percent: float | None = None
+    interval: tuple[float, float] | None = None
+    queries: int | None = None
+    categories: int | None = None
+    scenes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Cost:
+    """CPU time of all threads [min] and the largest memory [GiB] that a scene takes, from its frames to its codes."""
+
+    cpu_min: float
+    memory_gib: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from egosplat.files import read_json
 from egosplat.output_files import check_output, text_kind, write_text_file
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.progress import log
-from egosplat.report.tables.page import read_picture
+from egosplat.report.page import read_picture
 
 _COMMAND = "egosplat story"
 

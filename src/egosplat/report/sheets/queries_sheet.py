@@ -10,14 +10,13 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from egosplat.drawing import draw_heading, plt, save_figure
-from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
+from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
 from egosplat.output_files import check_output, picture_kind
 from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
 from egosplat.query.text import open_encoded
 from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
 from egosplat.report.tables.series import find_series
-from egosplat.report.tables.table import Cell
 
 PAGE = picture_kind("egosplat queries-sheet")
 

@@ -14,7 +14,7 @@ from egosplat.output_files import json_kind, text_kind, write_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import shown
-from egosplat.report.tables.page import read_picture
+from egosplat.report.page import read_picture
 from egosplat.report.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
 from egosplat.report.tradeoff.measured import (
     ACCURACY,

@@ -1,0 +1,86 @@
+"""Write a page of tables and pictures as one self-contained HTML file."""
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, StrictUndefined
+
+from egosplat.errors import UserError
+from egosplat.frames.images import read_rgb
+from egosplat.resize import shrink_image
+from egosplat.webp import LARGEST, encode_webp
+
+_KINDS = (".png", ".jpg", ".jpeg")
+
+# Quality of WebP on the page: a page of stage methods_sheet takes a sixth of its PNG, and its text stays sharp.
+_QUALITY = 90
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image on a page: its name, its caption, and its content as a data URI."""
+
+    name: str
+    address: str
+    about: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page.
+
+    Attributes:
+        table: HTML of a table, with escaped texts.
+        style: ``words`` for a table of texts, ``synthetic`` for numbers of synthetic apartments.
+        notes: below the table.
+    """
+
+    id: str
+    heading: str = ""
+    lead: str = ""
+    table: str = ""
+    style: str = ""
+    notes: Sequence[str] = ()
+    pictures: Sequence[Picture] = ()
+
+
+def read_picture(path: Path, about: str | None = None) -> Picture:
+    """Read a PNG or JPEG file and encode it as WebP; its name is its path, relative to a folder ``results``.
+
+    Args:
+        about: caption; its name without one.
+
+    Raises:
+        UserError: it cannot be read, or is of another kind.
+    """
+    if path.suffix.lower() not in _KINDS:
+        raise UserError(f"{path}: is not an image for the page; give {', '.join(_KINDS)}")
+    if not path.is_file():
+        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}")
+    try:
+        image = read_rgb(path)
+    except UserError as error:
+        raise UserError(f"{error} Delete it and make it again: snakemake --cores 2 {path}") from error
+    # Inside the page, so that it can be sent as one file.
+    content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY)).decode("ascii")
+    name = path.as_posix().rpartition("results/")[2]
+    return Picture(name, f"data:image/webp;base64,{content}", name if about is None else about)
+
+
+def plain_table(records: Sequence[Mapping[str, Any]]) -> str:
+    """A table element with a column for each key; every text is escaped, and unknown values are ``-``."""
+    return pd.DataFrame(records).to_html(index=False, border=0, na_rep="-")
+
+
+def render_page(template: str = "page.html.j2", **values: Any) -> str:
+    """Fill a template of this folder; every value is escaped that the template does not call safe."""
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    text = resources.files(__package__).joinpath(template).read_text(encoding="utf-8")
+    return environment.from_string(text).render(**values)
