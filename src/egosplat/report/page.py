@@ -36,7 +36,8 @@ class Section:
 
     Attributes:
         table: HTML of a table, with escaped texts.
-        style: ``words`` for a table of texts, ``synthetic`` for numbers of synthetic apartments.
+        style: classes of the table: ``texts``, ``words`` (texts to be wrapped), ``named`` (a name in the first column),
+            ``synthetic`` (numbers of synthetic apartments).
         notes: below the table.
     """
 
@@ -73,8 +74,12 @@ def read_picture(path: Path, about: str | None = None) -> Picture:
 
 
 def plain_table(records: Sequence[Mapping[str, Any]]) -> str:
-    """A table element with a column for each key; every text is escaped, and unknown values are ``-``."""
-    return pd.DataFrame(records).to_html(index=False, border=0, na_rep="-")
+    """A table element with a column for each key, a text or two headings; every text is escaped."""
+    frame = pd.DataFrame(records)
+    if isinstance(frame.columns[0], tuple):
+        frame.columns = pd.MultiIndex.from_tuples(frame.columns)
+    # Without formatters, line breaks would be written as backslash and n.
+    return frame.to_html(index=False, border=0, formatters=[str] * frame.shape[1])
 
 
 def render_page(template: str = "page.html.j2", **values: Any) -> str:

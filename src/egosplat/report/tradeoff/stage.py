@@ -5,26 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.output_files import check_output, write_text_file
+from egosplat.output_files import check_output, write_json, write_text_file
+from egosplat.pipeline import config as configuration
 from egosplat.pipeline.validation import read_document
 from egosplat.progress import log
 from egosplat.report.tradeoff.chart import PICTURE, draw
 from egosplat.report.tradeoff.measured import read_points
-from egosplat.report.tradeoff.page import (
-    PAGE,
-    TABLE,
-    TRADEOFF,
-    to_csv,
-    to_html,
-    tradeoff_document,
-    write_document,
-)
+from egosplat.report.tradeoff.page import PAGE, TABLE, TRADEOFF, to_csv, to_html, tradeoff_document
 
 # Stem of the files.
 NAME = "tradeoff"
-
-# Lists that an entry of ``points`` has, and its object ``recipe``.
-_LISTS = ("settings", "metrics")
 
 
 def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
@@ -42,11 +32,13 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
             "--points: must be a list of at least one point; each is an object with the lists settings and metrics and "
             "the object recipe, of keys and command"
         )
-    check_output(output / f"{NAME}.json", TRADEOFF)
+    json = output / f"{NAME}.json"
+    check_output(json, TRADEOFF)
     _check_pages(output)
     document = tradeoff_document(read_points(points))
     _write_pages([document], output)
-    write_document(output / f"{NAME}.json", document)
+    configuration.check(document, str(json), against="tradeoff")
+    write_json(json, document, TRADEOFF)
     log(f"{len(points)} points, {document['seeds']} runs each: {output / NAME}.html")
 
 
@@ -82,7 +74,7 @@ def _write_pages(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
 def _is_point(point: object) -> bool:
     return (
         isinstance(point, Mapping)
-        and all(isinstance(point.get(name), list) for name in _LISTS)
+        and all(isinstance(point.get(name), list) for name in ("settings", "metrics"))
         and isinstance(point.get("recipe"), Mapping)
         and point["recipe"].keys() == {"keys", "command"}
     )
