@@ -45,7 +45,7 @@ rule tradeoff:
     """Compare cost and accuracy of the points of a scene."""
     input:
         metrics=get_points_metrics,
-        page=PACKAGE / "report/tradeoff/tradeoff.html.j2",
+        page=PACKAGE / "report/tables/page.html.j2",
     output:
         multiext("results/{dataset}/{scene}/tradeoff/tradeoff", ".csv", ".json", ".png"),
         page=report(
@@ -73,7 +73,7 @@ rule tradeoff_scenes:
     """Compare cost and accuracy of the points over several scenes."""
     input:
         documents=get_scenes_of_tradeoff,
-        page=PACKAGE / "report/tradeoff/tradeoff.html.j2",
+        page=PACKAGE / "report/tables/page.html.j2",
     output:
         multiext("results/benchmark/tradeoff", ".csv", ".png"),
         page=report(

@@ -77,13 +77,11 @@ def to_markdown(table: Layout) -> str:
 def to_latex(table: Layout) -> str:
     """Write a float with caption, notes and label ``tab:NAME``. The best number is red, the second best teal."""
     style = _styler(table, "").format(latex).format_index(latex, axis=1)
-    groups = [len(list(own)) for own in _headings_by_group(table)]
     columns = (
-        "c" * len(table.components) + r"p{.3\linewidth}" + "".join("|" + "c" * count for count in groups)
+        "c" * len(table.components) + r"p{.3\linewidth}" + "c" * (len(table.columns) + 2 * table.has_costs)
     )
-    lines = style.to_latex(
-        hrules=True, convert_css=True, column_format=columns, multicol_align="c"
-    ).splitlines()
+    text = style.to_latex(hrules=True, convert_css=True, column_format=columns, multicol_align="c")
+    lines = text.splitlines()
     first = lines.index(r"\midrule") + 1
     for title in reversed(_titles(table)[1:]):
         lines.insert(first + title, r"\midrule")
@@ -195,25 +193,14 @@ def _ranked(table: Layout) -> list[tuple[tuple[int, int], int]]:
     ]
 
 
-def _headings_by_group(table: Layout) -> list[list[tuple[str, str]]]:
-    """Headings of the numbers; neighbors with a shared heading are a group."""
-    costs = [("a scene", "CPU min"), ("a scene", "GiB")] if table.has_costs else []
-    groups: list[list[tuple[str, str]]] = []
-    for one in (*table.headings, *costs):
-        if groups and groups[-1][0][0] == one[0]:
-            groups[-1].append(one)
-        else:
-            groups.append([one])
-    return groups
-
-
 def _texts(table: Layout, interval: str) -> pd.DataFrame:
     """The table as texts, with a line for the title of each block.
 
     Args:
         interval: format of the bounds of an interval, or empty.
     """
-    numbers = [one for own in _headings_by_group(table) for one in own]
+    costs = (("a scene", "CPU min"), ("a scene", "GiB")) if table.has_costs else ()
+    numbers = (*table.headings, *costs)
     columns = [*(("", name) for name in table.components), ("", "Method"), *numbers]
     lines: list[list[str]] = []
     for title, own in blocks(table.rows):

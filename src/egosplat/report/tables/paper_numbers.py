@@ -16,7 +16,7 @@ METHODS = ("LERF", "LEGaussian", "SG", "GAGS", "LangSplat", "EgoSplat")
 # The paper's five scenes of each dataset, as named in the table of scenes.
 SCENES = {dataset: tuple(f"scene{number}" for number in range(1, 6)) for dataset in ("adt", "hoi4d")}
 
-_KEY = ["table", "scene", "method", "metric", "group"]
+_KEY = ["table", "scene", "method", "metric"]
 
 
 # Notes by the name of the table.
@@ -108,7 +108,6 @@ def printed(table: str, scene: str, method: str, metric: str, group: str) -> flo
 
 @functools.cache
 def _numbers() -> Mapping[tuple[str, ...], float]:
-    text = resources.files(__package__) / "paper_numbers.csv"
-    with text.open(encoding="utf-8") as file:
-        table = pd.read_csv(file, keep_default_na=False)
-    return table.set_index(_KEY)["percent"].to_dict()
+    with (resources.files(__package__) / "paper_numbers.csv").open(encoding="utf-8") as file:
+        table = pd.read_csv(file, index_col=_KEY, na_filter=True)
+    return table.rename_axis(columns="group").stack().dropna().to_dict()

@@ -110,18 +110,11 @@ def _chance_rows(layout: Layout, title: str, series: Sequence[Series]) -> Iterat
         scenes = _scenes_of(layout, one) | scenes
     kind, data, steps = series[0].origin, series[0].data, (False,) * len(layout.components)
     for answerer, name in CHANCE.items():
-        cells = tuple(_chance_cell(*column, scenes, answerer) for column in layout.columns)
+        cells = tuple(
+            _cell(place, answerer, group, scenes) if metric == "accuracy" else Cell()
+            for place, metric, group in layout.columns
+        )
         yield Row(kind, title, f"Chance: {name} ({data})", name, data, steps, cells)
-
-
-def _chance_cell(
-    place: str, metric: str, group: str, scenes: Mapping[str, ScoredScene], answerer: str
-) -> Cell:
-    if metric != "accuracy":
-        return Cell()
-    if place == AVERAGE:
-        return average_chance(scenes, answerer, group)
-    return scenes[place].chance(answerer, group) if place in scenes else Cell()
 
 
 def _belongs(series: Series, layout: Layout, line: str) -> bool:
@@ -157,10 +150,14 @@ def _mean_cost(costs: Sequence[Cost | None]) -> Cost | None:
     )
 
 
-def _cell(place: str, metric: str, group: str, scenes: Mapping[str, ScoredScene]) -> Cell:
+def _cell(place: str, score: str, group: str, scenes: Mapping[str, ScoredScene]) -> Cell:
+    """A metric or a chance level of a scene or on average."""
     if place == AVERAGE:
-        return average(scenes, metric, group)
-    return scenes[place].cell(metric, group) if place in scenes else Cell()
+        return (average_chance if score in CHANCE else average)(scenes, score, group)
+    if place not in scenes:
+        return Cell()
+    scene = scenes[place]
+    return scene.chance(score, group) if score in CHANCE else scene.cell(score, group)
 
 
 def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:

@@ -7,7 +7,6 @@ from egosplat.alarms.texts import TEXTS, found_text, normal_range
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.output_files import check_output, text_kind, write_text_file
 from egosplat.progress import log
-from egosplat.report.page import Section, plain_table, read_picture, render_page
 from egosplat.report.tables.formats import (
     COMMAND,
     CSV,
@@ -19,6 +18,7 @@ from egosplat.report.tables.formats import (
     to_latex,
     to_markdown,
 )
+from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
 from egosplat.report.tables.paper_layouts import LAYOUTS, in_a_table
 from egosplat.report.tables.paper_tables import paper_tables
 from egosplat.report.tables.series import Series, find_series

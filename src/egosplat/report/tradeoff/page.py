@@ -11,7 +11,7 @@ from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene
 from egosplat.output_files import json_kind, text_kind
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import shown
-from egosplat.report.page import Section, plain_table, read_picture, render_page
+from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
 from egosplat.report.tradeoff.estimates import estimate_mean, find_front
 from egosplat.report.tradeoff.measured import (
     ACCURACY,

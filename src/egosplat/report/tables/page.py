@@ -82,10 +82,10 @@ def plain_table(records: Sequence[Mapping[str, Any]]) -> str:
     return frame.to_html(index=False, border=0, formatters=[str] * frame.shape[1])
 
 
-def render_page(template: str = "page.html.j2", **values: Any) -> str:
-    """Fill a template of this folder; every value is escaped that the template does not call safe."""
+def render_page(package: str = __package__, template: str = "page.html.j2", **values: Any) -> str:
+    """Fill a template of a package; every value is escaped that the template does not call safe."""
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    text = resources.files(__package__).joinpath(template).read_text(encoding="utf-8")
+    text = resources.files(package).joinpath(template).read_text(encoding="utf-8")
     return environment.from_string(text).render(**values)
