@@ -9,7 +9,14 @@ TOOLS: SciPy, pandas, matplotlib, adjustText, Jinja2.
 
 import json
 
-TRADEOFF_LIBRARIES = ("adjustText", "jinja2", "jsonschema", "matplotlib", "pandas", "scipy")
+TRADEOFF_LIBRARIES = (
+    "adjustText",
+    "jinja2",
+    "jsonschema",
+    "matplotlib",
+    "pandas",
+    "scipy",
+)
 
 
 @cache
