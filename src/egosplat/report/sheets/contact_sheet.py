@@ -10,10 +10,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.drawing import ground_axes, inner_point, plt, show
-from egosplat.page_text import add_name
+from egosplat.drawing import add_name, ground_axes, inner_point, plt, show
+from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import sheet
-from egosplat.sampling import evenly_spaced
 
 # Maximum number of frames, and of evaluation frames.
 PICTURES = 8
@@ -37,7 +36,7 @@ LABELS = 10
 LEAST_SHARE = 0.002
 
 
-@sheet("egosplat contact-sheet", warned=("frames", "poses"), fontsize=14)
+@sheet(warned=("frames", "poses"), fontsize=14)
 def run(frames: Artifact, annotations: Artifact, poses: Artifact) -> tuple[Figure, str]:
     """Draw the contact sheet of a scene."""
     shown = evenly_spaced(frames.shape("rgb")[0], PICTURES)

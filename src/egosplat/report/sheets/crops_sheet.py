@@ -13,8 +13,8 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.drawing import plt
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
+from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import sheet
-from egosplat.sampling import evenly_spaced
 
 # Maximum number of views of an instance.
 COLUMNS = 12
@@ -73,7 +73,7 @@ class Table:
         return np.arange(*np.searchsorted(self.instance, [instance, instance + 1]))
 
 
-@sheet("egosplat crops-sheet", warned=("features",))
+@sheet(warned=("features",))
 def run(
     frames: Artifact, instances: Artifact, view_features: Artifact, features: Artifact
 ) -> tuple[Figure, str]:

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import ground_axes, plt, show
+from egosplat.images import evenly_spaced
 from egosplat.report.sheets.merged_crops import draw_merged_crops, largest_and_most_changed, shown_in
 from egosplat.report.sheets.sheet import sheet
-from egosplat.sampling import evenly_spaced
 
 # Maximum number of frames, evenly spaced.
 PICTURES = 6
@@ -27,12 +27,12 @@ TINT = 0.55
 BELOW = 1.1
 
 
-@sheet("egosplat instances-sheet", warned=("instances",))
+@sheet(warned=("instances",))
 def run(frames: Artifact, poses: Artifact, segments: Artifact, instances: Artifact) -> tuple[Figure, str]:
     """Draw the instances in frames, from above, and crops before and after merging."""
     count, height, width, _ = frames.shape("rgb")
     shown = evenly_spaced(count, PICTURES)
-    levels, repeats = instances.facts["levels"], instances.facts.get("repeats", {})
+    levels = instances.facts["levels"]
     in_3d = instances.shape("gaussians/xyz")[0] > 0
     columns = len(shown) + in_3d
     # Tracks are what they were before.
@@ -49,10 +49,8 @@ def run(frames: Artifact, poses: Artifact, segments: Artifact, instances: Artifa
         show(grid[0, column], image, f"frame {frame}")
         for level, name in enumerate(levels):
             visible = len(np.unique(labels[level][labels[level] >= 0]))
-            heading = (
-                f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {visible} instances"
-            )
-            show(grid[1 + level, column], tinted(image, labels[level], colors), heading)
+            tint = tinted(image, labels[level], colors)
+            show(grid[1 + level, column], tint, f"{name}: {visible} instances")
     if in_3d:
         _draw_from_above(grid[: 1 + len(levels), -1], poses, instances, colors)
     for place, instance in enumerate(cropped):

@@ -51,7 +51,7 @@ class CodeColors:
         return share * colors + (1 - share) * UNKNOWN
 
 
-@sheet("egosplat language-sheet", warned=("language",))
+@sheet(warned=("language",))
 def run(poses: Artifact, splats: Artifact, language: Artifact) -> tuple[Figure, str]:
     """Draw views through the recording, with the codes of each level as colors."""
     scene = read_trained_scene(splats, "auto")

@@ -13,24 +13,21 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.drawing import draw_heading, save_figure
-from egosplat.output_files import check_output, picture_kind
 
 # Draws artifacts; returns the figure and a summary for its heading.
 Draw = Callable[..., tuple[Figure, str]]
 
 
-def sheet(command: str, warned: Sequence[str], fontsize: int = 12) -> Callable[[Draw], Callable[..., None]]:
+def sheet(warned: Sequence[str], fontsize: int = 12) -> Callable[[Draw], Callable[..., None]]:
     """Make the function of a stage from one that draws its artifacts; they have the names of its parameters.
 
     The made function takes the artifacts' paths as ``NAME_path``, ``output`` and ``title``, writes a PNG atomically, and
     raises UserError if the artifacts do not belong together.
 
     Args:
-        command: the command, as a user types it.
         warned: names of the artifacts whose notices and alarms are in the heading.
         fontsize: of the heading [points].
     """
-    page = picture_kind(command)
 
     def decorate(draw: Draw) -> Callable[..., None]:
         names = list(signature(draw).parameters)
@@ -44,13 +41,12 @@ def sheet(command: str, warned: Sequence[str], fontsize: int = 12) -> Callable[[
         @functools.wraps(draw)
         def run(*given: Any, **named: Any) -> None:
             values = made.bind(*given, **named).arguments
-            check_output(values["output"], page)
             opened = {name: open_artifact(values[f"{name}_path"], SCHEMAS[name]) for name in names}
             _check_lineage(list(opened.values()))
             figure, summary = draw(**opened)
             warnings = warnings_of(*(opened[name] for name in warned))
             draw_heading(figure, f"{values['title']}: {summary}", warnings, fontsize)
-            save_figure(figure, values["output"], page)
+            save_figure(figure, values["output"])
 
         run.__signature__ = made
         return run

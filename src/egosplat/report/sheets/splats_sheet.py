@@ -25,7 +25,7 @@ CELL = 3.0
 ERROR_LIMIT = 0.3
 
 
-@sheet("egosplat splats-sheet", warned=("splats",), fontsize=13)
+@sheet(warned=("splats",), fontsize=13)
 def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
     """Draw the training curves, and held-out frames with their renders."""
     shown = middles_of_parts(splats.shape("held_out/frame")[0], PICTURES)

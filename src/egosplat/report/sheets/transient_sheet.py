@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
-from egosplat.drawing import inner_point, middles_of_parts, plt, show
-from egosplat.page_text import add_name
+from egosplat.drawing import add_name, inner_point, middles_of_parts, plt, show
 from egosplat.query.scene import read_trained_scene
 from egosplat.report.sheets.sheet import sheet
 
@@ -43,7 +42,7 @@ TINT = 0.4
 HEAT = 0.75
 
 
-@sheet("egosplat transient-sheet", warned=("transient", "masks"))
+@sheet(warned=("transient", "masks"))
 def run(
     frames: Artifact,
     poses: Artifact,

@@ -12,8 +12,7 @@ from jinja2 import Environment, StrictUndefined
 
 from egosplat.errors import UserError
 from egosplat.frames.images import read_rgb
-from egosplat.resize import shrink_image
-from egosplat.webp import LARGEST, encode_webp
+from egosplat.images import LARGEST, encode_webp, shrink_image
 
 _KINDS = (".png", ".jpg", ".jpeg")
 

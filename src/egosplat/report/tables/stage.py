@@ -5,29 +5,18 @@ from pathlib import Path
 
 from egosplat.alarms.texts import TEXTS, found_text, normal_range
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
-from egosplat.output_files import check_output, text_kind, write_text_file
+from egosplat.files import write_text
 from egosplat.progress import log
-from egosplat.report.tables.formats import (
-    COMMAND,
-    CSV,
-    LATEX,
-    MARKDOWN,
-    note_text,
-    to_csv,
-    to_html,
-    to_latex,
-    to_markdown,
-)
+from egosplat.report.tables.formats import COMMAND, note_text, to_csv, to_html, to_latex, to_markdown
 from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
-from egosplat.report.tables.paper_layouts import LAYOUTS, in_a_table
+from egosplat.report.tables.paper_layouts import in_a_table
 from egosplat.report.tables.paper_tables import paper_tables
 from egosplat.report.tables.series import Series, find_series
 from egosplat.report.tables.table import Layout
 
 PAGE = "tables.html"
-HTML = text_kind(COMMAND, ".html", mark=f'<meta name="generator" content="{COMMAND}">')
 
-_FORMATS = ((CSV, to_csv), (MARKDOWN, to_markdown), (LATEX, to_latex))
+_FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
 
 
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
@@ -42,22 +31,17 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
         pictures: PNG or JPEG files of scenes, for the end of the page.
 
     Raises:
-        UserError: a file cannot be read, two files are of the same scene, protocols differ, or a file would replace
-            something else.
+        UserError: a file cannot be read, two files are of the same scene, or protocols differ.
     """
-    kinds = {output / f"{layout.name}{kind.suffix}": kind for layout in LAYOUTS for kind, _ in _FORMATS}
-    # All outputs are checked before the first is written.
-    for path, kind in (*kinds.items(), (output / PAGE, HTML)):
-        check_output(path, kind)
     scenes = _with_a_place([read_scored_scene(path) for path in metrics])
     check_protocol(scenes)
     series = find_series(scenes)
     tables = paper_tables(series)
     page = write_page(tables, series, pictures)
     for table in tables:
-        for kind, form in _FORMATS:
-            write_text_file(output / f"{table.name}{kind.suffix}", form(table), kind)
-    write_text_file(output / PAGE, page, HTML)
+        for suffix, form in _FORMATS.items():
+            write_text(output / f"{table.name}.{suffix}", form(table))
+    write_text(output / PAGE, page)
     log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
 
 

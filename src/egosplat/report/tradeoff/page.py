@@ -8,7 +8,6 @@ from typing import Any
 import pandas as pd
 
 from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene
-from egosplat.output_files import json_kind, text_kind
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import shown
 from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
@@ -31,10 +30,6 @@ _COLUMNS = ("scene", "point", "about", "front", "stage", "measure", "mean", "low
 
 # Generator named in the page's metadata.
 GENERATOR = "egosplat tradeoff"
-
-TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "seeds")
-TABLE = text_kind("egosplat tradeoff", ".csv", begin=",".join(_COLUMNS[:4]) + ",")
-PAGE = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
 
 _BOUGHT = (
     "Of the points that take no longer on the clock of the machine that measured, one stage after the other: the most "
