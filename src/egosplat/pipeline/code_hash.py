@@ -17,6 +17,7 @@ from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 NEUTRAL = {
     "egosplat",  # holds only the version and public names
     "egosplat.files",
+    "egosplat.alarms.texts",
     "egosplat.artifacts.usage",
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
