@@ -22,6 +22,7 @@ REPORTS = {
     "benchmarks/ablation/README.md",
     "benchmarks/instances/README.md",
     "benchmarks/language/README.md",
+    "benchmarks/methods/README.md",
     "benchmarks/open_vocabulary/README.md",
     "benchmarks/presence/README.md",
     "benchmarks/real_camera/README.md",
