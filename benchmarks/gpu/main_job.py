@@ -22,7 +22,7 @@ _ON_CPU = {"backend": "cpu"}
 RUNS: Mapping[str, Mapping[str, Any]] = {
     "GPU, 512 px": {},
     "CPU, 512 px": {"models": {"device": "cpu"}}
-    | {stage: _ON_CPU for stage in ("transient", "splats", "language", "query")},
+    | {stage: _ON_CPU for stage in ("transient", "instances", "splats", "language", "query")},
     "GPU, 1408 px": {"frames": {"resolution": 1408}},
 }
 RECORDED = {"synthetic": {"size": 1408}}

@@ -89,6 +89,7 @@ rule instances:
     resources:
         mem_mb=memory("instances"),
         runtime=runtime("instances"),
+        gpu=gpus("instances"),
     params:
         others=optional_flags("instances"),
         kept=training_frames("instances"),

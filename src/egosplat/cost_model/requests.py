@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 
 from egosplat.cost_model.laws import gpu_seconds, law_of, memory_mib, seconds
-from egosplat.cost_model.sizes import UNKNOWN_FRAMES, Sizes
+from egosplat.cost_model.sizes import UNKNOWN_FRAMES, Sizes, merges_masks
 from egosplat.pipeline.config import Config, stage_values
 
 # Factor of the expected memory. On the largest finished scene outside of the fit, stages took up to 1.1 times
@@ -63,6 +63,9 @@ def runtime_min(stage: str, config: Config, inputs: Iterable[str], attempt: int)
 def gpus(stage: str, config: Config) -> int:
     """GPUs that a job of the stage can use: 1 if a key lets models or rendering run on one, else 0."""
     if stage == "segments" and config["segments"]["segmenter"] == "classical":
+        return 0
+    # Tracks are copied as they are.
+    if stage == "instances" and not merges_masks(config):
         return 0
     values = stage_values(stage, config)
     return int(any(values.get(key) in _ON_GPU for key in ("device", "backend")))

@@ -173,18 +173,18 @@ def _tracked(config: Config, sizes: Sizes) -> int:
     return _moving(config, sizes) if segments_single_frames(config) else sizes.limited(TYPICAL_TRACKED)
 
 
-def _merged(config: Config) -> bool:
+def merges_masks(config: Config) -> bool:
     """Whether masks are merged into instances; else each track, or mask of a frame, is one."""
     source = config["instances"]["source"]
     return segments_single_frames(config) if source == "auto" else source != "tracks"
 
 
 def _masks(config: Config, sizes: Sizes) -> float:
-    return TYPICAL_MASKS * sizes["labelled"] * _merged(config)
+    return TYPICAL_MASKS * sizes["labelled"] * merges_masks(config)
 
 
 def _instances(config: Config, sizes: Sizes) -> float:
-    if _merged(config):
+    if merges_masks(config):
         return TYPICAL_MERGED
     if segments_single_frames(config):
         return TYPICAL_MASKS * sizes["labelled"]
@@ -193,8 +193,8 @@ def _instances(config: Config, sizes: Sizes) -> float:
 
 def _views(config: Config, sizes: Sizes) -> float:
     """A track is seen in half of the frames, 0.55 in adt/scene1; a mask of a single frame in that one."""
-    seen = sizes["frames"] * (MERGED_SEEN if _merged(config) else 0.5)
-    if segments_single_frames(config) and not _merged(config):
+    seen = sizes["frames"] * (MERGED_SEEN if merges_masks(config) else 0.5)
+    if segments_single_frames(config) and not merges_masks(config):
         seen = 1.0
     return sizes["instances"] * min(seen, config["view_features"]["max_views"] or seen)
 
@@ -266,12 +266,12 @@ _FROM_CONFIG: dict[str, Callable[[Config, Sizes], float]] = {
     # Runs that stay to the last merge grow with the square root of the masks (benchmarks/instances).
     "runs": lambda _, sizes: math.sqrt(sizes["masks"]),
     "instances": _instances,
-    "merging_iterations": lambda config, _: config["instances"]["iterations"] * _merged(config),
+    "merging_iterations": lambda config, _: config["instances"]["iterations"] * merges_masks(config),
     "merging_pixels": lambda config, sizes: (
-        min(config["instances"]["resolution"] ** 2, sizes["pixels"]) * _merged(config)
+        min(config["instances"]["resolution"] ** 2, sizes["pixels"]) * merges_masks(config)
     ),
-    "merging_gaussians": lambda config, _: MERGING_GAUSSIANS * _merged(config),
-    "merged_views": lambda config, sizes: sizes["views"] * _merged(config),
+    "merging_gaussians": lambda config, _: MERGING_GAUSSIANS * merges_masks(config),
+    "merged_views": lambda config, sizes: sizes["views"] * merges_masks(config),
     "sam2_area": _sam2_area,
     "views": _views,
     "shown": lambda _, sizes: sizes["views"] / sizes["kept"],

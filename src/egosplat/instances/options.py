@@ -18,5 +18,6 @@ class InstancesOptions(CameraOptions):
     common: float
     drop_iou: float
     claimed: float
+    backend: str
     seed: int
     near_plane: float
