@@ -131,7 +131,9 @@ def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
     device = view.means.device
     row, channel = (torch.from_numpy(each).to(device).long() for each in values.tocoo().coords)
     # The few values are copied to the device, not the zeros between them.
-    dense = view.means.new_zeros(count, channels).index_put_((row, channel), value.to(device), accumulate=True)
+    dense = view.means.new_zeros(count, channels).index_put_(
+        (row, channel), value.to(device), accumulate=True
+    )
     image, _ = composite(view, dense)
     return image.permute(2, 0, 1)
 
