@@ -30,6 +30,8 @@ def graphed(net: TransientNet, picture: Tensor) -> Callable[[Tensor], Tensor]:
     Returns:
         A function of pictures of this size. Its result holds until the next call. It follows changes of the weights in place.
     """
+    # The capture has a stream of its own, so gradients reach the weights on another than that of the training.
+    torch.autograd.graph.set_warn_on_accumulate_grad_stream_mismatch(False)
     before = [buffer.clone() for buffer in net.buffers()]
     call = torch.cuda.make_graphed_callables(_OfSize(net), (torch.zeros_like(picture),))
     # Trial runs before the capture have changed the running statistics.
