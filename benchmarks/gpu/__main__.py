@@ -45,7 +45,7 @@ def main(folder: Path, parts: Sequence[str]) -> None:
         work = folder / "paper"
         paper_memory.run(work)
         click.echo(
-            f"\n## Memory of the preset paper\n\n{paper_memory.stages(work)}\n\n{paper_memory.training(work)}"
+            f"\n## Memory of the preset paper\n\n{paper_memory.stages(work)}\n\n{paper_memory.training(work / main_job.SCENE, work)}"
         )
 
 

@@ -1,6 +1,6 @@
 """GPU memory of the preset paper at 1408 px: every stage on a short recording, and training by the number of Gaussians."""
 
-import time
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,10 +13,14 @@ from benchmarks.common import MIB, ROOT, markdown
 from benchmarks.gpu.main_job import SCENE, cells_of, make, records_of
 from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.segments_growth.__main__ import KEEP_ALL
+from egosplat.artifacts.reader import open_any
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.gaussians.model import Gaussians
 from egosplat.pipeline.config import resolve, stage_values
+from egosplat.progress import log
 from egosplat.splats import stage as splats
 from egosplat.tables.scored_scenes import read_scored_scene
+from egosplat.transient import stage as transient
 
 GIB = 2**30
 
@@ -42,7 +46,7 @@ SHORT: dict[str, Any] = {
     "language": {"iterations": 300},
 }
 
-# Numbers of Gaussians that the stage splats is trained with.
+# Numbers of Gaussians that the stages are trained with, and for how many iterations.
 COUNTS = (1_000_000, 2_000_000, 4_000_000)
 ITERATIONS = 40
 
@@ -86,51 +90,71 @@ def stages(folder: Path) -> str:
     return markdown(header, [[stage, *cells_of(record)] for stage, record in records.items()])
 
 
-def training(folder: Path) -> str:
-    """A row for each number of Gaussians, and the law between the first and the last."""
-    found = list(_trained(folder))
-    rows = [[f"{one.gaussians:,}", f"{one.held / GIB:.1f}", f"{one.reserved / GIB:.1f}"] for one in found]
-    least, most = found[0], found[-1]
+def training(scene: Path, work: Path) -> str:
+    """A row for each stage and number of Gaussians, and the law of each stage between the first and the last.
+
+    Args:
+        scene: folder with the artifacts that the stages read.
+        work: folder for what they write.
+    """
+    rows, laws = [], []
+    for name in STAGES:
+        found = list(trained(name, scene, work))
+        rows += [
+            [name, f"{one.gaussians:,}", f"{one.held / GIB:.1f}", f"{one.reserved / GIB:.1f}"]
+            for one in found
+        ]
+        laws.append(_law(name, found[0], found[-1]))
+    table = markdown(["stage", "Gaussians", "GPU [GiB]", "reserved [GiB]"], rows)
+    return "\n\n".join([table, *laws])
+
+
+def _law(name: str, least: Trained, most: Trained) -> str:
     each = (most.held - least.held) / (most.gaussians - least.gaussians)
-    fixed = least.held - each * least.gaussians
-    limit = _keys()["max_gaussians"]
-    whole = (fixed + each * limit) / GIB
+    fixed, limit = least.held - each * least.gaussians, keys_of(name)["max_gaussians"]
     return (
-        f"{markdown(['Gaussians', 'GPU [GiB]', 'reserved [GiB]'], rows, words=0)}\n\n"
-        f"{each / 1e3:.2f} kB a Gaussian and {fixed / MIB:.0f} MiB: {whole:.1f} GiB at the limit of {limit:,} Gaussians, "
-        f"of {CARD_GIB} GiB."
+        f"`{name}`: {each / 1e3:.2f} kB a Gaussian and {fixed / MIB:.0f} MiB: {(fixed + each * limit) / GIB:.1f} GiB at the "
+        f"limit of {limit:,} Gaussians, of {CARD_GIB} GiB."
     )
 
 
-def _keys() -> dict[str, Any]:
-    """Keys of the stage splats."""
-    return stage_values("splats", resolve(SHORT, ROOT / "config/presets"))
+def keys_of(stage: str) -> dict[str, Any]:
+    """Keys of a stage."""
+    return stage_values(stage, resolve(SHORT, ROOT / "config/presets"))
 
 
-def _trained(folder: Path) -> Iterator[Trained]:
-    """Train the stage splats of the short run again, from copies of its Gaussians."""
-    scene, given = folder / SCENE, splats.starting_gaussians
-    keys = _keys() | {"iterations": ITERATIONS, "checkpoint_s": 1e9}
-    kinds = ("masks", "instances", "features")
+def _train_transient(scene: Path, output: Path) -> None:
+    keys = keys_of("transient") | {"iterations": ITERATIONS, "checkpoint_s": 1e9}
+    options = transient.TransientOptions(**keys)
+    transient.run(scene / "frames.zarr", scene / "poses.zarr", output, options)
+
+
+def _train_splats(scene: Path, output: Path) -> None:
+    keys = keys_of("splats") | {"iterations": ITERATIONS, "checkpoint_s": 1e9}
+    paths = {f"{kind}_path": scene / f"{kind}.zarr" for kind in ("masks", "instances", "features")}
+    splats.run(scene / "frames.zarr", scene / "poses.zarr", output, splats.SplatsOptions(**keys), **paths)
+
+
+STAGES = {"transient": (transient, _train_transient), "splats": (splats, _train_splats)}
+
+
+def trained(name: str, scene: Path, work: Path) -> Iterator[Trained]:
+    """Train a stage from so many copies of the Gaussians that it starts with."""
+    module, train = STAGES[name]
+    given = module.starting_gaussians
     for count in COUNTS:
-        began = time.perf_counter()
         torch.cuda.empty_cache()
         torch.cuda.reset_peak_memory_stats()
-        splats.starting_gaussians = lambda *some, _count=count, **named: copies(given(*some, **named), _count)
+        module.starting_gaussians = lambda *some, _count=count, **named: copies(given(*some, **named), _count)
+        output = work / f"{name}_{count}.zarr"
         try:
-            output = folder / f"splats_{count}.zarr"
-            options = splats.SplatsOptions(**keys)
-            paths = {f"{kind}_path": scene / f"{kind}.zarr" for kind in kinds}
-            splats.run(scene / "frames.zarr", scene / "poses.zarr", output, options, **paths)
+            train(scene, output)
         finally:
-            splats.starting_gaussians = given
-        held, reserved = torch.cuda.max_memory_allocated(), torch.cuda.max_memory_reserved()
-        curve = splats.open_artifact(output, splats.SPLATS).read("curve/gaussians")
-        print(
-            f"{count}: {curve.max()} Gaussians, {held}, {reserved}, {time.perf_counter() - began:.1f} s",
-            flush=True,
-        )
-        yield Trained(int(curve.max()), held, reserved)
+            module.starting_gaussians = given
+        gaussians = open_any(output, SCHEMAS).facts.get("gaussians", count)
+        found = Trained(gaussians, torch.cuda.max_memory_allocated(), torch.cuda.max_memory_reserved())
+        log(f"{name}: {found}")
+        yield found
 
 
 def copies(some: Gaussians, count: int) -> Gaussians:
@@ -139,4 +163,4 @@ def copies(some: Gaussians, count: int) -> Gaussians:
     more = some.select(torch.arange(count, device=some.means.device) % some.count)
     factor = (some.count / count) ** 0.5
     offsets = torch.randn(count, 3, generator=noise).to(some.means) * more.scales * _JITTER
-    return replace(more, means=more.means + offsets, log_scales=more.log_scales + torch.tensor(factor).log())
+    return replace(more, means=more.means + offsets, log_scales=more.log_scales + math.log(factor))
