@@ -17,8 +17,12 @@ BEFORE = json.loads(lzma.decompress((Path(__file__).parent / "data/values_before
 CONSTANTS = {
     "poses": {"overlap": 12, "max_gap_ms": 50.0, "seed": 0},
     "segments": {
-        "batch": 16, "max_covered_new": 0.5, "min_uncovered_fraction": 0.05,
-        "box_nms_thresh": 0.7, "nms_iou_thresh": 0.8, "nms_inner_thresh": 0.5,
+        "batch": 16,
+        "max_covered_new": 0.5,
+        "min_uncovered_fraction": 0.05,
+        "box_nms_thresh": 0.7,
+        "nms_iou_thresh": 0.8,
+        "nms_inner_thresh": 0.5,
     },
     "instances": {"claimed": 0.5, "common": 0.2, "cut_iou": 0.5, "drop_iou": 0.3},
     "view_features": {"batch": 64},
