@@ -24,8 +24,10 @@ NEUTRAL = {
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
     "egosplat.pipeline.messages",
+    "egosplat.pipeline.options",  # values are parameters of the rules
     "egosplat.pipeline.parsed_modules",
     "egosplat.pipeline.process_guards",
+    "egosplat.pipeline.shared_options",
     "egosplat.pipeline.validation",
     "egosplat.progress",
     "egosplat.artifacts.consistency",

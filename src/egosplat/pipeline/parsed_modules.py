@@ -130,7 +130,7 @@ def _append(node: Any, parts: list[str]) -> None:
         parts.append(f"{type(node).__name__}(")
         for key, value in ast.iter_fields(node):
             if key == "body" and isinstance(node, DOCUMENTED):
-                value = [item for item in value if not _is_bare_text(item)]
+                value = [item for item in value if not _is_bare_text(item) and not _is_key(item, node)]
             if value is not None and value != []:
                 parts.append(key)
                 _append(value, parts)
@@ -142,6 +142,15 @@ def _append(node: Any, parts: list[str]) -> None:
         parts.append("]")
     else:
         parts.append(repr(node))
+
+
+def _is_key(item: ast.AST, parent: ast.AST) -> bool:
+    """Whether a statement defines a key of options: its values are parameters of the rules, not code."""
+    return (
+        isinstance(item, ast.AnnAssign)
+        and isinstance(parent, ast.ClassDef)
+        and any(isinstance(base, ast.Name) and base.id.endswith("Options") for base in parent.bases)
+    )
 
 
 def _is_bare_text(node: ast.AST) -> bool:
