@@ -13,13 +13,20 @@ from pathlib import Path
 from egosplat.pipeline.parsed_modules import keep_parsed, parsed
 from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 
-# Modules that show or record, but cannot change an array: a better message makes nothing stale.
+# The packages whose modules count.
+ROOTS = {"egosplat", "egosplat_apartments"}
+
+# Text that code beside it reads: templates of pages, and tables.
+TEXTS = (".csv", ".j2")
+
+# Modules that show, record or write, but cannot change an array: a better message makes nothing stale.
 NEUTRAL = {
     "egosplat",  # holds only the version
     "egosplat.files",
     "egosplat.artifacts.usage",
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
+    "egosplat.output_files",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
     "egosplat.pipeline.parsed_modules",
@@ -33,17 +40,22 @@ NEUTRAL = {
 
 
 def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
-    """Hash ``module``, the modules, C++ sources and scripts that it reaches in its package, and versions of libraries.
+    """Hash ``module``, the modules, C++ sources, scripts and texts that it reaches, and versions of libraries.
 
     Returns:
         16 hexadecimal digits, equal on every Python version.
     """
     digest = hashlib.sha256()
+    folders = {}
     for name, path in modules_of(module).items():
         digest.update(f"{name}\0{parsed(name, path).tree_hash}\0".encode())
-        # Compiled kernels and the scripts of pages are executed code, too.
-        if path.name == "__init__.py" and (sources := path.parent / "source").is_dir():
+        # Compiled kernels, and scripts and templates of pages, are executed code, too.
+        if path.name != "__init__.py":
+            folders[path.parent] = None
+        elif (sources := path.parent / "source").is_dir():
             digest.update(f"{name}/source\0{_sources_hash(sources)}\0".encode())
+    for folder in folders:
+        digest.update(_texts_hash(folder).encode())
     # A library may change a result without any change of our code.
     for library in sorted(libraries):
         digest.update(f"{library}=={metadata.version(library)}\0".encode())
@@ -52,13 +64,13 @@ def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
 
 
 def modules_of(module: str) -> dict[str, Path]:
-    """Name and path of every module of the package that ``module`` reaches by imports, sorted by name."""
-    root = module.partition(".")[0]
+    """Name and path of every module of our packages that ``module`` reaches by imports, sorted by name."""
+    roots = ROOTS | {module.partition(".")[0]}
     found: dict[str, Path] = {}
     todo = [module]
     while todo:
         name = todo.pop()
-        if name in found or name in NEUTRAL or name.partition(".")[0] != root:
+        if name in found or name in NEUTRAL or name.partition(".")[0] not in roots:
             continue
         if (path := _find(name)) is None:
             continue
@@ -90,3 +102,8 @@ def _folder(root: str) -> Path | None:
 @functools.cache
 def _sources_hash(folder: Path) -> str:
     return cpp_hash(folder) + scripts_hash(folder)
+
+
+@functools.cache
+def _texts_hash(folder: Path) -> str:
+    return scripts_hash(folder, TEXTS)

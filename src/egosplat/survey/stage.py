@@ -14,7 +14,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.geometry import Camera
 from egosplat.output_files import check_output
-from egosplat.pipeline.survey_file import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
+from egosplat.pipeline.survey_file import digest_of_frames
 from egosplat.progress import log
 from egosplat.survey.decisions import (
     brightness_range,
@@ -25,6 +25,7 @@ from egosplat.survey.decisions import (
     pose_residual,
     refines_poses,
 )
+from egosplat.survey.document import FORMAT_VERSION, SURVEY, write_survey
 from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
 from egosplat.survey.views import choose_views, median_depths

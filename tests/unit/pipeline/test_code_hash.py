@@ -23,6 +23,7 @@ CACHED = (
     fingerprint._find,
     parsed_modules.parsed,
     fingerprint._sources_hash,
+    fingerprint._texts_hash,
 )
 
 
@@ -70,6 +71,45 @@ def test_code_outside_the_import_closure_does_not_change_the_hash(package, chang
 )
 def test_code_inside_the_import_closure_changes_the_hash(package, change):
     assert package() != package(**change)
+
+
+MESSAGES = """\
+def double(x, log, name):
+    log(f"doubles {x} of {name}" + (" again" if x > 2 else ""))
+    if x < 0:
+        raise UserError(f"{x}: negative. Give {name + 1} or more.")
+    raise ValueError("not a number")
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("doubles", "takes twice", True),
+        (" again", " once more", True),
+        ("negative. Give", "below 0; give", True),
+        ('"not a number"', '"infinite", "or not a number"', True),
+        ("{name + 1}", "{name + 2}", False),
+        ("x > 2", "x > 3", False),
+        ("ValueError", "TypeError", False),
+    ],
+)
+def test_of_a_message_only_what_it_computes_changes_the_hash(package, old, new, same):
+    assert (package(helper=MESSAGES) == package(helper=MESSAGES.replace(old, new))) == same
+
+
+def test_a_template_beside_a_module_that_is_reached_counts(package, tmp_path):
+    files = {"pages/__init__": "", "pages/story": "X = 1\n", "stage": "from pkg.pages import story\n"}
+    (tmp_path / "pkg/pages").mkdir(parents=True)
+    template = tmp_path / "pkg/pages/story.html.j2"
+    template.write_text("<p>")
+    first = package(**files)
+    template.write_text("<div>")
+    assert package(**files) != first
+    other = files | {"stage": "import pkg.pages\n"}
+    first = package(**other)
+    template.write_text("<p>")
+    assert package(**other) == first
 
 
 KERNELS = {
