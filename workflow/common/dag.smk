@@ -5,10 +5,16 @@ The parameters of a rule hold the flags of its stage and the content hash of its
 when one of them changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
 """
 
+from egosplat.frames.files import (
+    annotations_files,
+    digest_of_files,
+    frames_files,
+    pictures_of,
+)
 from egosplat.frames.recording_files import is_annotated
-from egosplat.frames.watched import watched_files
 from egosplat.models.checkpoints import model_hashes
 from egosplat.pipeline import dag
+from egosplat.pipeline.chosen import chosen_value
 from egosplat.pipeline.results import default_results, default_scenes
 from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES, code_of
@@ -19,6 +25,7 @@ from egosplat.pipeline.variants import (
     method_of,
     scene_config,
 )
+from egosplat.poses.files import poses_files
 
 
 def variant_in(folder):
@@ -146,17 +153,55 @@ def models(stage):
     return hashes
 
 
+def code_of_chosen(stage):
+    """Get a function of the wildcards: the hash of a stage's code with the module that it chooses."""
+    return lambda wildcards: code_of(stage, value_of(stage, wildcards))
+
+
+def value_of(stage, wildcards):
+    """Get the value by which a stage chooses its module."""
+    return chosen_value(stage, scene_of(wildcards), config_of(wildcards))
+
+
 def recording_files(stage):
-    """Get a function of the wildcards: the files of the recording that a stage reads."""
+    """Get a function of the wildcards: the files of the recording that a stage opens, without pictures of folders."""
 
     def paths(wildcards):
-        scene = scene_of(wildcards)
+        scene, config = scene_of(wildcards), config_of(wildcards)
         if scene.synthetic:  # one folder, which a rule makes
             return [str(scene.recording)]
         check_recording(scene)
-        return watched_files(scene.format, scene.recording, stage)
+        known = config["frames"]["known_poses"]
+        if stage == "frames":
+            found = frames_files(scene.format, scene.recording, known)
+        elif stage == "annotations":
+            found = annotations_files(scene.format, scene.recording)
+        else:
+            source, trajectory = (
+                value_of(stage, wildcards),
+                config["poses"]["trajectory"],
+            )
+            found = poses_files(source, scene.recording, trajectory, known)
+        # Snakemake reads braces as wildcards.
+        return [str(path) for path in found if not set("{}") & set(str(path))]
 
     return paths
+
+
+def pictures(stage):
+    """
+    Get a function of the wildcards: a digest of the pictures of a folder that a stage opens.
+
+    A folder's time of change does not tell of a file in it that is overwritten, and thousands of inputs take Snakemake long.
+    """
+
+    def digest(wildcards):
+        scene = scene_of(wildcards)
+        if scene.synthetic:
+            return "none"
+        return digest_of_files(pictures_of(stage, scene.format, scene.recording))
+
+    return digest
 
 
 def get_recording(wildcards):

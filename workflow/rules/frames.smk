@@ -53,7 +53,8 @@ rule frames:
         format=lambda wildcards: scene_of(wildcards).format,
         annotated=is_recording_annotated,
         flags=flags("frames"),
-        code=code_of("frames"),
+        pictures=pictures("frames"),
+        code=code_of_chosen("frames"),
     shell:
         "egosplat frames"
         " --recording {params.recording:q}"
@@ -80,7 +81,8 @@ rule annotations:
     params:
         recording=get_recording,
         flags=flags("annotations"),
-        code=code_of("annotations"),
+        pictures=pictures("annotations"),
+        code=code_of_chosen("annotations"),
     shell:
         "egosplat annotations"
         " --recording {params.recording:q}"

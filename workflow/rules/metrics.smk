@@ -7,11 +7,8 @@ OUTPUTS: metrics.json, as src/egosplat/pipeline/schemas/metrics.schema.yaml desc
 TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 """
 
-import egosplat
 from egosplat.pipeline.code_hash import code_hash
 from egosplat.pipeline.results import maps_of, table_pictures, table_scores
-
-PACKAGE = Path(egosplat.__file__).parent
 
 TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
 
@@ -119,8 +116,6 @@ rule tables:
     input:
         metrics=lambda _: table_scores(scenes.values()),
         pictures=lambda _: table_pictures(scenes.values()),
-        printed=PACKAGE / "report/tables/paper_numbers.csv",
-        page=PACKAGE / "report/tables/tables.html.j2",
     output:
         expand(
             "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
@@ -139,7 +134,7 @@ rule tables:
     params:
         pictures=get_picture_flags,
         code=code_hash(
-            "egosplat.report.tables.stage", ("jinja2", "jsonschema", "pandas")
+            "egosplat.report.tables.stage", libraries=("jinja2", "jsonschema", "pandas")
         ),
     shell:
         "egosplat tables"

@@ -25,7 +25,7 @@ rule poses:
     params:
         recording=get_recording,
         flags=flags("poses"),
-        code=code_of("poses"),
+        code=code_of_chosen("poses"),
     shell:
         "egosplat poses"
         " --recording {params.recording:q}"

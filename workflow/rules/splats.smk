@@ -64,7 +64,7 @@ rule language:
         others=optional_flags("language"),
         kept=training_frames("language"),
         flags=flags("language"),
-        code=code_of("language"),
+        code=code_of_chosen("language"),
     shell:
         "egosplat language"
         " --frames {input.frames:q}"

@@ -6,8 +6,6 @@ from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.files import read_json
 
-CAMERA_FILE = "camera.json"
-
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 # OpenCV's first four; a file without them is of pictures without distortion.
 _DISTORTION = ("k1", "k2", "p1", "p2")

@@ -1,7 +1,7 @@
 """Content hash of the code that a stage executes.
 
 Snakemake cannot see code changes behind a command line, so each rule has this hash among its parameters. ``code_hash``
-follows the imports from a stage's module inside the package and hashes each module's syntax tree.
+follows the imports from a stage's modules inside our packages and hashes each module's syntax tree.
 """
 
 import functools
@@ -39,15 +39,15 @@ NEUTRAL = {
 }
 
 
-def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
-    """Hash ``module``, the modules, C++ sources, scripts and texts that it reaches, and versions of libraries.
+def code_hash(*modules: str, libraries: tuple[str, ...] = ()) -> str:
+    """Hash modules, the modules, C++ sources, scripts and texts that they reach, and versions of libraries.
 
     Returns:
         16 hexadecimal digits, equal on every Python version.
     """
     digest = hashlib.sha256()
     folders = {}
-    for name, path in modules_of(module).items():
+    for name, path in modules_of(*modules).items():
         digest.update(f"{name}\0{parsed(name, path).tree_hash}\0".encode())
         # Compiled kernels, and scripts and templates of pages, are executed code, too.
         if path.name != "__init__.py":
@@ -63,11 +63,11 @@ def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
     return digest.hexdigest()[:16]
 
 
-def modules_of(module: str) -> dict[str, Path]:
-    """Name and path of every module of our packages that ``module`` reaches by imports, sorted by name."""
-    roots = ROOTS | {module.partition(".")[0]}
+def modules_of(*modules: str) -> dict[str, Path]:
+    """Name and path of every module of our packages that ``modules`` reach by imports, sorted by name."""
+    roots = ROOTS | {module.partition(".")[0] for module in modules}
     found: dict[str, Path] = {}
-    todo = [module]
+    todo = [*modules]
     while todo:
         name = todo.pop()
         if name in found or name in NEUTRAL or name.partition(".")[0] not in roots:

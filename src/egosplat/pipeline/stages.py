@@ -8,9 +8,39 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from inspect import signature
+from types import ModuleType
 from typing import Any
 
+from egosplat.errors import UserError
 from egosplat.pipeline.code_hash import code_hash
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Modules of which a stage loads one, by a value; only that one is a part of its code.
+
+    Attributes:
+        by: what the value is, for errors; ``egosplat.pipeline.chosen`` finds the value of a scene.
+        modules: names of modules by value.
+    """
+
+    by: str
+    modules: Mapping[str, str]
+
+    def find(self, value: str | None) -> str:
+        """Get the name of the module of a value.
+
+        Raises:
+            UserError: the value has none.
+        """
+        if value not in self.modules:
+            raise UserError(f"{self.by}: {value!r} is unknown; choose from {', '.join(self.modules)}.")
+        return self.modules[value]
+
+
+def by(what: str, **modules: str) -> Choice:
+    """A ``Choice`` among modules of the package, by value."""
+    return Choice(what, {value: f"egosplat.{name}" for value, name in modules.items()})
 
 
 @dataclass(frozen=True)
@@ -29,6 +59,7 @@ class Stage:
         keys: single keys from other sections, by section.
         scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
             pages, ``method``, the published method that a variant stands for.
+        modules: modules of which it loads one with ``load_module``.
     """
 
     name: str
@@ -41,6 +72,7 @@ class Stage:
     sections: tuple[str, ...] = ()
     keys: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     scene: tuple[str, ...] = ()
+    modules: Choice | None = None
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -91,6 +123,7 @@ _STAGES = (
         inputs=("recording",),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "pycolmap", "zarr"),
         scene=("format",),
+        modules=by("format", adt="frames.adt", hoi4d="frames.hoi4d", plain="frames.plain"),
     ),
     Stage(
         "annotations",
@@ -99,6 +132,12 @@ _STAGES = (
         output="annotations.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
+        modules=by(
+            "format",
+            adt="frames.adt_annotations",
+            hoi4d="frames.hoi4d_annotations",
+            plain="frames.plain_annotations",
+        ),
     ),
     Stage(
         "poses",
@@ -107,6 +146,7 @@ _STAGES = (
         output="poses.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
+        modules=by("poses.method", device="poses.adt", known="poses.known", colmap="poses.colmap"),
     ),
     Stage(
         "survey",
@@ -218,6 +258,19 @@ _STAGES = (
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("numpy", "scipy", "torch", "zarr"),
         keys={"segments": ("segmenter", "point_prompts")},
+        modules=by(
+            "language.method",
+            joint="language.joint",
+            lifted="language.dominant",
+            trained="language.training",
+            projected="baselines.semantic_gaussians",
+            center="baselines.occam",
+            clustered="baselines.splat_feature_solver",
+            sparse="baselines.langsplat_v2",
+            granular="baselines.gags",
+            field="baselines.lerf",
+            quantized="baselines.legaussians",
+        ),
     ),
     Stage(
         "metrics",
@@ -376,7 +429,24 @@ def run_stage(name: str, keys: Mapping[str, Any], **given: Any) -> None:
     stage_function(name)(**arguments, **({"options": options(**keys)} if options else {}))
 
 
-def code_of(name: str) -> str:
-    """Hash the code that a stage executes and the versions of its libraries."""
+def load_module(name: str, value: str) -> ModuleType:
+    """Import the module that a stage chooses by a value.
+
+    Raises:
+        UserError: the value has no module.
+    """
+    return import_module(STAGES[name].modules.find(value))
+
+
+def code_of(name: str, value: str | None = None) -> str:
+    """Hash the code that a stage executes and the versions of its libraries.
+
+    Args:
+        value: by which the stage chooses a module, if it chooses one.
+
+    Raises:
+        UserError: the value has no module.
+    """
     stage = STAGES[name]
-    return code_hash(stage.module, stage.libraries)
+    chosen = () if stage.modules is None else (stage.modules.find(value),)
+    return code_hash(stage.module, *chosen, libraries=stage.libraries)

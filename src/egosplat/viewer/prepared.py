@@ -86,7 +86,7 @@ def prepare(
 def _key(sources: Iterable[Artifact]) -> str:
     # A change of the code that prepares makes the cache stale, as it would a stage.
     parts = sorted(f"{source.path.name} {source.digest}" for source in sources)
-    parts.append(code_hash(__name__, ("numpy", "scipy", "torch")))
+    parts.append(code_hash(__name__, libraries=("numpy", "scipy", "torch")))
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 

@@ -146,7 +146,7 @@ def test_kernel_sources_change_the_hash():
 
 
 def test_library_versions_change_the_hash():
-    assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", ("numpy",))
+    assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", libraries=("numpy",))
 
 
 def test_every_stage_reaches_its_own_room_and_not_another_stage():
