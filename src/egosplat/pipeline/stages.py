@@ -27,7 +27,7 @@ class Choice:
     by: str
     modules: Mapping[str, str]
 
-    def find(self, value: str | None) -> str:
+    def find(self, value: str) -> str:
         """Get the name of the module of a value.
 
         Raises:
@@ -442,11 +442,11 @@ def code_of(name: str, value: str | None = None) -> str:
     """Hash the code that a stage executes and the versions of its libraries.
 
     Args:
-        value: by which the stage chooses a module, if it chooses one.
+        value: by which the stage chooses a module; None: the hash is of what all values share.
 
     Raises:
         UserError: the value has no module.
     """
     stage = STAGES[name]
-    chosen = () if stage.modules is None else (stage.modules.find(value),)
+    chosen = () if value is None else (stage.modules.find(value),)
     return code_hash(stage.module, *chosen, libraries=stage.libraries)
