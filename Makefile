@@ -56,6 +56,8 @@ lint: install
 	$(BIN)/ruff check setup.py src tests benchmarks training
 	$(BIN)/ruff format --check setup.py src tests benchmarks training
 	$(BIN)/snakefmt --check workflow
+	$(BIN)/snakemake --lint --config container=image.sif
+	$(BIN)/python -m tests.support.lines
 
 # The lock file anew, from the ranges in pyproject.toml.
 lock: $(BIN)/python

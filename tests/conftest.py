@@ -53,15 +53,8 @@ def real_data() -> Callable[[str], Path]:
     return folder
 
 
-TINY = """
-synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
-frames: {resolution: 96, evaluation_frames: 3}
-segments: {segmenter: classical}
-transient: {iterations: 20, resolution: 48, input_size: 64}
-splats: {masking: refined, iterations: 40, max_points: 1000, max_gaussians: 2000, evaluate_every: 20}
-survey: {min_view_change_deg: 0, blur_limit: 0, max_moving_probability: 0}
-camera: {refine_poses: "off", compensate_exposure: "off"}
-"""
+TINY = (ROOT / ".test/config/config.yaml").read_text(encoding="utf-8")
+"""The settings of the smallest whole job."""
 
 
 class Workdir:
@@ -131,7 +124,7 @@ class Workdir:
         return found
 
     def edit(self, module: str, old: str, new: str) -> None:
-        """Replace text in the copied code."""
+        """Replace text in the copied code; ``module`` is a path below the package egosplat."""
         path = self.code / "egosplat" / module
         text = path.read_text()
         assert old in text, f"{module} lacks {old!r}"
@@ -157,9 +150,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Workdi
 
 def _run_main_job(folder: Path) -> None:
     shutil.copytree(ROOT / "config", folder / "config")
-    shutil.copytree(
-        ROOT / "src" / "egosplat", folder / "src" / "egosplat", ignore=shutil.ignore_patterns("__pycache__")
-    )
+    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
     # Every process of a copy would compile them again. By content, because a test may edit a file within a second.
     compileall.compile_dir(
         folder / "src", quiet=1, invalidation_mode=py_compile.PycInvalidationMode.CHECKED_HASH

@@ -1,6 +1,6 @@
 """Equality of results on another processor: each stage of a small scene, with limits on the libraries' instructions.
 
-    python -m benchmarks.reproducibility --work /tmp/reproducibility > docs/reproducibility.md
+    python -m benchmarks.reproducibility --work /tmp/reproducibility > benchmarks/reproducibility/README.md
 
 Needs a processor with AVX-512, and about 25 minutes of two cores. A run that was ended goes on with the limit it was at. The reading
 below the tables is written by hand, in benchmarks.reproducibility/reading.md.
@@ -61,14 +61,6 @@ def cell(found: list[Difference]) -> str:
     return f"{max(numbers):.0e}" if numbers else "differs"
 
 
-def told(found: list[Difference]) -> str:
-    """The two largest differences of a stage: by size, then by number of values."""
-    largest = sorted(found, key=lambda one: (-(one.largest or 0), -one.share))[:2]
-    sizes = ("" if x.largest is None else f", at most {x.largest:.1e} of the largest value" for x in largest)
-    pairs = zip(largest, sizes, strict=True)
-    return "; ".join(f"`{one.name}` ({100 * one.share:.3g} %{size})" for one, size in pairs)
-
-
 def scores(work: Path, limit: Limit) -> list[str]:
     """A row of the scores in metrics.json."""
     document = json.loads((folder_of(work, limit) / "metrics.json").read_text())
@@ -88,12 +80,6 @@ def page(work: Path) -> str:
     """The page in Markdown."""
     found = {limit.name: compared(work, limit) for limit in LIMITS}
     stages = [[f"`{stage}`", *(cell(one[stage]) for one in found.values())] for stage in INPUTS]
-    details = [
-        f"- `{stage}`, {name}: {told(one[stage])}"
-        for stage in INPUTS
-        for name, one in found.items()
-        if one[stage]
-    ]
     text = Path(__file__).with_name("reading.md").read_text().strip()
     places = {
         "MACHINE": usage.machine(),
@@ -106,7 +92,6 @@ def page(work: Path) -> str:
             [settings(work, one) for one in (REFERENCE, *LIMITS)],
             words=3,
         ),
-        "DETAILS": "\n".join(details),
     }
     return Template(text).substitute(places)
 

@@ -6,7 +6,7 @@
 Each time, a finished scene loses one artifact and everything made from it. While the artifact is made again, `kills` sends
 SIGKILL to the stage or to Snakemake at a random moment, and `disks` leaves the disk without a byte. Afterwards no artifact may be
 half written, and the same command must finish, leave nothing over, and give the same scores. Each command prints a table of
-docs/robustness.md. `disks` mounts a file system: run it as root or after `unshare --user --map-root-user --mount`.
+benchmarks/robustness/README.md. `disks` mounts a file system: run it as root or after `unshare --user --map-root-user --mount`.
 """
 
 import random

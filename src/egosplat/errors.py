@@ -81,7 +81,7 @@ def _memory_advice() -> str:
     # Some schedulers limit addresses in place of memory; libraries reserve many addresses that they never fill.
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY:
-        return "Free some, or see docs/scale.md for what takes less"
+        return "Free some, or see docs/running.md for what takes less"
     return f"ulimit -v allows {limit / 1e6:,.0f} MB, and PyTorch's libraries alone map up to 4,000: raise it, or set none"
 
 

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
+import yaml
 import zarr
 from jsonschema import Draft202012Validator
 from PIL import Image, ImageChops
@@ -15,6 +17,7 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.pipeline.stages import PAGES, PIPELINE, STAGES
 from egosplat.pipeline.validation import schema
+from tests.conftest import ROOT
 
 SCENE = "results/adt/scene1"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "peak_gpu_memory_mb", "training_s", "disk_mb"}
@@ -167,3 +170,44 @@ tables: {methods: [mine]}
     assert workdir.stale(f"{SCENE}/methods.png", config=more) == {"language", "metrics", "methods_sheet"}
     run_rules(workdir, ("language", "metrics", "methods_sheet"), more, "methods.png")
     assert Image.open(workdir.folder / SCENE / "methods.png").width == pytest.approx(4 / 3 * wide, rel=0.02)
+
+
+def test_the_survey_alone_decides_from_frames_and_poses(workdir):
+    for stage in set(STAGES) - {"synthetic", "frames", "poses"}:
+        output = workdir.folder / SCENE / STAGES[stage].output
+        shutil.rmtree(output) if output.is_dir() else output.unlink(missing_ok=True)
+    run_rules(workdir, ("survey",), "splats: {masking: auto}", "survey.json")
+    found = json.loads((workdir.folder / SCENE / "survey.json").read_text())
+    Draft202012Validator(schema("survey")).validate(found)
+    # max_moving_probability is 0: anything that may move counts.
+    assert found["motion"]["masking"] == "refined"
+
+
+def test_the_tables_alone_show_the_scores_of_every_scene(workdir):
+    (workdir.folder / "config/scenes.tsv").write_text((ROOT / ".test/config/scenes.tsv").read_text())
+    variants = {name: {} for name in ("baseline", "no_masks", "network_masks")}
+    (workdir.folder / "more.yaml").write_text(
+        yaml.safe_dump({"variants": variants, "tables": {"methods": []}})
+    )
+    tables = workdir.folder / "results/benchmark"
+    done = workdir.snakemake("more.yaml", "--allowed-rules", "tables", "--", "results/benchmark/tables.html")
+    assert done.returncode == 0, done.stdout + done.stderr
+    scores = json.loads((workdir.folder / SCENE / "metrics.json").read_text())["scores"]["all"]
+    table = pd.read_csv(tables / "adt_accuracy.csv")
+    own = table[(table["method"] == "EgoSplat") & (table["group"] == "all")]["percent"]
+    assert np.isclose(own, 100 * scores["accuracy"], atol=0.06).any()
+
+
+def test_the_tradeoff_of_scenes_alone_joins_their_documents(workdir):
+    config = """
+tradeoff: {presets: [], seeds: [], sweep: {}, scenes: [adt/scene1]}
+"""
+    run_rules(workdir, ("tradeoff",), config, "tradeoff/tradeoff.html")
+    document = json.loads((workdir.folder / SCENE / "tradeoff/tradeoff.json").read_text())
+    assert [point["label"] for point in document["points"]] == ["the scene"]
+    (workdir.folder / "more.yaml").write_text(config)
+    target = "results/benchmark/tradeoff.html"
+    done = workdir.snakemake("more.yaml", "--allowed-rules", "tradeoff_scenes", "--", target)
+    assert done.returncode == 0, done.stdout + done.stderr
+    joined = pd.read_csv(workdir.folder / "results/benchmark/tradeoff.csv")
+    assert set(joined["scene"]) == {"adt/scene1"} and (workdir.folder / target).stat().st_size > 1000

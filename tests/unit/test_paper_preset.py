@@ -1,4 +1,4 @@
-"""docs/paper_preset.md says what ``preset: paper`` resolves to, and leaves none of its keys out."""
+"""docs/method.md says what ``preset: paper`` resolves to, and leaves none of its keys out."""
 
 import re
 from pathlib import Path
@@ -18,8 +18,12 @@ ROW = re.compile(
 
 def rows() -> dict[tuple[str, str], str]:
     """Value, as it is written, by format (empty for all) and key."""
-    lines = (ROOT / "docs" / "paper_preset.md").read_text().splitlines()
-    table = [line for line in lines if line.startswith("| ") and "---" not in line and "| key |" not in line]
+    page = (ROOT / "docs" / "method.md").read_text().partition("\n## The preset `paper`\n")[2]
+    table = [
+        line
+        for line in page.splitlines()
+        if line.startswith("| ") and "---" not in line and "| key |" not in line
+    ]
     found = [ROW.fullmatch(line) for line in table]
     assert all(found), [line for line, match in zip(table, found, strict=True) if not match]
     keys = [(match["format"] or "", match["key"]) for match in found]

@@ -19,11 +19,12 @@ CHOOSES = re.compile(r"(?:training|benchmarks|config|workflow|Makefile)(?:/|$)")
 REPORTS = {
     "config/scenes.tsv",
     "config/README.md",
-    "docs/scale.md",
+    "docs/running.md",
     "benchmarks/growth/growth.json",
     "benchmarks/ablation/README.md",
     "benchmarks/instances/README.md",
     "benchmarks/language/README.md",
+    "benchmarks/methods/README.md",
     "benchmarks/open_vocabulary/README.md",
     "benchmarks/presence/README.md",
     "benchmarks/real_camera/README.md",

@@ -1,8 +1,8 @@
 """
 Inputs and parameters of the rules, from plain functions in egosplat.pipeline of a configuration and a survey.
 
-The parameters of a rule hold the flags of its stage and the content hash of its code and models: Snakemake reruns it
-when one of them changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
+Parameters hold the flags of a stage and the content hash of its code and models: Snakemake reruns the stage when one of them
+changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
 """
 
 from egosplat.frames.files import (
@@ -12,10 +12,10 @@ from egosplat.frames.files import (
     pictures_of,
 )
 from egosplat.frames.recording_files import is_annotated
-from egosplat.models.checkpoints import model_hashes
+from egosplat.models.checkpoints import content_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.chosen import chosen_value
-from egosplat.pipeline.results import default_results, default_scenes
+from egosplat.pipeline.results import default_results, default_scenes, maps_of
 from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES, code_of
 from egosplat.pipeline.survey_file import read_survey
@@ -81,6 +81,91 @@ def decided_config(wildcards):
     return dag.decided(config, survey_named(*names_of(wildcards)))
 
 
+def required_paths(stage, wildcards):
+    """Get the paths of the inputs that a stage always reads, by name; a recording is one folder or video file."""
+    scene, names = scene_of(wildcards), STAGES[stage].inputs
+    given = {"recording": str(scene.recording)}
+    if "relevancy" in names:
+        given["relevancy"] = str(maps_of(scene, wildcards.method))
+    return {
+        name: given.get(name) or path_named(name, *names_of(wildcards))
+        for name in names
+    }
+
+
+def learnt_paths(stage, wildcards):
+    """Get the paths of what codes are learnt from, by stage. A plan made before the survey knows them."""
+    names = dag.learnt_from(stage, config_of(wildcards))
+    return {name: path_named(name, *names_of(wildcards)) for name in names}
+
+
+def decided_paths(stage, wildcards):
+    """Get the paths of the optional inputs that the survey may decide, by stage."""
+    names = dag.optional_inputs_of(stage, decided_config(wildcards))
+    learnt = learnt_paths(stage, wildcards)
+    return {
+        name: path_named(name, *names_of(wildcards))
+        for name in names
+        if name not in learnt
+    }
+
+
+def inputs(stage):
+    """Get the inputs of a stage's rule as functions of the wildcards, for the rule to unpack."""
+
+    def decided(wildcards):
+        paths = decided_paths(stage, wildcards)
+        if "survey" in paths:
+            survey_named(*names_of(wildcards))
+            # The decisions of a survey are parameters of the rule, so a newer file alone must not rerun it.
+            paths["survey"] = ancient(paths["survey"])
+        return list(paths.values())
+
+    def required(name):
+        if name == "recording":
+            return recording_files(stage)
+        return lambda wildcards: required_paths(stage, wildcards)[name]
+
+    found = {name: required(name) for name in STAGES[stage].inputs}
+    if STAGES[stage].optional:
+        found["learnt"] = lambda wildcards: [*learnt_paths(stage, wildcards).values()]
+        found["decided"] = decided
+    return found
+
+
+def params(stage):
+    """Get the parameters of a stage's rule as functions of the wildcards, for the rule to unpack.
+
+    ``arguments`` are the paths of its inputs and its values from the table of scenes, ``flags`` its keys, as words of the command
+    line. The others are not for the command: Snakemake reruns the rule when the list of training frames, the models, the code or
+    pictures of the recording change.
+    """
+    about = STAGES[stage]
+    get_config = decided_config if dag.follows_survey(stage) else config_of
+
+    def arguments(wildcards):
+        paths = required_paths(stage, wildcards) | learnt_paths(stage, wildcards)
+        if about.optional:
+            paths |= decided_paths(stage, wildcards)
+        values = {name: SCENE_VALUES[name](wildcards) for name in about.scene}
+        return dag.input_flags(paths | {n: v for n, v in values.items() if v})
+
+    found = {
+        "arguments": arguments,
+        "flags": lambda wildcards: dag.stage_flags(stage, get_config(wildcards)),
+        "code": code_of(stage),
+    }
+    if about.modules:
+        found["code"] = lambda wildcards: code_of(stage, value_of(stage, wildcards))
+    if "recording" in about.inputs:
+        found["pictures"] = digest_of_pictures(stage)
+    if "survey" in about.optional:
+        found["kept"] = training_frames(stage)
+    if about.models:
+        found["models"] = model_files(stage)
+    return found
+
+
 def training_frames(stage):
     """Get a function of the wildcards: the digest of the frames that a stage trains on."""
 
@@ -93,55 +178,7 @@ def training_frames(stage):
     return digest
 
 
-def optional_paths(stage, wildcards):
-    """Get the paths of the optional inputs that the configuration needs, by stage."""
-    names = dag.optional_inputs_of(stage, decided_config(wildcards))
-    return {name: path_named(name, *names_of(wildcards)) for name in names}
-
-
-def optional_artifacts(stage):
-    """Get a function of the wildcards: the optional inputs of a stage, without those of `learnt_artifacts`."""
-
-    def paths(wildcards):
-        learnt, every = learnt_paths(stage, wildcards), optional_paths(stage, wildcards)
-        found = {name: path for name, path in every.items() if name not in learnt}
-        if "survey" in found:
-            survey_named(*names_of(wildcards))
-            # The decisions of a survey are parameters of the rule, so a newer file alone must not rerun it.
-            found["survey"] = ancient(found["survey"])
-        return list(found.values())
-
-    return paths
-
-
-def learnt_paths(stage, wildcards):
-    """Get the paths of what codes are learnt from, by stage. A plan made before the survey knows them."""
-    names = dag.learnt_from(stage, config_of(wildcards))
-    return {name: path_named(name, *names_of(wildcards)) for name in names}
-
-
-def learnt_artifacts(stage):
-    """Get a function of the wildcards: what codes are learnt from, as far as a stage reads it."""
-    return lambda wildcards: list(learnt_paths(stage, wildcards).values())
-
-
-def learnt_flags(stage):
-    """Get a function of the wildcards: what codes are learnt from, as command line flags."""
-    return lambda wildcards: dag.input_flags(learnt_paths(stage, wildcards))
-
-
-def optional_flags(stage):
-    """Get a function of the wildcards: the optional inputs as command line flags."""
-    return lambda wildcards: dag.input_flags(optional_paths(stage, wildcards))
-
-
-def flags(stage):
-    """Get a function of the wildcards: the keys of a stage as command line flags."""
-    get_config = decided_config if dag.follows_survey(stage) else config_of
-    return lambda wildcards: dag.stage_flags(stage, get_config(wildcards))
-
-
-def models(stage):
+def model_files(stage):
     """Get a function of the wildcards: content hashes of a stage's models."""
 
     def hashes(wildcards):
@@ -151,11 +188,6 @@ def models(stage):
         )
 
     return hashes
-
-
-def code_of_chosen(stage):
-    """Get a function of the wildcards: the hash of a stage's code with the module that it chooses."""
-    return lambda wildcards: code_of(stage, value_of(stage, wildcards))
 
 
 def value_of(stage, wildcards):
@@ -188,7 +220,7 @@ def recording_files(stage):
     return paths
 
 
-def pictures(stage):
+def digest_of_pictures(stage):
     """
     Get a function of the wildcards: a digest of the pictures of a folder that a stage opens.
 
@@ -204,9 +236,17 @@ def pictures(stage):
     return digest
 
 
-def get_recording(wildcards):
-    """Get the path of the scene's recording."""
-    return str(scene_of(wildcards).recording)
+def encoder_weights(wildcards):
+    """Get a hash of the encoder's weights, so that a changed file reruns the rule. The stage reports a missing file."""
+    name = config_of(wildcards)["transient"]["encoder_weights"]
+    path = Path(name).expanduser() if name else None
+    return content_hash(path)[:16] if path and path.is_file() else "none"
+
+
+def is_recording_annotated(wildcards):
+    """Tell whether a plain recording has annotations. Without them all frames train."""
+    scene = scene_of(wildcards)
+    return is_annotated(scene.format, scene.recording)
 
 
 def get_title(wildcards):
@@ -216,12 +256,19 @@ def get_title(wildcards):
     return f"{name}, {variant}" if variant else name
 
 
-def method_flag(wildcards):
-    """Get the published method that a variant stands for as a command line flag; empty for EgoSplat."""
+def get_method(wildcards):
+    """Get the published method that a variant stands for; None for EgoSplat."""
     variant = names_of(wildcards)[2]
     scene = scene_of(wildcards)
-    name = variant and method_of(scene.config, variant, scene.name)
-    return f"--method {shlex.quote(name)}" if name else ""
+    return variant and method_of(scene.config, variant, scene.name)
+
+
+# What a stage takes from the table of scenes and the variant, by name of its argument.
+SCENE_VALUES = {
+    "title": get_title,
+    "method": get_method,
+    "format": lambda wildcards: scene_of(wildcards).format,
+}
 
 
 def labels(page):

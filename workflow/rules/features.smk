@@ -12,8 +12,7 @@ TOOLS: OpenCLIP, PyTorch; SAM2 for tiles.
 rule view_features:
     """Encode the crop of each instance in each training frame with OpenCLIP."""
     input:
-        frames=artifact("frames"),
-        instances=artifact("instances"),
+        **inputs("view_features"),
     output:
         directory("results/{dataset}/{scene}/{variant}view_features.zarr"),
     log:
@@ -26,22 +25,15 @@ rule view_features:
         runtime=runtime("view_features"),
         gpu=gpus("view_features"),
     params:
-        flags=flags("view_features"),
-        models=models("view_features"),
-        code=code_of("view_features"),
+        **params("view_features"),
     shell:
-        "egosplat view-features"
-        " --frames {input.frames:q}"
-        " --instances {input.instances:q}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat view-features {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule features:
     """Aggregate each instance's features over its views, and compress them to codes."""
     input:
-        view_features=artifact("view_features"),
+        **inputs("features"),
     output:
         directory("results/{dataset}/{scene}/{variant}features.zarr"),
     log:
@@ -53,21 +45,15 @@ rule features:
         mem_mb=memory("features"),
         runtime=runtime("features"),
     params:
-        flags=flags("features"),
-        code=code_of("features"),
+        **params("features"),
     shell:
-        "egosplat features"
-        " --view-features {input.view_features:q}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat features {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule tiles:
     """Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them."""
     input:
-        frames=artifact("frames"),
-        others=optional_artifacts("tiles"),
+        **inputs("tiles"),
     output:
         directory("results/{dataset}/{scene}/{variant}tiles.zarr"),
     log:
@@ -80,15 +66,6 @@ rule tiles:
         runtime=240,
         gpu=gpus("tiles"),
     params:
-        others=optional_flags("tiles"),
-        kept=training_frames("tiles"),
-        flags=flags("tiles"),
-        models=models("tiles"),
-        code=code_of("tiles"),
+        **params("tiles"),
     shell:
-        "egosplat tiles"
-        " --frames {input.frames:q}"
-        " {params.others}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat tiles {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"

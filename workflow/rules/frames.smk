@@ -7,12 +7,6 @@ TOOLS: projectaria-tools, OpenCV; trimesh and Embree for the synthetic apartment
 """
 
 
-def is_recording_annotated(wildcards):
-    """Tell whether a plain recording has annotations. Without them all frames train."""
-    scene = scene_of(wildcards)
-    return is_annotated(scene.format, scene.recording)
-
-
 rule synthetic:
     """Make a synthetic apartment's recording in ADT's format."""
     output:
@@ -26,19 +20,15 @@ rule synthetic:
         mem_mb=memory("synthetic"),
         runtime=runtime("synthetic"),
     params:
-        flags=flags("synthetic"),
-        code=code_of("synthetic"),
+        **params("synthetic"),
     shell:
-        "egosplat synthetic"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat synthetic {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule frames:
     """Read and rectify the recording's frames, and split them into training and evaluation."""
     input:
-        recording_files("frames"),
+        **inputs("frames"),
     output:
         directory("results/{dataset}/{scene}/{variant}frames.zarr"),
     log:
@@ -49,26 +39,16 @@ rule frames:
         mem_mb=memory("frames"),
         runtime=runtime("frames"),
     params:
-        recording=get_recording,
-        format=lambda wildcards: scene_of(wildcards).format,
+        **params("frames"),
         annotated=is_recording_annotated,
-        flags=flags("frames"),
-        pictures=pictures("frames"),
-        code=code_of_chosen("frames"),
     shell:
-        "egosplat frames"
-        " --recording {params.recording:q}"
-        " --format {params.format}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat frames {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule annotations:
     """Read the instance maps of the evaluation frames. No training rule may depend on them."""
     input:
-        recording_files("annotations"),
-        frames=artifact("frames"),
+        **inputs("annotations"),
     output:
         directory("results/{dataset}/{scene}/{variant}annotations.zarr"),
     log:
@@ -79,14 +59,6 @@ rule annotations:
         mem_mb=memory("annotations"),
         runtime=runtime("annotations"),
     params:
-        recording=get_recording,
-        flags=flags("annotations"),
-        pictures=pictures("annotations"),
-        code=code_of_chosen("annotations"),
+        **params("annotations"),
     shell:
-        "egosplat annotations"
-        " --recording {params.recording:q}"
-        " --frames {input.frames:q}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat annotations {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"

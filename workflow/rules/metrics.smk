@@ -7,33 +7,13 @@ OUTPUTS: metrics.json, as src/egosplat/pipeline/schemas/metrics.schema.yaml desc
 TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 """
 
-from egosplat.pipeline.code_hash import code_hash
-from egosplat.pipeline.results import maps_of, table_pictures, table_scores
-
 TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
-
-
-def get_picture_flags(_):
-    """Get the figures of the tables page as command line flags."""
-    return " ".join(
-        f"--picture {shlex.quote(path)}" for path in table_pictures(scenes.values())
-    )
-
-
-def get_maps(wildcards):
-    """Get the relevancy maps of a method that was run elsewhere."""
-    return str(maps_of(scene_of(wildcards), wildcards.method))
 
 
 rule metrics:
     """Query every annotated category in the evaluation frames, and score answers and renders."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        annotations=artifact("annotations"),
-        splats=artifact("splats"),
-        language=artifact("language"),
-        learnt=learnt_artifacts("metrics"),
+        **inputs("metrics"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}metrics.json",
@@ -51,34 +31,15 @@ rule metrics:
         runtime=runtime("metrics"),
         gpu=gpus("metrics"),
     params:
-        title=get_title,
-        method=method_flag,
-        learnt=learnt_flags("metrics"),
-        flags=flags("metrics"),
-        models=models("metrics"),
-        code=code_of("metrics"),
+        **params("metrics"),
     shell:
-        "egosplat metrics"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --annotations {input.annotations:q}"
-        " --splats {input.splats:q}"
-        " --language {input.language:q}"
-        " {params.learnt}"
-        " --title {params.title:q}"
-        " {params.method}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat metrics {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule method_metrics:
     """Score the relevancy maps of a method that was run elsewhere; tables.maps is their folder."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        annotations=artifact("annotations"),
-        relevancy=get_maps,
+        **inputs("method_metrics"),
     output:
         report(
             "results/{dataset}/{scene}/methods/{method}/metrics.json",
@@ -92,19 +53,9 @@ rule method_metrics:
         mem_mb=4000,
         runtime=60,
     params:
-        title=get_title,
-        flags=flags("method_metrics"),
-        code=code_of("method_metrics"),
+        **params("method_metrics"),
     shell:
-        "egosplat method-metrics"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --annotations {input.annotations:q}"
-        " --relevancy {input.relevancy:q}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat method-metrics {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 localrules:

@@ -10,8 +10,7 @@ TOOLS: projectaria-tools for ADT's trajectories, pycolmap for everything else.
 rule poses:
     """Get the pose of every frame from the device's trajectory, a file, or COLMAP."""
     input:
-        recording_files("poses"),
-        frames=artifact("frames"),
+        **inputs("poses"),
     output:
         directory("results/{dataset}/{scene}/{variant}poses.zarr"),
     log:
@@ -23,13 +22,6 @@ rule poses:
         mem_mb=memory("poses"),
         runtime=runtime("poses"),
     params:
-        recording=get_recording,
-        flags=flags("poses"),
-        code=code_of_chosen("poses"),
+        **params("poses"),
     shell:
-        "egosplat poses"
-        " --recording {params.recording:q}"
-        " --frames {input.frames:q}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat poses {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"

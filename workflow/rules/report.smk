@@ -8,25 +8,11 @@ scene.html, story.html.
 TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP; Jinja.
 """
 
-from egosplat.pipeline.code_hash import code_hash
-from egosplat.pipeline.results import compared_methods
-
-
-def get_story_files(wildcards):
-    """Get the outputs that the story of a scene or variant tells of."""
-    config = config_of(wildcards)
-    surveyed = dag.survey_decides(config) or dag.leaves_frames_out(config)
-    annotated = is_recording_annotated(wildcards)
-    stages = dag.story_stages(decided_config(wildcards), annotated, surveyed)
-    return [path_named(stage, *names_of(wildcards)) for stage in stages]
-
 
 rule contact_sheet:
     """Draw a scene's frames and annotations, and its trajectory and points from above."""
     input:
-        frames=artifact("frames"),
-        annotations=artifact("annotations"),
-        poses=artifact("poses"),
+        **inputs("contact_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}contact_sheet.png",
@@ -40,25 +26,15 @@ rule contact_sheet:
         mem_mb=memory("contact_sheet"),
         runtime=runtime("contact_sheet"),
     params:
-        title=get_title,
-        code=code_of("contact_sheet"),
+        **params("contact_sheet"),
     shell:
-        "egosplat contact-sheet"
-        " --frames {input.frames:q}"
-        " --annotations {input.annotations:q}"
-        " --poses {input.poses:q}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat contact-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule instances_sheet:
     """Draw the instances of each level in frames and from above, and crops before and after merging."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        segments=artifact("segments"),
-        instances=artifact("instances"),
+        **inputs("instances_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}instances.png",
@@ -72,26 +48,15 @@ rule instances_sheet:
         mem_mb=memory("instances_sheet"),
         runtime=runtime("instances_sheet"),
     params:
-        title=get_title,
-        code=code_of("instances_sheet"),
+        **params("instances_sheet"),
     shell:
-        "egosplat instances-sheet"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --segments {input.segments:q}"
-        " --instances {input.instances:q}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat instances-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule crops_sheet:
     """Draw crops of instances in order of time, with outlier views crossed out."""
     input:
-        frames=artifact("frames"),
-        instances=artifact("instances"),
-        view_features=artifact("view_features"),
-        features=artifact("features"),
+        **inputs("crops_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}crops.png",
@@ -105,24 +70,15 @@ rule crops_sheet:
         mem_mb=memory("crops_sheet"),
         runtime=runtime("crops_sheet"),
     params:
-        title=get_title,
-        code=code_of("crops_sheet"),
+        **params("crops_sheet"),
     shell:
-        "egosplat crops-sheet"
-        " --frames {input.frames:q}"
-        " --instances {input.instances:q}"
-        " --view-features {input.view_features:q}"
-        " --features {input.features:q}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat crops-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule splats_sheet:
     """Draw held-out frames next to their renders, and the training curves."""
     input:
-        frames=artifact("frames"),
-        splats=artifact("splats"),
+        **inputs("splats_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}splats.png",
@@ -136,26 +92,15 @@ rule splats_sheet:
         mem_mb=memory("splats_sheet"),
         runtime=runtime("splats_sheet"),
     params:
-        title=get_title,
-        code=code_of("splats_sheet"),
+        **params("splats_sheet"),
     shell:
-        "egosplat splats-sheet"
-        " --frames {input.frames:q}"
-        " --splats {input.splats:q}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat splats-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule transient_sheet:
     """Draw transient probability, masks, and the renders without the masked objects."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        transient=artifact("transient"),
-        instances=artifact("instances"),
-        masks=artifact("masks"),
-        splats=artifact("splats"),
+        **inputs("transient_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}transient.png",
@@ -169,27 +114,15 @@ rule transient_sheet:
         mem_mb=memory("transient_sheet"),
         runtime=runtime("transient_sheet"),
     params:
-        title=get_title,
-        code=code_of("transient_sheet"),
+        **params("transient_sheet"),
     shell:
-        "egosplat transient-sheet"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --transient {input.transient:q}"
-        " --instances {input.instances:q}"
-        " --masks {input.masks:q}"
-        " --splats {input.splats:q}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat transient-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule language_sheet:
     """Draw the Gaussians' codes from several directions, at each level."""
     input:
-        poses=artifact("poses"),
-        splats=artifact("splats"),
-        language=artifact("language"),
+        **inputs("language_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}language.png",
@@ -203,28 +136,15 @@ rule language_sheet:
         mem_mb=memory("language_sheet"),
         runtime=runtime("language_sheet"),
     params:
-        title=get_title,
-        code=code_of("language_sheet"),
+        **params("language_sheet"),
     shell:
-        "egosplat language-sheet"
-        " --poses {input.poses:q}"
-        " --splats {input.splats:q}"
-        " --language {input.language:q}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat language-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule queries_sheet:
     """Draw the queries with the best and the worst answers."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        annotations=artifact("annotations"),
-        splats=artifact("splats"),
-        language=artifact("language"),
-        metrics=artifact("metrics"),
-        learnt=learnt_artifacts("queries_sheet"),
+        **inputs("queries_sheet"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}queries.png",
@@ -238,21 +158,9 @@ rule queries_sheet:
         mem_mb=memory("queries_sheet"),
         runtime=runtime("queries_sheet"),
     params:
-        title=get_title,
-        learnt=learnt_flags("queries_sheet"),
-        code=code_of("queries_sheet"),
+        **params("queries_sheet"),
     shell:
-        "egosplat queries-sheet"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --annotations {input.annotations:q}"
-        " --splats {input.splats:q}"
-        " --language {input.language:q}"
-        " --metrics {input.metrics:q}"
-        " {params.learnt}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat queries-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule methods_sheet:
@@ -285,12 +193,7 @@ rule methods_sheet:
 rule scene_page:
     """Write the scene as one HTML file that answers queries in the browser."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        instances=artifact("instances"),
-        features=artifact("features"),
-        splats=artifact("splats"),
-        language=artifact("language"),
+        **inputs("scene_page"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}scene.html",
@@ -304,21 +207,9 @@ rule scene_page:
         mem_mb=4000,
         runtime=15,
     params:
-        title=get_title,
-        flags=flags("scene_page"),
-        code=code_of("scene_page"),
+        **params("scene_page"),
     shell:
-        "egosplat scene-page"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --instances {input.instances:q}"
-        " --features {input.features:q}"
-        " --splats {input.splats:q}"
-        " --language {input.language:q}"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat scene-page {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule story:

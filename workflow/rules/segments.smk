@@ -11,8 +11,7 @@ TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; egosplat's kernels
 rule segments:
     """Find instances with a grid of point prompts, and track them forwards and backwards."""
     input:
-        frames=artifact("frames"),
-        others=optional_artifacts("segments"),
+        **inputs("segments"),
     output:
         directory("results/{dataset}/{scene}/{variant}segments.zarr"),
     log:
@@ -25,27 +24,15 @@ rule segments:
         runtime=runtime("segments"),
         gpu=gpus("segments"),
     params:
-        others=optional_flags("segments"),
-        kept=training_frames("segments"),
-        flags=flags("segments"),
-        code=code_of("segments"),
-        models=models("segments"),
+        **params("segments"),
     shell:
-        "egosplat segments"
-        " --frames {input.frames:q}"
-        " {params.others}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat segments {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule prompts:
     """Place the point prompts of each training frame by depth, for the method of others that needs them."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        splats=artifact("splats"),
-        others=optional_artifacts("prompts"),
+        **inputs("prompts"),
     output:
         directory("results/{dataset}/{scene}/{variant}prompts.zarr"),
     log:
@@ -57,28 +44,15 @@ rule prompts:
         mem_mb=4000,
         runtime=60,
     params:
-        others=optional_flags("prompts"),
-        kept=training_frames("prompts"),
-        flags=flags("prompts"),
-        code=code_of("prompts"),
+        **params("prompts"),
     shell:
-        "egosplat prompts"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --splats {input.splats:q}"
-        " {params.others}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat prompts {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule instances:
     """Merge masks on temporary Gaussians into instances that hold in 3D."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        segments=artifact("segments"),
-        others=optional_artifacts("instances"),
+        **inputs("instances"),
     output:
         directory("results/{dataset}/{scene}/{variant}instances.zarr"),
     log:
@@ -90,16 +64,6 @@ rule instances:
         mem_mb=memory("instances"),
         runtime=runtime("instances"),
     params:
-        others=optional_flags("instances"),
-        kept=training_frames("instances"),
-        flags=flags("instances"),
-        code=code_of("instances"),
+        **params("instances"),
     shell:
-        "egosplat instances"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --segments {input.segments:q}"
-        " {params.others}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat instances {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"

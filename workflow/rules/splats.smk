@@ -11,10 +11,7 @@ TOOLS: PyTorch, egosplat's kernels or gsplat.
 rule splats:
     """Train Gaussians on the training frames, and score their renders of the held-out frames."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        learnt=learnt_artifacts("splats"),
-        others=optional_artifacts("splats"),
+        **inputs("splats"),
     output:
         directory("results/{dataset}/{scene}/{variant}splats.zarr"),
     log:
@@ -27,28 +24,15 @@ rule splats:
         runtime=runtime("splats"),
         gpu=gpus("splats"),
     params:
-        others=optional_flags("splats"),
-        kept=training_frames("splats"),
-        flags=flags("splats"),
-        code=code_of("splats"),
+        **params("splats"),
     shell:
-        "egosplat splats"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " {params.others}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat splats {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule language:
     """Assign each Gaussian the code of its instance, at every level."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        splats=artifact("splats"),
-        learnt=learnt_artifacts("language"),
-        others=optional_artifacts("language"),
+        **inputs("language"),
     output:
         directory("results/{dataset}/{scene}/{variant}language.zarr"),
     log:
@@ -61,16 +45,6 @@ rule language:
         runtime=runtime("language"),
         gpu=gpus("language"),
     params:
-        others=optional_flags("language"),
-        kept=training_frames("language"),
-        flags=flags("language"),
-        code=code_of_chosen("language"),
+        **params("language"),
     shell:
-        "egosplat language"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --splats {input.splats:q}"
-        " {params.others}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat language {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"

@@ -14,8 +14,7 @@ reruns the rules after such a rule.
 checkpoint survey:
     """Decide from frames and poses whether the scene is static and which frames to train on."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
+        **inputs("survey"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}survey.json",
@@ -31,12 +30,6 @@ checkpoint survey:
         mem_mb=memory("survey"),
         runtime=runtime("survey"),
     params:
-        flags=flags("survey"),
-        code=code_of("survey"),
+        **params("survey"),
     shell:
-        "egosplat survey"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat survey {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"

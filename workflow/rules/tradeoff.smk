@@ -7,33 +7,7 @@ scenes that tradeoff.scenes names.
 TOOLS: SciPy, pandas, matplotlib, Jinja2.
 """
 
-import json
-
 TRADEOFF_LIBRARIES = ("jinja2", "jsonschema", "matplotlib", "pandas", "scipy")
-
-
-@cache
-def points_named(dataset, scene):
-    """Get the points of a scene: their settings, and metrics.json of each of their runs."""
-    return measured_points(find_scene(scenes, dataset, scene))
-
-
-def get_points_metrics(wildcards):
-    """Get metrics.json of all runs."""
-    points = points_named(wildcards.dataset, wildcards.scene)
-    return [path for point in points for path in point["metrics"]]
-
-
-def get_points_flag(wildcards):
-    """Get the points as one command line argument."""
-    return shlex.quote(json.dumps(points_named(wildcards.dataset, wildcards.scene)))
-
-
-def get_scenes_of_tradeoff(_):
-    """Get tradeoff.json of each scene of the joint page."""
-    wanted = configuration.resolve(config, PRESETS)["tradeoff"]["scenes"]
-    found = [find_scene(scenes, *name.split("/")) for name in wanted]
-    return [f"{scene.results}/tradeoff/tradeoff.json" for scene in found]
 
 
 localrules:

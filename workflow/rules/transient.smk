@@ -6,22 +6,11 @@ OUTPUTS: transient.zarr, masks.zarr. While transient runs, .transient.zarr.check
 TOOLS: PyTorch, timm, egosplat's kernels or gsplat.
 """
 
-from egosplat.models.checkpoints import content_hash
-
-
-def encoder_weights(wildcards):
-    """Get a hash of the encoder's weights, so that a changed file reruns the rule. The stage reports a missing file."""
-    name = config_of(wildcards)["transient"]["encoder_weights"]
-    path = Path(name).expanduser() if name else None
-    return content_hash(path)[:16] if path and path.is_file() else "none"
-
 
 rule transient:
     """Train the network and temporary Gaussians, and predict the transient probability of all frames."""
     input:
-        frames=artifact("frames"),
-        poses=artifact("poses"),
-        others=optional_artifacts("transient"),
+        **inputs("transient"),
     output:
         directory("results/{dataset}/{scene}/{variant}transient.zarr"),
     log:
@@ -34,27 +23,16 @@ rule transient:
         runtime=runtime("transient"),
         gpu=gpus("transient"),
     params:
-        others=optional_flags("transient"),
-        kept=training_frames("transient"),
-        flags=flags("transient"),
+        **params("transient"),
         weights=encoder_weights,
-        code=code_of("transient"),
     shell:
-        "egosplat transient"
-        " --frames {input.frames:q}"
-        " --poses {input.poses:q}"
-        " {params.others}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat transient {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
 
 
 rule masks:
     """Select the transient instances, and mask them in every frame."""
     input:
-        frames=artifact("frames"),
-        transient=artifact("transient"),
-        instances=artifact("instances"),
+        **inputs("masks"),
     output:
         directory("results/{dataset}/{scene}/{variant}masks.zarr"),
     log:
@@ -66,13 +44,6 @@ rule masks:
         mem_mb=memory("masks"),
         runtime=runtime("masks"),
     params:
-        flags=flags("masks"),
-        code=code_of("masks"),
+        **params("masks"),
     shell:
-        "egosplat masks"
-        " --frames {input.frames:q}"
-        " --transient {input.transient:q}"
-        " --instances {input.instances:q}"
-        " --output {output:q}"
-        " {params.flags}"
-        " 2>&1 | tee {log:q}"
+        "egosplat masks {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"

@@ -1,4 +1,4 @@
-"""Read another method's relevancy maps from a Zarr group that anyone can write (docs/external_methods.md)."""
+"""Read another method's relevancy maps from a Zarr group that anyone can write (docs/methods.md)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from egosplat.artifacts.reader import Artifact, open_foreign
 from egosplat.artifacts.schema import Field, Schema
 from egosplat.errors import UserError
 
-PAGE = "docs/external_methods.md"
+PAGE = "docs/methods.md"
 
 RELEVANCY = Schema(
     "relevancy",

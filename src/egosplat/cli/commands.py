@@ -9,13 +9,14 @@ from typing import Any
 import click
 
 import egosplat
-from egosplat.cli.flags import ARTIFACT, JSON, stage_flags
+from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, stage_flags
 from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
 from egosplat.errors import UserError, user_message
+from egosplat.files import check_output
 from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.config_table import keys_page
 from egosplat.pipeline.process_guards import end_with_snakemake
-from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.pipeline.stages import FILES, STAGES, run_stage
 from egosplat.progress import show_log
 
 # Half of the longest message about a flag [characters]; a value may be a whole file.
@@ -109,10 +110,12 @@ def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
 @click.argument("metrics", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--title", required=True, help="Name of the scene.")
 @click.option("--output", type=ARTIFACT, required=True, help="Output picture, .png.")
-def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path) -> None:
+@click.option("--overwrite", **OVERWRITE)
+def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path, overwrite: bool) -> None:
     """Draw answers of methods side by side: METRICS are metrics.json of one scene's variants."""
     from egosplat.report.sheets.methods_sheet import run
 
+    check_output(output, "methods.png", overwrite=overwrite)
     run(metrics, output, title)
 
 
@@ -120,10 +123,12 @@ def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path) -> None:
 @click.argument("files", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--title", required=True, help="Name of the scene.")
 @click.option("--output", type=ARTIFACT, required=True, help="Output page, .html.")
-def story(files: tuple[Path, ...], title: str, output: Path) -> None:
+@click.option("--overwrite", **OVERWRITE)
+def story(files: tuple[Path, ...], title: str, output: Path, overwrite: bool) -> None:
     """Tell on one page what became of a scene: FILES are its artifacts, pages, survey.json and metrics.json."""
     from egosplat.report.story import run
 
+    check_output(output, "story.html", overwrite=overwrite)
     run(files, output, title)
 
 
@@ -212,6 +217,8 @@ def stage_command(stage: str) -> click.Command:
     def call(**values: Any) -> None:
         from egosplat.alarms.artifact_alarms import log_warnings
 
+        if stage in FILES:
+            check_output(values["output"], STAGES[stage].output, overwrite=values.pop("overwrite"))
         keys = {name: values.pop(name) for name in stage_keys(stage)}
         run_stage(stage, keys, **values)
         log_warnings(stage, values["output"])

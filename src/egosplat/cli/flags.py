@@ -9,11 +9,13 @@ from typing import Any
 import click
 
 from egosplat.pipeline.config import schema, section_keys, stage_keys
-from egosplat.pipeline.stages import STAGES, path_help
+from egosplat.pipeline.stages import FILES, STAGES, path_help
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.validation import LARGEST_INTEGER
 
 ARTIFACT = click.Path(path_type=Path)
+
+OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --output if it is there."}
 
 # Flags that come from the table of scenes.
 SCENE = {
@@ -95,7 +97,8 @@ def stage_flags(stage: str) -> list[click.Parameter]:
         for name, text in path_help(about).items()
     ]
     keys = (flag(name, key) for name, key in stage_keys(stage).items())
-    return [*paths, *(SCENE[name] for name in about.scene), *keys]
+    overwrite = [click.Option(["--overwrite"], **OVERWRITE)] if stage in FILES else []
+    return [*paths, *overwrite, *(SCENE[name] for name in about.scene), *keys]
 
 
 def flag(name: str, key: dict[str, Any]) -> click.Option:

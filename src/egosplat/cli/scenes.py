@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from egosplat.cli.flags import ARTIFACT, flag, query_flags
+from egosplat.cli.flags import ARTIFACT, OVERWRITE, flag, query_flags
+from egosplat.files import check_output
 from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
@@ -24,6 +25,7 @@ def query_command() -> click.Command:
         pose: Path | None,
         most: int,
         output: Path | None,
+        overwrite: bool,
         backend: str,
         device: str,
         precision: str,
@@ -33,6 +35,8 @@ def query_command() -> click.Command:
         from egosplat.query.options import QueryOptions
 
         check_scene_folder(folder, ("frames", "poses", "splats", "language"))
+        output = output or folder / "query.png"
+        check_output(output, "query.png", overwrite=overwrite)
         asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)
         how = {"backend": backend, "device": device, "precision": precision}
         for part in run(folder, phrases, asking, options, **how):
@@ -62,6 +66,7 @@ def query_command() -> click.Command:
                 help="Largest number of matches listed for the whole scene.",
             ),
             click.Option(["--output"], type=ARTIFACT, help="Output image, .png. [default: FOLDER/query.png]"),
+            click.Option(["--overwrite"], **OVERWRITE),
             *query_flags(),
         ],
         help="Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1.",
@@ -72,13 +77,14 @@ def page_command() -> click.Command:
     """Build the command ``page``, with the flags of the stage ``scene_page`` but its paths."""
     stage = "scene_page"
 
-    def call(folder: Path, output: Path | None, title: str | None, **keys: Any) -> None:
+    def call(folder: Path, output: Path | None, overwrite: bool, title: str | None, **keys: Any) -> None:
         from egosplat.artifacts.locating import locate
 
         inputs = STAGES[stage].inputs
         check_scene_folder(folder, inputs)
         paths = dict(zip(inputs, locate(folder, *inputs), strict=True))
         target = output or folder / STAGES[stage].output
+        check_output(target, STAGES[stage].output, overwrite=overwrite)
         run_stage(stage, keys, **paths, output=target, title=title or title_of(folder))
 
     return click.Command(
@@ -89,6 +95,7 @@ def page_command() -> click.Command:
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output page, .html. [default: FOLDER/scene.html]"
             ),
+            click.Option(["--overwrite"], **OVERWRITE),
             click.Option(["--title"], help="Title of the scene. [default: dataset/scene]"),
             *(flag(name, key) for name, key in stage_keys(stage).items()),
         ],
@@ -97,33 +104,24 @@ def page_command() -> click.Command:
 
 
 def view_command() -> click.Command:
-    """Build the command ``view``, with a flag for each key of the section ``query``."""
+    """Build the command ``view``, with the flags of the page but those of OpenCLIP, which the scene tells."""
 
-    def call(
-        folders: tuple[Path, ...],
-        host: str,
-        port: int,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
-    ) -> None:
-        from egosplat.query.options import QueryOptions
-        from egosplat.viewer.command import run
+    def call(folder: Path, host: str, port: int, **keys: Any) -> None:
+        from egosplat.viewing.command import run
 
-        how = {"backend": backend, "device": device, "precision": precision}
-        run(folders, QueryOptions(**keys), host=host, port=port, **how)
+        run(folder, keys, host, port)
 
+    known = {"clip_model", "clip_checkpoint"}
     return click.Command(
         "view",
         callback=call,
         params=[
-            click.Argument(["folders"], nargs=-1, required=True, type=ARTIFACT),
+            click.Argument(["folder"], type=ARTIFACT),
             click.Option(
                 ["--host"],
                 default="127.0.0.1",
                 show_default=True,
-                help="Address to listen at. Others can look, too, where they reach it.",
+                help="Address to listen at. Other computers need the whole address that is printed.",
             ),
             click.Option(
                 ["--port"],
@@ -132,9 +130,9 @@ def view_command() -> click.Command:
                 show_default=True,
                 help="0: any free port.",
             ),
-            *query_flags(),
+            *(flag(name, key) for name, key in stage_keys("scene_page").items() if name not in known),
         ],
-        help="Show the finished scenes of FOLDERS, such as results/adt/scene1, in the browser.",
+        help="Show the finished scene of FOLDER, such as results/adt/scene1, in the browser.",
     )
 
 
@@ -152,6 +150,7 @@ def export_command() -> click.Command:
         folder: Path,
         format: str,
         output: Path | None,
+        overwrite: bool,
         query: str | None,
         codes: bool,
         backend: str,
@@ -160,16 +159,21 @@ def export_command() -> click.Command:
         **keys: Any,
     ) -> None:
         if format == "html":
-            click.get_current_context().invoke(page_command(), folder=folder, output=output)
+            click.get_current_context().invoke(
+                page_command(), folder=folder, output=output, overwrite=overwrite
+            )
             return
-        from egosplat.export.command import Exporting, run
+        from egosplat.export.command import Exporting, own_name, run
         from egosplat.query.options import QueryOptions
 
         asked = ("frames", "poses", "language") if query is not None else ()
         coded = ("language",) if codes and format == "ply" else ()
         check_scene_folder(folder, dict.fromkeys((*needs[format], *asked, *coded)))
         how = {"backend": backend, "device": device, "precision": precision}
-        run(folder, Exporting(format, output, query, codes), QueryOptions(**keys), **how)
+        what = Exporting(format, output or folder / own_name(format, query), query, codes)
+        if Path(own_name(format, query)).suffix:
+            check_output(what.output, own_name(format, query), overwrite=overwrite)
+        run(folder, what, QueryOptions(**keys), **how)
 
     return click.Command(
         "export",
@@ -190,6 +194,7 @@ def export_command() -> click.Command:
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output file or folder.  [default: a name in FOLDER]"
             ),
+            click.Option(["--overwrite"], **OVERWRITE),
             click.Option(
                 ["--codes/--no-codes"],
                 default=True,
@@ -209,6 +214,7 @@ def movie_command() -> click.Command:
         folder: Path,
         phrases: tuple[str, ...],
         output: Path | None,
+        overwrite: bool,
         side: int,
         backend: str,
         device: str,
@@ -216,11 +222,13 @@ def movie_command() -> click.Command:
         **keys: Any,
     ) -> None:
         check_scene_folder(folder, ("frames", "poses", "splats", "language"))
+        output = output or folder / "query.webp"
+        check_output(output, "query.webp", overwrite=overwrite)
         from egosplat.export.movie import run
         from egosplat.query.options import QueryOptions
 
         how = {"backend": backend, "device": device, "precision": precision}
-        run(folder, phrases, output or folder / "query.webp", side, QueryOptions(**keys), **how)
+        run(folder, phrases, output, side, QueryOptions(**keys), **how)
 
     return click.Command(
         "movie",
@@ -231,6 +239,7 @@ def movie_command() -> click.Command:
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output picture, .webp.  [default: FOLDER/query.webp]"
             ),
+            click.Option(["--overwrite"], **OVERWRITE),
             click.Option(
                 ["--side"],
                 type=click.IntRange(32, 4096),

@@ -23,7 +23,6 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
-    METRICS,
     artifact_entries,
     frame_entries,
     models_used,
@@ -45,7 +44,6 @@ from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
-from egosplat.output_files import check_output
 from egosplat.progress import log
 from egosplat.query.answer import Asker
 from egosplat.query.scene import read_scene
@@ -76,7 +74,6 @@ def run(
     Raises:
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
     """
-    check_output(output, METRICS)
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
     schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
     artifacts = list(map(open_artifact, paths, schemas))
@@ -114,7 +111,7 @@ def run(
         **_rendering_entries(evaluation, answered),
         **_provenance_entries(record, made_from),
     }
-    write_metrics(output, document, METRICS)
+    write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
     _log_presence(presence)
     for line in warning_lines(notice, alarms):

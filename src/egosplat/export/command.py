@@ -15,17 +15,16 @@ from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.errors import UserError
 from egosplat.export.dataset import export_dataset, write_colmap, write_nerfstudio
 from egosplat.export.instance_cloud import export_instances
-from egosplat.export.ply import PLY, code_columns, geometry_columns, write_ply
-from egosplat.export.spz import SPZ, write_spz
+from egosplat.export.ply import code_columns, geometry_columns, write_ply
+from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
-from egosplat.output_files import check_output
 from egosplat.progress import log
 from egosplat.query.command import open_question, open_sources
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene_query import ask_scene, index_scene
 
-# The files of each format; the others are folders.
-_FILES = {"ply": PLY, "spz": SPZ, "instances": PLY}
+# Suffix of each format's file; the others are folders.
+_FILES = {"ply": ".ply", "spz": ".spz", "instances": ".ply"}
 
 _CAMERAS = {"nerfstudio": write_nerfstudio, "colmap": write_colmap}
 
@@ -38,24 +37,23 @@ class Exporting:
 
     Attributes:
         format: ply or spz, Gaussians; instances, a point cloud; nerfstudio or colmap, images with cameras.
-        output: file or folder; None for a name in the scene's folder.
+        output: file or folder.
         query: words; only the Gaussians of the best answer are written. None writes all.
         codes: also write the codes and shares of language.zarr to a .ply file.
     """
 
     format: str
-    output: Path | None
+    output: Path
     query: str | None
     codes: bool
 
-    def place(self, folder: Path) -> Path:
-        """The file or folder to write."""
-        if self.output is not None:
-            return self.output
-        if self.format not in _FILES:
-            return folder / self.format
-        name = "instances" if self.format == "instances" else "scene" if self.query is None else "answer"
-        return folder / f"{name}{_FILES[self.format].suffix}"
+
+def own_name(format: str, query: str | None) -> str:
+    """Name of the file or folder that the command writes by default."""
+    if format in _CAMERAS:
+        return format
+    name = "instances" if format == "instances" else "scene" if query is None else "answer"
+    return f"{name}{_FILES[format]}"
 
 
 def run(
@@ -70,14 +68,11 @@ def run(
         device, precision: of OpenCLIP, as the keys of the section ``models``.
 
     Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others, the query has no answer, or the output
-            is there already and no export.
+        UserError: an artifact is missing, damaged or does not belong to the others, or the query has no answer.
     """
     if what.query is not None and what.format not in _OF_QUERIES:
         raise UserError(f"--query: goes with --format {' or '.join(_OF_QUERIES)}, not {what.format}")
-    output = what.place(folder)
-    if kind := _FILES.get(what.format):
-        check_output(output, kind)
+    output = what.output
     if what.format in _CAMERAS:
         export_dataset(folder, output, _CAMERAS[what.format])
     elif what.format == "instances":

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
@@ -12,8 +13,10 @@ from egosplat.artifacts.frames import lies_on_its_side
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.splats import camera_poses
 from egosplat.errors import UserError
+from egosplat.files import atomic_file
+from egosplat.gaussians.initialization import SH_C0
 from egosplat.geometry import Array, known_poses
-from egosplat.output_files import FileKind, check_output, output_file
+from egosplat.images import evenly_spaced
 from egosplat.progress import log, track
 from egosplat.query.answer import rendering_camera
 from egosplat.query.command import open_question, open_sources
@@ -22,11 +25,6 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.scene_query import SceneAnswer, ask_scene, index_scene
 from egosplat.query.sources import QuerySources
 from egosplat.query.things import Thing
-from egosplat.sampling import evenly_spaced
-from egosplat.viewer.pictures import Painted, heat
-
-# Tag of EXIF that names the program, which marks files of this command.
-_SOFTWARE, _COMMAND = 0x0131, "egosplat movie"
 
 # Views on the way to an answer and time of each [ms].
 _STEPS, _STEP_MS = 16, 90
@@ -39,15 +37,13 @@ _LINE = 0.085
 
 _QUALITY = 70
 
+# Color of an answer: a red of the color map Turbo, and its share in a Gaussian; the rest is the Gaussian's own brightness.
+_HOT, _STRENGTH = (195.0, 37.0, 3.0), 0.75
+
+# Brightness of all else, relative to its own.
+_DIM = 0.6
+
 Picture = NDArray[np.uint8]
-
-
-def _is_own(path: Path) -> bool:
-    content = path.read_bytes()
-    return content[8:12] == b"WEBP" and _COMMAND.encode() in content
-
-
-MOVIE = FileKind(_COMMAND, ".webp", _is_own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +83,8 @@ def run(
         device, precision: of OpenCLIP, as the keys of the section ``models``.
 
     Raises:
-        UserError: no query has an answer, an artifact is missing, damaged or does not belong to the others, or the output is
-            there already and not such a picture.
+        UserError: no query has an answer, an artifact is missing, damaged or does not belong to the others.
     """
-    check_output(output, MOVIE)
     sources, _ = open_sources(folder)
     question = open_question(sources, phrases, options, backend=backend, device=device, precision=precision)
     scene, poses = question.scene, camera_poses(sources.poses, sources.splats)
@@ -152,11 +146,12 @@ def way(poses: Array, start: int, end: int) -> list[int]:
 
 def _lit(scene: QueryScene, thing: Thing) -> QueryScene:
     """The scene with a thing in the color of heat, and all else dim and gray."""
-    own = Painted.of(scene)
-    fit = np.zeros(scene.gaussians.count, np.float32)
-    fit[thing.members] = 1.0
-    painted = own.colored(heat(own.colors, fit, threshold=0.5))
-    return replace(scene, gaussians=painted.gaussians, sh_degree=painted.sh_degree)
+    own = (scene.gaussians.sh[:, :1] * SH_C0 + 0.5).clamp(0.0, 1.0)
+    gray = own.mean(dim=2, keepdim=True)
+    colors = (_DIM * gray).expand_as(own).clone()
+    hot = torch.tensor(_HOT, device=own.device) / 255
+    colors[thing.members] = _STRENGTH * hot + (1 - _STRENGTH) * gray[thing.members]
+    return replace(scene, gaussians=replace(scene.gaussians, sh=(colors - 0.5) / SH_C0), sh_degree=0)
 
 
 def _captioned(rendered: NDArray[np.float32], text: str) -> Image.Image:
@@ -175,10 +170,8 @@ def _captioned(rendered: NDArray[np.float32], text: str) -> Image.Image:
 
 
 def _write(output: Path, pictures: Sequence[Image.Image], times: Sequence[int]) -> None:
-    exif = Image.Exif()
-    exif[_SOFTWARE] = _COMMAND
     first, *others = pictures
-    with output_file(output, MOVIE) as scratch, scratch.open("wb") as file:
+    with atomic_file(output) as scratch, scratch.open("wb") as file:
         first.save(
             file,
             format="WEBP",
@@ -188,5 +181,4 @@ def _write(output: Path, pictures: Sequence[Image.Image], times: Sequence[int]) 
             loop=0,
             quality=_QUALITY,
             method=4,
-            exif=exif.tobytes(),
         )

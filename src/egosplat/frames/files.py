@@ -69,7 +69,7 @@ def annotations_files(format: str, recording: Path) -> list[Path]:
 
 def pictures_of(stage: str, format: str, recording: Path) -> list[Path]:
     """The images of folders that a stage opens some or all of, of which there may be thousands."""
-    if format == "adt":
+    if format == "adt" or stage not in ("frames", "annotations"):
         return []
     if format == "hoi4d":
         folder = _sequence(recording)

@@ -17,7 +17,7 @@ from egosplat.frames.recording import Capture
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
-from egosplat.resize import resize_image
+from egosplat.images import resize_image
 
 # intrin.npy has pixel centers at integers, as OpenCV and Open3D do.
 _OPENCV_PIXEL_OFFSET = 0.5

@@ -16,7 +16,7 @@ from egosplat.frames.images import read_rgb
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
-from egosplat.resize import resize_labels
+from egosplat.images import resize_labels
 
 MASKS_PER_SECOND = 15
 

@@ -26,9 +26,8 @@ from egosplat.frames.recording import Capture
 from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
 from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
+from egosplat.images import measure_sharpness, resize_image, resize_mask, shrunk_size
 from egosplat.progress import log, track
-from egosplat.resize import resize_image, resize_mask, shrunk_size
-from egosplat.sharpness import measure_sharpness
 
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
 FOCAL_PRIOR = 1.2

@@ -27,7 +27,7 @@ from egosplat.frames.recording import Instance
 from egosplat.frames.recording_files import ANNOTATIONS, is_annotated
 from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
-from egosplat.resize import resize_labels
+from egosplat.images import resize_labels
 
 _COLUMNS = ("id", "name", "category", "motion_type")
 # PIL's modes of one channel; a palette image holds indices, which are the ids.

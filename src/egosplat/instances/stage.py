@@ -152,6 +152,5 @@ def _facts(segments: Artifact, level: NDArray[np.int8], source: str) -> dict[str
     return {
         "levels": names,
         "instances": by_level,
-        "repeats": segments.facts.get("repeats", {}),
         "source": source,
     }

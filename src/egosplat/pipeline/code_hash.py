@@ -26,7 +26,6 @@ NEUTRAL = {
     "egosplat.artifacts.usage",
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
-    "egosplat.output_files",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
     "egosplat.pipeline.parsed_modules",

@@ -83,7 +83,7 @@ class Stage:
 # Inputs that no stage writes under this name.
 PATHS = {
     "recording": "the recording's folder or video file",
-    "relevancy": "the other method's relevancy maps in the layout of docs/external_methods.md",
+    "relevancy": "the other method's relevancy maps in the layout of docs/methods.md",
 }
 
 _TRAINING_FRAMES = {"survey": "to train only on frames that add views"}
@@ -310,7 +310,7 @@ _STAGES = (
         "Draw a scene's frames, annotations, and its trajectory from above.",
         output="contact_sheet.png",
         inputs=("frames", "annotations", "poses"),
-        libraries=("matplotlib",),
+        libraries=("adjustText", "matplotlib"),
         scene=("title",),
     ),
     Stage(
@@ -328,7 +328,7 @@ _STAGES = (
         "Draw transient probability, masks, and the renders without the masked objects.",
         output="transient.png",
         inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
-        libraries=("matplotlib", "torch"),
+        libraries=("adjustText", "matplotlib", "torch"),
         scene=("title",),
     ),
     Stage(
@@ -386,6 +386,9 @@ STAGES = {stage.name: stage for stage in _STAGES}
 
 # The stages that write an artifact, in the order of the pipeline.
 ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
+
+# The stages that write one file, by default under the name ``output``.
+FILES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".json", ".png", ".html")))
 
 # The stages that draw a page.
 PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".png", ".html")))

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.splats import camera_poses
 from egosplat.geometry import Array
-from egosplat.output_files import picture_kind
 from egosplat.progress import track
 from egosplat.query.answer import Answer, ask
 from egosplat.query.options import QueryOptions
@@ -20,8 +19,6 @@ from egosplat.query.text import Texts
 from egosplat.query.thing_view import view_thing
 from egosplat.query.things import Thing
 from egosplat.query.viewpoint import Viewpoint
-
-QUERY_PICTURE = picture_kind("egosplat query")
 
 # Maximum number of answers in the picture; the table has all of them.
 MOST_DRAWN = 8

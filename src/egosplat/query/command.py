@@ -10,10 +10,8 @@ from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.models.suitability import notice_of_artifacts
-from egosplat.output_files import check_output
 from egosplat.query.answers import (
     MOST_DRAWN,
-    QUERY_PICTURE,
     Question,
     answer_in_scene,
     answer_in_view,
@@ -33,13 +31,13 @@ class Asking:
         frame: index of a frame, or None.
         pose: JSON file of a pose, or None. Without frame and pose, the whole scene is queried.
         most: maximum number of things in an answer of the whole scene.
-        output: picture to write; None for query.png in the scene's folder.
+        output: picture to write.
     """
 
     frame: int | None
     pose: Path | None
     most: int
-    output: Path | None
+    output: Path
 
 
 def run(
@@ -66,10 +64,8 @@ def run(
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; the frame
-            has no pose, or the pose cannot be read; a phrase is not valid; or the output is another kind of file.
+            has no pose, or the pose cannot be read; or a phrase is not valid.
     """
-    output = folder / "query.png" if asking.output is None else asking.output
-    check_output(output, QUERY_PICTURE)
     sources, made_from = open_sources(folder)
     viewpoint = _viewpoint(sources, asking)
     question = open_question(sources, phrases, options, backend=backend, device=device, precision=precision)
@@ -85,9 +81,9 @@ def run(
     # Here, because matplotlib takes as long to import as a query to answer.
     from egosplat.query.sheet import draw_answers
 
-    draw_answers(list(answered.drawn), title, output)
+    draw_answers(list(answered.drawn), title, asking.output)
     more = f" (the first {MOST_DRAWN} answers; {answered.left_out} more are in the table only)"
-    yield f"picture: {output}{more if answered.left_out else ''}"
+    yield f"picture: {asking.output}{more if answered.left_out else ''}"
 
 
 def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -7,9 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.drawing import plt, save_figure
-from egosplat.query.answer_drawing import draw_heat, draw_mask
-from egosplat.query.answers import QUERY_PICTURE, DrawnAnswer
+from egosplat.drawing import draw_heat, draw_mask, plt, save_figure
+from egosplat.query.answers import DrawnAnswer
 
 # Height of an image [inches].
 CELL = 4.0
@@ -32,7 +31,7 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
     figure.suptitle(title, fontsize=12)
     for cells, answer in zip(grid, answers, strict=True):
         _draw(cells, answer)
-    save_figure(figure, output, QUERY_PICTURE)
+    save_figure(figure, output)
 
 
 def _draw(cells: NDArray[np.object_], answer: DrawnAnswer) -> None:

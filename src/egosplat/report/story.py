@@ -15,15 +15,12 @@ from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.files import read_json
-from egosplat.output_files import check_output, text_kind, write_text_file
+from egosplat.files import read_json, write_text
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.progress import log
 from egosplat.report.tables.page import read_picture
 
 _COMMAND = "egosplat story"
-
-STORY = text_kind(_COMMAND, ".html", mark=f'<meta name="generator" content="{_COMMAND}">')
 
 
 class SceneFiles:
@@ -266,9 +263,8 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
         title: name of the scene.
 
     Raises:
-        UserError: a file is missing or damaged, or ``output`` exists and is no such page.
+        UserError: a file is missing or damaged.
     """
-    check_output(output, STORY)
     if missing := [path for path in paths if not path.exists()]:
         raise UserError(f"{missing[0]}: does not exist. Make it: snakemake --cores 2 {missing[0]}")
     files = SceneFiles(paths)
@@ -283,7 +279,7 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
         warnings=_warnings(files),
         scene=None if scene is None else scene.read_text(encoding="utf-8"),
     )
-    write_text_file(output, text, STORY)
+    write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB")
 
 

@@ -40,7 +40,6 @@ class SegmentsOptions:
     max_instances: int
     cross_level_iou: float
     lost_track_stride: int
-    levels: str
     batch: int
     # masks.threshold: mean probability from which a mask is of something that moves.
     threshold: float

@@ -1,6 +1,6 @@
 """Stage ``segments``: segment the frames at three levels and track the instances through the video."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,7 @@ from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
 from egosplat.segments.classical.segmenter import segment_video
-from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
-from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
+from egosplat.segments.instances import Segmented, finalize_instances
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.placed_points import PlacedPoints
 
@@ -142,7 +141,7 @@ def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkp
 
 
 def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:
-    """Merge duplicates, drop short tracks and repeated levels, and write the remaining instances."""
+    """Merge duplicates, drop short tracks, and write the remaining instances."""
     labels, count = segmented.labels, video.source.shape("rgb")[0]
     place_of = {int(frame): place for place, frame in enumerate(video.frame)}
     single = options.single_frames
@@ -152,9 +151,6 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
             "segments: no instance was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
             "or set segments.segmenter to classical"
         )
-    final, repeated = (
-        _drop_duplicate_levels(segmented, final) if options.levels == "auto" and not single else (final, {})
-    )
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
     occupancy = Occupancy(len(final.kept), video.source.read("valid"))
@@ -175,7 +171,7 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
     artifact.put("instances/first_frame", begun.astype(np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
     dropped = len(segmented.instances) - len(final.kept)
-    log(f"{len(final.kept)} instances ({by_level}); {dropped} merged, repeated or seen in too few frames")
+    log(f"{len(final.kept)} instances ({by_level}); {dropped} merged or seen in too few frames")
     if single:
         log(f"{int(moving.sum())} of them move and are tracked; all others are masks of one frame")
     artifact.facts = {
@@ -184,22 +180,9 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
         "found": len(segmented.instances),
         "moving": int(moving.sum()),
         "merged": final.merged,
-        "repeats": {LEVELS[one]: LEVELS[other] for one, other in repeated.items()},
         **occupancy.figures(tracked=not single),
         **_to_frame_indices(segmented.notes, video),
     }
-
-
-def _drop_duplicate_levels(
-    segmented: Segmented, final: FinalInstances
-) -> tuple[FinalInstances, dict[int, int]]:
-    """Drop the levels that repeat another; returns the remaining instances, and the kept level of each dropped one."""
-    level = np.array([segmented.instances[number].level for number in final.kept], dtype=np.int8)
-    repeated = find_duplicate_levels(segmented.labels, final.table, level, len(LEVELS))
-    for one, other in repeated.items():
-        log(f"level {LEVELS[one]} is dropped: it repeats {LEVELS[other]}")
-    table = drop_levels(repeated, final.table, level)
-    return replace(final, table=table, kept=final.kept[~np.isin(level, list(repeated))]), repeated
 
 
 def _to_frame_indices(notes: dict[str, Any], video: _Video) -> dict[str, Any]:

@@ -2,13 +2,11 @@
 
 from pathlib import Path
 
-from egosplat.output_files import stage_json_kind, write_json
+from egosplat.files import write_json
 from egosplat.pipeline.survey_file import Survey
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
 FORMAT_VERSION = 4
-
-SURVEY = stage_json_kind("survey")
 
 
 def write_survey(output: Path, document: Survey) -> None:
@@ -16,7 +14,6 @@ def write_survey(output: Path, document: Survey) -> None:
 
     Raises:
         jsonschema.ValidationError: the survey does not match the schema.
-        UserError: ``output`` exists and is not a survey.
     """
     Draft202012Validator(schema("survey")).validate(document)
-    write_json(output, document, SURVEY)
+    write_json(output, document)

@@ -13,7 +13,6 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.geometry import Camera
-from egosplat.output_files import check_output
 from egosplat.pipeline.survey_file import digest_of_frames
 from egosplat.progress import log
 from egosplat.survey.decisions import (
@@ -25,7 +24,7 @@ from egosplat.survey.decisions import (
     pose_residual,
     refines_poses,
 )
-from egosplat.survey.document import FORMAT_VERSION, SURVEY, write_survey
+from egosplat.survey.document import FORMAT_VERSION, write_survey
 from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
 from egosplat.survey.views import choose_views, median_depths
@@ -46,7 +45,6 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     Raises:
         UserError: the poses are not of these frames.
     """
-    check_output(output, SURVEY)
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
     record = provenance.begin_from("survey", asdict(options), (frames, poses))

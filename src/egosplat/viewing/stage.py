@@ -7,7 +7,6 @@ from typing import Any
 
 import torch
 
-import egosplat
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
@@ -19,10 +18,9 @@ from egosplat.artifacts.provenance import joint_origin
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.errors import UserError
+from egosplat.files import write_text
 from egosplat.geometry import known_poses
-from egosplat.output_files import check_output, write_text_file
 from egosplat.progress import log
-from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene, read_scene
 from egosplat.query.scene_query import index_scene
 from egosplat.query.text import load_clip_of
@@ -31,23 +29,13 @@ from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALP
 from egosplat.viewing.container import Arrays, Facts, pack
 from egosplat.viewing.frames import pack_frames
 from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
-from egosplat.viewing.html import PAGE, scene_html
+from egosplat.viewing.html import scene_html
 from egosplat.viewing.instances import pack_instances
+from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.palette import pack_codes
+from egosplat.viewing.record import record_of
 from egosplat.viewing.visibility import pack_visibility
 from egosplat.viewing.words import pack_words
-
-
-@dataclass(frozen=True)
-class ScenePageOptions(QueryOptions):
-    """The keys of ``scene_page`` and ``query``, and of OpenCLIP in ``models``; see ``config.schema.yaml``."""
-
-    backend: str
-    max_gaussians: int
-    clip_model: str
-    clip_checkpoint: str
-    device: str
-    precision: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,19 +68,30 @@ def run(
     """Write the page of a scene, whole or not at all.
 
     Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; no frame
-            has a pose; or the output is another kind of file.
+        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or no frame
+            has a pose.
     """
-    check_output(output, PAGE)
     paths = (frames_path, poses_path, instances_path, features_path, splats_path, language_path)
+    text, facts = make_page(paths, options, title)
+    write_text(output, text)
+    log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
+
+
+def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> tuple[str, Facts]:
+    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``.
+
+    Returns:
+        The page, and its facts.
+
+    Raises:
+        UserError: as ``run``, but for the output.
+    """
     sources = Sources(*map(open_artifact, paths, SCHEMAS))
     made_from = lineage(list(vars(sources).values()))
-    warnings = warnings_of(*made_from.found.values())
     facts, arrays = scene_data(sources, options)
-    facts |= {"title": title, "warnings": warnings}
-    text = scene_html(f"{title}: egosplat", pack(facts, arrays))
-    write_text_file(output, text, PAGE)
-    log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
+    facts |= {"title": title, "warnings": warnings_of(*made_from.found.values())}
+    facts |= record_of(vars(sources).values(), options)
+    return scene_html(f"{title}: egosplat", pack(facts, arrays)), facts
 
 
 def scene_data(sources: Sources, options: ScenePageOptions) -> tuple[Facts, Arrays]:
@@ -135,7 +134,6 @@ def _about(sources: Sources, scene: QueryScene, options: ScenePageOptions) -> Fa
         "up": sources.poses.read("up").tolist(),
         "camera": asdict(camera),
         "near": settings.near_plane,
-        "version": egosplat.__version__,
         "raster": {
             "margin": FRUSTUM_MARGIN,
             "blur": Arguments.__dataclass_fields__["eps2d"].default,

@@ -1,10 +1,10 @@
-"""The effects of a real camera, from the keys of ``synthetic``, in SI units (docs/real_camera.md)."""
+"""The effects of a real camera, from the keys of ``synthetic``, in SI units (benchmarks/real_camera/README.md)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-# Values of the keys that are ``auto``, with ``camera: real``; docs/real_camera.md has their sources.
+# Values of the keys that are ``auto``, with ``camera: real``; benchmarks/real_camera/README.md has their sources.
 REAL = {
     "drift_mm": 10.0,
     "drift_deg": 0.2,

@@ -1,4 +1,4 @@
-"""Time and memory in each artifact's provenance: the tables and docs/scale.md report them."""
+"""Time and memory in each artifact's provenance: the tables and docs/running.md report them."""
 
 import subprocess
 import sys

@@ -70,7 +70,7 @@ def test_residuals_are_relative_to_the_measured_value(bench):
 
 
 def test_errors_and_held_out_errors_match_their_definition(bench):
-    """docs/scale.md prints them."""
+    """docs/running.md prints them."""
     fitting = bench("fitting")
     points = scenes()
     measured = [truth(own) for own in points]

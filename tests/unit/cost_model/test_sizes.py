@@ -66,7 +66,7 @@ def test_a_size_that_nothing_tells_is_no_missing_file(tmp_path):
 
 
 def test_given_sizes_come_first(artifacts):
-    """doctor and docs/scale.md set sizes that no artifact has yet."""
+    """doctor and docs/running.md set sizes that no artifact has yet."""
     assert Sizes(defaults(), artifacts, {"frames": 99})["training"] == 99
 
 

@@ -16,7 +16,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
-from egosplat.evaluation.document import METRICS, finite, write_metrics
+from egosplat.evaluation.document import finite, write_metrics
 from egosplat.evaluation.queries import GROUPS
 from egosplat.models.suitability import notice
 from egosplat.pipeline.config import stage_keys
@@ -245,7 +245,7 @@ def test_non_finite_numbers_are_null_in_json(tmp_path):
         "b": [None, "x", None, True],
     }
     with pytest.raises(ValidationError):
-        write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"}, METRICS)
+        write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"})
     assert list(tmp_path.iterdir()) == []
 
 

@@ -15,6 +15,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.drawing import (
+    add_name,
     draw_heading,
     ground_axes,
     inner_point,
@@ -22,11 +23,7 @@ from egosplat.drawing import (
     save_figure,
     show,
 )
-from egosplat.output_files import check_output, picture_kind
-from egosplat.page_text import add_name
-from egosplat.sampling import evenly_spaced
-
-PAGE = picture_kind("egosplat contact-sheet")
+from egosplat.images import evenly_spaced
 
 # Maximum number of frames, and of evaluation frames.
 PICTURES = 8
@@ -52,7 +49,6 @@ LEAST_SHARE = 0.002
 
 def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Path, *, title: str) -> None:
     """Draw the contact sheet of a scene as PNG, atomically."""
-    check_output(output, PAGE)
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     annotations = open_artifact(annotations_path, ANNOTATIONS)
     shown = evenly_spaced(frames.shape("rgb")[0], PICTURES)
@@ -70,7 +66,7 @@ def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Pat
         cell.set_axis_off()
     _draw_frames(grid[:above], frames, shown)
     _draw_evaluation_frames(grid[above:], frames, annotations, rows)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def _grid_width(frames: Artifact, columns: int, rows: int) -> float:

@@ -18,10 +18,7 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.drawing import draw_heading, plt, save_figure
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
-from egosplat.output_files import check_output, picture_kind
-from egosplat.sampling import evenly_spaced
-
-PAGE = picture_kind("egosplat crops-sheet")
+from egosplat.images import evenly_spaced
 
 # Maximum number of views of an instance.
 COLUMNS = 12
@@ -102,7 +99,6 @@ def run(
     Raises:
         UserError: the features were not made from ``view_features``.
     """
-    check_output(output, PAGE)
     paths = (frames_path, instances_path, view_features_path, features_path)
     sources = _Sources(*map(open_artifact, paths, (FRAMES, INSTANCES, VIEW_FEATURES, FEATURES)))
     table = _read(sources.views, sources.features)
@@ -117,7 +113,7 @@ def run(
         cells = strip.subplots(1, COLUMNS, squeeze=False)[0]
         rows = choose_views(table, instance)
         _draw_views(cells, sources, table, rows, [numbers[row] for row in rows.tolist()])
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def _read(views: Artifact, features: Artifact) -> Table:

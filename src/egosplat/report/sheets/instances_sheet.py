@@ -14,11 +14,8 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.drawing import draw_heading, ground_axes, plt, save_figure, show
-from egosplat.output_files import check_output, picture_kind
+from egosplat.images import evenly_spaced
 from egosplat.report.sheets.merged_crops import draw_merged_crops, largest_and_most_changed, shown_in
-from egosplat.sampling import evenly_spaced
-
-PAGE = picture_kind("egosplat instances-sheet")
 
 # Maximum number of frames, evenly spaced.
 PICTURES = 6
@@ -50,14 +47,13 @@ def run(
     Raises:
         UserError: the inputs do not belong together.
     """
-    check_output(output, PAGE)
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     segments, instances = open_artifact(segments_path, SEGMENTS), open_artifact(instances_path, INSTANCES)
     check_made_from(instances, frames, axes=("frame",))
     check_made_from(instances, segments, axes=("frame", "height", "width"))
     count, height, width, _ = frames.shape("rgb")
     shown = evenly_spaced(count, PICTURES)
-    levels, repeats = instances.facts["levels"], instances.facts.get("repeats", {})
+    levels = instances.facts["levels"]
     in_3d = instances.shape("gaussians/xyz")[0] > 0
     columns = len(shown) + in_3d
     # Tracks are what they were before.
@@ -75,17 +71,15 @@ def run(
         show(grid[0, column], image, f"frame {frame}")
         for level, name in enumerate(levels):
             visible = len(np.unique(labels[level][labels[level] >= 0]))
-            heading = (
-                f"{name}: repeats {repeats[name]}" if name in repeats else f"{name}: {visible} instances"
-            )
-            show(grid[1 + level, column], tinted(image, labels[level], colors), heading)
+            tint = tinted(image, labels[level], colors)
+            show(grid[1 + level, column], tint, f"{name}: {visible} instances")
     if in_3d:
         _draw_from_above(grid[: 1 + len(levels), -1], poses, instances, colors)
     for place, instance in enumerate(cropped):
         rows = grid[1 + len(levels) + 2 * place :][:2]
         rows[0, -1].set_axis_off(), rows[1, -1].set_axis_off()
         draw_merged_crops(rows[:, :-1], frames, segments, instances, instance, seen)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def _summary(instances: Artifact) -> str:

@@ -17,10 +17,7 @@ from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.codes.rendering import render_codes
 from egosplat.drawing import draw_heading, plt, save_figure, show
 from egosplat.geometry import Camera
-from egosplat.output_files import check_output, picture_kind
 from egosplat.query.scene import TrainedScene, read_trained_scene
-
-PAGE = picture_kind("egosplat language-sheet")
 
 # Maximum number of views.
 VIEWS = 6
@@ -63,7 +60,6 @@ def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, 
     Raises:
         UserError: the inputs do not belong together.
     """
-    check_output(output, PAGE)
     poses, splats = open_artifact(poses_path, POSES), open_artifact(splats_path, SPLATS)
     language = open_artifact(language_path, LANGUAGE)
     check_made_from(splats, poses)
@@ -79,7 +75,7 @@ def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, 
         cell.set_axis_off()
     draw_heading(figure, f"{title}: {_summary(language)}", warnings_of(language))
     _draw_views(grid, scene, {frame: camera_to_world[frame] for frame in frames}, language, camera)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def _reduced(camera: Camera) -> Camera:

@@ -9,17 +9,13 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from egosplat.drawing import draw_heading, plt, save_figure
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_mask, draw_outline, plt, save_figure
 from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
-from egosplat.output_files import check_output, picture_kind
-from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
 from egosplat.query.text import open_encoded
 from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_sources
 from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
 from egosplat.report.tables.series import find_series
 from egosplat.report.tables.table import Cell
-
-PAGE = picture_kind("egosplat queries-sheet")
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4
@@ -56,7 +52,6 @@ def run(
     Raises:
         UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
     """
-    check_output(output, PAGE)
     scored = read_scored_scene(metrics_path)
     paths = (frames_path, poses_path, splats_path, language_path, annotations_path)
     sources = open_sources(paths, open_encoded(features_path, tiles_path))
@@ -70,7 +65,7 @@ def run(
         figure.set_size_inches(6 * CELL, CELL)
         figure.text(0.5, 0.4, "No annotated frame with a pose has a category to query.", ha="center")
     draw_heading(figure, f"{title}: {summary(scored)}", scored.warnings)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def summary(scored: ScoredScene) -> str:

@@ -16,10 +16,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.drawing import draw_heading, label_log_axis, middles_of_parts, plt, save_figure, show
 from egosplat.gaussians.evaluation import Scores
-from egosplat.output_files import check_output, picture_kind
 from egosplat.report.sheets.corrections_figure import draw_gains, draw_poses, has_corrections
-
-PAGE = picture_kind("egosplat splats-sheet")
 
 # Maximum number of held-out frames.
 PICTURES = 4
@@ -33,7 +30,6 @@ ERROR_LIMIT = 0.3
 
 def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> None:
     """Draw the page as PNG, atomically."""
-    check_output(output, PAGE)
     frames, splats = open_artifact(frames_path, FRAMES), open_artifact(splats_path, SPLATS)
     shown = middles_of_parts(splats.shape("held_out/frame")[0], PICTURES)
     columns = max(len(shown), 2)
@@ -63,7 +59,7 @@ def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> No
         bar.set_ticks(ticks, labels=[f"{tick:.0%}" for tick in ticks])
     else:
         grid[0, 0].set_title("no frame was held out", loc="left")
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def _summary(frames: Artifact, splats: Artifact) -> str:

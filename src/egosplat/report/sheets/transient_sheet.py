@@ -19,12 +19,8 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.transient import TRANSIENT
-from egosplat.drawing import draw_heading, inner_point, middles_of_parts, plt, save_figure, show
-from egosplat.output_files import check_output, picture_kind
-from egosplat.page_text import add_name
+from egosplat.drawing import add_name, draw_heading, inner_point, middles_of_parts, plt, save_figure, show
 from egosplat.query.scene import read_trained_scene
-
-PAGE = picture_kind("egosplat transient-sheet")
 
 # Maximum number of frames.
 PICTURES = 5
@@ -81,7 +77,6 @@ def run(
     Raises:
         UserError: the inputs do not belong together.
     """
-    check_output(output, PAGE)
     paths = (frames_path, poses_path, transient_path, instances_path, masks_path, splats_path)
     sources = _Sources(*map(open_artifact, paths, (FRAMES, POSES, TRANSIENT, INSTANCES, MASKS, SPLATS)))
     _check(sources)
@@ -94,7 +89,7 @@ def run(
     above, below = figure.subfigures(2, 1, height_ratios=(pictures, CHART))
     _draw_frames(above, sources, shown, columns)
     _draw_scores(below.subplots(), sources.masks, sources.instances)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def _check(sources: _Sources) -> None:

@@ -7,16 +7,11 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
-from egosplat.output_files import text_kind
 from egosplat.report.tables.table import Block, Cell, Column, Row, Table, aside, number
 
 COMMAND = "egosplat tables"
 # First line of each file, a comment.
 MARKDOWN_MARK, LATEX_MARK = f"<!-- {COMMAND} -->", f"% {COMMAND}"
-
-CSV = text_kind(COMMAND, ".csv", begin="table,kind,method,")
-MARKDOWN = text_kind(COMMAND, ".md", begin=MARKDOWN_MARK)
-LATEX = text_kind(COMMAND, ".tex", begin=LATEX_MARK)
 
 # A table with more columns shows no intervals in Markdown, and fills both columns of a page in LaTeX.
 MANY = 8

@@ -8,14 +8,10 @@ from pathlib import Path
 from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.frames.images import read_rgb
-from egosplat.output_files import text_kind
+from egosplat.images import LARGEST, encode_webp, shrink_image
 from egosplat.report.tables.formats import COMMAND, render
 from egosplat.report.tables.series import Series
 from egosplat.report.tables.table import Table
-from egosplat.resize import shrink_image
-from egosplat.webp import LARGEST, encode_webp
-
-HTML = text_kind(COMMAND, ".html", mark=f'<meta name="generator" content="{COMMAND}">')
 
 _KINDS = (".png", ".jpg", ".jpeg")
 

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
-from egosplat.output_files import check_output, write_text_file
+from egosplat.files import write_text
 from egosplat.progress import log
-from egosplat.report.tables.formats import CSV, LATEX, MARKDOWN, to_csv, to_latex, to_markdown
-from egosplat.report.tables.page import HTML, read_picture, to_html
-from egosplat.report.tables.paper_layouts import LAYOUTS, in_a_table
+from egosplat.report.tables.formats import to_csv, to_latex, to_markdown
+from egosplat.report.tables.page import read_picture, to_html
+from egosplat.report.tables.paper_layouts import in_a_table
 from egosplat.report.tables.paper_tables import paper_tables
 from egosplat.report.tables.series import find_series
 
 PAGE = "tables.html"
 
-_FORMATS = ((CSV, to_csv), (MARKDOWN, to_markdown), (LATEX, to_latex))
+_FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
 
 
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
@@ -29,13 +29,8 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
         pictures: PNG or JPEG files of scenes, for the end of the page.
 
     Raises:
-        UserError: a file cannot be read, two files are of the same scene, protocols differ, or a file would replace
-            something else.
+        UserError: a file cannot be read, two files are of the same scene, or protocols differ.
     """
-    kinds = {output / f"{layout.name}{kind.suffix}": kind for layout in LAYOUTS for kind, _ in _FORMATS}
-    # All outputs are checked before the first is written.
-    for path, kind in (*kinds.items(), (output / PAGE, HTML)):
-        check_output(path, kind)
     scenes = _with_a_place([read_scored_scene(path) for path in metrics])
     check_protocol(scenes)
     series = find_series(scenes)
@@ -43,9 +38,9 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
     confidence = next((scene.protocol["confidence"] for scene in scenes), None)
     page = to_html(tables, series, [read_picture(path) for path in pictures], confidence)
     for table in tables:
-        for kind, form in _FORMATS:
-            write_text_file(output / f"{table.name}{kind.suffix}", form(table), kind)
-    write_text_file(output / PAGE, page, HTML)
+        for suffix, form in _FORMATS.items():
+            write_text(output / f"{table.name}.{suffix}", form(table))
+    write_text(output / PAGE, page)
     log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
 
 

@@ -11,13 +11,10 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from matplotlib.transforms import Bbox
 
 from egosplat.drawing import plt, save_figure
-from egosplat.output_files import picture_kind
 from egosplat.pipeline.sweeps import PRESET
 from egosplat.report.tradeoff.estimates import front
 from egosplat.report.tradeoff.measured import ACCURACY, CPU, MEAN_IOU, PSNR, WALL, Measure
 from egosplat.report.tradeoff.scenes import Entry, mean_of, mean_points
-
-PICTURE = picture_kind("egosplat tradeoff")
 
 # Cost and gain of each panel.
 PANELS = ((WALL, ACCURACY), (CPU, ACCURACY), (CPU, MEAN_IOU), (CPU, PSNR))
@@ -69,7 +66,7 @@ def draw(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
     figure.set_layout_engine("none")
     for axes, (cost, gain) in panels:
         _label_points(axes, mean_points(documents), cost, gain)
-    save_figure(figure, output, PICTURE)
+    save_figure(figure, output)
 
 
 def _draw_panel(axes: Axes, documents: Sequence[Mapping[str, Any]], cost: Measure, gain: Measure) -> None:

@@ -10,7 +10,7 @@ import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
 from egosplat.evaluation.scored_scenes import CHANCE
-from egosplat.output_files import json_kind, text_kind, write_json
+from egosplat.files import write_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import shown
@@ -34,10 +34,6 @@ _COLUMNS = ("scene", "point", "about", "front", "stage", "measure", "mean", "low
 
 # Generator named in the page's metadata.
 GENERATOR = "egosplat tradeoff"
-
-TRADEOFF = json_kind("egosplat tradeoff", "format_version", "points", "seeds")
-TABLE = text_kind("egosplat tradeoff", ".csv", begin=",".join(_COLUMNS[:4]) + ",")
-PAGE = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
 
 
 def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
@@ -64,13 +60,9 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
 
 
 def write_document(path: Path, document: dict[str, Any]) -> None:
-    """Check ``tradeoff.json`` against its schema and write it atomically, with sorted keys.
-
-    Raises:
-        UserError: ``path`` exists and is not a ``tradeoff.json``.
-    """
+    """Check ``tradeoff.json`` against its schema and write it atomically, with sorted keys."""
     configuration.check(document, str(path), against="tradeoff")
-    write_json(path, document, TRADEOFF)
+    write_json(path, document)
 
 
 def to_csv(documents: Sequence[Mapping[str, Any]]) -> str:
