@@ -195,8 +195,8 @@ def download(
 ) -> None:
     """Fetch the published checkpoints that the configuration needs and that are missing, or those of NAMES.
 
-    NAMES are architectures, as sam2.1_hiera_l. An interrupted download continues. Proxies are those of the environment
-    (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
+    NAMES are architectures, as sam2.1_hiera_l. Proxies are those of the environment (https_proxy); HF_ENDPOINT names a
+    mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
     """
     from egosplat.doctor.inputs import read_configuration, read_configurations
     from egosplat.models.needed import catalogue, needed
