@@ -85,7 +85,8 @@ rule tables:
     params:
         pictures=get_picture_flags,
         code=code_hash(
-            "egosplat.report.tables.stage", libraries=("jinja2", "jsonschema", "pandas")
+            "egosplat.report.tables.stage",
+            libraries=("jinja2", "jsonschema", "pandas"),
         ),
     shell:
         "egosplat tables"

@@ -181,7 +181,9 @@ rule methods_sheet:
         runtime=30,
     params:
         title=get_title,
-        code=code_hash("egosplat.report.sheets.methods_sheet", libraries=("matplotlib", "torch")),
+        code=code_hash(
+            "egosplat.report.sheets.methods_sheet", libraries=("matplotlib", "torch")
+        ),
     shell:
         "egosplat methods-sheet"
         " --title {params.title:q}"
