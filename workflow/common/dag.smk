@@ -1,7 +1,7 @@
 """
 Inputs and parameters of the rules, from plain functions in egosplat.pipeline of a configuration and a survey.
 
-Parameters hold the flags of a stage and the content hash of its code and models: Snakemake reruns the stage when one of them
+Parameters hold the options of a stage and the content hash of its code and models: Snakemake reruns the stage when one of them
 changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
 """
 
@@ -15,6 +15,7 @@ from egosplat.frames.recording_files import is_annotated
 from egosplat.models.checkpoints import content_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.chosen import chosen_value
+from egosplat.pipeline.config import stage_sections
 from egosplat.pipeline.results import default_results, default_scenes, maps_of
 from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES, code_of
@@ -136,9 +137,9 @@ def inputs(stage):
 def params(stage):
     """Get the parameters of a stage's rule as functions of the wildcards, for the rule to unpack.
 
-    ``arguments`` are the paths of its inputs and its values from the table of scenes, ``flags`` its keys, as words of the command
-    line. The others are not for the command: Snakemake reruns the rule when the list of training frames, the models, the code or
-    pictures of the recording change.
+    ``arguments`` are the paths of its inputs and its values from the table of scenes, as words of the command line,
+    ``options`` the values of its keys as JSON. The others are not for the command: Snakemake reruns the rule when the list of
+    training frames, the models, the code or pictures of the recording change.
     """
     about = STAGES[stage]
     get_config = decided_config if dag.follows_survey(stage) else config_of
@@ -152,7 +153,7 @@ def params(stage):
 
     found = {
         "arguments": arguments,
-        "flags": lambda wildcards: dag.stage_flags(stage, get_config(wildcards)),
+        "options": lambda wildcards: dag.options_json(stage, get_config(wildcards)),
         "code": code_of(stage),
     }
     if about.modules:
@@ -161,7 +162,7 @@ def params(stage):
         found["pictures"] = digest_of_pictures(stage)
     if "survey" in about.optional:
         found["kept"] = training_frames(stage)
-    if about.models:
+    if stage_models(stage):
         found["models"] = model_files(stage)
     return found
 
@@ -178,13 +179,18 @@ def training_frames(stage):
     return digest
 
 
+def stage_models(stage):
+    """Get the keys of the section models that a stage takes."""
+    return stage_sections(stage).get("models", ())
+
+
 def model_files(stage):
     """Get a function of the wildcards: content hashes of a stage's models."""
 
     def hashes(wildcards):
         found = model_hashes(config_of(wildcards))
         return " ".join(
-            f"{key}={found[key]}" for key in STAGES[stage].models if key in found
+            f"{key}={found[key]}" for key in stage_models(stage) if key in found
         )
 
     return hashes

@@ -33,7 +33,7 @@ rule metrics:
     params:
         **params("metrics"),
     shell:
-        "egosplat metrics {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat metrics {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule method_metrics:
@@ -55,7 +55,7 @@ rule method_metrics:
     params:
         **params("method_metrics"),
     shell:
-        "egosplat method-metrics {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat method-metrics {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 localrules:

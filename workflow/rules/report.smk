@@ -211,7 +211,7 @@ rule scene_page:
     params:
         **params("scene_page"),
     shell:
-        "egosplat scene-page {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat scene-page {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule story:

@@ -4,10 +4,17 @@ Speed against accuracy of a scene, and of several: presets and single-parameter 
 REQUIRED INPUTS: metrics.json of the scene and of the variants that the configuration's section tradeoff names.
 OUTPUTS: tradeoff/tradeoff.html, .csv, .json and .png of a scene; results/benchmark/tradeoff.html, .csv and .png of the
 scenes that tradeoff.scenes names.
-TOOLS: SciPy, pandas, matplotlib, Jinja2.
+TOOLS: SciPy, pandas, matplotlib, adjustText, Jinja2.
 """
 
-TRADEOFF_LIBRARIES = ("jinja2", "jsonschema", "matplotlib", "pandas", "scipy")
+TRADEOFF_LIBRARIES = (
+    "adjustText",
+    "jinja2",
+    "jsonschema",
+    "matplotlib",
+    "pandas",
+    "scipy",
+)
 
 
 localrules:

@@ -1,6 +1,6 @@
 """Stage ``annotations``: read the instance maps of the evaluation frames. For evaluation only."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +14,11 @@ from egosplat.artifacts.writer import create
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.options import AnnotationsOptions
 from egosplat.frames.recording import Annotations
 from egosplat.geometry import Camera
 from egosplat.pipeline.stages import load_module
 from egosplat.progress import log, track
-
-
-@dataclass(frozen=True)
-class AnnotationsOptions:
-    """The schema's key of ``annotations``; ``config.schema.yaml`` describes it."""
-
-    max_age_ms: float
 
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: AnnotationsOptions) -> None:
@@ -49,7 +43,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         max_age_ns=round(options.max_age_ms * 1e6),
         lens=Lens.of_facts(facts.get("lens")),
     )
-    made = provenance.begin_from("annotations", asdict(options), [frames], chosen=facts["format"])
+    made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=facts["format"])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
         artifact.allocate("instance_map", (len(indices), camera.height, camera.width))

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.camera_file import read_camera_file
 from egosplat.calibration.colmap.distortion import lens_of_frames
 from egosplat.calibration.companions import AUTO, KNOWN_POSES, companion_path
 from egosplat.calibration.known_poses import (
@@ -17,7 +16,7 @@ from egosplat.calibration.known_poses import (
     read_known_poses,
     unmatched_line,
 )
-from egosplat.calibration.lens import Lens, Rectifier
+from egosplat.calibration.lens import Lens, Rectifier, read_camera_file
 from egosplat.errors import UserError
 from egosplat.frames.files import CAMERA_FILE, VALID_MASK
 from egosplat.frames.images import ImageFolder, read_valid

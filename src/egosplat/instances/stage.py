@@ -1,6 +1,5 @@
 """Stage ``instances``: merge the masks of segments.zarr into things that hold in 3D."""
 
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +58,10 @@ def run(
     check_made_from(segments, frames, axes=("frame", "height", "width"))
     options = resolved(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
-    record = provenance.begin_from("instances", asdict(options) | by_survey, (frames, poses, segments))
+    record = provenance.begin_from("instances", options.as_dict() | by_survey, (frames, poses, segments))
     if options.source == AUTO:
         # Masks of single frames are no tracks.
-        options = replace(options, source="masks" if segments.facts.get("single_frames") else TRACKS)
+        options = options.change(source="masks" if segments.facts.get("single_frames") else TRACKS)
     if options.source == TRACKS:
         _write_tracks(output, record, segments)
         return

@@ -1,6 +1,5 @@
 """Stage ``language``: give each Gaussian a language code at every level."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -75,14 +74,14 @@ def run(
     paths = {"instances": instances_path, "features": features_path, "tiles": tiles_path}
     learnt_from = [_opened(paths[schema.name], schema, name) for schema in method.learns_from]
     used = [frames, poses, splats, *masking.artifacts, *learnt_from]
-    record = provenance.begin_from("language", asdict(options) | by_survey, used, chosen=name)
+    record = provenance.begin_from("language", options.as_dict() | by_survey, used, chosen=name)
     device = training_device(options.backend)
     targets = method.open_targets(learnt_from, frames, device)
     codes_of = targets.of if isinstance(targets, CodeTargets) else None
     views = select_code_views(frames, poses, splats, codes_of, masking, device, kept)
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)
-    checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
+    checkpoint = Checkpoint(output, provenance.key_of(record))
     if name == "joint":
         check_made_from(splats, learnt_from[1])
         coded = method.give_codes(gaussians, views, settings, targets.levels, splats.read("features"))

@@ -21,15 +21,20 @@ TEXTS = (".csv", ".j2")
 
 # Modules that show, record or write, but cannot change an array: a better message makes nothing stale.
 NEUTRAL = {
-    "egosplat",  # holds only the version
+    "egosplat",  # holds only the version and public names
     "egosplat.files",
+    "egosplat.alarms.texts",
     "egosplat.artifacts.usage",
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
+    "egosplat.pipeline.checked_options",  # the values of options are parameters of the rule
+    "egosplat.pipeline.messages",
+    "egosplat.pipeline.options",
     "egosplat.pipeline.parsed_modules",
     "egosplat.pipeline.process_guards",
+    "egosplat.pipeline.strict_yaml",
     "egosplat.pipeline.validation",
     "egosplat.progress",
     "egosplat.artifacts.consistency",

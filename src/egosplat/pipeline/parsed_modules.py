@@ -28,8 +28,8 @@ class ParsedModule:
     """A module's part of a code hash.
 
     Attributes:
-        tree_hash: hash of the syntax tree, without comments, layout, docstrings and the words of messages; equal on every
-            Python version.
+        tree_hash: hash of the syntax tree, without comments, layout, docstrings, the words of messages and the
+            keys of options; equal on every Python version.
         imports: names of the modules that the module imports, and of the objects that it imports from them.
     """
 
@@ -135,7 +135,7 @@ def _append(node: Any, parts: list[str]) -> None:
         parts.append(f"{type(node).__name__}(")
         for key, value in ast.iter_fields(node):
             if key == "body" and isinstance(node, DOCUMENTED):
-                value = [item for item in value if not _is_bare_text(item)]
+                value = [item for item in value if not _is_bare_text(item) and not _is_key(item, node)]
             if value is not None and value != []:
                 parts.append(key)
                 _append(value, parts)
@@ -184,6 +184,15 @@ def _computed(text: ast.expr) -> list[ast.expr]:
         case ast.IfExp(test=test, body=body, orelse=orelse):
             return [test, *_computed(body), *_computed(orelse)]
     return [text]
+
+
+def _is_key(item: ast.stmt, node: ast.AST) -> bool:
+    """Whether a statement defines a configuration key, whose value is a parameter of the rule."""
+    # A class with a decorator is a dataclass, whose fields are set by code.
+    if not (isinstance(item, ast.AnnAssign) and isinstance(node, ast.ClassDef) and not node.decorator_list):
+        return False
+    names = (base.id for base in node.bases if isinstance(base, ast.Name))
+    return any(name.endswith("Options") for name in names)
 
 
 def _is_bare_text(node: ast.AST) -> bool:

@@ -1,6 +1,5 @@
 """Stage ``poses``: camera poses of the frames and points of the scene, from the device, a file or COLMAP."""
 
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,24 +14,20 @@ from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.pipeline.stages import load_module
+from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses
 from egosplat.progress import log
 
+# Longest gap in the device's trajectory that is interpolated [ms]: one missing row of ground truth, which has one every
+# 33.3 ms. Frames in longer gaps get no pose.
+MAX_GAP_MS = 50.0
 
-@dataclass(frozen=True)
-class PosesOptions:
-    """The schema's keys of ``poses``; ``config.schema.yaml`` describes each."""
+# Frames that each frame is matched with if matching is sequential. Frames 1, 2, 4, 8, ... later and similar-looking
+# frames (loops) are matched, too.
+OVERLAP = 12
 
-    method: str
-    trajectory: str
-    max_gap_ms: float
-    max_inv_dist_std: float
-    max_dist_std: float
-    matching: str
-    overlap: int
-    min_registered: float
-    seed: int
-    meters_per_unit: float | None
+# Of COLMAP's random choices. Trainings with several seeds have the same poses.
+COLMAP_SEED = 0
 
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOptions) -> None:
@@ -58,7 +53,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOpt
         raise UserError(
             "poses.meters_per_unit: only known poses have a unit (docs/recordings.md); remove the key"
         )
-    record = provenance.begin_from("poses", asdict(options), [frames], chosen=source)
+    record = provenance.begin_from("poses", options.as_dict(), [frames], chosen=source)
     if source == "known":
         poses = _from_file(recording_path, known, frames, options)
     elif source == "device":
@@ -83,7 +78,7 @@ def _from_device(recording: Path, frames: Artifact, options: PosesOptions) -> Po
         np.asarray(frames.facts["device_from_camera"], dtype=np.float64),
         Camera(**frames.facts["camera"]),
         trajectory=options.trajectory,
-        max_gap_ms=options.max_gap_ms,
+        max_gap_ms=MAX_GAP_MS,
         max_inv_dist_std=options.max_inv_dist_std,
         max_dist_std=options.max_dist_std,
     )
@@ -109,7 +104,7 @@ def _from_colmap(frames: Artifact, options: PosesOptions) -> Poses:
         Camera(**frames.facts["camera"]),
         frames.facts["camera_known"],
         matching=options.matching,
-        overlap=options.overlap,
+        overlap=OVERLAP,
         min_registered=options.min_registered,
-        seed=options.seed,
+        seed=COLMAP_SEED,
     )

@@ -42,11 +42,9 @@ def stability_score(logits: Tensor, offset: float) -> Tensor:
 
 def boxes(masks: Tensor) -> Tensor:
     """(N, H, W) bool masks -> (N, 4) float32 x0, y0, x1, y1 [px], ends exclusive; zeros of an empty mask."""
-    found = torch.zeros(len(masks), 4)
-    for number, mask in enumerate(masks.cpu()):
-        rows, columns = mask.any(1).nonzero(), mask.any(0).nonzero()
-        if len(rows):
-            found[number] = torch.tensor([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1])
+    masks = masks.cpu()
+    found = torchvision.ops.masks_to_boxes(masks)
+    found[:, 2:] += masks.flatten(1).any(1)[:, None]  # its ends are inclusive
     return found
 
 

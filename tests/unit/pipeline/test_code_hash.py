@@ -2,6 +2,7 @@
 
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +10,8 @@ from egosplat.pipeline import code_hash as fingerprint
 from egosplat.pipeline import parsed_modules
 from egosplat.pipeline.code_hash import code_hash, modules_of
 from egosplat.pipeline.stages import STAGES, code_of
+
+PACKAGE = Path(fingerprint.__file__).parents[1]
 
 FILES = {
     "__init__": "",
@@ -98,6 +101,30 @@ def test_of_a_message_only_what_it_computes_changes_the_hash(package, old, new, 
     assert (package(helper=MESSAGES) == package(helper=MESSAGES.replace(old, new))) == same
 
 
+OPTIONS = """\
+class HelperOptions(Options):
+    iterations: Count = 3000
+
+    @property
+    def doubled(self):
+        return 2 * self.iterations
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("3000", "7000", True),
+        ("Count = 3000", "Natural = 3000\n    seed: int = 0", True),
+        ("2 *", "3 *", False),
+        ("(Options)", "", False),
+    ],
+)
+def test_of_options_the_keys_do_not_count(package, old, new, same):
+    """Their values are parameters of the rule."""
+    assert (package(helper=OPTIONS) == package(helper=OPTIONS.replace(old, new))) == same
+
+
 def test_a_template_beside_a_module_that_is_reached_counts(package, tmp_path):
     files = {"pages/__init__": "", "pages/story": "X = 1\n", "stage": "from pkg.pages import story\n"}
     (tmp_path / "pkg/pages").mkdir(parents=True)
@@ -161,3 +188,19 @@ def test_every_stage_reaches_its_own_room_and_not_another_stage():
 def test_pictures_and_poses_never_reach_annotations_even_by_code():
     for name in ("frames", "poses"):
         assert not [module for module in modules_of(STAGES[name].module) if "annotation" in module]
+
+
+def test_every_template_and_table_is_code_of_a_page():
+    pages = [stage.module for stage in STAGES.values()]
+    pages += [f"egosplat.report.{name}.stage" for name in ("tables", "tradeoff")] + ["egosplat.report.story"]
+    folders = {path.parent for page in pages for path in modules_of(page).values() if path.stem != "__init__"}
+    texts = [path for path in PACKAGE.rglob("*") if path.suffix in fingerprint.TEXTS]
+    assert texts and {path.parent for path in texts} <= folders
+
+
+def test_a_template_is_code_of_its_own_page_alone():
+    story, sheets = "egosplat.report.story", [stage.module for stage in STAGES.values()]
+    assert modules_of(story)[story].parent == PACKAGE / "report"
+    for module in sheets:
+        modules = modules_of(module).values()
+        assert not [path for path in modules if path.parent == PACKAGE / "report" and path.stem != "__init__"]

@@ -163,7 +163,7 @@ def too_few_message(
         )
     # Rounded down, so that the suggested value accepts this model.
     share = math.floor(100 * len(registered) / frames) / 100
-    wider = "set poses.matching=exhaustive or a larger poses.overlap, " if strategy == "sequential" else ""
+    wider = "set poses.matching=exhaustive, " if strategy == "sequential" else ""
     return (
         f"{problem}\nAdd views in between (a smaller frames.stride), remove blurred and blank frames, "
         f"{wider}or accept the loss: poses.min_registered={share:g}"
