@@ -1,6 +1,6 @@
 """Stage ``segments``: segment the frames at three levels and track the instances through the video."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +21,9 @@ from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
 from egosplat.segments.classical.segmenter import segment_video
-from egosplat.segments.duplicate_levels import drop_levels, find_duplicate_levels
-from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
+from egosplat.segments.instances import Segmented, finalize_instances
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.placed_points import PlacedPoints
-
-# Time between two checkpoints [s].
-CHECKPOINT_S = 60.0
 
 
 def run(
@@ -59,10 +55,10 @@ def run(
     transient = _open_transient(transient_path, frames, options)
     placed = PlacedPoints(prompts_path, frames) if options.by_depth else None
     inputs = [one for one in (frames, transient, placed and placed.artifact) if one is not None]
-    made = provenance.begin_from("segments", asdict(options) | by_survey, inputs, models)
+    made = provenance.begin_from("segments", options.as_dict() | by_survey, inputs, models)
     video = _Video(frames, np.flatnonzero(kept), transient, placed)
     # The key makes the checkpoint of other inputs or options invalid.
-    checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
+    checkpoint = Checkpoint(output, provenance.key_of(made))
     if options.segmenter == "classical":
         segmented = segment_video(video.image, len(video.frame), frames.read("valid"))
     else:
@@ -142,19 +138,16 @@ def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkp
 
 
 def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:
-    """Merge duplicates, drop short tracks and repeated levels, and write the remaining instances."""
+    """Merge duplicates, drop short tracks, and write the remaining instances."""
     labels, count = segmented.labels, video.source.shape("rgb")[0]
     place_of = {int(frame): place for place, frame in enumerate(video.frame)}
     single = options.single_frames
     final = finalize_instances(segmented, 1 if single else options.min_frames)
     if len(final.kept) == 0:
         raise UserError(
-            "segments: no instance was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
+            "segments: no instance was found in any frame. Raise segments.points_per_side or lower segments.min_area, "
             "or set segments.segmenter to classical"
         )
-    final, repeated = (
-        _drop_duplicate_levels(segmented, final) if options.levels == "auto" and not single else (final, {})
-    )
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
     occupancy = Occupancy(len(final.kept), video.source.read("valid"))
@@ -175,7 +168,7 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
     artifact.put("instances/first_frame", begun.astype(np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
     dropped = len(segmented.instances) - len(final.kept)
-    log(f"{len(final.kept)} instances ({by_level}); {dropped} merged, repeated or seen in too few frames")
+    log(f"{len(final.kept)} instances ({by_level}); {dropped} merged or seen in too few frames")
     if single:
         log(f"{int(moving.sum())} of them move and are tracked; all others are masks of one frame")
     artifact.facts = {
@@ -184,22 +177,9 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
         "found": len(segmented.instances),
         "moving": int(moving.sum()),
         "merged": final.merged,
-        "repeats": {LEVELS[one]: LEVELS[other] for one, other in repeated.items()},
         **occupancy.figures(tracked=not single),
         **_to_frame_indices(segmented.notes, video),
     }
-
-
-def _drop_duplicate_levels(
-    segmented: Segmented, final: FinalInstances
-) -> tuple[FinalInstances, dict[int, int]]:
-    """Drop the levels that repeat another; returns the remaining instances, and the kept level of each dropped one."""
-    level = np.array([segmented.instances[number].level for number in final.kept], dtype=np.int8)
-    repeated = find_duplicate_levels(segmented.labels, final.table, level, len(LEVELS))
-    for one, other in repeated.items():
-        log(f"level {LEVELS[one]} is dropped: it repeats {LEVELS[other]}")
-    table = drop_levels(repeated, final.table, level)
-    return replace(final, table=table, kept=final.kept[~np.isin(level, list(repeated))]), repeated
 
 
 def _to_frame_indices(notes: dict[str, Any], video: _Video) -> dict[str, Any]:

@@ -3,11 +3,8 @@
 from html import escape
 from importlib import resources
 
-from egosplat.output_files import text_kind
-
 # Generator named in the page's metadata.
 GENERATOR = "egosplat page"
-PAGE = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
 
 # Scripts of the page, in the order of their definitions.
 SCRIPTS = (

@@ -44,7 +44,7 @@ EVERY_MASK = {
     "min_area": 0.0,
     "min_frames": 1,
 }
-FEW = {"image_size": 128, "points_per_side": 2, "crops_per_side": 1, "max_instances": 2, "levels": "all"}
+FEW = {"image_size": 128, "points_per_side": 2, "crops_per_side": 1, "max_instances": 2}
 
 
 @pytest.fixture
