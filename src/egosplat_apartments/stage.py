@@ -1,7 +1,6 @@
 """Stage ``synthetic``: a synthetic apartment's recording, in ADT's on-disk format."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -11,31 +10,19 @@ from egosplat_apartments.adt_format.adt import write_sequence
 from egosplat_apartments.adt_format.points import semidense_points
 from egosplat_apartments.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Sequence
 from egosplat_apartments.camera.drift import Drift, estimated_trajectory
-from egosplat_apartments.camera.effects import IDEAL, CameraOptions, Effects, make_effects
+from egosplat_apartments.camera.effects import IDEAL, Effects, make_effects
 from egosplat_apartments.camera.filming import Film
 from egosplat_apartments.camera.lens import Lens, make_lens
 from egosplat_apartments.camera.lighting import make_lights
 from egosplat_apartments.camera.render import Renderer
 from egosplat_apartments.in_order import in_order
+from egosplat_apartments.options import SyntheticOptions
 from egosplat_apartments.world.world import World, make_world
-
-
-@dataclass(frozen=True)
-class SyntheticOptions(CameraOptions):
-    """The schema's keys of ``synthetic``; ``config.schema.yaml`` describes each."""
-
-    seed: int
-    size: int
-    fps: float
-    seconds: float
-    objects: int
-    motion: float
 
 
 def run(output: Path, options: SyntheticOptions) -> None:
     """Write the recording's folder at ``output``."""
-    camera = {field.name for field in fields(CameraOptions)}
-    world = {name: value for name, value in asdict(options).items() if name not in camera}
+    world = {name: getattr(options, name) for name in ("seed", "size", "fps", "seconds", "objects", "motion")}
     effects = make_effects(options)
     sequence = make_sequence(name=f"synthetic_apartment_seed{options.seed}", **world, effects=effects)
     write_sequence(sequence, output, jpeg_quality=effects.jpeg_quality)

@@ -27,7 +27,7 @@ rule view_features:
     params:
         **params("view_features"),
     shell:
-        "egosplat view-features {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat view-features {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule features:
@@ -47,7 +47,7 @@ rule features:
     params:
         **params("features"),
     shell:
-        "egosplat features {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat features {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule tiles:
@@ -68,4 +68,4 @@ rule tiles:
     params:
         **params("tiles"),
     shell:
-        "egosplat tiles {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat tiles {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

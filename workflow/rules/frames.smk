@@ -22,7 +22,7 @@ rule synthetic:
     params:
         **params("synthetic"),
     shell:
-        "egosplat synthetic {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat synthetic {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule frames:
@@ -42,7 +42,7 @@ rule frames:
         **params("frames"),
         annotated=is_recording_annotated,
     shell:
-        "egosplat frames {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat frames {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule annotations:
@@ -61,4 +61,4 @@ rule annotations:
     params:
         **params("annotations"),
     shell:
-        "egosplat annotations {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat annotations {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

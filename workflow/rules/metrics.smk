@@ -33,7 +33,7 @@ rule metrics:
     params:
         **params("metrics"),
     shell:
-        "egosplat metrics {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat metrics {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule method_metrics:
@@ -55,7 +55,7 @@ rule method_metrics:
     params:
         **params("method_metrics"),
     shell:
-        "egosplat method-metrics {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat method-metrics {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 localrules:
@@ -67,8 +67,6 @@ rule tables:
     input:
         metrics=lambda _: table_scores(scenes.values()),
         pictures=lambda _: table_pictures(scenes.values()),
-        printed=PACKAGE / "report/tables/paper_numbers.csv",
-        page=PACKAGE / "report/tables/page.html.j2",
     output:
         expand(
             "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
@@ -87,7 +85,8 @@ rule tables:
     params:
         pictures=get_picture_flags,
         code=code_hash(
-            "egosplat.report.tables.stage", ("jinja2", "jsonschema", "pandas")
+            "egosplat.report.tables.stage",
+            libraries=("jinja2", "jsonschema", "pandas"),
         ),
     shell:
         "egosplat tables"

@@ -24,4 +24,4 @@ rule poses:
     params:
         **params("poses"),
     shell:
-        "egosplat poses {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat poses {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

@@ -181,7 +181,9 @@ rule methods_sheet:
         runtime=30,
     params:
         title=get_title,
-        code=code_hash("egosplat.report.sheets.methods_sheet", ("matplotlib", "torch")),
+        code=code_hash(
+            "egosplat.report.sheets.methods_sheet", libraries=("matplotlib", "torch")
+        ),
     shell:
         "egosplat methods-sheet"
         " --title {params.title:q}"
@@ -209,7 +211,7 @@ rule scene_page:
     params:
         **params("scene_page"),
     shell:
-        "egosplat scene-page {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat scene-page {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule story:
@@ -230,7 +232,7 @@ rule story:
         runtime=10,
     params:
         title=get_title,
-        code=code_hash("egosplat.report.story", ("jinja2",)),
+        code=code_hash("egosplat.report.story", libraries=("jinja2",)),
     shell:
         "egosplat story"
         " --title {params.title:q}"

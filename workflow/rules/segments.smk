@@ -26,7 +26,7 @@ rule segments:
     params:
         **params("segments"),
     shell:
-        "egosplat segments {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat segments {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule prompts:
@@ -46,7 +46,7 @@ rule prompts:
     params:
         **params("prompts"),
     shell:
-        "egosplat prompts {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat prompts {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule instances:
@@ -63,7 +63,8 @@ rule instances:
     resources:
         mem_mb=memory("instances"),
         runtime=runtime("instances"),
+        gpu=gpus("instances"),
     params:
         **params("instances"),
     shell:
-        "egosplat instances {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat instances {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

@@ -26,7 +26,7 @@ rule splats:
     params:
         **params("splats"),
     shell:
-        "egosplat splats {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat splats {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule language:
@@ -47,4 +47,4 @@ rule language:
     params:
         **params("language"),
     shell:
-        "egosplat language {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat language {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

@@ -32,4 +32,4 @@ checkpoint survey:
     params:
         **params("survey"),
     shell:
-        "egosplat survey {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat survey {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

@@ -26,7 +26,7 @@ rule transient:
         **params("transient"),
         weights=encoder_weights,
     shell:
-        "egosplat transient {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat transient {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule masks:
@@ -46,4 +46,4 @@ rule masks:
     params:
         **params("masks"),
     shell:
-        "egosplat masks {params.arguments} --output {output:q} {params.flags} 2>&1 | tee {log:q}"
+        "egosplat masks {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

@@ -18,21 +18,24 @@ State = dict[str, Any]
 
 _DIGEST_BYTES = 32
 
+# Wall time between two checkpoints [s]: a killed stage loses a minute.
+EVERY_S = 60.0
+
 
 class Checkpoint:
     """The checkpoint of the artifact at ``output``."""
 
-    def __init__(self, output: Path, key: str, every_s: float) -> None:
+    def __init__(self, output: Path, key: str, every_s: float | None = None) -> None:
         """Describe the checkpoint.
 
         Args:
             key: hash of all that decides the result, see ``provenance.key_of``.
-            every_s: least wall time between two checkpoints [s].
+            every_s: least wall time between two checkpoints [s]; ``EVERY_S`` if it is None.
         """
         # Next to the output and not in it, because the workflow deletes outputs before it makes them.
         self.file = output.parent / f".{output.name}.checkpoint" / "state"
         self._key = key
-        self._every_s = every_s
+        self._every_s = EVERY_S if every_s is None else every_s
         self._saved = time.monotonic()
 
     def load(self) -> State | None:

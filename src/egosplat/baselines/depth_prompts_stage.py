@@ -1,7 +1,7 @@
 """Stage ``prompts``: the points that SAM2 is prompted with where ``segments.point_prompts`` is depth, as in GAGS."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.writer import create
 from egosplat.baselines.granularity import cell_ratios, draw_points, points_a_side
+from egosplat.baselines.options import PromptsOptions
 from egosplat.codes.centers import project_centers
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
@@ -29,14 +30,6 @@ from egosplat.progress import log, track
 
 # Published: a view sees a Gaussian whose depth is that of the surface at its pixel, up to this share.
 TOLERANCE = 0.25
-
-
-@dataclass(frozen=True)
-class PromptsOptions:
-    """Keys of ``splats``; ``config.schema.yaml`` describes each."""
-
-    backend: str
-    seed: int
 
 
 def run(
@@ -61,7 +54,7 @@ def run(
     check_made_from(poses, frames, axes=("frame",))
     check_made_from(splats, frames, poses)
     kept, by_survey = kept_frames(frames, survey_path)
-    record = provenance.begin_from("prompts", asdict(options) | by_survey, [frames, poses, splats])
+    record = provenance.begin_from("prompts", options.as_dict() | by_survey, [frames, poses, splats])
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     rows = np.flatnonzero(split_views(*flags).training)
     _, height, width, _ = frames.shape("rgb")

@@ -5,7 +5,7 @@ counted.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
+from egosplat.baselines.options import MethodMetricsOptions
 from egosplat.errors import UserError
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
@@ -28,9 +29,8 @@ from egosplat.evaluation.document import (
     write_metrics,
 )
 from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queries, find_frames
-from egosplat.evaluation.intervals import IntervalOptions
+from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.queries import (
-    BenchmarkQueries,
     InstanceMap,
     Mask,
     Query,
@@ -42,28 +42,7 @@ from egosplat.evaluation.run_queries import AnsweredQuery
 from egosplat.evaluation.scores import score_query, summarise
 from egosplat.progress import log, track
 from egosplat.query.maps import Found, find_in_maps
-from egosplat.query.options import LANGSPLAT, QueryOptions
-
-
-@dataclass(frozen=True)
-class MethodMetricsOptions(BenchmarkQueries, IntervalOptions):
-    """The keys of ``metrics``, and the keys of ``query`` that read maps; see ``config.schema.yaml``."""
-
-    hit_region: str
-    box_filter: float
-    segmentation_threshold: float
-    majority_filter: float
-
-    @property
-    def query(self) -> QueryOptions:
-        """The options that read the maps."""
-        # The other options of LangSplat's protocol are not used: the relevancy is given.
-        return replace(
-            LANGSPLAT,
-            box_filter=self.box_filter,
-            segmentation_threshold=self.segmentation_threshold,
-            majority_filter=self.majority_filter,
-        )
+from egosplat.query.options import MapOptions
 
 
 def run(
@@ -90,15 +69,15 @@ def run(
     annotations, maps = open_artifact(annotations_path, ANNOTATIONS), open_relevancy(relevancy_path)
     made_from = lineage([frames, poses, annotations])
     record = provenance.begin_from(
-        "method_metrics", asdict(options), [*made_from.found.values(), maps.artifact]
+        "method_metrics", options.as_dict() | asdict(RESAMPLING), [*made_from.found.values(), maps.artifact]
     )
     valid = frames.read("valid")
     _check_size(maps, valid)
     evaluated = find_frames(frames, poses, annotations, rendered={})
     queries = find_asked_queries(annotations, valid, options, evaluated)
     _check_complete(maps, queries)
-    answered = list(_answer(queries, annotations, maps, valid, options.query, options.hit_region))
-    scores = summarise([one.score for one in answered], options)
+    answered = list(_answer(queries, annotations, maps, valid, options, options.hit_region))
+    scores = summarise([one.score for one in answered], RESAMPLING)
     instances = instances_of(annotations)
     document = {
         "format_version": FORMAT_VERSION,
@@ -147,7 +126,7 @@ def _answer(
     annotations: Artifact,
     maps: Relevancy,
     valid: Mask,
-    options: QueryOptions,
+    options: MapOptions,
     hit_region: str,
 ) -> Iterator[AnsweredQuery]:
     for row, in_frame in groupby(track(queries, "reading maps", unit="query"), key=lambda query: query.row):

@@ -9,10 +9,11 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.tiles import TILES
 from egosplat.baselines.decoders import Layers, described
 from egosplat.baselines.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contracted, exponential
 from egosplat.baselines.pixel_views import PixelViews
-from egosplat.baselines.tile_views import TileViews, nearest
+from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.centers import median_depths
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
@@ -20,6 +21,7 @@ from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import invert
 from egosplat.language.lifting import everywhere, shares
 from egosplat.language.loop import Step, Trainee, train
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
@@ -42,6 +44,12 @@ REGULARISER_WEIGHT = 1e-3
 # Values of the widest layer that are held while the field is evaluated at all Gaussians.
 _ROWS_AT_ONCE = 2**14
 
+# Scales at which the field is stored, from 0 to LARGEST_SCALE; each is a level. LERF asks 30.
+SCALES = 8
+
+# Numbers of a code, a linear basis of the field's features. LERF has no codes.
+CHANNELS = 32
+
 
 def field(
     gaussians: Gaussians,
@@ -60,8 +68,8 @@ def field(
     pixels = PixelViews(gaussians, views, settings, options.pixels)
     trained = Field(pixels, tiles, options.seed)
     curve = train(trained, len(views), options.iterations, options.seed, checkpoint)
-    scales = torch.linspace(0.0, LARGEST_SCALE, options.scales, device=gaussians.means.device)
-    code, decoder = baked(trained, gaussians.means, scales, options.channels)
+    scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=gaussians.means.device)
+    code, decoder = baked(trained, gaussians.means, scales, CHANNELS)
     share = shares(gaussians, views, settings, everywhere(views))
     weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
     stands_in = (
@@ -70,7 +78,7 @@ def field(
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"{options.pixels:,} rays of one view an iteration",
         "one sample a ray, at the depth of the shared geometry, not nerfacto's 24",
-        f"{options.scales} scales of a query for 30",
+        f"{SCALES} scales of a query for 30",
     )
     levels = [f"scale {scale:.2f}" for scale in scales.tolist()]
     return Coded(code, share.repeat(1, len(levels)), levels, decoder, curve, stands_in)
@@ -210,3 +218,6 @@ def baked(trained: Field, means: Tensor, scales: Tensor, channels: int) -> tuple
     code = torch.cat([(part - mean.float()) @ basis for part in rows])
     values = torch.cat([basis.reshape(-1), mean.float()]).cpu().numpy()
     return code, Decoder((basis.shape[1], basis.shape[0]), values)
+
+
+METHOD = Method(field, (TILES,), open_tile_views)

@@ -1,7 +1,7 @@
 """Stage ``tiles``: encode the tiles of each training frame with OpenCLIP, at seven scales, as LERF does."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES, scale_name
 from egosplat.artifacts.writer import Writer, create
 from egosplat.baselines.image_maps import image_maps
+from egosplat.baselines.options import TilesOptions
 from egosplat.baselines.tiles import Scale, pyramid
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
@@ -29,21 +30,8 @@ from egosplat.progress import log, track
 Pixels = NDArray[np.uint8]
 Halves = NDArray[np.float16]
 
-_CHECKPOINT_S = 60.0
-
-
-@dataclass(frozen=True)
-class TilesOptions:
-    """Configuration keys of the stage, and the models' of ``models``; ``config.schema.yaml`` describes each."""
-
-    regulariser: str
-    batch: int
-    clip_model: str
-    clip_checkpoint: str
-    sam2_config: str
-    sam2_checkpoint: str
-    device: str
-    precision: str
+# Tiles per OpenCLIP batch. The order of sums, and so the last digit, depends on it.
+BATCH = 128
 
 
 def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: Path | None = None) -> None:
@@ -62,13 +50,13 @@ def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: 
         raise UserError(f"{frames_path}: no frame is for training; see frames.holdout")
     clip = load_open_clip(options.clip_model, options.clip_checkpoint, options.device, options.precision)
     used = _model_hashes(options)
-    record = provenance.begin_from("tiles", asdict(options) | by_survey, [frames], used)
+    record = provenance.begin_from("tiles", options.as_dict() | by_survey, [frames], used)
     _, height, width, _ = frames.shape("rgb")
     scales, turned = pyramid(height, width), lies_on_its_side(frames)
-    checkpoint = Checkpoint(output, provenance.key_of(record), _CHECKPOINT_S)
+    checkpoint = Checkpoint(output, provenance.key_of(record))
     done = _resumed(checkpoint)
     for row in track(rows[len(done) :], "encoding tiles"):
-        done.append(encode_tiles(clip, frames.row("rgb", row), scales, turned, options.batch))
+        done.append(encode_tiles(clip, frames.row("rgb", row), scales, turned, BATCH))
         checkpoint.save_if_due(lambda: {"done": [torch.from_numpy(one) for one in done]})
     facts = _facts(scales, options, used)
     with create(output, TILES, record) as artifact:
@@ -120,7 +108,7 @@ def cut_tiles(rgb: Pixels, scale: Scale) -> Iterator[Pixels]:
 
 def _model_hashes(options: TilesOptions) -> dict[str, str]:
     kinds = [CLIP, SAM2] if options.regulariser == "sam2" else [CLIP]
-    keys = asdict(options)
+    keys = options.as_dict()
     return {
         kind.checkpoint_key: model_hash(
             kind, {key: keys[key] for key in (kind.config_key, kind.checkpoint_key)}

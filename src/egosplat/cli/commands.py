@@ -1,5 +1,6 @@
-"""The command line: a sub-command for each stage, with the stage's configuration keys as flags."""
+"""The command line: a sub-command for each stage, with the stage's paths as flags and its keys in ``--set``."""
 
+import json
 import os
 import sys
 from collections.abc import Callable
@@ -7,14 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.utils import make_default_short_help
 
 import egosplat
-from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, stage_flags
+from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
 from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
-from egosplat.pipeline.config import stage_keys
-from egosplat.pipeline.config_table import keys_page
+from egosplat.pipeline.config import stage_options
+from egosplat.pipeline.config_table import json_schema, keys_page
+from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
 from egosplat.progress import show_log
@@ -22,13 +25,29 @@ from egosplat.progress import show_log
 # Half of the longest message about a flag [characters]; a value may be a whole file.
 _LONGEST = 500
 
-# Commands that are built on demand: their flags come from the configuration's schema.
+# Commands that are built on demand: their keys come from the options of stages.
 _BUILT: dict[str, Callable[[], click.Command]] = {
     "export": export_command,
     "movie": movie_command,
     "query": query_command,
     "page": page_command,
     "view": view_command,
+}
+
+
+# The groups of commands in ``--help``; all others are stages, or pages of several scenes.
+_GROUPS = {
+    "Ask and look": ("query", "view", "page", "export", "movie", "check"),
+    "Set up": ("doctor", "models", "keys"),
+}
+
+# One line of help for each command that is built on demand, because building it imports its options.
+_SHORT = {
+    "query": "Find things in a finished scene by words.",
+    "view": "Look at a finished scene in the browser, and ask it.",
+    "page": "Write a finished scene as one HTML file to share.",
+    "export": "Write a finished scene for other programs.",
+    "movie": "Draw a moving picture of a scene that is asked.",
 }
 
 
@@ -46,6 +65,26 @@ class Commands(click.Group):
         stage = name.replace("-", "_")
         return stage_command(stage) if stage in STAGES else super().get_command(context, name)
 
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands by group, one line each."""
+        named = {name for names in _GROUPS.values() for name in names}
+        others = [name for name in self.list_commands(context) if name not in named]
+        for title, names in {**_GROUPS, "Stages, which the workflow calls": others}.items():
+            longest = max(map(len, others))
+            with formatter.section(title):
+                for name in names:
+                    room = formatter.width - formatter.current_indent - longest - 2
+                    formatter.write_text(f"{name.ljust(longest)}  {self._about(context, name, room)}")
+
+    def _about(self, context: click.Context, name: str, width: int) -> str:
+        """One line about a command."""
+        stage = name.replace("-", "_")
+        text = _SHORT.get(name) or (STAGES[stage].help if stage in STAGES else "")
+        if text:
+            return make_default_short_help(text, width)
+        command = super().get_command(context, name)
+        return command.get_short_help_str(width) if command else ""
+
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(egosplat.__version__, message="egosplat %(version)s")
@@ -57,7 +96,7 @@ def cli() -> None:
     """
 
 
-@cli.command()
+@cli.command(short_help="Verify artifacts: checksums, schemas, what they come from.")
 @click.argument("folders", nargs=-1, required=True, type=ARTIFACT)
 def check(folders: tuple[Path, ...]) -> None:
     """Verify all artifacts and JSON files below FOLDERS: checksums, schemas, and the artifacts they were made from."""
@@ -68,7 +107,7 @@ def check(folders: tuple[Path, ...]) -> None:
         raise UserError(f"{problems} artifact{'s are' if problems > 1 else ' is'} not sound")
 
 
-@cli.command()
+@cli.command(short_help="Write the scores of several scenes as the paper's tables.")
 @click.argument("metrics", nargs=-1, type=ARTIFACT)
 @click.option("--output", type=ARTIFACT, required=True, help="Output folder of the tables.")
 @click.option(
@@ -96,7 +135,7 @@ def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
     run(points, output)
 
 
-@cli.command()
+@cli.command(short_help="Compare cost and accuracy over several scenes.")
 @click.argument("documents", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
 def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
@@ -106,7 +145,7 @@ def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
     run_scenes(documents, output)
 
 
-@cli.command()
+@cli.command(short_help="Draw the answers of several methods side by side.")
 @click.argument("metrics", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--title", required=True, help="Name of the scene.")
 @click.option("--output", type=ARTIFACT, required=True, help="Output picture, .png.")
@@ -119,7 +158,7 @@ def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path, overwrite
     run(metrics, output, title)
 
 
-@cli.command()
+@cli.command(short_help="Tell on one page what became of a scene.")
 @click.argument("files", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--title", required=True, help="Name of the scene.")
 @click.option("--output", type=ARTIFACT, required=True, help="Output page, .html.")
@@ -132,10 +171,13 @@ def story(files: tuple[Path, ...], title: str, output: Path, overwrite: bool) ->
     run(files, output, title)
 
 
-@cli.command()
-def keys() -> None:
+@cli.command(short_help="Print all configuration keys as a Markdown page.")
+@click.option(
+    "--schema", is_flag=True, help="Print a JSON schema instead, with which editors complete and check."
+)
+def keys(schema: bool) -> None:
     """Print all configuration keys with defaults and descriptions as a Markdown page."""
-    click.echo(keys_page())
+    click.echo(json.dumps(json_schema(), indent=2) if schema else keys_page())
 
 
 CONFIGFILE = click.option(
@@ -146,7 +188,7 @@ CONFIG = click.option(
 )
 
 
-@cli.command()
+@cli.command(short_help="Report what this machine can do and what is missing.")
 @CONFIGFILE
 @CONFIG
 def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
@@ -160,7 +202,7 @@ def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
         raise SystemExit(1)
 
 
-@cli.group(invoke_without_command=True)
+@cli.group(invoke_without_command=True, short_help="List and download the checkpoints that are needed.")
 @CONFIGFILE
 @CONFIG
 @click.option("--all", "every", is_flag=True, help="List the whole catalogue of published checkpoints.")
@@ -212,20 +254,19 @@ def download(
 
 
 def stage_command(stage: str) -> click.Command:
-    """Build the command of a stage, with a flag for each path and each configuration key."""
+    """Build the command of a stage, with a flag for each path, and ``--set`` for its keys."""
 
-    def call(**values: Any) -> None:
+    def call(options: Options | None = None, **paths: Any) -> None:
         from egosplat.alarms.artifact_alarms import log_warnings
 
         if stage in FILES:
-            check_output(values["output"], STAGES[stage].output, overwrite=values.pop("overwrite"))
-        keys = {name: values.pop(name) for name in stage_keys(stage)}
-        run_stage(stage, keys, **values)
-        log_warnings(stage, values["output"])
+            check_output(paths["output"], STAGES[stage].output, overwrite=paths.pop("overwrite"))
+        run_stage(stage, options, **paths)
+        log_warnings(stage, paths["output"])
 
-    return click.Command(
-        stage.replace("_", "-"), callback=call, params=stage_flags(stage), help=STAGES[stage].help
-    )
+    about = {"callback": call, "params": path_flags(stage), "help": STAGES[stage].help}
+    name, keys = stage.replace("_", "-"), stage_options(stage)
+    return KeysCommand(name, keys, stage, **about) if keys else click.Command(name, **about)
 
 
 def main() -> None:

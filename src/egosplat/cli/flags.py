@@ -1,17 +1,19 @@
-"""Flags of commands: one for each key of the configuration, and for each path of a stage."""
+"""Options on the command line: ``--options`` and ``--set``, and the keys that they take, listed by ``--help``."""
 
 import json
-import math
-from collections.abc import Callable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from egosplat.pipeline.config import schema, section_keys, stage_keys
+from egosplat.errors import UserError
+from egosplat.pipeline.checked_options import make_options
+from egosplat.pipeline.config import parse_value
+from egosplat.pipeline.messages import described, shortened, shown
+from egosplat.pipeline.options import Options, describe, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
-from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
-from egosplat.pipeline.validation import LARGEST_INTEGER
+from egosplat.pipeline.validation import schema
 
 ARTIFACT = click.Path(path_type=Path)
 
@@ -32,29 +34,6 @@ SCENE = {
 }
 
 
-class TextList(click.ParamType):
-    """A YAML list of at least ``least`` texts: ``[object, "some thing"]``."""
-
-    name = "list"
-
-    def __init__(self, least: int) -> None:
-        self.least = least
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[str, ...]:
-        """Parse the list. A value that is already a list is returned as it is."""
-        try:
-            texts = load_yaml(value) if isinstance(value, str) else value
-        except NO_YAML:
-            texts = None
-        if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
-            self.fail(f"{value!r} is not a list of texts, as in [object, things]", parameter, context)
-        if len(texts) < self.least:
-            self.fail(f"needs at least {self.least} text", parameter, context)
-        return tuple(texts)
-
-
 class Json(click.ParamType):
     """A JSON value."""
 
@@ -71,21 +50,133 @@ class Json(click.ParamType):
 JSON = Json()
 
 
-class OrWord(click.ParamType):
-    """A number or one word."""
+class KeysCommand(click.Command):
+    """A command with options, whose keys ``--help`` lists. The callback gets them as ``options``.
 
-    def __init__(self, number: click.ParamType, word: str) -> None:
-        self.number, self.word, self.name = number, word, f"{number.name} or {word}"
+    Attributes:
+        options: their class.
+        own: section of the keys that are in no shared one.
+        plain: keys with a flag of their own. With such, only ``--help-all`` lists the keys.
+    """
 
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> int | float | str:
-        """Return the word as it is, or parse the number."""
-        return value if value == self.word else self.number.convert(value, parameter, context)
+    def __init__(
+        self,
+        name: str,
+        options: type[Options],
+        own: str,
+        params: Sequence[click.Parameter],
+        plain: Sequence[str] = (),
+        **rest: Any,
+    ) -> None:
+        self.options, self.own, self.plain = options, own, plain
+        flags = [
+            *(self._plain_flag(key) for key in plain),
+            click.Option(
+                ["--options", "given"],
+                type=JSON,
+                default="{}",
+                hidden=bool(plain),
+                help="Values of keys as JSON.",
+            ),
+            click.Option(
+                ["--set", "pairs"],
+                multiple=True,
+                metavar="KEY=VALUE",
+                help=f"Value of a key{', see --help-all' if plain else ''}. May be repeated.",
+            ),
+            click.Option(
+                ["--help-all"],
+                is_flag=True,
+                is_eager=True,
+                expose_value=False,
+                callback=_show_all,
+                help="Show all keys with their whole descriptions.",
+            ),
+        ]
+        super().__init__(name, params=[*params, *flags], **rest)
+
+    def invoke(self, context: click.Context) -> Any:
+        """Call the callback with checked options."""
+        given, pairs = context.params.pop("given"), context.params.pop("pairs")
+        flags = {name: context.params.pop(name) for name in self.plain}
+        pairs = [*(f"{name}={value}" for name, value in flags.items() if value is not None), *pairs]
+        context.params["options"] = read_options(self.options, self.own, given, pairs)
+        return super().invoke(context)
+
+    def _plain_flag(self, name: str) -> click.Option:
+        about = _about(describe(self.options, name), keys_of(self.options)[name], whole=False)
+        return click.Option([f"--{name.replace('_', '-')}", name], metavar="VALUE", help=about)
+
+    def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the flags, then the keys."""
+        super().format_options(context, formatter)
+        keys, every = keys_of(self.options), context.obj == "all"
+        if self.plain and not every:
+            return
+        sections = sections_of(self.options, self.own)
+        names = [
+            *sections.get(self.own, ()),
+            *(name for own in sections if own != self.own for name in sections[own]),
+        ]
+        readings = [name for name in names if keys[name].get("reading")]
+        self._write_keys("Keys", [name for name in names if name not in readings], every, formatter)
+        if every:
+            self._write_keys("Readings of the paper", readings, every, formatter)
+
+    def _write_keys(
+        self, title: str, names: Iterable[str], whole: bool, formatter: click.HelpFormatter
+    ) -> None:
+        keys = keys_of(self.options)
+        rows = [(name, _about(describe(self.options, name), keys[name], whole)) for name in names]
+        if rows:
+            with formatter.section(title):
+                formatter.write_dl(rows, col_max=28)
 
 
-def stage_flags(stage: str) -> list[click.Parameter]:
-    """The flags of a stage: its paths, what the table of scenes says, and its keys."""
+def _about(text: str, key: dict[str, Any], whole: bool) -> str:
+    """Describe a key: what it is, its default, and what is allowed."""
+    sentence = text if whole else first_sentence(text)
+    return f"{sentence} [default: {shown(key['default'])}; {described(key)}]"
+
+
+def first_sentence(text: str) -> str:
+    """Get the first sentence of a description."""
+    return text.split(". ")[0].rstrip(".") + "."
+
+
+def _show_all(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    if asked:
+        context.obj = "all"
+        click.echo(context.get_help())
+        context.exit()
+
+
+def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[str]) -> Options:
+    """Make options from values and from words such as ``iterations=500`` or ``run.seed=1``, which win.
+
+    Args:
+        own: section of the keys that are in no shared one.
+
+    Raises:
+        UserError: a key is unknown or has a forbidden value; names the first one.
+    """
+    if not isinstance(given, dict):
+        raise UserError(f"--options: {shortened(given)} is no JSON object")
+    names = {
+        name: f"{section}.{name}" for section, part in sections_of(options, own).items() for name in part
+    }
+    short = {full: name for name, full in names.items()}
+    values = dict(given)
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not (equals and key):
+            raise UserError(f"--set: {shortened(pair)} is not of the form key=value, as in iterations=500")
+        values[short.get(key, key)] = parse_value(value, f"--set {shortened(pair)}")
+    return make_options(options, values, "--set" if pairs else "--options", names)
+
+
+def path_flags(stage: str) -> list[click.Parameter]:
+    """Make the flags of a stage: its paths, and what the table of scenes says."""
     about = STAGES[stage]
     paths = [
         click.Option(
@@ -96,48 +187,5 @@ def stage_flags(stage: str) -> list[click.Parameter]:
         )
         for name, text in path_help(about).items()
     ]
-    keys = (flag(name, key) for name, key in stage_keys(stage).items())
     overwrite = [click.Option(["--overwrite"], **OVERWRITE)] if stage in FILES else []
-    return [*paths, *overwrite, *(SCENE[name] for name in about.scene), *keys]
-
-
-def flag(name: str, key: dict[str, Any]) -> click.Option:
-    """The flag of a configuration key, from the key's schema."""
-    text = "--" + name.replace("_", "-")
-    common: dict[str, Any] = {"default": key["default"], "show_default": True, "help": key["description"]}
-    if "enum" in key:
-        return click.Option([text, name], type=click.Choice(key["enum"]), **common)
-    kind = key["type"] if isinstance(key["type"], str) else key["type"][0]
-    if kind == "boolean":
-        return click.Option([f"{text}/--no-{text[2:]}"], **common)
-    if kind == "array":
-        return click.Option([text, name], type=TextList(key.get("minItems", 0)), **common)
-    if kind == "string":
-        return click.Option([text, name], **common)
-    number = _range(kind, key)
-    word = key.get("pattern", "").strip("^$")
-    return click.Option([text, name], type=OrWord(number, word) if word else number, **common)
-
-
-class Finite(click.FloatRange):
-    """A finite number in a range. Rejects infinity, and NaN, which passes every bound."""
-
-    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
-        """Parse the number."""
-        number = super().convert(value, parameter, context)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is not a finite number", parameter, context)
-        return number
-
-
-def _range(kind: str, key: dict[str, Any]) -> click.ParamType:
-    make: Callable[..., click.ParamType] = {"integer": click.IntRange, "number": Finite}[kind]
-    lower = key.get("exclusiveMinimum", key.get("minimum"))
-    upper = key.get("exclusiveMaximum", key.get("maximum", LARGEST_INTEGER if kind == "integer" else None))
-    return make(min=lower, max=upper, min_open="exclusiveMinimum" in key, max_open="exclusiveMaximum" in key)
-
-
-def query_flags() -> list[click.Option]:
-    """The flags of a command that answers queries."""
-    models = {name: section_keys("models")[name] for name in ("device", "precision")}
-    return [flag(name, key) for name, key in {**section_keys("query"), **models}.items()]
+    return [*paths, *overwrite, *(SCENE[name] for name in about.scene)]

@@ -1,22 +1,29 @@
 """Commands on the folder of a finished scene: ``query``, ``page``, ``view``, ``export`` and ``movie``.
 
-Their flags come from the configuration's schema, so each is built only when it is called.
+Their keys come from the options of stages, so each is built only when it is called.
 """
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from egosplat.cli.flags import ARTIFACT, OVERWRITE, flag, query_flags
+from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand
+from egosplat.export.formats import FORMATS, plan_export
 from egosplat.files import check_output
-from egosplat.pipeline.config import stage_keys
-from egosplat.pipeline.scene_folder import check_scene_folder, title_of
-from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
+from egosplat.pipeline.stages import STAGES
+from egosplat.query.options import AskingOptions
+from egosplat.viewing.options import PageOptions, ScenePageOptions
+
+FOLDER = click.Argument(["folder"], type=ARTIFACT)
+PHRASES = click.Argument(["phrases"], nargs=-1, required=True)
+# Keys with a flag of their own; --help-all lists the others, for --set.
+PLAIN = ("min_score",)
+REPLACE = click.Option(["--overwrite"], **OVERWRITE)
 
 
 def query_command() -> click.Command:
-    """Build the command ``query``, with a flag for each key of the section ``query``."""
+    """Build the command ``query``, with the keys of the section ``query``."""
 
     def call(
         folder: Path,
@@ -26,28 +33,26 @@ def query_command() -> click.Command:
         most: int,
         output: Path | None,
         overwrite: bool,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
+        options: AskingOptions,
     ) -> None:
-        from egosplat.query.command import Asking, run
-        from egosplat.query.options import QueryOptions
-
-        check_scene_folder(folder, ("frames", "poses", "splats", "language"))
+        check_scene_folder(folder, ASKED)
         output = output or folder / "query.png"
         check_output(output, "query.png", overwrite=overwrite)
-        asking, options = Asking(frame, pose, most, output), QueryOptions(**keys)
-        how = {"backend": backend, "device": device, "precision": precision}
-        for part in run(folder, phrases, asking, options, **how):
+        from egosplat.query.command import run
+        from egosplat.query.opening import open_scene
+
+        scene = open_scene(folder, options)
+        for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output):
             click.echo(part)
 
-    return click.Command(
+    return KeysCommand(
+        "query",
+        AskingOptions,
         "query",
         callback=call,
         params=[
-            click.Argument(["folder"], type=ARTIFACT),
-            click.Argument(["phrases"], nargs=-1, required=True),
+            FOLDER,
+            PHRASES,
             click.Option(
                 ["--frame"],
                 type=click.IntRange(min=0),
@@ -66,54 +71,57 @@ def query_command() -> click.Command:
                 help="Largest number of matches listed for the whole scene.",
             ),
             click.Option(["--output"], type=ARTIFACT, help="Output image, .png. [default: FOLDER/query.png]"),
-            click.Option(["--overwrite"], **OVERWRITE),
-            *query_flags(),
+            REPLACE,
         ],
+        plain=PLAIN,
         help="Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1.",
     )
 
 
 def page_command() -> click.Command:
-    """Build the command ``page``, with the flags of the stage ``scene_page`` but its paths."""
-    stage = "scene_page"
+    """Build the command ``page``, with the keys of the stage ``scene_page``."""
+    stage = STAGES["scene_page"]
 
-    def call(folder: Path, output: Path | None, overwrite: bool, title: str | None, **keys: Any) -> None:
-        from egosplat.artifacts.locating import locate
+    def call(
+        folder: Path, output: Path | None, overwrite: bool, title: str | None, options: ScenePageOptions
+    ) -> None:
+        check_scene_folder(folder, stage.inputs)
+        target = output or folder / stage.output
+        check_output(target, stage.output, overwrite=overwrite)
+        from egosplat.export.page import write_page
 
-        inputs = STAGES[stage].inputs
-        check_scene_folder(folder, inputs)
-        paths = dict(zip(inputs, locate(folder, *inputs), strict=True))
-        target = output or folder / STAGES[stage].output
-        check_output(target, STAGES[stage].output, overwrite=overwrite)
-        run_stage(stage, keys, **paths, output=target, title=title or title_of(folder))
+        write_page(folder, target, options, title)
 
-    return click.Command(
+    return KeysCommand(
         "page",
+        ScenePageOptions,
+        "scene_page",
         callback=call,
         params=[
-            click.Argument(["folder"], type=ARTIFACT),
+            FOLDER,
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output page, .html. [default: FOLDER/scene.html]"
             ),
-            click.Option(["--overwrite"], **OVERWRITE),
+            REPLACE,
             click.Option(["--title"], help="Title of the scene. [default: dataset/scene]"),
-            *(flag(name, key) for name, key in stage_keys(stage).items()),
         ],
+        plain=PLAIN,
         help="Write the finished scene of FOLDER as one HTML file to share: it answers queries in the browser.",
     )
 
 
 def view_command() -> click.Command:
-    """Build the command ``view``, with the flags of the page but those of OpenCLIP, which the scene tells."""
+    """Build the command ``view``, with the keys of the page but those of OpenCLIP, which the scene tells."""
 
-    def call(folder: Path, host: str, port: int, **keys: Any) -> None:
+    def call(folder: Path, host: str, port: int, options: PageOptions) -> None:
         from egosplat.viewing.command import run
 
-        run(folder, keys, host, port)
+        run(folder, dict(options), host, port)
 
-    known = {"clip_model", "clip_checkpoint"}
-    return click.Command(
+    return KeysCommand(
         "view",
+        PageOptions,
+        "scene_page",
         callback=call,
         params=[
             click.Argument(["folder"], type=ARTIFACT),
@@ -130,63 +138,41 @@ def view_command() -> click.Command:
                 show_default=True,
                 help="0: any free port.",
             ),
-            *(flag(name, key) for name, key in stage_keys("scene_page").items() if name not in known),
         ],
+        plain=PLAIN,
         help="Show the finished scene of FOLDER, such as results/adt/scene1, in the browser.",
     )
 
 
 def export_command() -> click.Command:
-    """Build the command ``export``, with a flag for each key of the section ``query``."""
-    needs = {
-        "ply": ("splats",),
-        "spz": ("splats",),
-        "instances": ("splats", "instances"),
-        "nerfstudio": ("frames", "poses", "splats"),
-        "colmap": ("frames", "poses", "splats"),
-    }
+    """Build the command ``export``, with the keys of the section ``query``."""
 
     def call(
         folder: Path,
-        format: str,
+        format: str | None,
         output: Path | None,
         overwrite: bool,
         query: str | None,
         codes: bool,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
+        options: AskingOptions,
     ) -> None:
-        if format == "html":
-            click.get_current_context().invoke(
-                page_command(), folder=folder, output=output, overwrite=overwrite
-            )
-            return
-        from egosplat.export.command import Exporting, own_name, run
-        from egosplat.query.options import QueryOptions
+        what = plan_export(folder, output, format=format, query=query, codes=codes, overwrite=overwrite)
+        from egosplat.export.command import run
 
-        asked = ("frames", "poses", "language") if query is not None else ()
-        coded = ("language",) if codes and format == "ply" else ()
-        check_scene_folder(folder, dict.fromkeys((*needs[format], *asked, *coded)))
-        how = {"backend": backend, "device": device, "precision": precision}
-        what = Exporting(format, output or folder / own_name(format, query), query, codes)
-        if Path(own_name(format, query)).suffix:
-            check_output(what.output, own_name(format, query), overwrite=overwrite)
-        run(folder, what, QueryOptions(**keys), **how)
+        run(folder, what, options)
 
-    return click.Command(
+    return KeysCommand(
         "export",
+        AskingOptions,
+        "query",
         callback=call,
         params=[
-            click.Argument(["folder"], type=ARTIFACT),
+            FOLDER,
             click.Option(
                 ["--format"],
-                type=click.Choice([*needs, "html"]),
-                default="ply",
-                show_default=True,
+                type=click.Choice(list(FORMATS)),
                 help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, "
-                "colmap), or the scene page (html).",
+                "colmap), or the scene page (html). [default: by the suffix of --output, else ply]",
             ),
             click.Option(
                 ["--query"], metavar="WORDS", help="Only the Gaussians of the best answer; ply and spz."
@@ -194,21 +180,21 @@ def export_command() -> click.Command:
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output file or folder.  [default: a name in FOLDER]"
             ),
-            click.Option(["--overwrite"], **OVERWRITE),
+            REPLACE,
             click.Option(
                 ["--codes/--no-codes"],
                 default=True,
                 show_default=True,
                 help="Include the language codes; ply.",
             ),
-            *query_flags(),
         ],
+        plain=PLAIN,
         help="Write the finished scene of FOLDER, such as results/adt/scene1, for other programs.",
     )
 
 
 def movie_command() -> click.Command:
-    """Build the command ``movie``, with a flag for each key of the section ``query``."""
+    """Build the command ``movie``, with the keys of the section ``query``."""
 
     def call(
         folder: Path,
@@ -216,30 +202,28 @@ def movie_command() -> click.Command:
         output: Path | None,
         overwrite: bool,
         side: int,
-        backend: str,
-        device: str,
-        precision: str,
-        **keys: Any,
+        options: AskingOptions,
     ) -> None:
-        check_scene_folder(folder, ("frames", "poses", "splats", "language"))
+        check_scene_folder(folder, ASKED)
         output = output or folder / "query.webp"
         check_output(output, "query.webp", overwrite=overwrite)
         from egosplat.export.movie import run
-        from egosplat.query.options import QueryOptions
+        from egosplat.query.opening import open_scene
 
-        how = {"backend": backend, "device": device, "precision": precision}
-        run(folder, phrases, output, side, QueryOptions(**keys), **how)
+        run(open_scene(folder, options), phrases, output, side)
 
-    return click.Command(
+    return KeysCommand(
         "movie",
+        AskingOptions,
+        "query",
         callback=call,
         params=[
-            click.Argument(["folder"], type=ARTIFACT),
-            click.Argument(["phrases"], nargs=-1, required=True),
+            FOLDER,
+            PHRASES,
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output picture, .webp.  [default: FOLDER/query.webp]"
             ),
-            click.Option(["--overwrite"], **OVERWRITE),
+            REPLACE,
             click.Option(
                 ["--side"],
                 type=click.IntRange(32, 4096),
@@ -247,7 +231,7 @@ def movie_command() -> click.Command:
                 show_default=True,
                 help="Longer side of the picture [px].",
             ),
-            *query_flags(),
         ],
+        plain=PLAIN,
         help="Draw a moving picture of FOLDER that is asked for PHRASES: the camera goes to each answer.",
     )

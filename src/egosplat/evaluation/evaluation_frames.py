@@ -7,8 +7,8 @@ import numpy as np
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
+from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import (
-    BenchmarkQueries,
     InstanceMap,
     Mask,
     Query,
@@ -118,7 +118,7 @@ def find_frames(
 
 
 def find_asked_queries(
-    annotations: Artifact, valid: Mask, options: BenchmarkQueries, frames: Sequence[Frame]
+    annotations: Artifact, valid: Mask, options: ScoringOptions, frames: Sequence[Frame]
 ) -> list[Query]:
     """The queries of the frames with a pose, see ``find_queries``."""
     # Without a pose there is no view to render, which is no fault of the answer.

@@ -1,30 +1,61 @@
 """Options of the stage ``metrics``."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal
 
-from egosplat.evaluation.intervals import IntervalOptions
-from egosplat.evaluation.queries import BenchmarkQueries
-from egosplat.query.options import QueryOptions
-
-
-@dataclass(frozen=True)
-class MetricsOptions(QueryOptions, BenchmarkQueries, IntervalOptions):
-    """The keys of ``metrics``, ``query``, ``presence`` and of OpenCLIP in ``models``; see ``config.schema.yaml``."""
-
-    backend: str
-    hit_region: str
-    negatives: tuple[str, ...]
-    clip_model: str
-    clip_checkpoint: str
-    device: str
-    precision: str
+from egosplat.pipeline.options import READING, UNIQUE, Options, Share, Text
+from egosplat.pipeline.shared_options import ClipOptions
+from egosplat.query.options import AskingOptions
 
 
-def metrics_options(keys: Mapping[str, Any]) -> MetricsOptions:
-    """Make the options from keys with lists, as the configuration and ``metrics.json`` hold them."""
-    named = {field.name: keys[field.name] for field in fields(MetricsOptions)}
-    return MetricsOptions(
-        **{key: tuple(value) if isinstance(value, list) else value for key, value in named.items()}
+class PresenceOptions(Options):
+    """Queries to the whole scene for objects that it does not have."""
+
+    section: ClassVar[str] = "presence"
+
+    # fmt: off
+    negatives: Annotated[tuple[Text, ...], UNIQUE] = (
+        "armchair", "basketball", "bed frame", "book", "bookcase", "bottle", "bowl", "box", "cabinet",
+        "candle", "clothes basket", "coaster", "coffee table", "couch", "cup", "cutting board", "desk",
+        "desk clock", "desk lamp", "dining chair", "dining table", "figurine", "house plant",
+        "laptop computer", "magazine", "mattress", "pillow", "plate", "pot", "refrigerator",
+        "remote control", "shelf", "side table", "speaker", "step stool", "tea kettle", "television",
+        "tissue box", "toaster", "toy", "trash can", "tv stand", "vase", "wall clock", "bathtub", "bicycle",
+        "car", "elephant", "fish tank", "giraffe", "guitar", "horse", "lawn mower", "piano",
+        "sewing machine", "spaceship", "surfboard", "toilet", "traffic light", "umbrella",
     )
+    # fmt: on
+    """Phrases of absent objects, queried in the whole scene to measure false answers. Those that the recording's
+    annotations name are left out. The names are ADT's; do not add another name of an object that the scene has."""
+
+
+class ScoringOptions(Options):
+    """Selection of the benchmark's queries, and their scoring."""
+
+    section: ClassVar[str] = "metrics"
+
+    min_area: Annotated[Share, READING] = 0.001
+    """Smallest fraction of an annotated frame that a category's instances must cover to be queried there, for
+    static and dynamic instances separately (docs/method.md#smallest-target). The paper names no limit; EgoLifter
+    uses 0.001. Smaller adds more and harder queries."""
+
+    excluded: tuple[Text, ...] = ("shelter",)
+    """Categories that are not queried, by their names in the recording's annotations. ADT's shelter is the room
+    itself."""
+
+    people: bool = False
+    """Query people too. The paper does not say whether it does. Moving pixels are masked out of training, so this
+    scores the absence of people."""
+
+    hit_region: Annotated[Literal["box", "mask"], READING] = "box"
+    """Region that the most relevant pixel must hit. box: the bounding box of an instance, as in LangSplat's
+    benchmark. mask: its pixels, which is stricter."""
+
+
+class MetricsOptions(ScoringOptions, AskingOptions, PresenceOptions, ClipOptions):
+    """How a scene is queried and scored."""
+
+
+def recorded_options(record: Mapping[str, Any]) -> MetricsOptions:
+    """Make the options that ``metrics.json`` records."""
+    return MetricsOptions.model_validate({name: record[name] for name in MetricsOptions.model_fields})

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
+from egosplat.evaluation.options import ScoringOptions
 from egosplat.frames.recording import Instance
 
 # Groups with separate scores, as in the paper's tables.
@@ -14,20 +15,6 @@ GROUPS = ("static", "dynamic", "all")
 
 InstanceMap = NDArray[np.int32]
 Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class BenchmarkQueries:
-    """Options that select pairs of a frame and a category.
-
-    Attributes:
-        min_area: minimum share of the image that a group of a category must cover to count in a frame.
-        excluded: categories without queries, such as ADT's ``shelter`` (walls, floor, ceiling).
-    """
-
-    min_area: float
-    excluded: tuple[str, ...]
-    people: bool
 
 
 @dataclass(frozen=True)
@@ -50,7 +37,7 @@ class Query:
     instances: Mapping[str, tuple[int, ...]]
 
 
-def find_queries(annotations: Artifact, valid: Mask, options: BenchmarkQueries) -> list[Query]:
+def find_queries(annotations: Artifact, valid: Mask, options: ScoringOptions) -> list[Query]:
     """Find all queries of an annotations artifact, ordered by frame, then category.
 
     Args:
@@ -76,7 +63,7 @@ def instances_of(annotations: Artifact) -> list[Instance]:
 
 
 def categories(
-    instance_map: InstanceMap, instances: Sequence[Instance], options: BenchmarkQueries
+    instance_map: InstanceMap, instances: Sequence[Instance], options: ScoringOptions
 ) -> Iterator[tuple[str, dict[str, tuple[int, ...]]]]:
     """The categories to query in one frame, in alphabetical order, with their instances by group.
 
@@ -102,6 +89,6 @@ def categories(
             yield category, large
 
 
-def _is_asked(instance: Instance, options: BenchmarkQueries) -> bool:
+def _is_asked(instance: Instance, options: ScoringOptions) -> bool:
     person = instance.instance_type == "human"
     return instance.category not in options.excluded and (options.people or not person)

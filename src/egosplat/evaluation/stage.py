@@ -15,7 +15,7 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.lineage import Lineage, lineage
+from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.provenance import Provenance
@@ -37,6 +37,7 @@ from egosplat.evaluation.evaluation_frames import (
     find_asked_queries,
     read_evaluation,
 )
+from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS
@@ -45,9 +46,8 @@ from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
-from egosplat.query.answer import Asker
-from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts, load_clip_of, open_encoded
+from egosplat.query.finished_scene import scene_of
+from egosplat.query.text import open_encoded
 
 
 def run(
@@ -79,22 +79,19 @@ def run(
     artifacts = list(map(open_artifact, paths, schemas))
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
-    made_from = lineage([*artifacts, encoded])
-    keys = asdict(options)
+    scene = scene_of([*artifacts, encoded], options)
+    made_from = scene.made_from
+    keys = options.as_dict() | asdict(RESAMPLING)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
-    model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    clip = load_clip_of(encoded, *model)
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
-    texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
-    scene = read_scene(splats, language, encoded, options.backend)
-    asker = Asker.of(scene, texts, options)
+    asker = scene.asker(sorted({query.category for query in queries}))
     answered = list(run_queries(queries, evaluation, asker, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
-    presence_queries = ask_presence(*phrases, evaluation, scene, clip, options)
+    presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
-    scores = summarise([one.score for one in answered], options)
+    scores = summarise([one.score for one in answered], RESAMPLING)
     used, levels = list(made_from.found.values()), language.facts["levels"]
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     document = {

@@ -1,7 +1,7 @@
 """Stage ``features``: aggregate each instance's consistent feature, form the supervision, compress to codes."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from egosplat.codes.decoder import decode, decoder_metadata
 from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import Aggregate, aggregate
 from egosplat.features.compression import SHARE, Compression, Need, fit
+from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
     agreement,
     agreement_limit,
@@ -57,23 +58,6 @@ class _Aggregated:
     mismatched: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class FeaturesOptions:
-    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
-
-    mad_norm: str
-    mad_k: float
-    normalize: bool
-    supervision: str
-    outlier_target: str
-    mismatched_views: str
-    compression: str
-    dims: int | str
-    min_cosine: float
-    epochs: int
-    seed: int
-
-
 def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> None:
     """Write the features of ``view_features``.
 
@@ -81,7 +65,7 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
         UserError: ``dims`` exceeds the features' channels, or training diverges.
     """
     view_features = open_artifact(view_features_path, VIEW_FEATURES)
-    record = provenance.begin_from("features", asdict(options), [view_features])
+    record = provenance.begin_from("features", options.as_dict(), [view_features])
     views, level = _read(view_features), view_features.read("instances/level")
     known = views.good.nonzero()[0]
     found = aggregate(

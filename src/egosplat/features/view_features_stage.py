@@ -1,7 +1,7 @@
 """Stage ``view_features``: encode each instance with OpenCLIP in each frame that shows it."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -28,15 +28,16 @@ from egosplat.features.crops import (
     encode,
     find_views,
 )
+from egosplat.features.options import ViewFeaturesOptions
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.configs import SMALL
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 from egosplat.progress import log, track
 
-Features = NDArray[np.float32]
+# Crops per OpenCLIP batch. The order of sums, and so the last digit, depends on it.
+BATCH = 64
 
-# Wall time between checkpoints [s].
-CHECKPOINT_S = 60.0
+Features = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -44,19 +45,6 @@ class _Inputs:
     frames: Artifact
     instances: Artifact
     clip: OpenClip
-
-
-@dataclass(frozen=True)
-class ViewFeaturesOptions:
-    """Configuration keys of the stage, and OpenCLIP's of ``models``; ``config.schema.yaml`` describes each."""
-
-    min_area: float
-    max_views: int | None
-    batch: int
-    clip_model: str
-    clip_checkpoint: str
-    device: str
-    precision: str
 
 
 def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeaturesOptions) -> None:
@@ -74,14 +62,14 @@ def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeat
     model = _model_facts(inputs.clip, *used)
     record = provenance.begin_from(
         "view_features",
-        asdict(options),
+        options.as_dict(),
         (frames, instances),
         {CLIP.checkpoint_key: model["hash"]},
     )
     views = find_views(frames, instances, options.min_area, options.max_views)
     # The key holds the device and the precision, too: their features differ in the last bits.
-    checkpoint = Checkpoint(output, provenance.key_of(record, model), CHECKPOINT_S)
-    features = _encoded(inputs, views, options.batch, checkpoint)
+    checkpoint = Checkpoint(output, provenance.key_of(record, model))
+    features = _encoded(inputs, views, BATCH, checkpoint)
     good = _checked(features, options.clip_checkpoint)
     facts = {
         "levels": instances.facts["levels"],

@@ -1,6 +1,6 @@
 """Stage ``frames``: read and rectify the frames of a recording, and split them into training and evaluation."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -9,28 +9,12 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.writer import create
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.readers import open_recording
 from egosplat.frames.recording_files import is_annotated
 from egosplat.frames.split import AUTO, evaluation_count, split_frames
 from egosplat.images import measure_sharpness
 from egosplat.progress import log, track
-
-
-@dataclass(frozen=True)
-class FramesOptions:
-    """The schema's keys of ``frames``; ``config.schema.yaml`` describes each."""
-
-    resolution: int
-    focal: float
-    upright: bool
-    stride: int
-    start_s: float
-    end_s: float | None
-    evaluation_frames: int | str
-    holdout: bool
-    known_poses: str
-    lens: str
-    pick: str
 
 
 def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
@@ -57,7 +41,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
     annotated = is_annotated(format, recording_path)
     held_out = evaluation_count(options.evaluation_frames, count, annotated)
     train, evaluation = split_frames(count, held_out, options.holdout)
-    made = provenance.begin("frames", asdict(options) | {"format": format}, capture.origin)
+    made = provenance.begin("frames", options.as_dict() | {"format": format}, capture.origin, chosen=format)
     with create(output, FRAMES, made) as artifact:
         artifact.put("valid", capture.valid)
         artifact.put("timestamp_ns", capture.timestamp_ns)

@@ -1,27 +1,13 @@
 """The keys of the section ``camera``, for the stages that train Gaussians."""
 
-from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar
 
 from egosplat.gaussians.corrections import CorrectionOptions, Corrections, scene_depth
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Views
+from egosplat.pipeline.shared_options import CameraOptions
 from egosplat.pipeline.survey_file import read_survey
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraOptions:
-    """Keys of the section ``camera``; ``config.schema.yaml`` describes each."""
-
-    refine_poses: str
-    compensate_exposure: str
-
-    @property
-    def corrections(self) -> CorrectionOptions:
-        """Which corrections are optimized, once ``resolved``."""
-        return CorrectionOptions(self.refine_poses == "on", self.compensate_exposure == "on")
-
 
 Options = TypeVar("Options", bound=CameraOptions)
 
@@ -32,9 +18,14 @@ def resolved(options: Options, survey_path: Path | None) -> Options:
     Raises:
         UserError: the survey cannot be read.
     """
-    keys = [key.name for key in fields(CameraOptions) if getattr(options, key.name) == "auto"]
+    keys = [key for key in CameraOptions.model_fields if getattr(options, key) == "auto"]
     decisions = read_survey(survey_path)["camera"] if keys and survey_path is not None else {}
-    return replace(options, **{name: "on" if decisions.get(name) else "off" for name in keys})
+    return options.change(**{name: "on" if decisions.get(name) else "off" for name in keys})
+
+
+def chosen_corrections(options: CameraOptions) -> CorrectionOptions:
+    """Which corrections are optimized, once ``options`` are ``resolved``."""
+    return CorrectionOptions(options.refine_poses == "on", options.compensate_exposure == "on")
 
 
 def make_corrections(

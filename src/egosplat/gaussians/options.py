@@ -1,53 +1,42 @@
 """Training options, and the schedule and density control they select."""
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from egosplat.gaussians.density_control import DensityControl, DensityOptions
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import STOCK, Schedule, cut, scaled
 
-
-@dataclass(frozen=True, kw_only=True)
-class GrowthOptions:
-    """Keys that the stages ``splats`` and ``transient`` share."""
-
-    iterations: int
-    max_gaussians: int
-    grow_grad2d: float
-    reset_opacity: float
-    reset_at_start: bool
-    prune_screen_px: float | None
-    seed: int
-
-    def training_options(self, render: RenderSettings, **own: Any) -> "TrainingOptions":
-        """Return the options of a training run with these values and ``own`` ones."""
-        shared = {field.name: getattr(self, field.name) for field in fields(GrowthOptions)}
-        return TrainingOptions(render=render, **shared, **own)
+# 3DGS's learning rate and densification threshold.
+POSITION_LR = 1.6e-4
+GROW_GRAD2D = 2e-4
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingOptions(GrowthOptions):
-    """Options of one training run. ``config.schema.yaml`` describes each key and its trade-off.
+class TrainingOptions:
+    """Options of one training run.
 
     Attributes:
         max_gaussians: largest number of Gaussians.
-        position_lr: initial learning rate of the means, per unit of scene extent; it decays to 1/100.
         grow_grad2d: image position gradient above which a Gaussian grows.
         reset_opacity: largest opacity after a reset.
         reset_at_start: also reset opacities when density control begins.
-        cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
         prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
+        cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
         evaluate_every: iterations between two evaluations.
+        position_lr: initial learning rate of the means, per unit of scene extent; it decays to 1/100.
     """
 
     render: RenderSettings
-    position_lr: float
+    iterations: int
+    max_gaussians: int
+    grow_grad2d: float
     evaluate_every: int
+    seed: int
     reset_opacity: float = 0.05
     reset_at_start: bool = False
     prune_screen_px: float | None = None
     cuts_schedule: bool = False
+    position_lr: float = POSITION_LR
 
     @property
     def schedule(self) -> Schedule:

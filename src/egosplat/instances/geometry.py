@@ -3,18 +3,18 @@
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
 from egosplat.compute import single_thread
-from egosplat.gaussians.camera_options import make_corrections
+from egosplat.gaussians.camera_options import chosen_corrections, make_corrections
 from egosplat.gaussians.corrections import applied, corrected_poses
+from egosplat.gaussians.device import training_device
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim
-from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.options import GROW_GRAD2D, TrainingOptions
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
@@ -26,10 +26,6 @@ from egosplat.instances.options import InstancesOptions
 # Comparing masks needs surfaces, not texture: fewer Gaussians than a render, of one color each.
 _MAX_POINTS = 40_000
 _MAX_GAUSSIANS = 60_000
-
-_CHECKPOINT_S = 60.0
-_POSITION_LR = 1.6e-4
-_GROW_GRAD2D = 2e-4
 
 
 def train_geometry(
@@ -50,10 +46,10 @@ def train_geometry(
         key: of the checkpoint.
 
     Returns:
-        Gaussians that do not require gradients, the training views, and the (F, 4, 4) poses of all frames, NaN without
+        Gaussians on the device of the backend that do not require gradients, the training views, and the (F, 4, 4) poses of all frames, NaN without
         one. If poses are refined, these are the refined ones.
     """
-    device = torch.device("cpu")
+    device = training_device(keys.backend)
     views, none = (
         read_views(frames, poses, chosen, device, resolution=keys.resolution)
         for chosen in (training, np.zeros_like(training))
@@ -68,13 +64,13 @@ def train_geometry(
         seed=keys.seed,
     )
     options = training_options(keys)
-    corrections = make_corrections(keys.corrections, start, views, keys.near_plane, keys.iterations)
+    corrections = make_corrections(chosen_corrections(keys), start, views, keys.near_plane, keys.iterations)
     extent = scene_extent(views.camera_to_world)
     state = TrainingState(start, options, extent, L1Ssim(ssim_lambda=0.2), corrections)
     view_sets = ViewSets(views, held_out=none)
-    # Sums over several threads would differ from run to run.
+    # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
-        resume_and_train(state, view_sets, options, Checkpoint(output, key, _CHECKPOINT_S))
+        resume_and_train(state, view_sets, options, Checkpoint(output, key))
     gaussians = state.gaussians.detach()
     gaussians, cameras = gaussians.select(gaussians.finite()), poses.read("camera_to_world")
     if corrections is None:
@@ -99,11 +95,10 @@ def nearest_pixels(size: tuple[int, int], camera: Camera) -> tuple[NDArray[np.in
 def training_options(keys: InstancesOptions) -> TrainingOptions:
     """Return the training options of the temporary Gaussians."""
     return TrainingOptions(
-        render=RenderSettings(keys.near_plane, background="black", antialiased=False, backend="auto"),
+        render=RenderSettings(keys.near_plane, background="black", antialiased=False, backend=keys.backend),
         iterations=keys.iterations,
         max_gaussians=_MAX_GAUSSIANS,
-        position_lr=_POSITION_LR,
-        grow_grad2d=_GROW_GRAD2D,
+        grow_grad2d=GROW_GRAD2D,
         evaluate_every=keys.iterations,
         seed=keys.seed,
     )

@@ -18,6 +18,9 @@ SAMPLE = 20_000
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float32]
 
+# Masks are compared only if their frames have both seen at least this share of the smaller one.
+COMMON = 0.2
+
 
 @dataclass(frozen=True, eq=False)
 class Runs:
@@ -106,7 +109,7 @@ def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
     count = len(runs.votes)
     held, seen = runs.holds() * weight, runs.has_seen().astype(np.float32)
     size = held.sum(1)
-    iou = np.nan_to_num(overlaps(runs, weight, keys.common))
+    iou = np.nan_to_num(overlaps(runs, weight, COMMON))
     np.fill_diagonal(iou, 0.0)
     into = np.arange(count)
     while count:
@@ -126,7 +129,7 @@ def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
                 held @ seen[one],
                 size[one],
                 size,
-                keys.common,
+                COMMON,
             )
         )
         row[one] = 0.0

@@ -1,22 +1,33 @@
 """Options of the stage ``instances``."""
 
-from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from egosplat.gaussians.camera_options import CameraOptions
+from pydantic import Field
+
+from egosplat.pipeline.options import Count
+from egosplat.pipeline.shared_options import BackendOptions, CameraOptions, NearPlaneOptions, SeedOptions
 
 
-@dataclass(frozen=True)
-class InstancesOptions(CameraOptions):
-    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
+class InstancesOptions(CameraOptions, BackendOptions, SeedOptions, NearPlaneOptions):
+    """Instances that hold in 3D, merged from the masks of segments.zarr (docs/method.md#instances-3d)."""
 
-    source: str
-    resolution: int
-    iterations: int
-    inside: float
-    cut_iou: float
-    merge_iou: float
-    common: float
-    drop_iou: float
-    claimed: float
-    seed: int
-    near_plane: float
+    source: Literal["auto", "tracks", "masks", "both"] = "auto"
+    """What becomes an instance. tracks: the tracks of segments.zarr, unchanged, as in the paper. masks: the masks
+    of each frame, merged where they cover the same surfaces; tracks are ignored. both: tracks, cut where
+    consecutive masks disagree, then merged. auto: masks if segments.prompting is each_frame, else tracks."""
+
+    resolution: Annotated[int, Field(ge=32)] = 256
+    """Longer side in pixels at which masks are lifted onto temporary Gaussians and rendered. Larger keeps finer
+    outlines; time grows with its square."""
+
+    iterations: Count = 1000
+    """Training length of the temporary Gaussians. Sharper surfaces give instances sharper outlines
+    (benchmarks/instances/README.md)."""
+
+    inside: Annotated[float, Field(le=1, gt=0)] = 0.5
+    """A Gaussian belongs to a group of masks that hold at least this share of its compositing weight in their
+    frames."""
+
+    merge_iou: Annotated[float, Field(le=1, gt=0)] = 0.4
+    """Masks are merged from this IoU on the Gaussians that their frames have both seen. Lower merges more,
+    neighbors too; higher leaves one thing in pieces."""

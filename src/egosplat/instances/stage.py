@@ -1,6 +1,5 @@
 """Stage ``instances``: merge the masks of segments.zarr into things that hold in 3D."""
 
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +58,10 @@ def run(
     check_made_from(segments, frames, axes=("frame", "height", "width"))
     options = resolved(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
-    record = provenance.begin_from("instances", asdict(options) | by_survey, (frames, poses, segments))
+    record = provenance.begin_from("instances", options.as_dict() | by_survey, (frames, poses, segments))
     if options.source == AUTO:
         # Masks of single frames are no tracks.
-        options = replace(options, source="masks" if segments.facts.get("single_frames") else TRACKS)
+        options = options.change(source="masks" if segments.facts.get("single_frames") else TRACKS)
     if options.source == TRACKS:
         _write_tracks(output, record, segments)
         return
@@ -133,7 +132,7 @@ def _write_things(
         artifact.put("instances/parent", np.pad(scene.parents(), (0, len(tracks.level)), constant_values=-1))
         artifact.put("instances/masks", np.concatenate([scene.masks, tracks.frames]))
         artifact.put("instances/moving", moving)
-        artifact.put("gaussians/xyz", scene.gaussians.means.numpy())
+        artifact.put("gaussians/xyz", scene.gaussians.means.cpu().numpy())
         artifact.put("gaussians/instance", scene.strongest())
         pixels = max(len(shown) * int(scene.valid.sum()), 1)
         figures = {

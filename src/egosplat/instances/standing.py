@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from egosplat.images import evenly_spaced
 from egosplat.instances.lifted_masks import LiftedMasks
-from egosplat.instances.merging import Runs, overlaps
+from egosplat.instances.merging import COMMON, Runs, overlaps
 from egosplat.instances.options import InstancesOptions
 
 APART_S = 1.0
@@ -26,7 +26,7 @@ def standing_tracks(
     Args:
         masks: of tracks; ``instance`` is the track of each.
         time_s: (T,) when each of the T frames was taken [s].
-        keys: ``inside``, ``common`` and ``merge_iou`` are used.
+        keys: ``inside`` and ``merge_iou`` are used.
 
     Returns:
         The instances of these tracks, sorted. A track with too few pairs that show the same surfaces is not among them.
@@ -38,7 +38,7 @@ def standing_tracks(
         frame = masks.frame[some]
         runs = Runs(masks.votes[:, some].toarray().T, masks.seen[frame], keys.inside)
         apart = np.abs(time_s[frame][:, None] - time_s[frame]) >= APART_S
-        alike = overlaps(runs, weight, keys.common)[np.triu(apart, 1)]
+        alike = overlaps(runs, weight, COMMON)[np.triu(apart, 1)]
         alike = alike[~np.isnan(alike)]
         if len(alike) >= LEAST_PAIRS and np.median(alike) >= keys.merge_iou:
             found.append(one)

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds
-from egosplat.instances.merging import merge
+from egosplat.instances.merging import COMMON, merge
 from egosplat.instances.options import InstancesOptions
 
 Ints = NDArray[np.int64]
@@ -16,6 +16,15 @@ _FEW_MASKS = 3
 
 _SURE_FRAMES = 3
 """Frames with a mask of a thing from which its masks count in full: a single wrong mask must not displace what many frames show."""
+
+# With the source ``both``, a track is cut between two masks that overlap less, on what both frames have seen.
+_CUT_IOU = 0.5
+
+# A mask that overlaps its own instance less has no vote, if the instance has other masks.
+_DROP_IOU = 0.3
+
+# An instance is dropped if instances of more masks hold more than this share of its Gaussians.
+_CLAIMED = 0.5
 
 
 def find_things(
@@ -79,7 +88,7 @@ def _agree(masks: LiftedMasks, one: int, other: int, keys: InstancesOptions) -> 
     mine, its = both[first].sum(), both[second].sum()
     smaller = min(seen[first].sum(), also[second].sum())
     union = mine + its - shared
-    return max(mine, its) >= keys.common * smaller and union > 0 and shared >= keys.cut_iou * union
+    return max(mine, its) >= COMMON * smaller and union > 0 and shared >= _CUT_IOU * union
 
 
 def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> NDArray[np.bool_]:
@@ -94,7 +103,7 @@ def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> N
             seen, members = masks.seen[masks.frame[mask]], masks.members(int(mask), keys.inside)
             shared = seen[members][whole[members]].sum()
             union = seen[members].sum() + seen[whole & (seen >= LEAST_SEEN)].sum() - shared
-            dropped[mask] = shared < keys.drop_iou * union
+            dropped[mask] = shared < _DROP_IOU * union
     return dropped
 
 
@@ -106,7 +115,7 @@ def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats, keys: Insta
     for name in names[np.argsort(-counts, kind="stable")]:
         own = _holds(masks, np.flatnonzero(thing == name), keys.inside)
         size = weight[own].sum()
-        if size == 0 or weight[own & taken].sum() > keys.claimed * size:
+        if size == 0 or weight[own & taken].sum() > _CLAIMED * size:
             gone.append(int(name))
         else:
             taken |= own

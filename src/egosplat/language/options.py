@@ -1,20 +1,41 @@
-"""Configuration keys of the stage ``language``."""
+"""Options of the stage ``language``."""
 
-from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from egosplat.language.training import CodeOptions
+from pydantic import Field
+
+from egosplat.pipeline.options import Count, Positive
+from egosplat.pipeline.shared_options import BackendOptions, MaskSourceOptions, SeedOptions
 
 
-@dataclass(frozen=True)
-class LanguageOptions(CodeOptions):
-    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
+class LanguageOptions(MaskSourceOptions, SeedOptions, BackendOptions):
+    """Codes of each Gaussian at each level."""
 
-    method: str
-    # Of segments: how the masks were found.
-    segmenter: str
-    point_prompts: str
-    pixels: int
-    scales: int
-    channels: int
-    checkpoint_s: float
-    backend: str
+    method: Literal[
+        "lifted", "trained", "projected", "center", "clustered", "sparse", "granular", "field", "quantized"
+    ] = "lifted"
+    """How Gaussians with fixed geometry get codes. lifted: each takes the code of the instance that it shows most,
+    in one pass over the views (docs/method.md#lifting). trained: by gradient descent, as in LangSplat. projected:
+    the mean feature of the pixels at its center that show its surface, as in Semantic Gaussians. center: the mean
+    of those pixels by its weight there, as in Occam's LGS. clustered: mean codes of sharpened opacities; the
+    Gaussians of a cluster take the mean of the masks that agree with it, as in Splat Feature Solver. sparse:
+    mixtures of four words, as in LangSplatV2. granular: one code for three levels, as in GAGS. field: a field of
+    positions and scales that learns from tiles, as in LERF. quantized: indices into a codebook of mixed tiles, as
+    in LEGaussians. docs/methods.md describes each. No effect if splats.language is joint."""
+
+    iterations: Count = 3000
+    """Training iterations, one view each, if method trains. LangSplat, GAGS, LERF and LEGaussians use 30,000,
+    LangSplatV2 10,000 for each of three levels; here an iteration of sparse trains one level."""
+
+    lr: Positive = 0.0025
+    """Adam learning rate if method is trained or sparse. LangSplat and LangSplatV2 use 0.0025. Codes start at 0."""
+
+    pixels: Annotated[int, Field(ge=2)] = 8192
+    """Pixels of a view that an iteration trains on, if method is sparse, granular, field or quantized. LERF uses
+    4,096 of all views, the others all of a view. Fewer are faster and noisier; the expected loss is the same."""
+
+    normalize_codes: bool = False
+    """Normalize the code of each Gaussian before rendering, in training and in queries, as LangSplat does
+    (docs/method.md#code-norm). Its autoencoder makes unit codes. Wrong for compression linear, where the norm
+    carries information. Of the methods that train nothing, clustered alone follows it. No effect if splats.language
+    is joint, because queries render jointly trained codes as training did."""

@@ -1,7 +1,5 @@
 """Train codes by gradient descent with fixed geometry: LangSplat's second stage, for all levels at once."""
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor, nn
 
@@ -12,6 +10,8 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
+from egosplat.language.method import Method
+from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import composite
@@ -25,29 +25,12 @@ _ITERATIONS = 30_000
 _FIRST_NORM = 0.1
 
 
-@dataclass(frozen=True)
-class CodeOptions:
-    """Training options of the codes.
-
-    Attributes:
-        iterations: one view each.
-        lr: Adam's learning rate.
-        normalize_codes: normalize each Gaussian's code of a level before rendering (docs/method.md#code-norm).
-        seed: for the order of views, and for the first codes if they are normalized.
-    """
-
-    iterations: int
-    lr: float
-    normalize_codes: bool
-    seed: int
-
-
 def trained(
     gaussians: Gaussians,
     views: CodeViews,
     settings: RenderSettings,
     targets: CodeTargets,
-    options: CodeOptions,
+    options: LanguageOptions,
     checkpoint: Checkpoint,
 ) -> Coded:
     """Method ``trained``: codes by gradient descent, from the last checkpoint if there is one; shares of ``shares``.
@@ -81,7 +64,7 @@ class PlainCodes(Trainee):
         views: CodeViews,
         settings: RenderSettings,
         shape: tuple[int, int],
-        options: CodeOptions,
+        options: LanguageOptions,
     ) -> None:
         """Start from codes of ``shape`` (L, C): 0 as in LangSplat, or short random ones that are normalized."""
         super().__init__()
@@ -108,3 +91,6 @@ class PlainCodes(Trainee):
 def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
     """(N, L, C) codes as rendered: normalized if ``normalize_codes``; zero codes stay 0."""
     return torch.nn.functional.normalize(code, dim=-1) if normalize_codes else code
+
+
+METHOD = Method(trained, masks="{} in place of SAM")

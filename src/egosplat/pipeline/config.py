@@ -1,173 +1,118 @@
-"""The configuration: defaults, preset, user's keys and scene's keys, checked against one schema."""
+"""The configuration: defaults, preset, user's keys and scene's keys, checked against the options of all stages."""
 
 import copy
-import re
+import functools
+import pkgutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.pipeline.model_sets import default_of, set_of, switched
+from egosplat.pipeline.checked_options import make_options
+from egosplat.pipeline.general_options import VARIANTS, GeneralOptions
+from egosplat.pipeline.messages import not_allowed, shortened, shown, unknown_key
+from egosplat.pipeline.model_sets import DEFAULTS, set_of, switched
+from egosplat.pipeline.options import Options, convert, keys_of, sections_of
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
-from egosplat.pipeline.validation import Draft202012Validator, StrictValidator, explained, schema, shortened
 
 Config = dict[str, Any]
 
 # Value of segments.point_prompts for points by depth.
 DEPTH = "depth"
 
-# Sections whose values are named sets of keys.
-_NAMED = ("variants", "formats")
+# Options of the sections that no stage has for itself.
+_SHARED = {
+    "tables": "egosplat.pipeline.general_options:TablesOptions",
+    "tradeoff": "egosplat.pipeline.general_options:TradeoffOptions",
+    "run": "egosplat.pipeline.shared_options:RunOptions",
+    "models": "egosplat.pipeline.shared_options:ModelsOptions",
+    "camera": "egosplat.pipeline.shared_options:CameraOptions",
+    "query": "egosplat.query.options:QueryOptions",
+    "presence": "egosplat.evaluation.options:PresenceOptions",
+}
 
 
-def coerced(config: Mapping[str, Any]) -> Config:
-    """Convert the strings of a configuration to the types in the schema.
-
-    A string that cannot be converted stays, and validation rejects it.
-    """
-    # Snakemake passes the 5 of `--config splats={iterations: 5}` and the 1e-4 of a file as strings.
-    root = schema("config")
-    found = _coerced(config, root)
-    sections = {name: part for name, part in root["properties"].items() if name not in _NAMED}
-    for named in _NAMED:
-        if isinstance(sets := found.get(named), Mapping):
-            found[named] = {name: _coerced(keys, {"properties": sections}) for name, keys in sets.items()}
-    tradeoff = found.get("tradeoff")
-    if isinstance(tradeoff, Mapping) and isinstance(sweep := tradeoff.get("sweep"), Mapping):
-        found["tradeoff"] = {**tradeoff, "sweep": {key: _coerced_sweep(key, sweep[key]) for key in sweep}}
-    return found
+@functools.cache
+def stage_options(stage: str) -> type[Options] | None:
+    """Get the class of a stage's options; None for a stage without keys."""
+    name = STAGES[stage].options
+    return pkgutil.resolve_name(name) if name else None
 
 
-def _coerced_sweep(key: object, values: Any) -> Any:
-    """Convert the values of a swept key by the schema of that key."""
-    section, _, name = str(key).partition(".")
-    part = schema("config")["properties"].get(section, {}).get("properties", {}).get(name, {})
-    return _coerced(values, {"type": "array", "items": part})
+@functools.cache
+def section_options() -> dict[str, type[Options]]:
+    """Get the class of options that has the keys of each section."""
+    of_stages = {
+        stage: options
+        for stage in STAGES
+        if (options := stage_options(stage)) and stage in sections_of(options, stage)
+    }
+    return {name: pkgutil.resolve_name(path) for name, path in _SHARED.items()} | of_stages
 
 
-def _coerced(value: Any, part: Mapping[str, Any]) -> Any:
-    if isinstance(value, str):
-        return _read(value, part)
-    # YAML reads the words on and off as booleans.
-    if isinstance(value, bool) and "on" in part.get("enum", ()):
-        return "on" if value else "off"
-    if isinstance(value, list) and "items" in part:
-        return [_coerced(item, part["items"]) for item in value]
-    if isinstance(value, Mapping) and part.keys() & {"properties", "additionalProperties"}:
-        known, other = part.get("properties", {}), part.get("additionalProperties") or {}
-        return {key: _coerced(item, known.get(key, other)) for key, item in value.items()}
-    return value
-
-
-def _read(text: str, part: Mapping[str, Any]) -> Any:
-    kinds = part.get("type", "string")
-    kinds = [kinds] if isinstance(kinds, str) else kinds
-    if text == "null" and "null" in kinds:
-        return None
-    # A key that may be a text keeps it: a file named 5 is not a number.
-    if "string" in kinds and re.fullmatch(part.get("pattern", ".*"), text, re.DOTALL):
-        return text
-    try:
-        return load_yaml(text)
-    except NO_YAML:
-        return text
-
-
-# Validators of files that people write. JSON artifacts use the standard validator.
-_VALIDATORS = {"config": StrictValidator, "scenes": StrictValidator}
-
-
+@functools.cache
 def section_keys(section: str) -> dict[str, dict[str, Any]]:
-    """Get the schema of each key of a section, by name; empty for a stage without keys."""
-    return schema("config")["properties"].get(section, {}).get("properties", {})
+    """Get the JSON schema of each key of a section, by name; empty if there is no such section."""
+    if (options := section_options().get(section)) is None:
+        return {}
+    keys = keys_of(options)
+    return {name: keys[name] for name in sections_of(options, section)[section]}
 
 
-def stage_keys(stage: str) -> dict[str, dict[str, Any]]:
-    """Get the schema of each key that a stage takes, by name, from its own section and those in its ``Stage``."""
-    about = STAGES[stage]
-    keys: dict[str, dict[str, Any]] = {}
-    for section in (stage, *about.sections):
-        keys |= section_keys(section)
-    for section, names in about.keys.items():
-        keys |= {name: section_keys(section)[name] for name in names}
-    return keys
+def stage_sections(stage: str) -> dict[str, tuple[str, ...]]:
+    """Get the names of the keys that a stage takes, by section."""
+    options = stage_options(stage)
+    return sections_of(options, stage) if options else {}
 
 
 def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
-    """Get the values of a stage's keys from a complete configuration."""
-    about = STAGES[stage]
-    values: Config = {}
-    for section in (stage, *about.sections):
-        values |= config.get(section, {})
-    for section, names in about.keys.items():
-        values |= {name: config[section][name] for name in names}
-    return values
+    """Get the values of a stage's options from a complete configuration, by name."""
+    return {key: config[section][key] for section, keys in stage_sections(stage).items() for key in keys}
 
 
-def defaults() -> Config:
-    """Get the default configuration."""
-    return _filled({}, schema("config"))
-
-
-def resolve(user: Mapping[str, Any], presets: Path) -> Config:
-    """Merge the user's keys over the preset's, and those over the defaults of the chosen set of models.
-
-    Args:
-        user: keys from the configuration files and the command line.
-        presets: folder with one file for each preset.
-
-    Raises:
-        UserError: a key is unknown or has a forbidden value; names the first one.
-    """
-    user = coerced(user)
-    asked = _filled(user, schema("config"))
-    check(asked)
-    path = presets / f"{asked['preset']}.yaml"
-    preset = read_yaml(path)
-    # A key that the user sets for all scenes wins over the preset's value for one format.
-    formats = {name: _without(keys, user) for name, keys in preset.get("formats", {}).items()}
-    settings = merge(preset | {"formats": formats}, user)
-    resolved = _filled(settings, schema("config"), set_of(settings))
-    check(resolved, f"preset {path.name}")
-    # Keys of a format are checked in the whole: a value may be valid by itself and not with the others.
-    for name in resolved["formats"]:
-        check(of_format(resolved, name), f"formats.{name}")
-    return resolved
-
-
-def of_format(config: Mapping[str, Any], name: str) -> Config:
-    """Get the configuration of scenes with the format ``adt``, ``hoi4d`` or ``plain``."""
-    return overlaid(config, config["formats"].get(name, {})) | {"formats": {}}
-
-
-def overlaid(config: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
-    """Merge keys of a format, scene or variant over a complete configuration.
-
-    If they choose another set of models, defaults that belong to the models change with it.
-    """
-    return merge(switched(config, above), above)
-
-
-def _without(keys: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
-    """Get the keys that ``above`` does not set."""
-    return {
-        section: {name: value for name, value in part.items() if name not in above.get(section, {})}
-        for section, part in keys.items()
-    }
-
-
-def check(values: Mapping[str, Any], where: str = "configuration", against: str = "config") -> None:
-    """Check a configuration, or a row of the table of scenes, against the schema of that name.
+def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
+    """Check a configuration, and add the defaults of the keys that it lacks.
 
     Raises:
         UserError: a key is wrong; names the first one, its value and what is allowed.
     """
-    validator = _VALIDATORS.get(against, Draft202012Validator)
-    for error in validator(schema(against)).iter_errors(values):
-        raise UserError(f"{where}: {explained(error)}")
-    if values.get("segments", {}).get("point_prompts") == DEPTH:
-        _check_prompts(values, where)
+    sections, general = section_options(), keys_of(GeneralOptions)
+    for key in values:
+        if key not in sections and key not in general:
+            raise UserError(f"{where}: {unknown_key('', key, [*general, *sections])}")
+    own = {key: value for key, value in values.items() if key in general}
+    found = make_options(GeneralOptions, own, where, {key: key for key in general}).as_dict()
+    found |= {name: _section(name, values.get(name, {}), where) for name in sections}
+    found["tradeoff"]["sweep"] = {
+        key: _converted_sweep(key, swept) for key, swept in found["tradeoff"]["sweep"].items()
+    }
+    if found["segments"]["point_prompts"] == DEPTH:
+        _check_prompts(found, where)
+    return found
+
+
+def _section(name: str, values: Any, where: str) -> Config:
+    """Check a section, and add its defaults."""
+    keys = section_keys(name)
+    if not isinstance(values, Mapping):
+        first, key = next(iter(keys.items()))
+        why = f"must be keys with values, as in {name}: {{{first}: {shown(key['default'])}}}"
+        raise UserError(f"{where}: {not_allowed(name, values, why)}")
+    for key in values:
+        if key not in keys:
+            raise UserError(f"{where}: {unknown_key(name, key, list(keys))}")
+    found = make_options(
+        section_options()[name], values, where, {key: f"{name}.{key}" for key in keys}
+    ).as_dict()
+    return {key: found[key] for key in keys}
+
+
+def _converted_sweep(key: str, values: list[Any]) -> list[Any]:
+    """Convert the values of a swept key to the type of that key."""
+    section, _, name = key.partition(".")
+    part = section_keys(section).get(name, {})
+    return [convert(value, part) for value in values]
 
 
 def _check_prompts(values: Mapping[str, Any], where: str) -> None:
@@ -184,6 +129,66 @@ def _check_prompts(values: Mapping[str, Any], where: str) -> None:
                 f"{where}: segments.point_prompts = {DEPTH} needs {section}.{key} = {needed}, "
                 f"not {values[section][key]}; in a variant, extend each_frame"
             )
+
+
+def defaults() -> Config:
+    """Get the default configuration."""
+    return validate({"variants": VARIANTS})
+
+
+def resolve(user: Mapping[str, Any], presets: Path) -> Config:
+    """Merge the user's keys over the preset's, and those over the defaults of the chosen set of models.
+
+    Args:
+        user: keys from the configuration files and the command line.
+        presets: folder with one file for each preset.
+
+    Raises:
+        UserError: a key is unknown or has a forbidden value; names the first one.
+    """
+    asked = validate(user)
+    user = _only(asked, user)
+    path = presets / f"{asked['preset']}.yaml"
+    preset = read_yaml(path)
+    # A key that the user sets for all scenes wins over the preset's value for one format.
+    formats = {name: _without(keys, user) for name, keys in preset.get("formats", {}).items()}
+    settings = merge(preset | {"formats": formats}, user)
+    # A variant of the user stands beside the default ones, and replaces one of its name.
+    settings["variants"] = {**copy.deepcopy(VARIANTS), **asked["variants"]}
+    resolved = validate(merge(DEFAULTS.get(set_of(settings), {}), settings), f"preset {path.name}")
+    # Keys of a format are checked in the whole: a value may be valid by itself and not with the others.
+    for name in resolved["formats"]:
+        validate(of_format(resolved, name), f"formats.{name}")
+    return resolved
+
+
+def of_format(config: Mapping[str, Any], name: str) -> Config:
+    """Get the configuration of scenes with the format ``adt``, ``hoi4d`` or ``plain``."""
+    return overlaid(config, config["formats"].get(name, {})) | {"formats": {}}
+
+
+def overlaid(config: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
+    """Merge keys of a format, scene or variant over a complete configuration; ``validate`` checks the result.
+
+    If they choose another set of models, defaults that belong to the models change with it.
+    """
+    return merge(switched(config, above), above)
+
+
+def _only(config: Mapping[str, Any], given: Mapping[str, Any]) -> Config:
+    """Get the keys of a complete configuration that are given."""
+    return {
+        name: {key: config[name][key] for key in part} if name in section_options() else config[name]
+        for name, part in given.items()
+    }
+
+
+def _without(keys: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
+    """Get the keys that ``above`` does not set."""
+    return {
+        section: {name: value for name, value in part.items() if name not in above.get(section, {})}
+        for section, part in keys.items()
+    }
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
@@ -211,11 +216,16 @@ def parse_options(text: str, where: str) -> Config:
             )
         if name in options.setdefault(section, {}):
             raise UserError(f"{where}: option {shortened(key)} is set twice; remove one")
-        options[section][name] = _parsed(value, f"{where}: option {shortened(word)}")
-    return coerced(options)
+        options[section][name] = parse_value(value, f"{where}: option {shortened(word)}")
+    return options
 
 
-def _parsed(text: str, where: str) -> Any:
+def parse_value(text: str, where: str) -> Any:
+    """Parse a value as YAML.
+
+    Raises:
+        UserError: it is not YAML.
+    """
     try:
         return load_yaml(text)
     except NO_YAML as error:
@@ -248,18 +258,3 @@ def check_config_files(paths: Iterable[Path]) -> None:
     for path in paths:
         if path.suffix != ".json":
             read_yaml(path)
-
-
-def _filled(config: Mapping[str, Any], part: Mapping[str, Any], models: str | None = None) -> Config:
-    """Add the defaults of a part of the schema, with a set of models."""
-    filled = copy.deepcopy(dict(config))
-    for key, sub in part.get("properties", {}).items():
-        if "default" in sub:
-            default = copy.deepcopy(default_of(sub, models))
-            filled.setdefault(key, default)
-            # A variant of the user stands beside the default ones, and replaces one of its name.
-            if key in _NAMED and isinstance(filled[key], Mapping):
-                filled[key] = {**default, **filled[key]}
-        if isinstance(filled.get(key), Mapping):
-            filled[key] = _filled(filled[key], sub, models)
-    return filled

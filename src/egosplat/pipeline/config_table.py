@@ -1,12 +1,14 @@
-"""The reference of all configuration keys as a Markdown page."""
+"""The reference of all configuration keys as a Markdown page, and as a JSON schema for editors."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
-from egosplat.pipeline.config import schema
+from egosplat.pipeline.config import section_keys, section_options
+from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.messages import choices, kinds_of, limits_of, shown
+from egosplat.pipeline.model_sets import DEFAULTS
+from egosplat.pipeline.options import Options, describe, keys_of
 from egosplat.pipeline.published import PUBLISHED
 
 # Keys that people change first, at the top of the page.
@@ -16,7 +18,7 @@ FIRST_KEYS = (
     "frames.resolution",
     "frames.stride",
     "models.set",
-    "models.device",
+    "run.device",
     "segments.points_per_side",
     "splats.iterations",
     "splats.max_gaussians",
@@ -24,81 +26,113 @@ FIRST_KEYS = (
 )
 
 # Heading of the keys that are in no section.
-_GENERAL = "general"
+GENERAL = "general"
 
 _HEAD = """# All configuration keys
 
-`egosplat keys > config/reference.md` writes this page from `src/egosplat/pipeline/schemas/config.schema.yaml`. [README.md](README.md) has
-recipes and the order in which values are searched. A section with the name of a stage holds the command line flags of that stage: a
-changed key reruns that stage and the stages after it. Every stage that loads a model reads `models`. The stage `metrics` and
-`egosplat query` read `query`. A default after "published" holds with `models.set: published`."""
+`egosplat keys > config/reference.md` writes this page from the options of the stages (`options.py` in each folder of `src/egosplat/`);
+`egosplat keys --schema` prints a JSON schema for editors. [README.md](README.md) has recipes and the order in which values are searched. A
+changed key reruns the stages that take it and the stages after them. By hand: `egosplat splats --set iterations=500 ...`. A default after
+"published" holds with `models.set: published`."""
+
+_READINGS = """# Readings of the paper
+
+Few people change these keys: most of them are choices that the paper leaves open, or values of the methods that it compares with.
+`--help` of a command does not list them, `--help-all` does."""
 
 # A page of the repository in a description, from the root.
 _PAGE = re.compile(r"\b(?:docs|benchmarks)(?:/\w+)+\.md(?:#[\w-]+)?")
 
-_COLUMNS = "| key | default | what it is |\n| --- | --- | --- |"
+_COLUMNS = "| key | default | allowed | what it is |\n| --- | --- | --- | --- |"
 
 
 def keys_page() -> str:
-    """Every key with its default and description: the ten keys that people change first, then all by section.
+    """Every key with default, limits and description: the ten that people change first, all others, then the readings.
 
     ``config/reference.md`` holds this page.
     """
-    sections = _sections()
-    keys = {path: (section, key) for section, group in sections.items() for path, key in group.items()}
-    first = "\n".join(_first_row(path, *keys[path]) for path in FIRST_KEYS)
-    parts = [_HEAD, f"## The ten keys to change first\n\n{_COLUMNS}\n{first}"]
-    for section, group in sections.items():
-        rows = "\n".join(_row(f"`{path}`", key, _text(key)) for path, key in group.items())
-        parts.append(f"## {section}\n\n{_COLUMNS}\n{rows}")
-    return "\n\n".join(parts)
+    first = "\n".join(_first_row(path) for path in FIRST_KEYS)
+    return "\n\n".join(
+        [
+            _HEAD,
+            f"## The ten keys to change first\n\n{_COLUMNS}\n{first}",
+            *_tables("##", reading=False),
+            _READINGS,
+            *_tables("## Readings:", reading=True),
+        ]
+    )
 
 
-def _sections() -> dict[str, dict[str, Mapping[str, Any]]]:
-    """For each heading its keys by path; keys outside of a section come first."""
-    sections: dict[str, dict[str, Mapping[str, Any]]] = {_GENERAL: {}}
-    for section, path, key in _keys():
-        sections.setdefault(section, {})[path] = key
-    return sections
+def json_schema() -> dict[str, Any]:
+    """Get a JSON schema of the configuration, for editors."""
+    schema = GeneralOptions.model_json_schema()
+    for name, key in schema["properties"].items():
+        key["description"] = describe(GeneralOptions, name)
+    for section, options in section_options().items():
+        properties = {
+            name: key | {"description": describe(options, name)}
+            for name, key in section_keys(section).items()
+        }
+        schema["properties"][section] = {
+            "type": "object",
+            "additionalProperties": False,
+            "properties": properties,
+        }
+    return schema | {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "egosplat configuration",
+    }
 
 
-def _keys() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
-    """Heading, path and schema of each key, in the schema's order."""
-    for section, part in schema("config")["properties"].items():
-        if not part.get("properties"):
-            yield _GENERAL, section, part
-            continue
-        for name, key in part["properties"].items():
-            yield section, f"{section}.{name}", key
+def _tables(heading: str, reading: bool) -> list[str]:
+    """A table for each section with such keys; keys outside of a section come first."""
+    parts = []
+    for section in (GENERAL, *section_options()):
+        rows = [
+            _row(f"`{_path(section, name)}`", section, name, describe(_options(section), name))
+            for name, key in _keys(section).items()
+            if bool(key.get("reading")) == reading
+        ]
+        if rows:
+            parts.append("\n".join([f"{heading} {section}\n\n{_COLUMNS}", *rows]))
+    return parts
 
 
-def _first_row(path: str, section: str, key: Mapping[str, Any]) -> str:
+def _options(section: str) -> type[Options]:
+    return GeneralOptions if section == GENERAL else section_options()[section]
+
+
+def _keys(section: str) -> dict[str, dict[str, Any]]:
+    return keys_of(GeneralOptions) if section == GENERAL else section_keys(section)
+
+
+def _path(section: str, name: str) -> str:
+    return name if section == GENERAL else f"{section}.{name}"
+
+
+def _first_row(path: str) -> str:
     """A row with a link to the key's section and the first sentence of its description."""
-    sentence = _text(key).split(". ")[0].rstrip(".") + "."
-    return _row(f"[`{path}`](#{section})", key, sentence)
+    section, name = path.split(".") if "." in path else (GENERAL, path)
+    sentence = describe(_options(section), name).split(". ")[0].rstrip(".") + "."
+    return _row(f"[`{path}`](#{section})", section, name, sentence)
 
 
-def _row(name: str, key: Mapping[str, Any], text: str) -> str:
-    return f"| {name} | {_default(key)} | {text}{_choices(key)} |"
+def _row(shown_name: str, section: str, name: str, text: str) -> str:
+    key = _keys(section)[name]
+    # The pages that a description cites are links.
+    linked = _PAGE.sub(r"[\g<0>](../\g<0>)", text)
+    return f"| {shown_name} | {_default(section, name, key)} | {_allowed(key)} | {linked} |"
 
 
-def _text(key: Mapping[str, Any]) -> str:
-    """The description on one line; the pages that it cites are links."""
-    return _PAGE.sub(r"[\g<0>](../\g<0>)", " ".join(key["description"].split()))
+def _allowed(key: Mapping[str, Any]) -> str:
+    """What the key may be: words, types and limits."""
+    words = [f"`{word}`" for word in choices(key)]
+    return ", ".join([*kinds_of(key), *words, *limits_of(key)])
 
 
-def _choices(key: Mapping[str, Any]) -> str:
-    """The values that are allowed, where they are few."""
-    return f" One of {', '.join(f'`{choice}`' for choice in key['enum'])}." if "enum" in key else ""
-
-
-def _default(key: Mapping[str, Any]) -> str:
+def _default(section: str, name: str, key: Mapping[str, Any]) -> str:
     """The default as YAML, and that of the published models; for several named things, the names."""
     value = key["default"]
-    shown = ", ".join(f"`{one}`" for one in (value if isinstance(value, Mapping) else [_shown(value)]))
-    return f"{shown}; published: `{_shown(key[PUBLISHED])}`" if PUBLISHED in key else shown
-
-
-def _shown(value: Any) -> str:
-    """A value as YAML on one line."""
-    return yaml.safe_dump(value, default_flow_style=True, width=1000).splitlines()[0]
+    text = ", ".join(f"`{one}`" for one in (value if isinstance(value, Mapping) else [shown(value)]))
+    published = DEFAULTS[PUBLISHED].get(section, {})
+    return f"{text}; published: `{shown(published[name])}`" if name in published else text

@@ -4,7 +4,7 @@ import json
 import shlex
 from collections.abc import Iterable, Mapping
 
-from egosplat.pipeline.config import DEPTH, Config, merge, stage_values
+from egosplat.pipeline.config import DEPTH, Config, merge, stage_sections, stage_values
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
 
@@ -13,7 +13,7 @@ AUTO = "auto"
 ALL_FRAMES = "all"
 
 # Keys of the section camera that the survey can decide; survey.json has its decisions under the same names.
-CAMERA = STAGES["splats"].keys["camera"]
+CAMERA = ("refine_poses", "compensate_exposure")
 
 # Artifacts with the masks, by splats.masking.
 _MASKS: dict[str, tuple[str, ...]] = {
@@ -76,7 +76,7 @@ def survey_decides(config: Config) -> bool:
 
 def follows_survey(stage: str) -> bool:
     """Whether a stage has a key that the survey can decide."""
-    return stage == "segments" or "camera" in STAGES[stage].keys
+    return stage == "segments" or "camera" in stage_sections(stage)
 
 
 def decided(config: Config, survey: Survey) -> Config:
@@ -97,7 +97,7 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     found = always + optional_inputs_of(stage, config)
     # Snakemake must run the survey before it knows whether the stage needs masks, or what moves.
     masked = "masks" in STAGES[stage].optional and masks_by_survey(config)
-    corrected = "camera" in STAGES[stage].keys and corrects_by_survey(config)
+    corrected = "camera" in stage_sections(stage) and corrects_by_survey(config)
     by_survey = masked or corrected or (stage == "segments" and tracks_by_survey(config))
     return (*found, "survey") if by_survey and "survey" not in found else found
 
@@ -147,15 +147,14 @@ def training_frames(stage: str, config: Config, survey: Survey) -> str:
     return ALL_FRAMES if chosen is None else chosen[1]
 
 
-def stage_flags(stage: str, config: Config) -> str:
-    """Format the keys of a stage as command line flags, sorted by name. A null key has no flag."""
-    keys = sorted(stage_values(stage, config).items())
-    return " ".join(_flag(name, value) for name, value in keys if value is not None)
+def options_json(stage: str, config: Config) -> str:
+    """Format the values of a stage's options as JSON, sorted by name, for its flag ``--options``."""
+    return json.dumps(stage_values(stage, config), sort_keys=True)
 
 
 def input_flags(paths: Mapping[str, str]) -> str:
     """Format optional inputs, by stage, as command line flags."""
-    return " ".join(_flag(name, path) for name, path in paths.items())
+    return " ".join(f"--{name.replace('_', '-')} {shlex.quote(path)}" for name, path in paths.items())
 
 
 def default_pages(config: Config) -> list[str]:
@@ -183,11 +182,3 @@ def _pages_of_codes(config: Config) -> list[str]:
     moving = ["transient_sheet"] if config["splats"]["masking"] == "refined" else []
     of_instances = _PAGES_OF_INSTANCES if learns_from_instances(config) else ()
     return [*of_instances, *moving, "splats_sheet", "language_sheet"]
-
-
-def _flag(name: str, value: object) -> str:
-    name = name.replace("_", "-")
-    if isinstance(value, bool):
-        return f"--{name}" if value else f"--no-{name}"
-    text = json.dumps(value) if isinstance(value, list) else str(value)
-    return f"--{name} {shlex.quote(text)}"

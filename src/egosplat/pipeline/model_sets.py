@@ -1,33 +1,40 @@
-"""The sets of models: keys whose default follows ``models.set``, and the paths of published checkpoints.
+"""The sets of models: keys whose default follows ``models.set``, and the paths of published checkpoints."""
 
-``config.schema.yaml`` has a second default, ``published``, at each key whose best value depends on the model.
-"""
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from egosplat.pipeline.published import ENCODER, LIBRARIES, PUBLISHED, published_model
-from egosplat.pipeline.validation import schema
+
+# Defaults by set of models, of each key whose best value depends on the model. Those of ``small`` are the defaults of the
+# options, too; those of ``published`` are the paper's or LangSplat's.
+DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
+    "small": {
+        "models": dict.fromkeys(("sam2_config", "sam2_checkpoint", "clip_model", "clip_checkpoint"), "small"),
+        "segments": {"image_size": 512},
+        "features": {"mismatched_views": "keep_own"},
+        "transient": {"encoder_weights": None},
+        "query": {"temperature": 10.0, "min_score": 0.78},
+    },
+    PUBLISHED: {
+        "models": {
+            "sam2_config": "sam2.1_hiera_b+",
+            "sam2_checkpoint": PUBLISHED,
+            "clip_model": "ViT-B-16",
+            "clip_checkpoint": PUBLISHED,
+        },
+        "segments": {"image_size": None},
+        "features": {"mismatched_views": "average"},
+        "transient": {"encoder_weights": PUBLISHED},
+        "query": {"temperature": 1.0, "min_score": 0.0},
+    },
+}
 
 
 def set_of(config: Mapping[str, Any]) -> str | None:
     """Get the set that a configuration, complete or not, chooses; None if it chooses none."""
     models = config.get("models")
     return models.get("set") if isinstance(models, Mapping) else None
-
-
-def default_of(key: Mapping[str, Any], chosen: str | None) -> Any:
-    """Get the default of a key, from its part of the schema, with a set of models."""
-    return key[PUBLISHED] if chosen == PUBLISHED and PUBLISHED in key else key["default"]
-
-
-def keys_of_models() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
-    """Yield section, name and schema of each key whose default follows ``models.set``."""
-    for section, part in schema("config")["properties"].items():
-        for name, key in part.get("properties", {}).items():
-            if PUBLISHED in key:
-                yield section, name, key
 
 
 def switched(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -43,9 +50,10 @@ def switched(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, A
     found = dict(config)
     if new in (None, old):
         return found
-    for section, name, key in keys_of_models():
-        if config[section][name] == default_of(key, old):
-            found[section] = found[section] | {name: default_of(key, new)}
+    for section, keys in DEFAULTS.get(new, {}).items():
+        usual = DEFAULTS[old][section]
+        changed = {name: value for name, value in keys.items() if config[section][name] == usual[name]}
+        found[section] = config[section] | changed
     return found
 
 

@@ -22,6 +22,8 @@ from egosplat.pipeline.dag import (
     stages_behind,
     tracks_by_survey,
 )
+from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.results import default_scenes
 from egosplat.pipeline.scenes import Scene, Target, find_scene
@@ -189,18 +191,13 @@ def _changes(stage: str, options: Mapping[str, Any], config: Config) -> Changes:
 
 def _full_names(stage: str) -> dict[str, str]:
     """Map the keys of a stage to full names: ``iterations`` to ``splats.iterations``."""
-    about = STAGES[stage]
-    names = {
-        key: f"{section}.{key}"
-        for section in (stage, *about.sections)
-        for key in configuration.section_keys(section)
-    }
-    return names | {key: f"{section}.{key}" for section, keys in about.keys.items() for key in keys}
+    sections = configuration.stage_sections(stage)
+    return {key: f"{section}.{key}" for section, keys in sections.items() for key in keys}
 
 
 def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | None:
     """Find the preset that explains all recorded options, the default before the others, or None."""
-    about = configuration.schema("config")["properties"]["preset"]
+    about = keys_of(GeneralOptions)["preset"]
     for preset in sorted(about["enum"], key=lambda name: name != about["default"]):
         config = asked.with_preset(preset)
         if not any(_changes(stage, options, config) for stage, options in records.items()):

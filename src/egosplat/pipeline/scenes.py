@@ -11,6 +11,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.model_sets import located
+from egosplat.pipeline.validation import Draft202012Validator, explained, schema
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 PAPER_DATASETS = ("adt", "hoi4d")
@@ -63,7 +64,8 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     scenes: dict[tuple[str, str], Scene] = {}
     for number, row in rows:
         where = f"{path}, line {number}"
-        configuration.check(row, where, against="scenes")
+        for error in Draft202012Validator(schema("scenes")).iter_errors(row):
+            raise UserError(f"{where}: {explained(error)}")
         key = (row["dataset"], row["scene"])
         if key in scenes:
             raise UserError(f"{where}: scene {'/'.join(key)} is in the table twice; remove or rename one")
@@ -143,7 +145,7 @@ def _rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
     except (OSError, ValueError, csv.Error) as error:
         raise UserError(f"{path}: cannot be read as a tab-separated table ({error})") from None
-    expected = list(configuration.schema("scenes")["properties"])
+    expected = list(schema("scenes")["properties"])
     header = lines[0][1] if lines else []
     if header != expected:
         # The header of a file that is no table may hold control characters.
@@ -173,7 +175,7 @@ def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path:
 def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
     options = configuration.parse_options(row["options"], where)
     own = configuration.overlaid(configuration.of_format(config, row["format"]), options)
-    configuration.check(own, where)
+    own = configuration.validate(own, where)
     located(own)  # ends here if the catalogue has no checkpoint of an architecture
     root = config["data_root"].get(row["dataset"])
     filmed = row["format"] == "adt" and "seed" in options.get("synthetic", {})

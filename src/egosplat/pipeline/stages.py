@@ -1,16 +1,48 @@
 """The table of stages: code, inputs, outputs and dependencies of each stage.
 
-The command line, the checks, the sharing between variants and the rules' paths use ``STAGES``. ``config.schema.yaml`` has the
-types, defaults and descriptions of a stage's keys.
+The command line, the checks, the sharing between variants and the rules' paths use ``STAGES``. A stage's keys
+are the fields of its class of options.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from inspect import signature
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
+from egosplat.errors import UserError
 from egosplat.pipeline.code_hash import code_hash
+
+if TYPE_CHECKING:
+    from egosplat.pipeline.options import Options
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Modules of which a stage loads one, by a value; only that one is a part of its code.
+
+    Attributes:
+        by: what the value is, for errors; ``egosplat.pipeline.chosen`` finds the value of a scene.
+        modules: names of modules by value.
+    """
+
+    by: str
+    modules: Mapping[str, str]
+
+    def find(self, value: str) -> str:
+        """Get the name of the module of a value.
+
+        Raises:
+            UserError: the value has none.
+        """
+        if value not in self.modules:
+            raise UserError(f"{self.by}: {value!r} is unknown; choose from {', '.join(self.modules)}.")
+        return self.modules[value]
+
+
+def by(what: str, **modules: str) -> Choice:
+    """A ``Choice`` among modules of the package, by value."""
+    return Choice(what, {value: f"egosplat.{name}" for value, name in modules.items()})
 
 
 @dataclass(frozen=True)
@@ -25,10 +57,10 @@ class Stage:
         inputs: inputs that it always reads: names of stages (their outputs) or of ``PATHS``.
         optional: inputs that some configurations need, with the condition as text, by name of the stage.
         libraries: distributions whose version changes the output.
-        sections: further configuration sections; the stage takes all their keys.
-        keys: single keys from other sections, by section.
+        options: class of its options, MODULE:CLASS; empty for a stage without keys.
         scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
             pages, ``method``, the published method that a variant stands for.
+        modules: modules of which it loads one with ``load_module``.
     """
 
     name: str
@@ -38,14 +70,9 @@ class Stage:
     inputs: tuple[str, ...] = ()
     optional: Mapping[str, str] = field(default_factory=dict)
     libraries: tuple[str, ...] = ()
-    sections: tuple[str, ...] = ()
-    keys: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    options: str = ""
     scene: tuple[str, ...] = ()
-
-    @property
-    def models(self) -> tuple[str, ...]:
-        """Keys of the section ``models`` that the stage takes."""
-        return self.keys.get("models", ())
+    modules: Choice | None = None
 
 
 # Inputs that no stage writes under this name.
@@ -71,47 +98,57 @@ _LEARNT_FROM = {
     "tiles": "if language.method is field or quantized",
 }
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
-_CLIP = {"models": ("clip_checkpoint", "clip_model", "device", "precision")}
-_CAMERA = {"camera": ("refine_poses", "compensate_exposure")}
-_SAM2 = {"models": ("sam2_config", "sam2_checkpoint", "device", "precision")}
 
 _STAGES = (
     Stage(
         "synthetic",
         "egosplat_apartments.stage",
-        "Make the recording of a synthetic apartment, in ADT's format.",
+        "Make the recording of a synthetic apartment.",
+        options="egosplat_apartments.options:SyntheticOptions",
         output="recording",
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
     ),
     Stage(
         "frames",
         "egosplat.frames.stage",
-        "Read and rectify a recording's frames, and split them into training and evaluation.",
+        "Read and rectify frames, and choose those to evaluate.",
+        options="egosplat.frames.options:FramesOptions",
         output="frames.zarr",
         inputs=("recording",),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "pycolmap", "zarr"),
         scene=("format",),
+        modules=by("format", adt="frames.adt", hoi4d="frames.hoi4d", plain="frames.plain"),
     ),
     Stage(
         "annotations",
         "egosplat.frames.annotations_stage",
-        "Read the instance maps of the evaluation frames (for evaluation only).",
+        "Read the instance maps of the evaluation frames.",
+        options="egosplat.frames.options:AnnotationsOptions",
         output="annotations.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
+        modules=by(
+            "format",
+            adt="frames.adt_annotations",
+            hoi4d="frames.hoi4d_annotations",
+            plain="frames.plain_annotations",
+        ),
     ),
     Stage(
         "poses",
         "egosplat.poses.stage",
-        "Get camera poses and points from the device's trajectory, a file, or COLMAP.",
+        "Get camera poses: from the device, a file, or COLMAP.",
+        options="egosplat.poses.options:PosesOptions",
         output="poses.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
+        modules=by("poses.method", device="poses.adt", known="poses.known", colmap="poses.colmap"),
     ),
     Stage(
         "survey",
         "egosplat.survey.stage",
-        "Decide whether a scene is static and which frames add views.",
+        "Decide if a scene is static and which frames add views.",
+        options="egosplat.survey.options:SurveyOptions",
         output="survey.json",
         inputs=("frames", "poses"),
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "zarr"),
@@ -119,17 +156,18 @@ _STAGES = (
     Stage(
         "transient",
         "egosplat.transient.stage",
-        "Train a network that predicts moving pixels, together with temporary Gaussians.",
+        "Train a network that predicts moving pixels.",
+        options="egosplat.transient.options:TransientOptions",
         output="transient.zarr",
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "timm", "torch", "zarr"),
-        keys=_CAMERA,
     ),
     Stage(
         "segments",
         "egosplat.segments.stage",
-        "Find instances at three levels, and track them through the video.",
+        "Find instances at three levels in the frames.",
+        options="egosplat.segments.options:SegmentsOptions",
         output="segments.zarr",
         inputs=("frames",),
         optional=_TRAINING_FRAMES | _MOVING | _PROMPTS,
@@ -142,31 +180,31 @@ _STAGES = (
             "sam2",
             "zarr",
         ),
-        keys=_SAM2 | {"masks": ("threshold",)},
     ),
     Stage(
         "instances",
         "egosplat.instances.stage",
         "Merge masks into instances that hold in 3D.",
+        options="egosplat.instances.options:InstancesOptions",
         output="instances.zarr",
         inputs=("frames", "poses", "segments"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
-        keys={"splats": ("near_plane",)} | _CAMERA,
     ),
     Stage(
         "view_features",
         "egosplat.features.view_features_stage",
-        "Encode the crop of each instance in each training frame with OpenCLIP.",
+        "Encode the crops of each instance with OpenCLIP.",
+        options="egosplat.features.options:ViewFeaturesOptions",
         output="view_features.zarr",
         inputs=("frames", "instances"),
         libraries=("numpy", "open_clip_torch", "pillow", "scipy", "torch", "zarr"),
-        keys=_CLIP,
     ),
     Stage(
         "features",
         "egosplat.features.stage",
-        "Aggregate the features of each instance over its views, and compress them.",
+        "Aggregate the features of each instance over its views.",
+        options="egosplat.features.options:FeaturesOptions",
         output="features.zarr",
         inputs=("view_features",),
         libraries=("numpy", "torch", "zarr"),
@@ -174,7 +212,8 @@ _STAGES = (
     Stage(
         "masks",
         "egosplat.transient.masks_stage",
-        "Select the transient instances, and mask them in every frame.",
+        "Mask what moves in every frame.",
+        options="egosplat.transient.options:MasksOptions",
         output="masks.zarr",
         inputs=("frames", "transient", "instances"),
         libraries=("numpy", "zarr"),
@@ -183,46 +222,60 @@ _STAGES = (
         "splats",
         "egosplat.splats.stage",
         "Train 3D Gaussians on the frames.",
+        options="egosplat.splats.options:SplatsOptions",
         output="splats.zarr",
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES | _MASKING | _JOINT,
         libraries=("numpy", "scipy", "torch", "zarr"),
-        keys=_CAMERA,
     ),
     Stage(
         "tiles",
         "egosplat.baselines.tiles_stage",
-        "Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them.",
+        "Encode tiles of the frames, for methods of others.",
+        options="egosplat.baselines.options:TilesOptions",
         output="tiles.zarr",
         inputs=("frames",),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "open_clip_torch", "pillow", "torch", "torchvision", "sam2", "zarr"),
-        keys={"models": (*_CLIP["models"][:2], *_SAM2["models"])},
     ),
     Stage(
         "prompts",
         "egosplat.baselines.depth_prompts_stage",
-        "Place the point prompts of each training frame by depth, for the method of others that needs them.",
+        "Place point prompts by depth, for a method of others.",
+        options="egosplat.baselines.options:PromptsOptions",
         output="prompts.zarr",
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "torch", "zarr"),
-        keys={"splats": ("backend", "seed")},
     ),
     Stage(
         "language",
         "egosplat.language.stage",
-        "Assign each Gaussian the code of its instance, at every level.",
+        "Assign each Gaussian the code of its instance.",
+        options="egosplat.language.options:LanguageOptions",
         output="language.zarr",
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("numpy", "scipy", "torch", "zarr"),
-        keys={"segments": ("segmenter", "point_prompts")},
+        modules=by(
+            "language.method",
+            joint="language.joint",
+            lifted="language.dominant",
+            trained="language.training",
+            projected="baselines.semantic_gaussians",
+            center="baselines.occam",
+            clustered="baselines.splat_feature_solver",
+            sparse="baselines.langsplat_v2",
+            granular="baselines.gags",
+            field="baselines.lerf",
+            quantized="baselines.legaussians",
+        ),
     ),
     Stage(
         "metrics",
         "egosplat.evaluation.stage",
-        "Query every annotated category, and score the answers and the renders.",
+        "Query every annotated category, and score the answers.",
+        options="egosplat.evaluation.options:MetricsOptions",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
         optional=_ENCODED,
@@ -235,26 +288,22 @@ _STAGES = (
             "torch",
             "zarr",
         ),
-        sections=("query", "presence"),
-        keys=_CLIP,
         scene=("title", "method"),
     ),
     Stage(
         "method_metrics",
         "egosplat.baselines.external_maps",
         "Score another method's relevancy maps like egosplat's own.",
+        options="egosplat.baselines.options:MethodMetricsOptions",
         output="method_metrics.json",
         inputs=("frames", "poses", "annotations", "relevancy"),
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
-        sections=("metrics",),
-        # The other keys of the section apply only to egosplat's own maps.
-        keys={"query": ("box_filter", "segmentation_threshold", "majority_filter")},
         scene=("title",),
     ),
     Stage(
         "contact_sheet",
         "egosplat.report.sheets.contact_sheet",
-        "Draw a scene's frames, annotations, and its trajectory from above.",
+        "Draw a scene's frames, annotations and trajectory.",
         output="contact_sheet.png",
         inputs=("frames", "annotations", "poses"),
         libraries=("adjustText", "matplotlib"),
@@ -263,7 +312,7 @@ _STAGES = (
     Stage(
         "language_sheet",
         "egosplat.report.sheets.language_sheet",
-        "Draw the Gaussians' codes from several directions, at each level.",
+        "Draw the Gaussians' codes from several directions.",
         output="language.png",
         inputs=("poses", "splats", "language"),
         libraries=("matplotlib", "scipy", "torch"),
@@ -272,7 +321,7 @@ _STAGES = (
     Stage(
         "transient_sheet",
         "egosplat.report.sheets.transient_sheet",
-        "Draw transient probability, masks, and the renders without the masked objects.",
+        "Draw what moves, its masks, and renders without it.",
         output="transient.png",
         inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
         libraries=("adjustText", "matplotlib", "torch"),
@@ -281,7 +330,7 @@ _STAGES = (
     Stage(
         "crops_sheet",
         "egosplat.report.sheets.crops_sheet",
-        "Draw the crops of instances in order of time, with outlier views crossed out.",
+        "Draw the crops of instances, with outliers crossed out.",
         output="crops.png",
         inputs=("frames", "instances", "view_features", "features"),
         libraries=("matplotlib",),
@@ -290,7 +339,7 @@ _STAGES = (
     Stage(
         "instances_sheet",
         "egosplat.report.sheets.instances_sheet",
-        "Draw the instances of each level in frames and from above, and crops before and after merging.",
+        "Draw the instances of each level in frames and from above.",
         output="instances.png",
         inputs=("frames", "poses", "segments", "instances"),
         libraries=("matplotlib",),
@@ -299,7 +348,7 @@ _STAGES = (
     Stage(
         "splats_sheet",
         "egosplat.report.sheets.splats_sheet",
-        "Draw held-out frames next to their renders, and the training curves.",
+        "Draw held-out frames next to their renders.",
         output="splats.png",
         inputs=("frames", "splats"),
         libraries=("matplotlib",),
@@ -318,12 +367,11 @@ _STAGES = (
     Stage(
         "scene_page",
         "egosplat.viewing.stage",
-        "Write the scene as one HTML file that answers queries in the browser.",
+        "Write the scene as one HTML file that can be asked.",
+        options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
         libraries=("open_clip_torch", "opencv-contrib-python-headless", "torch"),
-        sections=("query",),
-        keys=_CLIP,
         scene=("title",),
     ),
 )
@@ -359,27 +407,38 @@ def stage_function(name: str) -> Callable[..., None]:
     return import_module(STAGES[name].module).run
 
 
-def options_of(name: str) -> type | None:
-    """Get the dataclass of a stage's keys, the type of ``options``; None for a stage without keys."""
-    parameter = signature(stage_function(name)).parameters.get("options")
-    return parameter and parameter.annotation
-
-
-def run_stage(name: str, keys: Mapping[str, Any], **given: Any) -> None:
+def run_stage(name: str, options: "Options | None", **given: Any) -> None:
     """Run a stage.
 
     Args:
-        keys: values of its configuration keys, by name.
+        options: its options; None for a stage without keys.
         given: its paths and its values from the table of scenes, by name.
     """
-    options, stage = options_of(name), STAGES[name]
+    stage = STAGES[name]
     # ``run`` takes the path of an input as ``frames_path``; inside it, ``frames`` is the opened artifact.
     inputs = {*stage.inputs, *stage.optional}
     arguments = {f"{key}_path" if key in inputs else key: value for key, value in given.items()}
-    stage_function(name)(**arguments, **({"options": options(**keys)} if options else {}))
+    stage_function(name)(**arguments, **({} if options is None else {"options": options}))
 
 
-def code_of(name: str) -> str:
-    """Hash the code that a stage executes and the versions of its libraries."""
+def load_module(name: str, value: str) -> ModuleType:
+    """Import the module that a stage chooses by a value.
+
+    Raises:
+        UserError: the value has no module.
+    """
+    return import_module(STAGES[name].modules.find(value))
+
+
+def code_of(name: str, value: str | None = None) -> str:
+    """Hash the code that a stage executes and the versions of its libraries.
+
+    Args:
+        value: by which the stage chooses a module; None: the hash is of what all values share.
+
+    Raises:
+        UserError: the value has no module.
+    """
     stage = STAGES[name]
-    return code_hash(stage.module, stage.libraries)
+    chosen = () if value is None else (stage.modules.find(value),)
+    return code_hash(stage.module, *chosen, libraries=stage.libraries)

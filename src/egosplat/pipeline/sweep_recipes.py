@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from egosplat.pipeline.config import Config, defaults, schema
+from egosplat.pipeline.config import Config, defaults, stage_sections
 from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import variant_config, variant_folder
@@ -45,7 +45,7 @@ def recipe_of(scene: Scene, variant: str | None) -> Recipe:
 def changed_keys(config: Config) -> dict[str, Any]:
     """Get the keys of stages that differ from the defaults, without those of the recording."""
     usual = defaults()
-    sections = [name for name in schema("config")["properties"] if name in _SECTIONS]
+    sections = [name for name in config if name in _recipe_sections()]
     return {
         f"{section}.{key}": value
         for section in sections
@@ -54,10 +54,6 @@ def changed_keys(config: Config) -> dict[str, Any]:
     }
 
 
-# Sections of stages, and those that stages share; all points have the recording of the scene.
-_SECTIONS = {
-    section
-    for stage, about in STAGES.items()
-    for section in (stage, *about.sections, *about.keys)
-    if stage != "synthetic"
-}
+def _recipe_sections() -> set[str]:
+    """Sections of stages, and those that stages share; all points have the recording of the scene."""
+    return {section for stage in STAGES if stage != "synthetic" for section in stage_sections(stage)}

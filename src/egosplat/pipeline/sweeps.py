@@ -23,9 +23,6 @@ from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant
 # The knob whose values are presets.
 PRESET = "preset"
 
-# Sections whose seeds change together.
-SEEDED = ("features", "transient", "splats", "language")
-
 # Maximum length of a value in a variant's name [characters].
 _LONGEST = 60
 
@@ -95,7 +92,7 @@ def with_points(config: Config, presets: Path, format: str) -> Config:
     found = dict(settings)
     for seed in config["tradeoff"]["seeds"]:
         seed_variant = _seed_name(seed)
-        found[seed_variant] = {section: {"seed": seed} for section in SEEDED}
+        found[seed_variant] = {"run": {"seed": seed}}
         found |= {_with_seed(name, seed): {EXTENDS: [name, seed_variant]} for name in settings}
     if taken := sorted(set(found) & set(config["variants"])):
         raise UserError(
@@ -169,7 +166,7 @@ def _check_knob(knob: str) -> None:
         raise UserError(f"tradeoff.sweep: no key {knob}; {advice}")
     if section in QUESTIONS or knob in QUESTIONS:
         raise UserError(f"tradeoff.sweep: scores with other values of {knob} cannot be compared; remove it")
-    if key == "seed" or section == "tradeoff":
+    if knob == "run.seed" or section == "tradeoff":
         raise UserError(f"tradeoff.sweep: {knob} cannot be swept; remove it (seeds are in tradeoff.seeds)")
 
 

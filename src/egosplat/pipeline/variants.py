@@ -59,7 +59,7 @@ def variant_config(base: Config, name: str, where: str) -> Config:
     for one in _ancestry(base["variants"], name, where):
         keys = {key: value for key, value in base["variants"][one].items() if key not in (EXTENDS, METHOD)}
         merged = configuration.overlaid(merged, keys)
-    configuration.check(merged, f"variant {name}")
+    merged = configuration.validate(merged, f"variant {name}")
     if merged["synthetic"] != base["synthetic"]:
         raise UserError(
             f"variant {name}: variants share the scene's recording; leave out the section synthetic"

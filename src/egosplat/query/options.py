@@ -1,55 +1,72 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import Field
+
+from egosplat.pipeline.checked_options import make_options
+from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text, keys_of
+from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
 CANONICAL = ("object", "things", "stuff", "texture")
 
 
-@dataclass(frozen=True)
-class QueryOptions:
-    """How to compute and read relevancy (docs/method.md#queries).
+class MapOptions(Options):
+    """How maps of relevancy are read (docs/method.md#queries)."""
 
-    Attributes:
-        canonical: phrases to compare each query with; at least one.
-        temperature: t of the relevancy, above 0. The paper's formula has 1, LERF and LangSplat 10.
-        resolution: longer side of rendered and decoded codes [px]; 0 for the camera's. Maps are then resized to the
-            camera's size.
-        min_coverage: minimum share of a pixel covered by Gaussians with a code; below it the pixel has no relevancy.
-            Above 0, below 1.
-        box_filter: side of the box filter, as a share of the image's longer side; 0 for none.
-        segmentation_threshold: minimum relevancy of a mask's pixels, after normalization to 0..1 over the image.
-        majority_filter: side of the mask's majority filter, as a share of the image's longer side; 0 for none.
-        min_score: minimum score of an answer; below it the query is refused.
+    section: ClassVar[str] = "query"
 
-    Raises:
-        ValueError: a value is out of its range.
-    """
+    box_filter: Annotated[Share, READING] = 0.0213
+    """Side of the box filter that averages relevancy, as a fraction of the frame's longer side; 0 is none.
+    LangSplat's 30 pixels are 0.0213 of the paper's 1408. Larger finds large objects more reliably and small ones
+    less."""
 
-    canonical: tuple[str, ...]
-    temperature: float
-    resolution: int
-    min_coverage: float
-    box_filter: float
-    segmentation_threshold: float
-    majority_filter: float
-    min_score: float
+    segmentation_threshold: Annotated[float, Field(ge=0, lt=1), READING] = 0.7
+    """Relevancy above which a pixel belongs to the mask, after scaling the frame's relevancy to 0..1. LangSplat
+    uses 0.7 (docs/method.md#segmentation-threshold). Higher makes smaller masks."""
 
-    def __post_init__(self) -> None:
-        ranges = {
-            "canonical": len(self.canonical) >= 1,
-            "temperature": 0.0 < self.temperature < float("inf"),
-            "resolution": self.resolution >= 0,
-            "min_coverage": 0.0 < self.min_coverage < 1.0,
-            "box_filter": 0.0 <= self.box_filter <= 1.0,
-            "segmentation_threshold": 0.0 <= self.segmentation_threshold < 1.0,
-            "majority_filter": 0.0 <= self.majority_filter <= 1.0,
-            "min_score": 0.0 <= self.min_score <= 1.0,
-        }
-        for name, good in ranges.items():
-            if not good:
-                raise ValueError(f"{name} = {getattr(self, name)!r} is out of range")
+    majority_filter: Annotated[Share, READING] = 0.005
+    """Side of the majority filter on masks, as a fraction of the frame's longer side; 0 is none. LangSplat's 7
+    pixels are 0.005 of 1408. Larger removes specks and rounds corners."""
+
+    def box_filter_px(self, longer: int) -> int:
+        """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""
+        return max(1, round(self.box_filter * longer))
+
+    def majority_px(self, longer: int) -> int:
+        """Side of the majority filter [px] for a longer side [px]: the nearest odd number."""
+        # An even square has no middle pixel.
+        return 2 * int(self.majority_filter * longer / 2) + 1
+
+
+class QueryOptions(MapOptions):
+    """Answers to text queries, in the benchmark and in egosplat query."""
+
+    section: ClassVar[str] = "query"
+
+    canonical: Annotated[tuple[Text, ...], Field(min_length=1)] = CANONICAL
+    """Phrases that describe any object. A query must match better than the best of them for a relevancy above 0.5.
+    The paper uses LERF's."""
+
+    temperature: Annotated[Positive, READING] = 10.0
+    """Steepness of the relevancy as a function of similarity. LERF and LangSplat use 10, the paper's formula 1
+    (docs/method.md#temperature). It does not move the maximum before the box filter, and hardly after it."""
+
+    resolution: Natural = 0
+    """Longer side in pixels at which codes are rendered and decoded; never larger than the frames. 0 is the frames'
+    size. Time and memory per view grow with its square; smaller locates small objects less exactly."""
+
+    min_coverage: Annotated[float, Field(gt=0, lt=1)] = 0.01
+    """Smallest coverage of a pixel, 0 to 1, by Gaussians with a code at a level. Pixels below it get no answer
+    there. Larger removes floating Gaussians, and edges too."""
+
+    min_score: Share = 0.78
+    """Smallest score, 0 to 1, of an answer; below it egosplat query reports that the scene has no such object. A
+    score of 0.5 means as similar as the best canonical phrase. 0.78 has the most right answers minus answers to
+    absent objects on three synthetic apartments, with the small models and a temperature of 10
+    (benchmarks/presence/README.md). 0 accepts everything."""
 
     def refusal(self, score: float, untaught: Sequence[str]) -> str | None:
         """The reason why a query has no answer; None if it has one.
@@ -64,25 +81,19 @@ class QueryOptions:
             return f"not found: the OpenCLIP checkpoint was not trained on {words}"
         return f"not found: the best match is below {self.min_score:.2f}" if score < self.min_score else None
 
-    def box_filter_px(self, longer: int) -> int:
-        """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""
-        return max(1, round(self.box_filter * longer))
 
-    def majority_px(self, longer: int) -> int:
-        """Side of the majority filter [px] for a longer side [px]: the nearest odd number."""
-        # An even square has no middle pixel.
-        return 2 * int(self.majority_filter * longer / 2) + 1
+class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
+    """Everything that an answer depends on beside the scene."""
+
+    def changed(self, **keys: Any) -> Self:
+        """Make a copy with other values for some keys.
+
+        Raises:
+            UserError: a key is unknown or has a forbidden value; names the first one.
+        """
+        names = {name: f"query.{name}" for name in keys_of(type(self))}
+        return make_options(type(self), dict(self) | keys, "a query", names)
 
 
-# LangSplat's protocol, used by the paper: filters of 30 and 7 pixels at 1408. LangSplat itself has no
-# ``min_coverage``.
-LANGSPLAT = QueryOptions(
-    canonical=CANONICAL,
-    temperature=10.0,
-    resolution=0,
-    min_coverage=0.01,
-    box_filter=0.0213,
-    segmentation_threshold=0.7,
-    majority_filter=0.005,
-    min_score=0.5,
-)
+# LangSplat's protocol, used by the paper. LangSplat itself has no ``min_coverage``.
+LANGSPLAT = QueryOptions(min_score=0.5)

@@ -151,4 +151,4 @@ def _merge(coarse: Candidates, fine: Candidates, canvas: int, options: SegmentsO
     """Put both on one canvas. A mask of the frame is dropped where one from a crop shows the same."""
     logits = F.interpolate(coarse.logits[:, None], (canvas, canvas), mode="bilinear", align_corners=False)
     enlarged = Candidates(logits[:, 0], coarse.predicted_iou, coarse.stability)
-    return join([fine, drop_repeated(enlarged, fine.masks, options.box_nms_thresh)])
+    return join([fine, drop_repeated(enlarged, fine.masks, options.mask_filter.box_nms_thresh)])

@@ -1,6 +1,18 @@
 """Options of the stage ``segments``, and the names of its levels."""
 
 from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from egosplat.pipeline.options import READING, Count, Share
+from egosplat.pipeline.shared_options import (
+    DeviceOptions,
+    MaskSourceOptions,
+    Sam2Options,
+    SetOptions,
+    ThresholdOptions,
+)
 
 # The levels in the order of SAM2's three masks for one point (docs/method.md#levels).
 LEVELS = ("subpart", "part", "whole")
@@ -10,44 +22,94 @@ EACH_FRAME = "each_frame"
 
 
 @dataclass(frozen=True)
-class SegmentsOptions:
-    """Keys of the sections ``segments`` and ``models`` (SAM2's); ``config.schema.yaml`` describes each."""
+class MaskFilter:
+    """Which of SAM2's masks of a frame are kept (docs/method.md#mask-filters). The paper names none; those of LangSplat.
 
-    segmenter: str
-    image_size: int | None
+    Attributes:
+        pred_iou_thresh: least IoU as predicted by SAM2. LangSplat has 0.7; the small SAM2 predicts lower values.
+        stability_score_thresh: least stability score, the IoU of the mask at a slightly higher and a slightly lower
+            threshold. LangSplat has 0.85.
+        stability_score_offset: of those two thresholds [logits]. 1 suits the published SAM2 models, whose logits are
+            steep; it would reject half of the small model's masks.
+        nms_score_thresh: masks with this score (predicted IoU x stability) or less are dropped. LangSplat has 0.7.
+        nms_iou_thresh: mask IoU above which the mask with the lower score is dropped.
+        nms_inner_thresh: a mask nested in another that covers less than half of it is dropped if 1 - (fraction of the
+            outer x fraction of the inner) exceeds 1 - this value (docs/method.md#nested-masks).
+        box_nms_thresh: box IoU above which the mask with the lower predicted IoU is dropped.
+    """
 
-    # Which masks of a frame are kept (docs/method.md#mask-filters).
-    points_per_side: int
-    crops_per_side: int
     pred_iou_thresh: float
     stability_score_thresh: float
     stability_score_offset: float
-    box_nms_thresh: float
-    nms_iou_thresh: float
     nms_score_thresh: float
-    nms_inner_thresh: float
-    min_area: float
+    nms_iou_thresh: float = 0.8
+    nms_inner_thresh: float = 0.5
+    box_nms_thresh: float = 0.7
 
-    # Which instances are tracked (docs/method.md#prompting), and which of them are kept.
-    prompting: str
-    key_frame_stride: int
-    point_prompts: str
-    track_moving: str
-    min_uncovered_fraction: float
-    max_covered_new: float
-    merge_iou: float
-    min_frames: int
-    max_instances: int
-    cross_level_iou: float
-    lost_track_stride: int
-    batch: int
-    # masks.threshold: mean probability from which a mask is of something that moves.
-    threshold: float
 
-    sam2_config: str
-    sam2_checkpoint: str
-    device: str
-    precision: str
+# By models.set.
+MASK_FILTERS = {
+    "small": MaskFilter(0.3, 0.7, 0.1, 0.2),
+    "published": MaskFilter(0.7, 0.85, 1.0, 0.7),
+}
+
+
+class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions, ThresholdOptions):
+    """Instances at three levels, found with point prompts and tracked through the video."""
+
+    image_size: Annotated[int, Field(ge=128, multiple_of=32)] | None = 512
+    """Side in pixels of the square that SAM2 resizes frames to, a multiple of 32. null uses the architecture's own
+    size, 320 for the small model and 1024 for the published ones. Larger resolves smaller objects and sharper
+    edges; time grows with its square. Where prompting is each_frame, crops and tracks keep the architecture's own
+    size."""
+
+    points_per_side: Count = 16
+    """Side of the grid of point prompts. The paper uses 32. A denser grid finds smaller objects; the time per
+    prompted frame grows with its square."""
+
+    crops_per_side: Annotated[int, Field(ge=1, le=8)] = 2
+    """Side of the grid of overlapping crops that are prompted in addition to each whole frame, where prompting is
+    each_frame. A crop shows small things larger; masks of large things come from the whole frame. 1 uses no crops.
+    The time per prompted frame grows with its square."""
+
+    min_area: Annotated[Share, READING] = 0.0005
+    """Drop masks smaller than this fraction of the frame. Small masks give poor features."""
+
+    prompting: Literal["initial_frame", "key_frames", "each_frame"] = "each_frame"
+    """Frames that are prompted. initial_frame: only the first, as the paper's text says; a head-mounted camera soon
+    leaves that view. key_frames: later frames too, where nothing is tracked (docs/method.md#prompting). each_frame:
+    every key_frame_stride-th training frame by itself, without tracking; the stage instances merges its masks."""
+
+    key_frame_stride: Count = 4
+    """Number of frames between two checks for untracked regions, or between two segmented frames without tracking.
+    Smaller finds objects earlier and is slower."""
+
+    track_moving: Literal["auto", "never", "always"] = "auto"
+    """Whether people, hands and carried things are tracked in 2D where prompting is each_frame: masks whose mean
+    probability of the transient network reaches masks.threshold. auto: if the survey finds motion; by hand, if
+    transient.zarr is given. Other values of prompting track everything."""
+
+    merge_iou: Share = 0.6
+    """Merge two instances of a level if their masks overlap with a larger IoU in the frames that show both."""
+
+    min_frames: Annotated[Count, READING] = 3
+    """Drop instances seen in fewer frames. In a video with fewer frames, drop those not seen in all of them."""
+
+    max_instances: Annotated[Count, READING] = 200
+    """Largest number of instances tracked per level; the best are kept. Time and memory grow with it."""
+
+    cross_level_iou: Annotated[float, Field(ge=0.5, le=1.01), READING] = 0.8
+    """Masks of two levels in one frame with at least this IoU are tracked once and stored at both levels: many
+    objects have no parts. 1.01 tracks each level by itself and takes nearly twice the time."""
+
+    lost_track_stride: Annotated[Count, READING] = 3
+    """Search for a lost instance only every N frames once it has been missing for N frames. 1 searches in every
+    frame and is slower the more instances are out of view."""
+
+    @property
+    def mask_filter(self) -> MaskFilter:
+        """Which of SAM2's masks are kept."""
+        return MASK_FILTERS[self.set]
 
     @property
     def single_frames(self) -> bool:

@@ -112,12 +112,16 @@ def _good_masks(
         min_area: least share of the image.
     """
     kept: tuple[list[Tensor], list[Tensor], list[Tensor]] = ([], [], [])
+    limits = options.mask_filter
     for level in range(len(LEVELS)):
         mask, iou = logits[:, level].float(), ious[:, level].float()
-        stable = stability_score(mask, options.stability_score_offset)
+        stable = stability_score(mask, limits.stability_score_offset)
         # Areas are compared on the small masks, relative to their size.
         large = areas(mask > 0) >= max(1.0, min_area * mask.shape[-2:].numel())
-        good = (iou > options.pred_iou_thresh) & (stable >= options.stability_score_thresh) & large
+        # Indices, because each selection by a mask would make the CPU wait for a GPU.
+        good = ((iou > limits.pred_iou_thresh) & (stable >= limits.stability_score_thresh) & large).nonzero()[
+            :, 0
+        ]
         for values, each in zip(kept, (mask, iou, stable), strict=True):
             values.append(each[good])
     return kept
@@ -128,13 +132,14 @@ def filter_masks(found: Candidates, options: SegmentsOptions) -> Candidates:
     if len(found) == 0:
         return found
     # SAM's generator removes boxes first; LangSplat applies its mask NMS to what remains.
-    found = found.take(box_nms(found.masks, found.predicted_iou, options.box_nms_thresh))
+    limits = options.mask_filter
+    found = found.take(box_nms(found.masks, found.predicted_iou, limits.box_nms_thresh))
     kept = mask_nms(
         found.masks,
         found.scores,
-        iou_thresh=options.nms_iou_thresh,
-        score_thresh=options.nms_score_thresh,
-        inner_thresh=options.nms_inner_thresh,
+        iou_thresh=limits.nms_iou_thresh,
+        score_thresh=limits.nms_score_thresh,
+        inner_thresh=limits.nms_inner_thresh,
     )
     return found.take(kept)
 

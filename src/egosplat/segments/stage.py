@@ -1,6 +1,6 @@
 """Stage ``segments``: segment the frames at three levels and track the instances through the video."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,6 @@ from egosplat.segments.classical.segmenter import segment_video
 from egosplat.segments.instances import Segmented, finalize_instances
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.placed_points import PlacedPoints
-
-# Time between two checkpoints [s].
-CHECKPOINT_S = 60.0
 
 
 def run(
@@ -58,10 +55,10 @@ def run(
     transient = _open_transient(transient_path, frames, options)
     placed = PlacedPoints(prompts_path, frames) if options.by_depth else None
     inputs = [one for one in (frames, transient, placed and placed.artifact) if one is not None]
-    made = provenance.begin_from("segments", asdict(options) | by_survey, inputs, models)
+    made = provenance.begin_from("segments", options.as_dict() | by_survey, inputs, models)
     video = _Video(frames, np.flatnonzero(kept), transient, placed)
     # The key makes the checkpoint of other inputs or options invalid.
-    checkpoint = Checkpoint(output, provenance.key_of(made), CHECKPOINT_S)
+    checkpoint = Checkpoint(output, provenance.key_of(made))
     if options.segmenter == "classical":
         segmented = segment_video(video.image, len(video.frame), frames.read("valid"))
     else:
@@ -148,7 +145,7 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
     final = finalize_instances(segmented, 1 if single else options.min_frames)
     if len(final.kept) == 0:
         raise UserError(
-            "segments: no instance was found in any frame. Lower segments.pred_iou_thresh and stability_score_thresh, "
+            "segments: no instance was found in any frame. Raise segments.points_per_side or lower segments.min_area, "
             "or set segments.segmenter to classical"
         )
     first = labels[0]

@@ -30,6 +30,15 @@ from egosplat.segments.prompts import (
 )
 from egosplat.segments.propagation import Accepts, Propagator, restart
 
+# A level is prompted again if instances leave a larger fraction of the valid pixels uncovered.
+_MIN_UNCOVERED = 0.05
+
+# A new mask is dropped if tracked instances cover a larger fraction of it.
+_MAX_COVERED_NEW = 0.5
+
+# Objects per SAM2 batch. The order of sums, and so the last digit, depends on it.
+BATCH = 16
+
 
 class Tracker:
     """Tracks all levels of a video with SAM2 at once, so that each frame is encoded once per direction."""
@@ -135,7 +144,7 @@ class Tracker:
     def _search_area(self, frame: int) -> tuple[Tensor, float]:
         """(M, M) bool pixels where new objects are searched for, and the number of untracked ones that is too few."""
         # Slivers between masks are no reason to prompt.
-        return self._inside, self._options.min_uncovered_fraction * float(self._inside.sum())
+        return self._inside, _MIN_UNCOVERED * float(self._inside.sum())
 
     def _may_start(self, frame: int, found: Candidates) -> Candidates:
         """The masks that may start a track."""
@@ -226,7 +235,7 @@ class Tracker:
         for number in reversed(searched):
             new = filter_masks(self._may_start(frame, found[number]), self._options)
             new = drop_covered(
-                new, tracked[number], self._options.max_covered_new, self._options.nms_iou_thresh
+                new, tracked[number], _MAX_COVERED_NEW, self._options.mask_filter.nms_iou_thresh
             )
             # ``max_instances`` keeps the best masks; the sort is stable, so that equal scores keep their order.
             new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
@@ -250,8 +259,8 @@ class Tracker:
         """Start tracks; returns the numbers of the instances."""
         ids = self._add_instances(frame, level, new)
         # Memory attention takes memory in proportion to the objects of a batch.
-        for first in range(0, len(ids), self._options.batch):
-            some = slice(first, first + self._options.batch)
+        for first in range(0, len(ids), BATCH):
+            some = slice(first, first + BATCH)
             self._levels[level].groups.append(
                 self._propagator.begin(encoded, frame, ids[some], new.logits[some])
             )

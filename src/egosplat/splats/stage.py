@@ -1,6 +1,6 @@
 """Stage ``splats``: train 3D Gaussians on frames with poses."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,13 @@ from egosplat.artifacts.writer import create
 from egosplat.codes.joint_objective import JointLanguage, initial_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
-from egosplat.gaussians.camera_options import CameraOptions, make_corrections, resolved
+from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolved
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.objective import L1Ssim, Objective
-from egosplat.gaussians.options import GrowthOptions, TrainingOptions
+from egosplat.gaussians.options import GROW_GRAD2D, TrainingOptions
 from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
@@ -40,31 +40,7 @@ from egosplat.gaussians.training_views import (
 from egosplat.progress import log
 from egosplat.splats.corrections import put_corrections
 from egosplat.splats.held_out import put_held_out
-
-
-@dataclass(frozen=True, kw_only=True)
-class SplatsOptions(GrowthOptions, RenderSettings, CameraOptions):
-    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
-
-    masking: str
-    language: str
-    feature_weight: float
-    max_points: int
-    densify_init: bool
-    sh_degree: int
-    ssim_lambda: float
-    position_lr: float
-    evaluate_every: int
-    checkpoint_s: float
-
-    @property
-    def training(self) -> TrainingOptions:
-        """Return the training options of the Gaussians."""
-        return self.training_options(
-            render=self,
-            position_lr=self.position_lr,
-            evaluate_every=self.evaluate_every,
-        )
+from egosplat.splats.options import SplatsOptions
 
 
 def run(
@@ -103,8 +79,9 @@ def run(
     )
     check_made_from(poses, frames, axes=("frame",))
     used = [frames, poses, *language_inputs, *masking.artifacts]
-    record = provenance.begin_from("splats", asdict(options) | by_survey, used)
-    view_sets = _view_sets(frames, poses, kept, masking, options.training)
+    record = provenance.begin_from("splats", options.as_dict() | by_survey, used)
+    training = training_options(options)
+    view_sets = _view_sets(frames, poses, kept, masking, training)
     start = starting_gaussians(
         poses,
         view_sets.training,
@@ -120,15 +97,34 @@ def run(
         objective = JointLanguage(options.ssim_lambda, options.feature_weight, targets)
         # Codes of all levels are features of the Gaussians, so their gradients reach the geometry, too.
         start = replace(start, features=initial_codes(start.count, targets, start.means.device))
-    checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
+    checkpoint = Checkpoint(output, provenance.key_of(record))
     extent = scene_extent(view_sets.training.camera_to_world)
     corrections = make_corrections(
-        options.corrections, start, view_sets.training, options.near_plane, options.iterations
+        chosen_corrections(options), start, view_sets.training, options.near_plane, options.iterations
     )
-    state = TrainingState(start, options.training, extent, objective, corrections)
-    resume_and_train(state, view_sets, options.training, checkpoint)
-    _write(output, record, state, view_sets, options.training, poses, masking)
+    state = TrainingState(start, training, extent, objective, corrections)
+    resume_and_train(state, view_sets, training, checkpoint)
+    _write(output, record, state, view_sets, training, poses, masking)
     checkpoint.remove()
+
+
+def training_options(options: SplatsOptions) -> TrainingOptions:
+    """Return the training options of the Gaussians."""
+    # 3DGS enlarges Gaussians smaller than a pixel, too, instead of dimming them.
+    render = RenderSettings(
+        options.near_plane, options.background, antialiased=False, backend=options.backend
+    )
+    return TrainingOptions(
+        render=render,
+        iterations=options.iterations,
+        max_gaussians=options.max_gaussians,
+        grow_grad2d=GROW_GRAD2D,
+        evaluate_every=options.evaluate_every,
+        seed=options.seed,
+        reset_opacity=options.reset_opacity,
+        reset_at_start=options.reset_at_start,
+        prune_screen_px=options.prune_screen_px,
+    )
 
 
 def _open_language_inputs(

@@ -1,6 +1,5 @@
 """Stage ``survey``: decide from frames and poses whether anything moves, which frames are blurred, and which add views."""
 
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.geometry import Camera
-from egosplat.pipeline.survey_file import FORMAT_VERSION, digest_of_frames, write_survey
+from egosplat.pipeline.survey_file import digest_of_frames
 from egosplat.progress import log
 from egosplat.survey.decisions import (
     brightness_range,
@@ -24,18 +23,11 @@ from egosplat.survey.decisions import (
     pose_residual,
     refines_poses,
 )
+from egosplat.survey.document import FORMAT_VERSION, write_survey
 from egosplat.survey.motion import Motion, measure_motion
+from egosplat.survey.options import SurveyOptions
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
 from egosplat.survey.views import choose_views, median_depths
-
-
-@dataclass(frozen=True)
-class SurveyOptions:
-    """The schema's keys of ``survey``; ``config.schema.yaml`` describes each."""
-
-    max_moving_probability: float
-    min_view_change_deg: float
-    blur_limit: float
 
 
 def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
@@ -46,7 +38,7 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
-    record = provenance.begin_from("survey", asdict(options), (frames, poses))
+    record = provenance.begin_from("survey", options.as_dict(), (frames, poses))
     motion = measure_motion(frames, poses)
     views = _geometry(frames, poses)
     sharpness = _find_blurred(frames, views, options.blur_limit)

@@ -1,6 +1,6 @@
 """Stage ``masks``: select the transient instances (the paper's set D) and mask their pixels in each frame."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT, InstanceScores
 from egosplat.artifacts.writer import Writer, create
 from egosplat.progress import log, track
+from egosplat.transient.options import MasksOptions
 
 Scores = NDArray[np.float64]
 
@@ -63,17 +64,6 @@ def reason_to_withhold(
     return BY_INSTANCES if seen and int(transient.sum()) > max_share * seen else None
 
 
-@dataclass(frozen=True)
-class MasksOptions:
-    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
-
-    threshold: float
-    level: str
-    stands_out: float
-    pixel_probability: float
-    max_share: float
-
-
 def run(
     frames_path: Path, transient_path: Path, instances_path: Path, output: Path, options: MasksOptions
 ) -> None:
@@ -89,7 +79,7 @@ def run(
     )
     for artifact in (transient, instances):
         check_made_from(artifact, frames, axes=("frame", "height", "width"))
-    record = provenance.begin_from("masks", asdict(options), (frames, transient, instances))
+    record = provenance.begin_from("masks", options.as_dict(), (frames, transient, instances))
     names = instances.facts["levels"]
     levels = set(range(len(names))) if options.level == "all" else {names.index(options.level)}
     # Training frames alone decide: evaluation frames must not influence training.

@@ -1,6 +1,5 @@
 """Stage ``transient``: train the network H with temporary 3D Gaussians, and predict all frames."""
 
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,10 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
-from egosplat.gaussians.camera_options import CameraOptions, make_corrections, resolved
+from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolved
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
-from egosplat.gaussians.options import GrowthOptions, TrainingOptions
+from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
@@ -34,55 +33,7 @@ from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
-
-# Learning rate of the means of the temporary Gaussians, as in 3DGS.
-POSITION_LR = 1.6e-4
-
-
-@dataclass(frozen=True, kw_only=True)
-class TransientOptions(GrowthOptions, CameraOptions):
-    """Configuration keys of the stage; ``config.schema.yaml`` describes each."""
-
-    warmup: float
-    resolution: int
-    transient_penalty: float
-    penalty_unit: str
-    residual: str
-    lr: float
-    input_size: int
-    encoder_weights: str | None
-    batch_norm: str
-    schedule: str
-    max_points: int
-    densify_init: bool
-    sh_degree: int
-    near_plane: float
-    background: str
-    checkpoint_s: float
-    backend: str
-
-    @property
-    def gaussians(self) -> TrainingOptions:
-        """Return the training options of the temporary Gaussians."""
-        return self.training_options(
-            render=RenderSettings(self.near_plane, self.background, antialiased=False, backend=self.backend),
-            position_lr=POSITION_LR,
-            cuts_schedule=self.schedule == "cut",
-            # Temporary Gaussians need no intermediate evaluations.
-            evaluate_every=self.iterations,
-        )
-
-    @property
-    def network(self) -> InitialOptions:
-        """Return the training options of the network."""
-        return InitialOptions(
-            iterations=self.iterations,
-            warmup=round(self.warmup * self.iterations),
-            transient_penalty=self.transient_penalty,
-            penalty_unit=self.penalty_unit,
-            residual=self.residual,
-            lr=self.lr,
-        )
+from egosplat.transient.options import TransientOptions
 
 
 def run(
@@ -110,7 +61,7 @@ def run(
     kept, by_survey = kept_frames(frames, survey_path)
     weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
     net = make_network(options.input_size, lies_on_its_side(frames), weights, options.seed)
-    record = _begin(asdict(options) | by_survey, frames, poses, weights)
+    record = _begin(options.as_dict() | by_survey, frames, poses, weights)
     view_sets = _view_sets(frames, poses, kept, options.resolution, training_device(options.backend))
     views = view_sets.training
     start = starting_gaussians(
@@ -122,14 +73,15 @@ def run(
         near_plane=options.near_plane,
         seed=options.seed,
     )
-    objective = InitialObjective(net, options.network, views.device)
+    objective = InitialObjective(net, initial_options(options), views.device)
+    training = training_options(options)
     extent, near_plane = scene_extent(views.camera_to_world), options.near_plane
-    corrections = make_corrections(options.corrections, start, views, near_plane, options.iterations)
-    state = TrainingState(start, options.gaussians, extent, objective, corrections)
-    checkpoint = Checkpoint(output, provenance.key_of(record), options.checkpoint_s)
+    corrections = make_corrections(chosen_corrections(options), start, views, near_plane, options.iterations)
+    state = TrainingState(start, training, extent, objective, corrections)
+    checkpoint = Checkpoint(output, provenance.key_of(record))
     # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
-        resume_and_train(state, view_sets, options.gaussians, checkpoint)
+        resume_and_train(state, view_sets, training, checkpoint)
     with create(output, TRANSIENT, record) as artifact:
         _put_curves(artifact, state, objective)
         tensors = _put_weights(artifact, net)
@@ -146,6 +98,38 @@ def run(
             "tensors": tensors,
         }
     checkpoint.remove()
+
+
+def training_options(options: TransientOptions) -> TrainingOptions:
+    """Return the training options of the temporary Gaussians."""
+    render = RenderSettings(
+        options.near_plane, options.background, antialiased=False, backend=options.backend
+    )
+    return TrainingOptions(
+        render=render,
+        iterations=options.iterations,
+        max_gaussians=options.max_gaussians,
+        grow_grad2d=options.grow_grad2d,
+        # Temporary Gaussians need no intermediate evaluations.
+        evaluate_every=options.iterations,
+        seed=options.seed,
+        reset_opacity=options.reset_opacity,
+        reset_at_start=options.reset_at_start,
+        prune_screen_px=options.prune_screen_px,
+        cuts_schedule=options.schedule == "cut",
+    )
+
+
+def initial_options(options: TransientOptions) -> InitialOptions:
+    """Return the training options of the network."""
+    return InitialOptions(
+        iterations=options.iterations,
+        warmup=round(options.warmup * options.iterations),
+        transient_penalty=options.transient_penalty,
+        penalty_unit=options.penalty_unit,
+        residual=options.residual,
+        lr=options.lr,
+    )
 
 
 def _begin(keys: dict[str, Any], frames: Artifact, poses: Artifact, weights: Path | None) -> Provenance:

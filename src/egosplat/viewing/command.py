@@ -12,7 +12,7 @@ from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
 from egosplat.viewing.container import Facts, unpack
-from egosplat.viewing.html import PAGE, data_of
+from egosplat.viewing.html import data_of
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.record import record_of
 from egosplat.viewing.server import Encode, PageServer
@@ -60,10 +60,10 @@ def _written_page(
 ) -> tuple[str, Facts] | None:
     """The page in the folder with its facts, if it was made from these artifacts with these options."""
     path = folder / _PAGE.output
-    if not path.is_file() or not PAGE.is_own(path):
+    page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    if not (data := data_of(page)):
         return None
-    page = path.read_text(encoding="utf-8")
-    facts, _ = unpack(data_of(page))
+    facts, _ = unpack(data)
     record = record_of(artifacts.values(), options)
     return (page, facts) if record.items() <= facts.items() else None
 

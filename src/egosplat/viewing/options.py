@@ -1,17 +1,17 @@
 """Options of the scene page."""
 
-from dataclasses import dataclass
+from egosplat.pipeline.options import Count
+from egosplat.pipeline.shared_options import ClipOptions
+from egosplat.query.options import AskingOptions
 
-from egosplat.query.options import QueryOptions
+
+class PageOptions(AskingOptions):
+    """The page of a scene, scene.html."""
+
+    max_gaussians: Count = 200000
+    """Largest number of Gaussians on the page; of more, those that cover most are kept. 100,000 make a file of
+    about 6 MB."""
 
 
-@dataclass(frozen=True)
-class ScenePageOptions(QueryOptions):
-    """The keys of ``scene_page`` and ``query``, and of OpenCLIP in ``models``; see ``config.schema.yaml``."""
-
-    backend: str
-    max_gaussians: int
-    clip_model: str
-    clip_checkpoint: str
-    device: str
-    precision: str
+class ScenePageOptions(PageOptions, ClipOptions):
+    """The page of a scene, scene.html."""

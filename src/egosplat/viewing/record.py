@@ -1,7 +1,6 @@
 """What a scene page was made from."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, fields
 
 import egosplat
 from egosplat.artifacts.reader import Artifact
@@ -10,12 +9,12 @@ from egosplat.viewing.container import Facts
 from egosplat.viewing.options import ScenePageOptions
 
 # Keys that a page depends on. The others say where it is computed, and which OpenCLIP, which features.zarr tells.
-_KEYS = (*(field.name for field in fields(QueryOptions)), "max_gaussians")
+_KEYS = (*QueryOptions.model_fields, "max_gaussians")
 
 
 def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions) -> Facts:
     """The version, the artifacts' digests and the options: pages with equal records show and answer the same."""
-    values = asdict(options) | {"canonical": list(options.canonical)}
+    values = options.as_dict()
     return {
         "version": egosplat.__version__,
         "made_from": {artifact.path.name: artifact.digest for artifact in artifacts},

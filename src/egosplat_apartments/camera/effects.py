@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from egosplat_apartments.options import SyntheticOptions
+
 # Values of the keys that are ``auto``, with ``camera: real``; benchmarks/real_camera/README.md has their sources.
 REAL = {
     "drift_mm": 10.0,
@@ -18,26 +20,6 @@ REAL = {
     "vignetting_percent": 10.0,
 }
 _REAL_JPEG, _IDEAL_JPEG = 90, 95
-
-
-@dataclass(frozen=True)
-class CameraOptions:
-    """The keys of ``synthetic`` that describe the camera; ``config.schema.yaml`` describes each."""
-
-    camera: str
-    camera_strength: float
-    drift_mm: float | str
-    drift_deg: float | str
-    drift_s: float
-    time_offset_ms: float | str
-    exposure_ms: float | str
-    readout_ms: float | str
-    auto_exposure_stops: float | str
-    white_balance_percent: float | str
-    shot_noise_percent: float | str
-    read_noise_percent: float | str
-    vignetting_percent: float | str
-    jpeg_quality: int | str
 
 
 @dataclass(frozen=True)
@@ -91,7 +73,7 @@ class Effects:
 IDEAL = Effects()
 
 
-def make_effects(options: CameraOptions) -> Effects:
+def make_effects(options: SyntheticOptions) -> Effects:
     """The effects that the keys ask for, each multiplied by ``camera_strength``."""
     strength = options.camera_strength
 
@@ -118,7 +100,7 @@ def make_effects(options: CameraOptions) -> Effects:
     )
 
 
-def _auto(options: CameraOptions, key: str) -> float:
+def _auto(options: SyntheticOptions, key: str) -> float:
     return REAL[key] if options.camera == "real" else 0.0
 
 

@@ -1,10 +1,11 @@
 """Inputs of stages and decisions of a survey, without Snakemake."""
 
+import json
+
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.language.methods import METHODS, TILE_METHODS
-from egosplat.pipeline.config import check, defaults, merge, section_keys
+from egosplat.pipeline.config import defaults, merge, section_keys, validate
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     decided,
@@ -15,16 +16,17 @@ from egosplat.pipeline.dag import (
     leaves_frames_out,
     masks_by_survey,
     optional_inputs_of,
-    stage_flags,
+    options_json,
     stages_behind,
     story_stages,
     survey_decides,
     tracks_by_survey,
     training_frames,
 )
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import STAGES, load_module
 
 BASE = defaults()
+METHODS = section_keys("language")["method"]["enum"]
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
 EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}} | OFF)
 SINGLE_FRAMES = merge(EVERY_FRAME, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
@@ -59,12 +61,17 @@ def test_the_inputs_of_splats_depend_on_their_keys(masking, language, expected):
     assert optional_inputs_of("language", config) == (*moving, "instances", "features")
 
 
-@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+def learns_from_tiles(method):
+    """What the module of a method says itself."""
+    return [schema.name for schema in load_module("language", method).METHOD.learns_from] == ["tiles"]
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_codes_and_their_scores_read_what_the_method_learns_from(method):
     """Protects the table of the DAG, which cannot import the methods, and joint training, which has its own codes."""
     keys = {"language": {"method": method}, "splats": {"masking": "none"}}
     config = merge(EVERY_FRAME, keys)
-    tiles = method in TILE_METHODS
+    tiles = learns_from_tiles(method)
     assert optional_inputs_of("language", config) == (("tiles",) if tiles else ("instances", "features"))
     for stage in ("metrics", "queries_sheet"):
         assert optional_inputs_of(stage, config) == (("tiles",) if tiles else ("features",))
@@ -104,13 +111,9 @@ def test_masks_that_are_prompted_by_depth_need_gaussians_and_these_no_segments(k
 )
 def test_keys_that_prompts_by_depth_do_not_go_with_are_an_error_that_names_both(section, key, value):
     config = merge(EVERY_FRAME, BY_DEPTH)
-    check(config)
+    validate(config)
     with pytest.raises(UserError, match=rf"segments\.point_prompts.*{section}\.{key} = .*, not {value};"):
-        check(merge(config, {section: {key: value}}))
-
-
-def test_every_method_of_the_schema_has_a_function():
-    assert set(section_keys("language")["method"]["enum"]) == {*METHODS, *TILE_METHODS}
+        validate(merge(config, {section: {key: value}}))
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
@@ -155,7 +158,7 @@ def test_the_survey_decides_whether_what_moves_is_tracked(masking, expected):
     found = decided(config, survey(masking))
     assert found["segments"]["track_moving"] == expected and found["splats"]["masking"] == "none"
     assert ("transient" in optional_inputs_of("segments", found)) == (expected == "always")
-    assert f"--track-moving {expected}" in stage_flags("segments", found)
+    assert json.loads(options_json("segments", found))["track_moving"] == expected
     for value in ("always", "never"):
         own = merge(config, {"segments": {"track_moving": value}})
         assert decided(own, survey(masking)) == own and not survey_decides(own)
@@ -167,7 +170,7 @@ def test_the_survey_decides_masking_where_it_is_auto(masking):
     found = decided(BASE, survey(masking))
     assert found["splats"]["masking"] == masking and BASE["splats"]["masking"] == "auto"
     assert ("masks" in optional_inputs_of("splats", found)) == (masking == "refined")
-    assert f"--masking {masking}" in stage_flags("splats", found)
+    assert json.loads(options_json("splats", found))["masking"] == masking
 
 
 @pytest.mark.parametrize("stage", ["transient", "instances", "splats"])
@@ -178,8 +181,7 @@ def test_the_survey_decides_what_is_corrected_where_it_is_auto(stage):
     assert "survey" not in optional_inputs_of(stage, auto) and "survey" not in inputs_of("masks", auto)
     found = decided(auto, survey("none"))
     assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"} and follows_survey(stage)
-    assert "--refine-poses on" in stage_flags(stage, found)
-    assert "--compensate-exposure off" in stage_flags(stage, found)
+    assert found["camera"].items() <= json.loads(options_json(stage, found)).items()
     assert survey_decides(auto) and not survey_decides(merge(auto, OFF))
     by_hand = merge(auto, {"camera": {"refine_poses": "off", "compensate_exposure": "on"}})
     assert decided(by_hand, survey("none")) == by_hand
@@ -212,15 +214,11 @@ def test_gaussians_train_on_no_blurred_frame_where_nothing_moves():
     assert len({*blurred, ALL_FRAMES, "of-kept-frames"}) == 4
 
 
-def test_keys_become_flags_in_order_of_their_names():
-    """Protects the command line of a stage: types of values, quoting, and keys without a value."""
+def test_options_are_json_in_order_of_their_names():
+    """Protects the command line of a stage: types of values, order, and quoting of paths."""
     keys = {"frames": {"upright": False, "start_s": 1.5, "end_s": None, "stride": 2}}
-    flags = stage_flags("frames", merge(BASE, keys)).split(" --")
-    assert flags == sorted(flags, key=lambda flag: flag.removeprefix("--").removeprefix("no-"))
-    assert {"no-upright", "start-s 1.5", "stride 2"} <= set(flags)
-    assert not [flag for flag in flags if flag.startswith("end-s")]
-    listed = stage_flags("metrics", merge(BASE, {"metrics": {"excluded": ["a b"]}}))
-    assert """--excluded '["a b"]'""" in listed
+    found = json.loads(options_json("frames", merge(BASE, keys)))
+    assert list(found) == sorted(found) and keys["frames"].items() <= found.items()
     assert input_flags({"view_features": "a b.zarr"}) == "--view-features 'a b.zarr'"
 
 
@@ -235,11 +233,11 @@ def test_what_moves_is_drawn_where_instances_mask_it(masking):
 OF_INSTANCES = {"segments", "instances", "view_features", "features"}
 
 
-@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+@pytest.mark.parametrize("method", METHODS)
 def test_pages_and_story_make_instances_only_where_something_reads_them(method):
     """Protects a scene whose own method learns from tiles from hours of segmentation, also where the survey decides masks."""
     config = merge(EVERY_FRAME, {"language": {"method": method}, "splats": {"masking": "none"}})
-    tiles = method in TILE_METHODS
+    tiles = learns_from_tiles(method)
     told = set(story_stages(config, annotated=True, surveyed=False))
     assert told & (OF_INSTANCES | {"tiles"}) == ({"tiles"} if tiles else OF_INSTANCES)
     for one in (config, merge(config, {"splats": {"masking": "auto"}})):

@@ -9,7 +9,7 @@ from matplotlib.figure import SubFigure
 
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, plt, save_figure
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_finished
+from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_scored, scoring_options
 from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.report.tables.series import OWN
 
@@ -75,7 +75,8 @@ def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuer
 
 
 def _answers(scene: ScoredScene, queries: Sequence[ScoredQuery]) -> dict[Asked, ShownQuery]:
-    shown = ask_again(queries, open_finished(scene.path.parent), scene)
+    opened = open_scored(scene.path.parent, scoring_options(scene))
+    shown = ask_again(queries, opened, scene)
     return {(one.scored.frame, one.scored.category): one for one in shown}
 
 

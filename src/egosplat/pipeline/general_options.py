@@ -1,0 +1,189 @@
+"""Options of the configuration as a whole: preset, scenes, variants, and what pages compare."""
+
+import re
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field
+from typing_extensions import TypedDict
+
+from egosplat.pipeline.options import UNIQUE, Natural, Options, Text, check_with
+
+_NAME = check_with(
+    lambda name: re.fullmatch("[A-Za-z0-9_-]{1,200}", name),
+    "only letters, digits, _ and -, at most 200 letters",
+)
+_SCENE = check_with(lambda name: re.fullmatch("[^/]+/[^/]+", name), "only dataset/scene")
+_KEY = check_with(
+    lambda key: re.fullmatch("[a-z_]+[.][a-z0-9_]+", key), "only section.key, as in splats.iterations"
+)
+
+# Sections that may differ between formats.
+_OF_FORMATS = Literal[
+    "models",
+    "run",
+    "frames",
+    "annotations",
+    "poses",
+    "survey",
+    "segments",
+    "view_features",
+    "features",
+    "transient",
+    "masks",
+    "splats",
+    "language",
+    "query",
+    "metrics",
+]
+
+
+class VariantKeys(TypedDict, total=False):
+    """Keys of a variant: sections with keys, and these two."""
+
+    __pydantic_config__ = ConfigDict(extra="allow", strict=True)  # type: ignore[misc]
+
+    extends: str | list[str]
+    method: Annotated[str, Field(min_length=1, max_length=60)]
+
+
+VARIANTS: dict[str, VariantKeys] = {
+    "baseline": {"extends": "no_masks", "features": {"supervision": "view"}},
+    "no_masks": {"splats": {"masking": "none"}},
+    "network_masks": {"splats": {"masking": "initial"}},
+    "shared_geometry": {"extends": "no_masks", "splats": {"language": "after"}},
+    "each_frame": {
+        "extends": ["baseline", "shared_geometry"],
+        "segments": {"prompting": "each_frame", "key_frame_stride": 1, "track_moving": "never"},
+        "instances": {"source": "tracks"},
+        "features": {"compression": "none"},
+    },
+    "langsplat": {
+        "extends": "each_frame",
+        "method": "LangSplat",
+        "features": {"compression": "autoencoder", "dims": 3},
+        "language": {"method": "trained", "normalize_codes": True},
+    },
+    "semantic_gaussians": {"extends": "each_frame", "method": "SG", "language": {"method": "projected"}},
+    "occam": {"extends": "each_frame", "method": "Occam's LGS", "language": {"method": "center"}},
+    "lerf": {"extends": "shared_geometry", "method": "LERF", "language": {"method": "field", "pixels": 4096}},
+    "legaussians": {
+        "extends": "shared_geometry",
+        "method": "LEGaussian",
+        "language": {"method": "quantized"},
+    },
+    "gags": {
+        "extends": "each_frame",
+        "method": "GAGS",
+        "segments": {"point_prompts": "depth"},
+        "language": {"method": "granular"},
+    },
+    "langsplat2": {"extends": "each_frame", "method": "LangSplatV2", "language": {"method": "sparse"}},
+    "splat_feature_solver": {
+        "extends": "each_frame",
+        "method": "SFS",
+        "language": {"method": "clustered", "normalize_codes": True},
+    },
+}
+
+
+class GeneralOptions(Options):
+    """Keys that are in no section."""
+
+    preset: Literal["draft", "fast", "balanced", "accurate", "paper"] = "balanced"
+    """Trade of speed against accuracy: a file in config/presets. Its values replace the defaults here; keys set in
+    the configuration replace its values."""
+
+    scenes: Text = "config/scenes.tsv"
+    """Table of scenes, one row each. Relative to the working directory."""
+
+    data_root: dict[str, Text | None] = Field(default={})
+    """Folder that holds the recordings of each dataset, or null. Without a folder for adt, scenes 1 to 5 of adt are
+    synthetic apartments; recordings of other datasets are then relative to the working directory."""
+
+    container: Text | None = None
+    """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
+    (docs/running.md)."""
+
+    formats: dict[Literal["adt", "hoi4d", "plain"], dict[_OF_FORMATS, dict[str, Any]]] = Field(default={})
+    """Keys for all scenes whose recording has the format adt, hoi4d or plain. They win over the keys of all scenes,
+    and a scene's own row wins over them. The preset paper sets some for HOI4D; a key set in the configuration wins
+    over those."""
+
+    variants: dict[Annotated[str, _NAME], VariantKeys] = VARIANTS
+    """Named sets of keys that differ from the scene's, for ablations. results/adt/scene1/variants/baseline/ holds
+    only the artifacts that the variant changes; it shares the others with the scene. The scene itself is the full
+    method. Yours stand beside those below, and replace one of the same name. baseline: per-view features, no masks.
+    no_masks: consistent features, no masks. network_masks: the masks that the network predicts, without instances.
+    shared_geometry: no_masks with codes after the geometry, for other methods (docs/methods.md). each_frame: its
+    Gaussians and baseline's features, with the masks of each frame by themselves, neither tracked nor merged.
+    langsplat, semantic_gaussians, occam, gags, langsplat2 and splat_feature_solver are methods on these masks, lerf
+    and legaussians on tiles of frames. `extends` names one or more variants to inherit keys from (later ones win);
+    unchanged artifacts are shared with them. `method` is the name of the published method that a variant stands
+    for, in tables."""
+
+
+class TablesOptions(Options):
+    """Rows of the paper's tables (results/benchmark/tables.html) besides those of EgoSplat and its ablation."""
+
+    section: ClassVar[str] = "tables"
+
+    methods: Annotated[tuple[Text, ...], UNIQUE] = (
+        "lerf",
+        "legaussians",
+        "semantic_gaussians",
+        "gags",
+        "langsplat",
+        "occam",
+        "langsplat2",
+        "splat_feature_solver",
+    )
+    """Variants whose scores the tables wait for, in each scene. Each stands in the row of its `method`
+    (docs/methods.md). A run without a target does not make them."""
+
+    maps: str | None = None
+    """Folder of relevancy maps of methods that were run elsewhere, DATASET/SCENE/NAME.zarr
+    (docs/methods.md). Those that exist are scored and get a row."""
+
+
+SWEEP: dict[str, tuple[Any, ...]] = {
+    "frames.resolution": (256, 384, 704),
+    "segments.points_per_side": (8, 16, 32),
+    "segments.key_frame_stride": (2, 4, 8),
+    "features.dims": (3, 8, 16, 32),
+    "features.compression": ("linear", "autoencoder"),
+    "splats.iterations": (1500, 3000, 7000, 15000),
+    "splats.max_gaussians": (30000, 100000, 200000),
+    "splats.sh_degree": (0, 1, 3),
+    "run.precision": ("float32", "bfloat16"),
+    "language.method": ("lifted", "trained"),
+}
+
+
+class TradeoffOptions(Options):
+    """Presets and keys that the speed-accuracy page of a scene compares (tradeoff/tradeoff.html), and scenes whose pages results/benchmark/tradeoff.html joins."""
+
+    section: ClassVar[str] = "tradeoff"
+
+    scenes: Annotated[tuple[Annotated[str, _SCENE], ...], Field(min_length=1), UNIQUE] = (
+        "adt/scene1",
+        "adt/scene2",
+    )
+    """Scenes of the joint page, as dataset/scene."""
+
+    presets: Annotated[
+        tuple[Literal["draft", "fast", "balanced", "accurate", "paper_scaled"], ...], UNIQUE
+    ] = ("draft", "fast", "balanced", "accurate", "paper_scaled")
+    """Presets to compare, with the scene's recording and models. paper_scaled is the preset paper at the scene's
+    own resolution and focal length."""
+
+    sweep: dict[
+        Annotated[str, _KEY],
+        Annotated[tuple[int | float | str | bool | None, ...], Field(min_length=1), UNIQUE],
+    ] = SWEEP
+    """Keys to vary one at a time, with their values. The scene's own value is always compared. Every other value
+    reruns the stages that it changes, once per seed."""
+
+    seeds: Annotated[tuple[Natural, ...], UNIQUE] = (1,)
+    """Additional values of run.seed. Every setting runs once more per seed, to measure the random variation of the
+    results, which is assumed equal for all settings. More seeds narrow the intervals. An empty list halves the time
+    and gives no intervals."""

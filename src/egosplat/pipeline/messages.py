@@ -1,0 +1,250 @@
+"""What is wrong with a value, and what is allowed, on one line for people."""
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from egosplat.pipeline.options import LARGEST_INTEGER
+
+# Longest value in a message [characters].
+_LONGEST = 80
+
+# Names of JSON schema types in messages.
+_KINDS = {
+    "integer": "a whole number",
+    "number": "a number",
+    "boolean": "true or false",
+    "string": "a text",
+    "array": "a list, as in [a, b]",
+    "object": "keys with values",
+    "null": "null",
+}
+
+# Messages by keyword of JSON schema.
+_LIMITS = {
+    "minimum": "at least {}",
+    "maximum": "at most {}",
+    "exclusiveMinimum": "more than {}",
+    "exclusiveMaximum": "less than {}",
+    "multipleOf": "a multiple of {}",
+    "minItems": "at least {} of them",
+    "minLength": "not empty",
+    "maxLength": "at most {} letters",
+}
+
+_CONSTANT = "it is a constant now, because nobody changed it"
+_BY_SET = "it follows models.set now (docs/models.md)"
+_BY_DEVICE = "its size is fixed now"
+
+# Removed keys, with their replacement.
+_REMOVED = {
+    "budget": "set preset (docs/speed.md)",
+    "transient.strategy": "3DGS's density control is the only strategy",
+    "splats.strategy": "3DGS's density control is the only strategy (benchmarks/training/README.md)",
+    "splats.patience": "training always runs to its end: stopping early bought nothing (benchmarks/tradeoff/README.md)",
+    "splats.min_improvement": "training always runs to its end",
+    "survey.max_moving_share": "survey.max_moving_probability decides now; its default suits most cameras",
+    "segments.levels": "all three levels are used",
+    **dict.fromkeys(
+        (
+            *("poses.overlap", "poses.max_gap_ms", "poses.seed"),
+            *("segments.max_covered_new", "segments.min_uncovered_fraction"),
+            *("instances.drop_iou", "instances.claimed", "instances.cut_iou"),
+            *("splats.position_lr", "splats.grow_grad2d", "splats.antialiased"),
+            *("language.scales", "language.channels"),
+            *("metrics.confidence", "metrics.resamples", "metrics.seed"),
+            *(f"{section}.checkpoint_s" for section in ("transient", "splats", "language")),
+        ),
+        _CONSTANT,
+    ),
+    **dict.fromkeys(
+        (
+            *(
+                "segments.pred_iou_thresh",
+                "segments.stability_score_thresh",
+                "segments.stability_score_offset",
+            ),
+            *("segments.box_nms_thresh", "segments.nms_iou_thresh", "segments.nms_score_thresh"),
+            "segments.nms_inner_thresh",
+        ),
+        _BY_SET,
+    ),
+    **dict.fromkeys(("segments.batch", "view_features.batch", "tiles.batch"), _BY_DEVICE),
+}
+
+# New names of renamed keys, by section and old name. Kept for one release.
+_RENAMED = {
+    "tradeoff.knobs": "sweep",
+    "segments.share_iou": "cross_level_iou",
+    "segments.absent_stride": "lost_track_stride",
+    "features.renormalize": "normalize",
+    "features.target": "supervision",
+    "features.outliers": "outlier_target",
+    "features.slipped": "mismatched_views",
+    "transient.lambda2": "transient_penalty",
+    "transient.cover": "densify_init",
+    "splats.lambda1": "feature_weight",
+    "splats.cover": "densify_init",
+    "language.unit_codes": "normalize_codes",
+    "query.smoothing": "box_filter",
+    "query.majority": "majority_filter",
+    "metrics.target": "hit_region",
+    "models.device": "run.device",
+    "models.precision": "run.precision",
+    **{
+        f"{section}.seed": "run.seed"
+        for section in ("instances", "features", "transient", "splats", "language")
+    },
+    **{f"{section}.backend": "run.backend" for section in ("transient", "splats", "language", "query")},
+    **{f"{section}.near_plane": "run.near_plane" for section in ("transient", "splats")},
+}
+
+
+def renamed(section: str, key: str) -> str | None:
+    """Get the new name of a renamed key, with its section if that is another; None if it was not renamed."""
+    return _RENAMED.get(f"{section}.{key}")
+
+
+def refusal(
+    error: ValidationError,
+    given: Mapping[Any, Any],
+    keys: Mapping[str, Mapping[str, Any]],
+    names: Mapping[str, str],
+) -> str:
+    """Describe the first error of options in one line: the key, its value, and what is allowed.
+
+    Args:
+        given: the values.
+        keys: JSON schema of each known key, by name.
+        names: full name of each known key, such as ``splats.iterations``.
+    """
+    first = error.errors(include_url=False)[0]
+    name, *rest = first["loc"]
+    if name not in keys:
+        return unknown_key("", name, list(keys))
+    path, part, value = [names[name]], keys[name], given[name]
+    names: Mapping[str, Any] = {}
+    for step in rest:
+        if step == "[key]":  # the key itself is wrong
+            part, value = names, path.pop()
+            break
+        if (inner := _inside(part, value, step)) is None:
+            break
+        names = _option(part, "object").get("propertyNames", {})
+        path, (part, value) = [*path, step], inner
+    own = first.get("ctx", {}).get("error")
+    return not_allowed(".".join(map(str, path)), value, str(own) if own else allowed(part, value))
+
+
+def not_allowed(key: str, value: object, why: str) -> str:
+    """Say that a value is not allowed, and why."""
+    key = key if key.isprintable() and len(key) <= _LONGEST else shortened(key)
+    return f"{key or 'value'} = {shortened(value)} is not allowed: {why}"
+
+
+def unknown_key(section: str, key: object, known: Sequence[str]) -> str:
+    """Say that there is no such key, with what is meant: the closest key, a new name, or the reason of its removal."""
+    text = str(key)
+    name, colon, value = text.partition(":")
+    full = f"{section}.{text}" if section else text
+    last = section.rpartition(".")[2]
+    if advice := _REMOVED.get(f"{last}.{text}" if section else text):
+        return f"key '{full}' was removed; {advice}"
+    if new := renamed(last, text):
+        return f"key '{full}' was renamed; write {new!r}"
+    if colon and name in known:
+        advice = f"write a space after the colon: {name}: {value[:_LONGEST]}"
+    elif near := difflib.get_close_matches(name, known, n=1):
+        advice = f"did you mean {near[0]!r}?"
+    else:
+        advice = f"known keys: {', '.join(known)}"
+    return f"unknown key {shortened(full)}; {advice}"
+
+
+def allowed(part: Mapping[str, Any], value: object) -> str:
+    """Say what a JSON schema of one key allows in place of a refused value."""
+    words, kinds = choices(part), kinds_of(part)
+    if words and not kinds:
+        near = difflib.get_close_matches(str(value), words, n=1)
+        return described(part) + (f" (did you mean {near[0]!r}?)" if near else "")
+    return ", ".join([f"must be {described(part)}", *_hint(kinds, value)])
+
+
+def described(part: Mapping[str, Any]) -> str:
+    """Describe the values that a JSON schema of one key allows."""
+    words, kinds = choices(part), kinds_of(part)
+    if words and not kinds:
+        return f"one of {', '.join(words)}"
+    return ", ".join([" or ".join([*kinds, *words]), *limits_of(part)])
+
+
+def choices(part: Mapping[str, Any]) -> list[str]:
+    """List the words among the allowed values."""
+    return [str(word) for one in _options(part) for word in one.get("enum", [one[_C]] if _C in one else [])]
+
+
+def kinds_of(part: Mapping[str, Any]) -> list[str]:
+    """List the allowed types, in words."""
+    types = [one.get("type") for one in _options(part) if not {"enum", _C} & one.keys()]
+    return [_KINDS[kind] for one in types for kind in ([one] if isinstance(one, str) else one or [])]
+
+
+def limits_of(part: Mapping[str, Any]) -> list[str]:
+    """List the limits of numbers, texts and lists, in words."""
+    return [
+        text.format(one[word])
+        for one in _options(part)
+        for word, text in _LIMITS.items()
+        if word in one and one[word] != LARGEST_INTEGER
+    ]
+
+
+def shortened(value: object) -> str:
+    """Format a value on one line, cut to ``_LONGEST`` characters."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+def shown(value: Any) -> str:
+    """Format a value as YAML on one line."""
+    return yaml.safe_dump(value, default_flow_style=True, width=10_000, sort_keys=False).splitlines()[0]
+
+
+_C = "const"
+
+
+def _options(part: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return part.get("anyOf", [part])
+
+
+def _option(part: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
+    return next((one for one in _options(part) if one.get("type") == kind), {})
+
+
+def _inside(part: Mapping[str, Any], value: Any, step: Any) -> tuple[Mapping[str, Any], Any] | None:
+    """Get schema and value of an item of a list or mapping; None for the name of a type, which pydantic adds to a path."""
+    if isinstance(value, list | tuple) and isinstance(step, int) and step < len(value):
+        return _option(part, "array").get("items", {}), value[step]
+    if isinstance(value, Mapping) and step in value:
+        inner = _option(part, "object").get("additionalProperties", {})
+        return inner if isinstance(inner, Mapping) else {}, value[step]
+    return None
+
+
+def _hint(kinds: list[str], value: object) -> list[str]:
+    """Help with a number that is almost right."""
+    if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        return [f"at most {LARGEST_INTEGER}"]
+    if not isinstance(value, float) or not {"a number", "a whole number"} & {*kinds}:
+        return []
+    if not math.isfinite(value):
+        return ["and finite"]
+    return (
+        [f"written {value:.0f}"]
+        if value.is_integer() and abs(value) < 1e9 and "a number" not in kinds
+        else []
+    )

@@ -1,0 +1,146 @@
+"""Options that several stages share, by section of the configuration."""
+
+from typing import ClassVar, Literal
+
+from egosplat.pipeline.options import Natural, Options, Positive, Share, Text
+
+
+class SeedOptions(Options):
+    """Seed of random choices."""
+
+    section: ClassVar[str] = "run"
+
+    seed: Natural = 0
+    """Seed of all random choices of training: order of frames, subsets of points, initial weights."""
+
+
+class BackendOptions(Options):
+    """Renderer of Gaussians."""
+
+    section: ClassVar[str] = "run"
+
+    backend: Literal["auto", "cuda", "cpu", "reference"] = "auto"
+    """Renderer. cuda: gsplat on a GPU. cpu: compiled kernels. reference: plain PyTorch, slow. auto: the fastest that is
+    available."""
+
+
+class DeviceOptions(Options):
+    """Device and number type of the models."""
+
+    section: ClassVar[str] = "run"
+
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Device of the models. auto uses the GPU if PyTorch finds one, which is many times faster."""
+
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """Number type of the models' matrix products. bfloat16 is faster on a GPU and changes scores in the third digit.
+    float32 is exact and fastest on a CPU. auto chooses by the device."""
+
+
+class NearPlaneOptions(Options):
+    """Near plane of the renderer."""
+
+    section: ClassVar[str] = "run"
+
+    near_plane: Positive = 0.1
+    """Near plane in meters (COLMAP units if the scale is unknown): nothing closer to the camera is rendered. If it is
+    too near, single Gaussians in front of the lens fill the frame; if it is too far, hands are cut off."""
+
+
+class RunOptions(SeedOptions, BackendOptions, DeviceOptions, NearPlaneOptions):
+    """How stages run, for all of them together."""
+
+
+class SetOptions(Options):
+    """The set of models."""
+
+    section: ClassVar[str] = "models"
+
+    set: Literal["small", "published"] = "small"
+    """Which models: small (bundled, trained on synthetic apartments only) or published (the paper's SAM2, OpenCLIP and
+    encoder of the transient network; egosplat models download fetches them). Keys whose best value depends on the model
+    have a default for each set, and so have the filters of SAM2's masks (docs/models.md); a key that you set yourself
+    wins."""
+
+
+class Sam2Options(Options):
+    """SAM2's architecture and weights."""
+
+    section: ClassVar[str] = "models"
+
+    sam2_config: Text = "small"
+    """SAM2 architecture: small (bundled), a name of the package sam2 such as sam2.1_hiera_b+ (the paper's), or a
+    YAML file. Larger models segment better and are much slower without a GPU."""
+
+    sam2_checkpoint: Text = "small"
+    """SAM2 weights: small (bundled, trained on synthetic apartments only), published (those of sam2_config in the
+    folder cache), or a .pt or .safetensors file that fits sam2_config."""
+
+
+class ClipOptions(Options):
+    """OpenCLIP's architecture and weights."""
+
+    section: ClassVar[str] = "models"
+
+    clip_model: Text = "small"
+    """OpenCLIP architecture: small (bundled), a name of the package open_clip such as ViT-B-16 (the paper's), or a
+    folder with open_clip_config.json. Larger models know more words and are slower."""
+
+    clip_checkpoint: Text = "small"
+    """OpenCLIP weights: small (bundled, knows only the words of synthetic apartments), published (those of
+    clip_model in the folder cache), or a .bin, .pt or .safetensors file that fits clip_model."""
+
+
+class ModelsOptions(SetOptions, Sam2Options, ClipOptions):
+    """The segmentation and embedding models, shared by all stages that need one."""
+
+    section: ClassVar[str] = "models"
+
+    cache: Text = "checkpoints"
+    """Folder of the published checkpoints. egosplat models download writes there, and the checkpoint published is
+    read there. Relative to the working directory."""
+
+
+class ThresholdOptions(Options):
+    """From when an instance counts as moving."""
+
+    section: ClassVar[str] = "masks"
+
+    threshold: Share = 0.7
+    """Mean probability from which an instance is transient. Lower masks more. The paper uses 0.02 for ADT and 0.1
+    for HOI4D. The best value depends on transient_penalty, lr and iterations of the section transient. With their
+    defaults 0.65 to 0.75 work equally well on synthetic apartments, with the ideal and the real camera; with the
+    true instances 0.45 to 0.8 (benchmarks/transient/README.md). Where segments tracks what moves, a mask starts a
+    track from six sevenths of it."""
+
+
+class MaskSourceOptions(Options):
+    """How masks are found."""
+
+    section: ClassVar[str] = "segments"
+
+    segmenter: Literal["sam2", "classical"] = "sam2"
+    """Segmentation method. sam2: the model of the section models. classical: color and edges, tracked by optical
+    flow; it needs no weights and suits recordings that the small SAM2 was not trained for."""
+
+    point_prompts: Literal["grid", "depth"] = "grid"
+    """Where a frame is prompted, where prompting is each_frame. grid: points_per_side squared, in the frame and its
+    crops. depth: 64 to 25,600 points in the frame alone, more where the scene's Gaussians show surfaces farther
+    than in other frames (docs/methods.md#gags). It needs prompting each_frame, splats.masking none and
+    splats.language after."""
+
+
+class CameraOptions(Options):
+    """What the training of Gaussians corrects about the camera (docs/method.md#corrections)."""
+
+    section: ClassVar[str] = "camera"
+
+    refine_poses: Literal["auto", "on", "off"] = "auto"
+    """Refine the pose of each training frame together with the Gaussians: a small rigid motion a frame, by gradient
+    descent. It costs time and helps where poses are off by millimeters or more. auto: if the survey finds that the
+    poses do not explain the pictures; by hand, as the given survey says, else off."""
+
+    compensate_exposure: Literal["auto", "on", "off"] = "auto"
+    """Give each training frame a gain of red, green and blue, which its render gets before it is compared. It helps
+    where auto-exposure or white balance change; the Gaussians keep the mean exposure. auto: if the survey finds
+    that the brightness of the same surfaces changes; by hand, as the given survey says, else off."""

@@ -1,0 +1,37 @@
+"""Options of the stage ``poses``."""
+
+from typing import Annotated, Literal
+
+from egosplat.pipeline.options import READING, Options, Positive, Share
+
+
+class PosesOptions(Options):
+    """Camera poses, and the points that initialize the Gaussians."""
+
+    method: Literal["auto", "device", "known", "colmap"] = "auto"
+    """Source of the poses. device: the device's own trajectory (ADT only). known: a file of a plain recording
+    (frames.known_poses). colmap: COLMAP on the frames. auto: the trajectory or the file if the recording has one,
+    else COLMAP."""
+
+    trajectory: Annotated[Literal["closed_loop", "ground_truth"], READING] = "closed_loop"
+    """ADT trajectory. closed_loop: the output of Aria's machine perception (docs/method.md#trajectory).
+    ground_truth: motion capture."""
+
+    max_inv_dist_std: Annotated[Positive, READING] = 0.001
+    """Largest standard deviation of a point's inverse distance, in 1/m. Less certain points are dropped. The limit
+    is EgoLifter's."""
+
+    max_dist_std: Annotated[Positive, READING] = 0.15
+    """Largest standard deviation of a point's distance, in meters. Less certain points are dropped. The limit is
+    EgoLifter's."""
+
+    matching: Literal["auto", "exhaustive", "sequential"] = "auto"
+    """Frame pairs that COLMAP matches. exhaustive: all pairs, most accurate, time grows with the square of the
+    number of frames. sequential: neighbors in time. auto: exhaustive up to 80 frames."""
+
+    min_registered: Share = 0.5
+    """Smallest fraction of frames that COLMAP must register, or that known poses must cover. Below it the stage
+    fails."""
+
+    meters_per_unit: Positive | None = None
+    """Meters of one unit of known poses. null: not known; lengths are in scene units."""
