@@ -119,7 +119,7 @@ def view_features_alarms(lost: int, views: int) -> Iterator[Alarm]:
             "view_features.lost",
             "none",
             f"{lost} of {lost + views} views have no finite feature",
-            "Set models.precision to float32, or use another models.clip_checkpoint",
+            "Set run.precision to float32, or use another models.clip_checkpoint",
         )
 
 

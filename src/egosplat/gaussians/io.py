@@ -21,7 +21,7 @@ def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
     """
     whole = gaussians.finite()
     if not whole.any():
-        raise UserError("splats: training left no finite Gaussian; lower splats.position_lr")
+        raise UserError("splats: training left no finite Gaussian; raise run.near_plane")
     kept = gaussians.detach().select(whole)
     for name in STORED:
         artifact.put(name, getattr(kept, name).cpu().numpy())

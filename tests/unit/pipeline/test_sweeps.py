@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, merge, resolve
+from egosplat.pipeline.config import defaults, merge, resolve, stage_values
 from egosplat.pipeline.presets import preset_keys
+from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import Setting, points_of, variant_name, with_points
 from egosplat.pipeline.variants import owner, variant_config
 

@@ -6,7 +6,7 @@ import pytest
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
-from egosplat.pipeline.config import stage_keys
+from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import stage
 from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import LabelMaps
@@ -18,7 +18,7 @@ COUNT, SIDE = 6, 64
 
 @pytest.fixture(scope="module")
 def keys():
-    return {name: key["default"] for name, key in stage_keys("segments").items()}
+    return stage_values("segments", defaults())
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def frames(tmp_path):
 
 def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
     output = tmp_path / "segments.zarr"
-    stage.run(frames, output, options=SegmentsOptions(**keys | {"segmenter": "classical", "levels": "all"}))
+    stage.run(frames, output, options=SegmentsOptions(**keys | {"segmenter": "classical"}))
     segments = open_artifact(output, SEGMENTS)
     labels, levels = segments.read("labels"), segments.read("instances/level")
     assert labels.shape == (COUNT, 3, SIDE, SIDE) and segments.origin == "synthetic"
@@ -50,25 +50,6 @@ def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
     assert len(red) == len(blue) == 1 and red != blue and min(red | blue) >= 0
     assert segments.facts["levels"] == ["subpart", "part", "whole"]
     assert sum(segments.facts["instances"].values()) == len(levels)
-    assert segments.facts["repeats"] == {}
-
-
-def test_squares_without_parts_are_instances_of_one_level(frames, tmp_path, keys):
-    stage.run(
-        frames,
-        tmp_path / "all.zarr",
-        options=SegmentsOptions(**keys | {"segmenter": "classical", "levels": "all"}),
-    )
-    stage.run(frames, tmp_path / "own.zarr", options=SegmentsOptions(**keys | {"segmenter": "classical"}))
-    every, own = (open_artifact(tmp_path / f"{name}.zarr", SEGMENTS) for name in ("all", "own"))
-    assert own.facts["repeats"] == {"subpart": "whole", "part": "whole"}
-    assert own.read("instances/level").tolist() == [2, 2, 2]
-    labels = own.read("labels")
-    assert (labels[:, :2] == -1).all()
-    # The level's labels are unchanged except for the instance numbers.
-    before = every.read("labels")[:, 2]
-    assert np.array_equal(np.where(before < 0, before, before - before[before >= 0].min()), labels[:, 2])
-    assert own.read("instances/predicted_iou").shape == own.read("instances/first_frame").shape == (3,)
 
 
 def test_frames_that_a_survey_drops_are_skipped(frames, tmp_path, keys, survey_that_keeps):
@@ -129,7 +110,7 @@ def test_no_instances_are_an_error_and_write_nothing(frames, tmp_path, keys, mon
     for frame in range(COUNT):
         labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
     monkeypatch.setattr(stage, "segment_video", lambda *_: Segmented(labels, [], [], {}))
-    with pytest.raises(UserError, match="segments.pred_iou_thresh"):
+    with pytest.raises(UserError, match="segments.points_per_side"):
         stage.run(
             frames, tmp_path / "segments.zarr", options=SegmentsOptions(**keys | {"segmenter": "classical"})
         )
