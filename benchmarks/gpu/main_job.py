@@ -21,7 +21,7 @@ _ON_CPU = {"backend": "cpu"}
 # By name of the run: what it changes. One recording is filmed for all of them, at the size of the largest.
 RUNS: Mapping[str, Mapping[str, Any]] = {
     "GPU, 512 px": {},
-    "CPU, 512 px": {"models": {"device": "cpu"}}
+    "CPU, 512 px": {"run": {"device": "cpu"}}
     | {stage: _ON_CPU for stage in ("transient", "splats", "language", "query")},
     "GPU, 1408 px": {"frames": {"resolution": 1408}},
 }

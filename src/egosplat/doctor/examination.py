@@ -73,9 +73,9 @@ def _models_device(config: Config) -> str:
     from egosplat.compute import choose_compute
 
     try:
-        return choose_compute(config["models"]["device"], config["models"]["precision"]).device.type
+        return choose_compute(config["run"]["device"], config["run"]["precision"]).device.type
     except UserError:
-        return config["models"]["device"]
+        return config["run"]["device"]
 
 
 def _rasterizer(config: Config) -> str:
@@ -83,7 +83,7 @@ def _rasterizer(config: Config) -> str:
     from egosplat.gaussians.device import training_device
     from egosplat.rasterize.kernels import library
 
-    backend = config["splats"]["backend"]
+    backend = config["run"]["backend"]
     try:
         device = training_device(backend).type
     except UserError:

@@ -203,7 +203,7 @@ def _compute(config: Config) -> Finding:
     from egosplat.compute import choose_compute
 
     try:
-        compute = choose_compute(config["models"]["device"], config["models"]["precision"])
+        compute = choose_compute(config["run"]["device"], config["run"]["precision"])
     except UserError as error:
         return Finding(Mark.MISSING, "models run on", str(error))
     return Finding(Mark.OK, "models run on", f"{compute.device}, {str(compute.dtype).removeprefix('torch.')}")

@@ -124,8 +124,7 @@ def export_gaussians(folder: Path, output: Path, format: str, chosen: Tensor | N
     rows = torch.arange(gaussians.count) if chosen is None else chosen
     some = gaussians.select(rows)
     if format == "spz":
-        antialiased = splats.provenance["options"]["antialiased"]
-        write_spz(output, some, splats.facts["sh_degree_in_use"], antialiased)
+        write_spz(output, some, splats.facts["sh_degree_in_use"], antialiased=False)
     else:
         columns = geometry_columns(some)
         if codes:

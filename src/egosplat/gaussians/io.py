@@ -47,4 +47,4 @@ def put_curves(artifact: Writer, curves: Curves) -> None:
 def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:
     """Return the settings that a splats artifact was trained with, with the given backend."""
     options = artifact.provenance["options"]
-    return RenderSettings(options["near_plane"], options["background"], options["antialiased"], backend)
+    return RenderSettings(options["near_plane"], options["background"], antialiased=False, backend=backend)

@@ -110,7 +110,12 @@ def test_published_models_take_longer_without_a_gpu(tmp_path):
     inputs = scene(tmp_path)
     published = {"sam2_config": "sam2.1_hiera_b+"}
     on_gpu = runtime_min("segments", with_keys("models", **published), inputs, 1)
-    on_cpu = runtime_min("segments", with_keys("models", **published, device="cpu"), inputs, 1)
+    on_cpu = runtime_min(
+        "segments",
+        with_keys("models", **published) | {"run": defaults()["run"] | {"device": "cpu"}},
+        inputs,
+        1,
+    )
     assert on_cpu > on_gpu > runtime_min("segments", defaults(), inputs, 1)
 
 
@@ -123,10 +128,10 @@ def test_a_gpu_is_requested_only_for_stages_that_can_use_one(stage):
 
 def test_keys_that_keep_a_stage_on_the_cpu_request_no_gpu(tmp_path):
     """Nor for the memory of CUDA's libraries."""
-    assert gpus("splats", with_keys("splats", backend="cpu")) == 0
+    assert gpus("splats", with_keys("run", backend="cpu")) == 0
     assert gpus("segments", with_keys("segments", segmenter="classical")) == 0
-    assert gpus("view_features", with_keys("models", device="cpu")) == 0
-    assert gpus("metrics", with_keys("models", device="cpu")) == 1  # it renders as well
+    assert gpus("view_features", with_keys("run", device="cpu")) == 0
+    assert gpus("metrics", with_keys("run", device="cpu")) == 1  # it renders as well
     inputs = scene(tmp_path)
-    without = memory_mb("splats", with_keys("splats", backend="cpu"), inputs, 1)
+    without = memory_mb("splats", with_keys("run", backend="cpu"), inputs, 1)
     assert memory_mb("splats", defaults(), inputs, 1) > without
