@@ -20,9 +20,6 @@ from egosplat.drawing import plt, save_figure
 from egosplat.errors import UserError
 from egosplat.evaluation.presence import separation
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.output_files import picture_kind
-
-PICTURE = picture_kind("benchmarks/presence")
 
 LIMITS = np.arange(0.30, 0.901, 0.05)
 
@@ -130,7 +127,7 @@ def draw(groups: dict[str, Asked], limit: float, output: Path) -> None:
         ylim=(0, 1),
     )
     axes.legend(loc="lower right")
-    save_figure(figure, output, PICTURE)
+    save_figure(figure, output)
 
 
 @command(__doc__)

@@ -1,1 +1,1 @@
-"""Times of the scene page and of the viewer in a real browser."""
+"""Times of the scene page in a real browser."""

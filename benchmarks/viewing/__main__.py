@@ -1,8 +1,8 @@
-"""Times of the scene page and of the viewer, in a headless Chromium without a GPU.
+"""Times of the scene page, in a headless Chromium without a GPU.
 
     python -m benchmarks.viewing results/adt/scene1
 
-Needs Chromium, and the packages playwright, psutil and viser.
+Needs Chromium and the package playwright.
 """
 
 from pathlib import Path
@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import click
 
 from benchmarks.common import command
-from benchmarks.viewing import pages, viewers
+from benchmarks.viewing import pages
 from benchmarks.viewing.multiplied import multiply
 from egosplat.artifacts import usage
 from egosplat.pipeline.config import defaults
@@ -29,14 +29,13 @@ WORDS = ("couch", "desk lamp", "carpet", "television", "window")
 @command(__doc__)
 @click.argument("scene", type=click.Path(exists=True, file_okay=False, path_type=Path))
 def main(scene: Path) -> None:
-    """Print both tables."""
+    """Print the table."""
     with TemporaryDirectory() as work:
         folder = Path(work)
         rows = [pages.measured(scene, folder / f"{most}.html", most, WORDS) for most in SIZES]
         many = multiply(scene, folder / "results" / "many" / "scene", COPIES)
         rows.append(pages.measured(many, folder / "many.html", SIZES[-1], WORDS))
-        viewed = viewers.table(scene, WORDS)
-    click.echo(f"{title_of(scene)}, {usage.machine()}\n\n{pages.table(rows)}\n\n{viewed}")
+    click.echo(f"{title_of(scene)}, {usage.machine()}\n\n{pages.table(rows)}")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,11 @@
-"""Figures: matplotlib without a screen, headings, logarithmic axes, and writing to PNG."""
+"""Figures: matplotlib without a screen, headings, names on images, answers over views, and writing to PNG.
 
-from collections.abc import Sequence
+Titles are wrapped and names are moved when a figure is written: sizes of texts and images are known only after its layout.
+"""
+
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib
@@ -11,30 +15,39 @@ from numpy.typing import NDArray
 matplotlib.use("Agg")
 matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
 
+from adjustText import adjust_text
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.image import AxesImage
+from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.transforms import Bbox
 
-from egosplat.output_files import SOFTWARE, FileKind, output_file
-from egosplat.page_text import HEADING_WIDTH, arrange_texts, wrap_text
-
-__all__ = [
-    "draw_heading",
-    "inner_point",
-    "label_log_axis",
-    "middles_of_parts",
-    "plt",
-    "save_figure",
-    "show",
-]
+from egosplat.files import atomic_file
 
 DPI = 90
 
 # Height of a line of 12 points [inches].
 _LINE = 0.2
+
+# Maximum width of a heading, as a share of the page's width.
+HEADING_WIDTH = 0.98
+
+# Group id of texts that name something in an image, and their frame.
+NAME = "name"
+_BOX = {"facecolor": "black", "alpha": 0.55, "pad": 1, "edgecolor": "none"}
+
+# Width and height that a name claims for itself, and steps in which names move apart.
+_ROOM = (1.15, 1.3)
+_STEPS = 60
+
+# Brightness of pixels outside an answer's mask, and opacity of the heat map.
+DIMMED, HEAT = 0.35, 0.65
+
+# Word, marker and color of a hit and of a miss.
+HIT, MISS = ("hit", "o", "forestgreen"), ("miss", "X", "red")
 
 
 def draw_heading(figure: Figure, title: str, warnings: Sequence[str], fontsize: int = 12) -> None:
@@ -81,17 +94,105 @@ def label_log_axis(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def save_figure(figure: Figure, output: Path, kind: FileKind) -> None:
-    """Write a figure as PNG, marked with the command that made it, and close it. The file is complete or absent.
+def draw_heat(axes: Axes, picture: NDArray[np.float32], relevancy: NDArray[np.float32]) -> None:
+    """Draw an (H, W) relevancy in 0..1 over the (H, W, 3) view in 0..1, shown in gray."""
+    axes.imshow(picture.mean(axis=-1), cmap="gray", vmin=0.0, vmax=1.0)
+    axes.imshow(relevancy, cmap="turbo", vmin=0.0, vmax=1.0, alpha=HEAT)
+
+
+def draw_mask(axes: Axes, picture: NDArray[np.float32], mask: NDArray[np.bool_]) -> None:
+    """Draw the (H, W, 3) view in 0..1, dimmed outside the (H, W) mask."""
+    axes.imshow(np.where(mask[..., None], picture, DIMMED * picture))
+
+
+def draw_outline(axes: Axes, mask: NDArray[np.bool_]) -> None:
+    """Draw the outline of an (H, W) mask in white on black."""
+    if mask.any() and not mask.all():
+        axes.contour(mask, levels=[0.5], colors="black", linewidths=1.8)
+        axes.contour(mask, levels=[0.5], colors="white", linewidths=0.9)
+
+
+def add_name(axes: Axes, u: float, v: float, text: str) -> None:
+    """Write a name at column u and row v of an image; ``arrange_texts`` may move or drop it."""
+    style = {"color": "white", "fontsize": 7, "ha": "center", "va": "center", "bbox": _BOX}
+    axes.text(u, v, text, gid=NAME, in_layout=False, **style)
+
+
+def arrange_texts(figure: Figure) -> None:
+    """Wrap titles to the width of their axes and headings to that of their page, then move names into the image and apart.
+
+    A name for which there is no room is dropped, the later one first.
+    """
+    figure.draw_without_rendering()
+    wrapped = [wrap_text(text, room) for text, room in _titles(figure)]
+    named = [axes for axes in figure.get_axes() if any(text.get_gid() == NAME for text in axes.texts)]
+    if any(wrapped) and named:
+        figure.draw_without_rendering()
+    for axes in named:
+        _place_names(axes)
+
+
+def _titles(figure: Figure) -> Iterator[tuple[Text, float]]:
+    """Headings and titles, each with its maximum width [pixels]."""
+    for page in _pages(figure):
+        for text in page.texts:
+            yield text, HEADING_WIDTH * page.bbox.width
+    for axes in figure.get_axes():
+        yield axes.title, axes.get_position(original=True).width * axes.figure.bbox.width
+
+
+def _pages(page: FigureBase) -> Iterator[FigureBase]:
+    yield page
+    for part in page.subfigs:
+        yield from _pages(part)
+
+
+def wrap_text(text: Text, room: float) -> bool:
+    """Break lines wider than ``room`` [pixels]; return whether there was one."""
+    words = text.get_text()
+    width = text.get_window_extent().width
+    if width <= room:
+        return False
+    longest = max(map(len, words.split("\n")))
+    letters = max(1, int(longest * room / width))
+    text.set_text(
+        "\n".join(
+            fill(line, letters, break_long_words=False, break_on_hyphens=False) for line in words.split("\n")
+        )
+    )
+    return True
+
+
+def _place_names(axes: Axes) -> None:
+    """Move the names of an image inside it and apart; drop what still covers an earlier name."""
+    inside = axes.get_window_extent()
+    names = [text for text in axes.texts if text.get_gid() == NAME]
+    fitting = [name for name in names if name.get_window_extent().width <= inside.width]
+    for name in set(names) - set(fitting):
+        name.remove()
+    if fitting:
+        # A name may stay on its own place, and no lines lead there that could cross.
+        free = {"avoid_self": False, "prevent_crossings": False}
+        adjust_text(fitting, ax=axes, expand=_ROOM, iter_lim=_STEPS, **free)
+    kept: list[Bbox] = []
+    for name in fitting:
+        box = name.get_window_extent()
+        if box.count_overlaps(kept):
+            name.remove()
+        else:
+            kept.append(box)
+
+
+def save_figure(figure: Figure, output: Path) -> None:
+    """Write a figure as PNG and close it. The file is complete or absent.
 
     Long titles are wrapped first, and names are moved inside their images.
-
-    Raises:
-        UserError: ``output`` exists and was not written by the command.
     """
+    # The size of a text is not quite proportional to the resolution.
+    figure.set_dpi(DPI)
     arrange_texts(figure)
-    with output_file(output, kind) as scratch:
-        figure.savefig(scratch, dpi=DPI, format="png", metadata={SOFTWARE: kind.command})
+    with atomic_file(output) as scratch:
+        figure.savefig(scratch, dpi=DPI, format="png", metadata={"Software": "egosplat"})
     plt.close(figure)
 
 

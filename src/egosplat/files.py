@@ -1,4 +1,4 @@
-"""Atomic files and directories, and JSON files."""
+"""Atomic files and directories, JSON files, and what a command may write."""
 
 import contextlib
 import fcntl
@@ -61,6 +61,21 @@ def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]
         yield Path(name)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text in UTF-8, whole or not at all."""
+    with atomic_file(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a document as JSON with sorted keys, whole or not at all.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    write_text(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n")
+
+
 def user_cache() -> Path:
     """The user's folder of what egosplat can make again: below ``XDG_CACHE_HOME``, or ``~/.cache``."""
     root = os.environ.get("XDG_CACHE_HOME")
@@ -104,6 +119,33 @@ def check_writable(folders: Iterable[Path]) -> None:
             writable = "Results, logs and notes are written there; make it writable"
             advice = MAKE_ROOM if error.errno in NO_ROOM else writable
             raise UserError(f"{folder.absolute()}: {error.strerror}. {advice}") from None
+
+
+def check_output(path: Path, own_name: str, *, overwrite: bool) -> None:
+    """Check, before any work is done, that a command may write a file; nothing is left behind.
+
+    A file that is there is replaced if it has the command's own name, or if the user asks for it.
+
+    Args:
+        own_name: name that the command gives its file by default, whose suffix every other name must have, too.
+        overwrite: whether the flag ``--overwrite`` is given.
+
+    Raises:
+        UserError: the name has another suffix, something is there that may not be replaced, or the folder cannot be made
+            or written.
+    """
+    suffix = Path(own_name).suffix
+    if path.suffix.lower() != suffix:
+        raise UserError(f"{path}: the file is a {suffix}; give --output a name that ends so")
+    nearest = next(each for each in path.absolute().parents if each.exists())
+    if not nearest.is_dir():
+        raise UserError(f"{path}: {nearest} is no folder; give another --output")
+    # A link is not followed: its target may be anyone's file.
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise UserError(f"{path}: is there and no regular file; give another --output")
+    if path.exists() and path.name != own_name and not overwrite:
+        raise UserError(f"{path}: is there already; give another --output, or --overwrite to replace it")
+    check_writable([path.parent])
 
 
 def _nearest(folder: Path) -> Path:

@@ -1,5 +1,6 @@
 """A headless Chromium with software WebGL, and tabs that record what goes wrong in them."""
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -11,11 +12,24 @@ from benchmarks.viewing.browser import chromium
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-# Milliseconds that a test waits for a condition: software rendering on a busy machine is slow.
-PATIENCE_MS = 180_000
-
 WIDE, PHONE = (800, 500), (390, 844)
 """Window sizes [px] that a page must fit."""
+
+READY = "window.egosplat?.firstPicture"
+"""Whether the scene page has drawn its first picture."""
+
+# The members are many.
+ASK = """async (words) => {
+  const { things, why, score } = await egosplat.ask(words);
+  return { why, score, things: things?.map(({ members, ...thing }) => ({ ...thing, count: members.length })) };
+}"""
+"""Asks the scene page; what a test needs of an answer."""
+
+
+def patience_ms() -> int:
+    """Milliseconds that a test waits for a condition: minutes, and more where other programs keep the processors busy."""
+    waiting = os.getloadavg()[0] / (os.cpu_count() or 1)
+    return round(180_000 * max(1.0, waiting))
 
 
 @dataclass
@@ -33,7 +47,7 @@ class Tab:
     requests: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.page.set_default_timeout(PATIENCE_MS)
+        self.page.set_default_timeout(patience_ms())
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", lambda said: said.type == "error" and self.errors.append(said.text))
         self.page.on("request", lambda request: self._note(request.url))
@@ -53,7 +67,9 @@ def browser() -> "Iterator[Browser]":
         pytest.skip("there is no Chromium: apt-get install chromium")
     with api.sync_playwright() as playwright:
         # Chromium refuses its sandbox to root, as whom CI runs.
-        started = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        started = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox"], timeout=patience_ms()
+        )
         yield started
         started.close()
 

@@ -15,25 +15,17 @@ from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import find_things
-from egosplat.viewing.container import unpack
 from egosplat.viewing.words import words_to_try
-from tests.browser.conftest import PHONE, WIDE
+from tests.browser.conftest import ASK, PHONE, READY, WIDE
 from tests.support.page_scene import (
     SETTINGS,
     TITLE,
-    data_of,
+    contents_of,
     page_options,
     put_page_scene,
     surface_of,
     write_page,
 )
-
-_READY = "window.egosplat?.firstPicture"
-# What a test needs of an answer; the members are many.
-_ASK = """async (words) => {
-  const { things, why, score } = await egosplat.ask(words);
-  return { why, score, things: things?.map(({ members, ...thing }) => ({ ...thing, count: members.length })) };
-}"""
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +34,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     gaussians = put_page_scene(folder)
     page = write_page(folder)
-    return gaussians, page, *unpack(data_of(page))
+    return gaussians, page, *contents_of(page)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +49,7 @@ def scene(made, open_tab):
     def open_page(size=WIDE, touch=False):
         tab = open_tab(size, touch)
         tab.page.goto(made[1].as_uri())
-        tab.page.wait_for_function(_READY)
+        tab.page.wait_for_function(READY)
         return tab
 
     return open_page
@@ -132,7 +124,7 @@ def test_an_answer_is_that_of_python(scene, made, clip, words):
     values = np.stack([fits[level][arrays["code_index"][level]] for level in range(2)])
     values = np.where(surface.weight.T > 0, values, np.float32(0))
     expected = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
-    found = scene().page.evaluate(_ASK, words)
+    found = scene().page.evaluate(ASK, words)
     assert found["score"] == pytest.approx(expected[0].score, abs=1e-3)
     fitting = [thing for thing in expected if thing.score >= options.min_score]
     assert len(found["things"]) == len(fitting)
@@ -150,7 +142,7 @@ def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
     tab.page.press("#words", "Enter")
     button = tab.page.locator("#things button").first
     button.wait_for()
-    thing = tab.page.evaluate(_ASK, "cup")["things"][0]
+    thing = tab.page.evaluate(ASK, "cup")["things"][0]
     assert thing["center"][0] > 0.7
     # Where the answer is not in view, the jump brings it there.
     away = [1, 0, 0, -9, 0, 1, 0, 0, 0, 0, 1, 0]
@@ -254,8 +246,58 @@ def test_instances_have_colors_and_the_words_are_suggested(scene, clip):
     tab.page.check("#instances")
     left, right = color_at(tab, [0.35, 0.2, 2]), color_at(tab, [0.75, 0.2, 2])
     assert np.abs(left - right).max() > 30
+    # A question shows its answer, and the instances can be shown again.
+    tab.page.evaluate(ASK, "cup")
+    assert not tab.page.is_checked("#instances")
+    assert np.ptp(color_at(tab, [0.1, 0.0, 2])) < 10
+    tab.page.check("#instances")
+    np.testing.assert_allclose(color_at(tab, [0.35, 0.2, 2]), left, atol=3)
     options = tab.page.eval_on_selector_all("#vocabulary option", "all => all.map(one => one.value)")
     assert options == list(words_to_try(clip))
+
+
+def test_cameras_show_where_photographs_were_taken(scene):
+    """A frustum for each frame with a pose, at its place; a click on one stands there, and one at the viewer is hidden."""
+    tab = scene()
+    behind = [1, 0, 0, 0.3, 0, 1, 0, 0, 0, 0, 1, -2.5]
+    tab.page.evaluate("pose => egosplat.setView(pose)", behind)
+    assert tab.page.evaluate("egosplat.cameraAt(400, 250)") is None
+    tab.page.check("#cameras")
+    tab.page.wait_for_function("egosplat.cameras.frusta.every(({ image }) => image.naturalWidth > 1)")
+    assert tab.page.evaluate("egosplat.cameras.drawn.map(({ row }) => row).sort()") == [0, 1, 2, 3]
+    for row, x in enumerate((-0.8, -0.4, 0.0, 0.8)):
+        at = tab.page.evaluate("point => egosplat.onScreen(point)", [x, 0, 0.01])
+        assert tab.page.evaluate("([x, y]) => egosplat.cameraAt(x, y)", at) == row
+    drawn = "egosplat.cameras.canvas.getContext('2d').getImageData(...arguments[0], 1, 1).data[3]"
+    alpha = f"(place) => (function () {{ return {drawn} }})(place)"
+    assert tab.page.evaluate(alpha, [round(at[0]), round(at[1])]) == 255
+    assert tab.page.evaluate(alpha, [5, 5]) == 0
+    tab.page.mouse.click(*at)
+    assert tab.page.evaluate("Array.from(egosplat.camera.eye)") == pytest.approx([0.8, 0, 0])
+    assert "frame 4" in tab.page.inner_text("#clock") and not tab.page.inner_text("#place").startswith(
+        "Nothing"
+    )
+    tab.page.evaluate("egosplat.idle")
+    assert 3 not in tab.page.evaluate("egosplat.cameras.drawn.map(({ row }) => row)")
+    tab.page.uncheck("#cameras")
+    assert not tab.page.is_visible("#cameras-view") and tab.errors == []
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE])
+def test_the_photograph_of_the_slider_is_shown_larger(scene, size):
+    """A press shows the photograph of the slider's frame in the window, the next one hides it; it names its frame."""
+    tab = scene(size)
+    assert not tab.page.is_visible("#photograph")
+    tab.page.click("#enlarge")
+    for row, frame in ((0, 0), (3, 4)):
+        tab.page.locator("#frame").fill(str(row))
+        assert tab.page.inner_text("#photograph") == f"Photograph of frame {frame}"
+        picture = "document.querySelector('#photograph img')"
+        tab.page.wait_for_function(f"{picture}.complete && {picture}.naturalWidth === 96")
+    box = tab.page.locator("#photograph").bounding_box()
+    assert box["x"] >= 0 and box["x"] + box["width"] <= size[0] and box["y"] + box["height"] <= size[1]
+    tab.page.click("#enlarge")
+    assert not tab.page.is_visible("#photograph") and tab.errors == []
 
 
 def test_a_thinned_scene_without_a_text_tower_says_so(tmp_path, open_tab, monkeypatch):
@@ -265,10 +307,10 @@ def test_a_thinned_scene_without_a_text_tower_says_so(tmp_path, open_tab, monkey
     page = write_page(tmp_path, max_gaussians=400)
     tab = open_tab(PHONE)
     tab.page.goto(page.as_uri())
-    tab.page.wait_for_function(_READY)
+    tab.page.wait_for_function(READY)
     tab.page.click("summary")
     about = tab.page.inner_text("#about")
     assert "400 of 700" in about and "only the" in about and "real" in about
     assert "trained on synthetic apartments only" in tab.page.inner_text("#warnings")
-    assert "list" in tab.page.evaluate(_ASK, "red couch")["why"]
-    assert tab.page.evaluate(_ASK, "couch")["score"] > 0.3 and tab.errors == []
+    assert "list" in tab.page.evaluate(ASK, "red couch")["why"]
+    assert tab.page.evaluate(ASK, "couch")["score"] > 0.3 and tab.errors == []

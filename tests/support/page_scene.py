@@ -16,7 +16,10 @@ from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import Surface
-from egosplat.viewing.stage import ScenePageOptions, run
+from egosplat.viewing.container import Arrays, Facts, unpack
+from egosplat.viewing.html import data_of
+from egosplat.viewing.options import ScenePageOptions
+from egosplat.viewing.stage import run
 from egosplat.viewing.visibility import STEP
 from tests.support.scenes import UP, camera_facts, put
 
@@ -122,9 +125,9 @@ def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:
     return folder / "scene.html"
 
 
-def data_of(page: Path) -> str:
-    """The packed data in a page."""
-    return page.read_text().partition('id="data">')[2].partition("</script>")[0]
+def contents_of(page: Path) -> tuple[Facts, Arrays]:
+    """The facts and arrays in a page."""
+    return unpack(data_of(page.read_text()))
 
 
 def means_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -43,7 +43,7 @@ def test_both_recipes_install_the_same():
     (run,) = [value for name, value in instructions() if name == "RUN" and "apt-get" in value]
     assert packages(run) == packages(section("post")) == sorted(packages(run))
     for text in (DOCKER, APPTAINER):
-        assert "make install" in text and "BASE=ubuntu:24.04" in text and "EXTRA=viewer" in text
+        assert "make install" in text and "BASE=ubuntu:24.04" in text and "EXTRA=export" in text
     assert re.search(r"^install:", (ROOT / "Makefile").read_text(), re.MULTILINE)
 
 

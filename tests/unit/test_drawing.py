@@ -4,7 +4,7 @@ import matplotlib
 import pytest
 
 from egosplat.drawing import draw_heading, label_log_axis, middles_of_parts, plt
-from egosplat.sampling import evenly_spaced
+from egosplat.images import evenly_spaced
 
 
 @pytest.fixture

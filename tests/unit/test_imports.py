@@ -49,7 +49,7 @@ def test_a_quick_start_imports_nothing_heavy(code, heavy):
     assert not heavy & imported_by(code)
 
 
-@pytest.mark.parametrize("module", ["segments.nms", "transient.network", "models.open_clip_import"])
+@pytest.mark.parametrize("module", ["segments.nms", "transient.network", "viewing.words"])
 def test_libraries_of_models_come_without_the_compiler_of_torch(module):
     """It takes twice as long to import as the libraries, and nothing here compiles."""
     assert not {"torch._dynamo", "torch._dynamo.utils"} & imported_by(f"import egosplat.{module}")
@@ -68,21 +68,6 @@ assert is_compile_supported.__module__ == "torch._dynamo.utils"
 assert torch.compiler.disable.__module__ == "torch.compiler"
 """
     assert "torch._dynamo" in imported_by(code)
-
-
-def test_openclip_comes_without_timm_and_builds_its_models_later():
-    """Timm takes as long to import as OpenCLIP, and few models are of timm."""
-    code = """
-from egosplat.models.open_clip_loader import build_model
-tower = {"width": 8, "heads": 1, "layers": 1}
-vision = {"image_size": 32, "patch_size": 16, "width": 8, "layers": 1, "head_width": 8}
-model = {"embed_dim": 4, "vision_cfg": vision, "text_cfg": tower}
-build_model("plain", model)
-assert "timm" not in sys.modules
-model["vision_cfg"] = {"image_size": 32, "timm_model_name": "vit_tiny_patch16_224"}
-build_model("timm's", model)
-"""
-    assert "timm" in imported_by(code)
 
 
 def test_the_words_of_a_query_need_no_matplotlib():

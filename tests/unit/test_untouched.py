@@ -19,8 +19,6 @@ CHOOSES = re.compile(r"(?:training|benchmarks|config|workflow|Makefile)(?:/|$)")
 REPORTS = {
     "config/scenes.tsv",
     "config/README.md",
-    "docs/running.md",
-    "benchmarks/growth/growth.json",
     "benchmarks/ablation/README.md",
     "benchmarks/instances/README.md",
     "benchmarks/language/README.md",

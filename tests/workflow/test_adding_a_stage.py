@@ -28,7 +28,7 @@ CHECKS = (
     "tests/unit/pipeline/test_config.py::test_every_key_has_a_description_and_a_default",
     "tests/unit/pipeline/test_config.py::test_the_reference_page_is_that_of_the_schema",
     "tests/unit/test_documentation.py::test_the_readme_lists_the_stages_of_the_pipeline",
-    "tests/unit/cost_model/test_laws.py",
+    "tests/unit/pipeline/test_costs.py",
     "tests/workflow/test_profiles.py",
 )
 

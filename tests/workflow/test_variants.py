@@ -1,6 +1,5 @@
 """A variant makes the artifacts that its keys change, and shares the others."""
 
-import re
 import shutil
 
 import pytest
@@ -62,16 +61,6 @@ def test_a_user_variant_is_made_next_to_the_scene(workdir):
     assert (workdir.folder / target).is_dir()
     again = workdir.snakemake("mine.yaml", "--dry-run", "--", target, f"{SCENE}/splats.zarr")
     assert "Nothing to be done" in again.stdout + again.stderr
-
-
-def test_a_step_is_expected_to_take_the_time_of_its_variant(workdir):
-    """The stage ends at once, for no features have so many channels."""
-    keys = "variants: {slow: {features: {compression: autoencoder, dims: 4096, epochs: 100000000}}}"
-    (workdir.folder / "mine.yaml").write_text(keys)
-    done = workdir.snakemake("mine.yaml", "--", f"{VARIANT}/slow/features.zarr")
-    said = done.stdout + done.stderr
-    assert done.returncode != 0 and "features.dims = 4096" in said
-    assert re.search(r"1 steps, about \d{3,} min left", said), said
 
 
 @pytest.mark.parametrize(

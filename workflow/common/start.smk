@@ -7,14 +7,12 @@ On a full disk Snakemake cannot write its log, and its message about a faulty co
 import sys
 from pathlib import Path
 
-from snakemake.logging import logger
-
 from egosplat.errors import UserError
 from egosplat.pipeline.config import check_config_files
 from egosplat.files import check_writable
+from egosplat.pipeline.failed_stages import tell_failures_at_exit
 from egosplat.pipeline.process_guards import check_cores
 from egosplat.pipeline.snakemake_call import Call, read_call
-from egosplat.pipeline.terminal import Step, StepTimes, speak_plainly
 
 SHIPPED = Path("config/config.yaml")
 
@@ -32,5 +30,3 @@ try:
     check_config_files([*shipped, *workflow.overwrite_configfiles])
 except UserError as error:
     sys.exit(f"egosplat: {error}")
-
-PLAIN_OUTPUT = speak_plainly(logger.handlers) if IS_MAIN else None

@@ -68,7 +68,7 @@ rule tables:
         metrics=lambda _: table_scores(scenes.values()),
         pictures=lambda _: table_pictures(scenes.values()),
         printed=PACKAGE / "report/tables/paper_numbers.csv",
-        page=PACKAGE / "report/tables/tables.html.j2",
+        page=PACKAGE / "report/tables/page.html.j2",
     output:
         expand(
             "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")

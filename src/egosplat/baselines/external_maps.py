@@ -23,7 +23,6 @@ from egosplat.baselines.options import MethodMetricsOptions
 from egosplat.errors import UserError
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
-    METHOD_METRICS,
     artifact_entries,
     frame_entries,
     query_entry,
@@ -41,7 +40,6 @@ from egosplat.evaluation.queries import (
 from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import AnsweredQuery
 from egosplat.evaluation.scores import score_query, summarise
-from egosplat.output_files import check_output
 from egosplat.progress import log, track
 from egosplat.query.maps import Found, find_in_maps
 from egosplat.query.options import MapOptions
@@ -67,7 +65,6 @@ def run(
     Raises:
         UserError: the inputs do not match, a query has no map, or a map does not follow the layout.
     """
-    check_output(output, METHOD_METRICS)
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     annotations, maps = open_artifact(annotations_path, ANNOTATIONS), open_relevancy(relevancy_path)
     made_from = lineage([frames, poses, annotations])
@@ -99,7 +96,7 @@ def run(
         "total": {"wall_s": None, "peak_memory_mb": None},
         "provenance": record.record(),
     }
-    write_metrics(output, document, METHOD_METRICS)
+    write_metrics(output, document)
     log(f"{maps.method}: {len(answered)} queries; {len(maps.rows) - len(answered)} maps belong to no query")
 
 

@@ -48,7 +48,7 @@ def granular(
     """
     if len(targets.levels) != 3:
         raise UserError(
-            f"language.method = granular needs three levels, not {', '.join(targets.levels)}; set segments.levels to all"
+            f"language.method = granular needs three levels, not {', '.join(targets.levels)}; lower segments.pred_iou_thresh"
         )
     pixels = PixelViews(gaussians, views, settings, options.pixels)
     codes = GranularCodes(pixels, targets.uncompressed(), options)

@@ -8,16 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.utils import make_default_short_help
 
 import egosplat
-from egosplat.cli.flags import ARTIFACT, JSON, KeysCommand, path_flags
+from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
 from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
 from egosplat.errors import UserError, user_message
+from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
 from egosplat.pipeline.config_table import json_schema, keys_page
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import end_with_snakemake
-from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.pipeline.stages import FILES, STAGES, run_stage
 from egosplat.progress import show_log
 
 # Half of the longest message about a flag [characters]; a value may be a whole file.
@@ -30,6 +32,22 @@ _BUILT: dict[str, Callable[[], click.Command]] = {
     "query": query_command,
     "page": page_command,
     "view": view_command,
+}
+
+
+# The groups of commands in ``--help``; all others are stages, or pages of several scenes.
+_GROUPS = {
+    "Ask and look": ("query", "view", "page", "export", "movie", "check"),
+    "Set up": ("doctor", "models", "keys"),
+}
+
+# One line of help for each command that is built on demand, because building it imports its options.
+_SHORT = {
+    "query": "Find things in a finished scene by words.",
+    "view": "Look at a finished scene in the browser, and ask it.",
+    "page": "Write a finished scene as one HTML file to share.",
+    "export": "Write a finished scene for other programs.",
+    "movie": "Draw a moving picture of a scene that is asked.",
 }
 
 
@@ -47,6 +65,26 @@ class Commands(click.Group):
         stage = name.replace("-", "_")
         return stage_command(stage) if stage in STAGES else super().get_command(context, name)
 
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands by group, one line each."""
+        named = {name for names in _GROUPS.values() for name in names}
+        others = [name for name in self.list_commands(context) if name not in named]
+        for title, names in {**_GROUPS, "Stages, which the workflow calls": others}.items():
+            longest = max(map(len, others))
+            with formatter.section(title):
+                for name in names:
+                    room = formatter.width - formatter.current_indent - longest - 2
+                    formatter.write_text(f"{name.ljust(longest)}  {self._about(context, name, room)}")
+
+    def _about(self, context: click.Context, name: str, width: int) -> str:
+        """One line about a command."""
+        stage = name.replace("-", "_")
+        text = _SHORT.get(name) or (STAGES[stage].help if stage in STAGES else "")
+        if text:
+            return make_default_short_help(text, width)
+        command = super().get_command(context, name)
+        return command.get_short_help_str(width) if command else ""
+
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(egosplat.__version__, message="egosplat %(version)s")
@@ -58,7 +96,7 @@ def cli() -> None:
     """
 
 
-@cli.command()
+@cli.command(short_help="Verify artifacts: checksums, schemas, what they come from.")
 @click.argument("folders", nargs=-1, required=True, type=ARTIFACT)
 def check(folders: tuple[Path, ...]) -> None:
     """Verify all artifacts and JSON files below FOLDERS: checksums, schemas, and the artifacts they were made from."""
@@ -69,7 +107,7 @@ def check(folders: tuple[Path, ...]) -> None:
         raise UserError(f"{problems} artifact{'s are' if problems > 1 else ' is'} not sound")
 
 
-@cli.command()
+@cli.command(short_help="Write the scores of several scenes as the paper's tables.")
 @click.argument("metrics", nargs=-1, type=ARTIFACT)
 @click.option("--output", type=ARTIFACT, required=True, help="Output folder of the tables.")
 @click.option(
@@ -97,7 +135,7 @@ def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
     run(points, output)
 
 
-@cli.command()
+@cli.command(short_help="Compare cost and accuracy over several scenes.")
 @click.argument("documents", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
 def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
@@ -107,29 +145,33 @@ def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
     run_scenes(documents, output)
 
 
-@cli.command()
+@cli.command(short_help="Draw the answers of several methods side by side.")
 @click.argument("metrics", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--title", required=True, help="Name of the scene.")
 @click.option("--output", type=ARTIFACT, required=True, help="Output picture, .png.")
-def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path) -> None:
+@click.option("--overwrite", **OVERWRITE)
+def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path, overwrite: bool) -> None:
     """Draw answers of methods side by side: METRICS are metrics.json of one scene's variants."""
     from egosplat.report.sheets.methods_sheet import run
 
+    check_output(output, "methods.png", overwrite=overwrite)
     run(metrics, output, title)
 
 
-@cli.command()
+@cli.command(short_help="Tell on one page what became of a scene.")
 @click.argument("files", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--title", required=True, help="Name of the scene.")
 @click.option("--output", type=ARTIFACT, required=True, help="Output page, .html.")
-def story(files: tuple[Path, ...], title: str, output: Path) -> None:
+@click.option("--overwrite", **OVERWRITE)
+def story(files: tuple[Path, ...], title: str, output: Path, overwrite: bool) -> None:
     """Tell on one page what became of a scene: FILES are its artifacts, pages, survey.json and metrics.json."""
     from egosplat.report.story import run
 
+    check_output(output, "story.html", overwrite=overwrite)
     run(files, output, title)
 
 
-@cli.command()
+@cli.command(short_help="Print all configuration keys as a Markdown page.")
 @click.option(
     "--schema", is_flag=True, help="Print a JSON schema instead, with which editors complete and check."
 )
@@ -146,7 +188,7 @@ CONFIG = click.option(
 )
 
 
-@cli.command()
+@cli.command(short_help="Report what this machine can do and what is missing.")
 @CONFIGFILE
 @CONFIG
 def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
@@ -160,7 +202,7 @@ def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
         raise SystemExit(1)
 
 
-@cli.group(invoke_without_command=True)
+@cli.group(invoke_without_command=True, short_help="List and download the checkpoints that are needed.")
 @CONFIGFILE
 @CONFIG
 @click.option("--all", "every", is_flag=True, help="List the whole catalogue of published checkpoints.")
@@ -195,8 +237,8 @@ def download(
 ) -> None:
     """Fetch the published checkpoints that the configuration needs and that are missing, or those of NAMES.
 
-    NAMES are architectures, as sam2.1_hiera_l. An interrupted download continues. Proxies are those of the environment
-    (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
+    NAMES are architectures, as sam2.1_hiera_l. Proxies are those of the environment (https_proxy); HF_ENDPOINT names a
+    mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
     """
     from egosplat.doctor.inputs import read_configuration, read_configurations
     from egosplat.models.needed import catalogue, needed
@@ -217,6 +259,8 @@ def stage_command(stage: str) -> click.Command:
     def call(options: Options | None = None, **paths: Any) -> None:
         from egosplat.alarms.artifact_alarms import log_warnings
 
+        if stage in FILES:
+            check_output(paths["output"], STAGES[stage].output, overwrite=paths.pop("overwrite"))
         run_stage(stage, options, **paths)
         log_warnings(stage, paths["output"])
 

@@ -8,13 +8,16 @@ from typing import Any
 import click
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import make_options, parse_value
+from egosplat.pipeline.checked_options import make_options
+from egosplat.pipeline.config import parse_value
 from egosplat.pipeline.messages import described, shortened, shown
 from egosplat.pipeline.options import Options, describe, keys_of, sections_of
-from egosplat.pipeline.stages import STAGES, path_help
+from egosplat.pipeline.stages import FILES, STAGES, path_help
 from egosplat.pipeline.validation import schema
 
 ARTIFACT = click.Path(path_type=Path)
+
+OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --output if it is there."}
 
 # Flags that come from the table of scenes.
 SCENE = {
@@ -53,19 +56,33 @@ class KeysCommand(click.Command):
     Attributes:
         options: their class.
         own: section of the keys that are in no shared one.
+        plain: keys with a flag of their own. With such, only ``--help-all`` lists the keys.
     """
 
     def __init__(
-        self, name: str, options: type[Options], own: str, params: Sequence[click.Parameter], **rest: Any
+        self,
+        name: str,
+        options: type[Options],
+        own: str,
+        params: Sequence[click.Parameter],
+        plain: Sequence[str] = (),
+        **rest: Any,
     ) -> None:
-        self.options, self.own = options, own
+        self.options, self.own, self.plain = options, own, plain
         flags = [
-            click.Option(["--options", "given"], type=JSON, default="{}", help="Values of keys as JSON."),
+            *(self._plain_flag(key) for key in plain),
+            click.Option(
+                ["--options", "given"],
+                type=JSON,
+                default="{}",
+                hidden=bool(plain),
+                help="Values of keys as JSON.",
+            ),
             click.Option(
                 ["--set", "pairs"],
                 multiple=True,
                 metavar="KEY=VALUE",
-                help="Value of a key. May be repeated.",
+                help=f"Value of a key{', see --help-all' if plain else ''}. May be repeated.",
             ),
             click.Option(
                 ["--help-all"],
@@ -81,13 +98,21 @@ class KeysCommand(click.Command):
     def invoke(self, context: click.Context) -> Any:
         """Call the callback with checked options."""
         given, pairs = context.params.pop("given"), context.params.pop("pairs")
+        flags = {name: context.params.pop(name) for name in self.plain}
+        pairs = [*(f"{name}={value}" for name, value in flags.items() if value is not None), *pairs]
         context.params["options"] = read_options(self.options, self.own, given, pairs)
         return super().invoke(context)
+
+    def _plain_flag(self, name: str) -> click.Option:
+        about = _about(describe(self.options, name), keys_of(self.options)[name], whole=False)
+        return click.Option([f"--{name.replace('_', '-')}", name], metavar="VALUE", help=about)
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the flags, then the keys."""
         super().format_options(context, formatter)
         keys, every = keys_of(self.options), context.obj == "all"
+        if self.plain and not every:
+            return
         sections = sections_of(self.options, self.own)
         names = [
             *sections.get(self.own, ()),
@@ -162,4 +187,5 @@ def path_flags(stage: str) -> list[click.Parameter]:
         )
         for name, text in path_help(about).items()
     ]
-    return [*paths, *(SCENE[name] for name in about.scene)]
+    overwrite = [click.Option(["--overwrite"], **OVERWRITE)] if stage in FILES else []
+    return [*paths, *overwrite, *(SCENE[name] for name in about.scene)]

@@ -7,11 +7,19 @@ from pathlib import Path
 
 import click
 
-from egosplat.cli.flags import ARTIFACT, KeysCommand
-from egosplat.pipeline.scene_folder import check_scene_folder, title_of
-from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand
+from egosplat.export.formats import FORMATS, plan_export
+from egosplat.files import check_output
+from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
+from egosplat.pipeline.stages import STAGES
 from egosplat.query.options import AskingOptions
-from egosplat.viewing.options import ScenePageOptions
+from egosplat.viewing.options import PageOptions, ScenePageOptions
+
+FOLDER = click.Argument(["folder"], type=ARTIFACT)
+PHRASES = click.Argument(["phrases"], nargs=-1, required=True)
+# Keys with a flag of their own; --help-all lists the others, for --set.
+PLAIN = ("min_score",)
+REPLACE = click.Option(["--overwrite"], **OVERWRITE)
 
 
 def query_command() -> click.Command:
@@ -24,14 +32,17 @@ def query_command() -> click.Command:
         pose: Path | None,
         most: int,
         output: Path | None,
+        overwrite: bool,
         options: AskingOptions,
     ) -> None:
-        from egosplat.query.command import Asking, run
+        check_scene_folder(folder, ASKED)
+        output = output or folder / "query.png"
+        check_output(output, "query.png", overwrite=overwrite)
+        from egosplat.query.command import run
+        from egosplat.query.opening import open_scene
 
-        check_scene_folder(folder, ("frames", "poses", "splats", "language"))
-        asking = Asking(frame, pose, most, output)
-        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
-        for part in run(folder, phrases, asking, options, **how):
+        scene = open_scene(folder, options)
+        for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output):
             click.echo(part)
 
     return KeysCommand(
@@ -40,8 +51,8 @@ def query_command() -> click.Command:
         "query",
         callback=call,
         params=[
-            click.Argument(["folder"], type=ARTIFACT),
-            click.Argument(["phrases"], nargs=-1, required=True),
+            FOLDER,
+            PHRASES,
             click.Option(
                 ["--frame"],
                 type=click.IntRange(min=0),
@@ -60,66 +71,65 @@ def query_command() -> click.Command:
                 help="Largest number of matches listed for the whole scene.",
             ),
             click.Option(["--output"], type=ARTIFACT, help="Output image, .png. [default: FOLDER/query.png]"),
+            REPLACE,
         ],
+        plain=PLAIN,
         help="Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1.",
     )
 
 
-def _write_page(folder: Path, output: Path | None, title: str | None, options: ScenePageOptions) -> None:
-    """Write the scene page of a finished scene."""
-    from egosplat.artifacts.locating import locate
-
-    stage = STAGES["scene_page"]
-    check_scene_folder(folder, stage.inputs)
-    paths = dict(zip(stage.inputs, locate(folder, *stage.inputs), strict=True))
-    target = output or folder / stage.output
-    run_stage(stage.name, options, **paths, output=target, title=title or title_of(folder))
-
-
 def page_command() -> click.Command:
     """Build the command ``page``, with the keys of the stage ``scene_page``."""
+    stage = STAGES["scene_page"]
+
+    def call(
+        folder: Path, output: Path | None, overwrite: bool, title: str | None, options: ScenePageOptions
+    ) -> None:
+        check_scene_folder(folder, stage.inputs)
+        target = output or folder / stage.output
+        check_output(target, stage.output, overwrite=overwrite)
+        from egosplat.export.page import write_page
+
+        write_page(folder, target, options, title)
+
     return KeysCommand(
         "page",
         ScenePageOptions,
         "scene_page",
-        callback=_write_page,
+        callback=call,
         params=[
-            click.Argument(["folder"], type=ARTIFACT),
+            FOLDER,
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output page, .html. [default: FOLDER/scene.html]"
             ),
+            REPLACE,
             click.Option(["--title"], help="Title of the scene. [default: dataset/scene]"),
         ],
+        plain=PLAIN,
         help="Write the finished scene of FOLDER as one HTML file to share: it answers queries in the browser.",
     )
 
 
 def view_command() -> click.Command:
-    """Build the command ``view``, with the keys of the section ``query``."""
+    """Build the command ``view``, with the keys of the page but those of OpenCLIP, which the scene tells."""
 
-    def call(
-        folders: tuple[Path, ...],
-        host: str,
-        port: int,
-        options: AskingOptions,
-    ) -> None:
-        from egosplat.viewer.command import run
+    def call(folder: Path, host: str, port: int, options: PageOptions) -> None:
+        from egosplat.viewing.command import run
 
-        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
-        run(folders, options, host=host, port=port, **how)
+        run(folder, dict(options), host, port)
 
     return KeysCommand(
         "view",
-        AskingOptions,
-        "query",
+        PageOptions,
+        "scene_page",
         callback=call,
         params=[
-            click.Argument(["folders"], nargs=-1, required=True, type=ARTIFACT),
+            click.Argument(["folder"], type=ARTIFACT),
             click.Option(
                 ["--host"],
                 default="127.0.0.1",
                 show_default=True,
-                help="Address to listen at. Others can look, too, where they reach it.",
+                help="Address to listen at. Other computers need the whole address that is printed.",
             ),
             click.Option(
                 ["--port"],
@@ -129,38 +139,27 @@ def view_command() -> click.Command:
                 help="0: any free port.",
             ),
         ],
-        help="Show the finished scenes of FOLDERS, such as results/adt/scene1, in the browser.",
+        plain=PLAIN,
+        help="Show the finished scene of FOLDER, such as results/adt/scene1, in the browser.",
     )
 
 
 def export_command() -> click.Command:
     """Build the command ``export``, with the keys of the section ``query``."""
-    needs = {
-        "ply": ("splats",),
-        "spz": ("splats",),
-        "instances": ("splats", "instances"),
-        "nerfstudio": ("frames", "poses", "splats"),
-        "colmap": ("frames", "poses", "splats"),
-    }
 
     def call(
         folder: Path,
-        format: str,
+        format: str | None,
         output: Path | None,
+        overwrite: bool,
         query: str | None,
         codes: bool,
         options: AskingOptions,
     ) -> None:
-        if format == "html":
-            _write_page(folder, output, None, ScenePageOptions.model_validate(dict(options)))
-            return
-        from egosplat.export.command import Exporting, run
+        what = plan_export(folder, output, format=format, query=query, codes=codes, overwrite=overwrite)
+        from egosplat.export.command import run
 
-        asked = ("frames", "poses", "language") if query is not None else ()
-        coded = ("language",) if codes and format == "ply" else ()
-        check_scene_folder(folder, dict.fromkeys((*needs[format], *asked, *coded)))
-        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
-        run(folder, Exporting(format, output, query, codes), options, **how)
+        run(folder, what, options)
 
     return KeysCommand(
         "export",
@@ -168,14 +167,12 @@ def export_command() -> click.Command:
         "query",
         callback=call,
         params=[
-            click.Argument(["folder"], type=ARTIFACT),
+            FOLDER,
             click.Option(
                 ["--format"],
-                type=click.Choice([*needs, "html"]),
-                default="ply",
-                show_default=True,
+                type=click.Choice(list(FORMATS)),
                 help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, "
-                "colmap), or the scene page (html).",
+                "colmap), or the scene page (html). [default: by the suffix of --output, else ply]",
             ),
             click.Option(
                 ["--query"], metavar="WORDS", help="Only the Gaussians of the best answer; ply and spz."
@@ -183,6 +180,7 @@ def export_command() -> click.Command:
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output file or folder.  [default: a name in FOLDER]"
             ),
+            REPLACE,
             click.Option(
                 ["--codes/--no-codes"],
                 default=True,
@@ -190,6 +188,7 @@ def export_command() -> click.Command:
                 help="Include the language codes; ply.",
             ),
         ],
+        plain=PLAIN,
         help="Write the finished scene of FOLDER, such as results/adt/scene1, for other programs.",
     )
 
@@ -201,14 +200,17 @@ def movie_command() -> click.Command:
         folder: Path,
         phrases: tuple[str, ...],
         output: Path | None,
+        overwrite: bool,
         side: int,
         options: AskingOptions,
     ) -> None:
-        check_scene_folder(folder, ("frames", "poses", "splats", "language"))
+        check_scene_folder(folder, ASKED)
+        output = output or folder / "query.webp"
+        check_output(output, "query.webp", overwrite=overwrite)
         from egosplat.export.movie import run
+        from egosplat.query.opening import open_scene
 
-        how = {name: getattr(options, name) for name in ("backend", "device", "precision")}
-        run(folder, phrases, output or folder / "query.webp", side, options, **how)
+        run(open_scene(folder, options), phrases, output, side)
 
     return KeysCommand(
         "movie",
@@ -216,11 +218,12 @@ def movie_command() -> click.Command:
         "query",
         callback=call,
         params=[
-            click.Argument(["folder"], type=ARTIFACT),
-            click.Argument(["phrases"], nargs=-1, required=True),
+            FOLDER,
+            PHRASES,
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output picture, .webp.  [default: FOLDER/query.webp]"
             ),
+            REPLACE,
             click.Option(
                 ["--side"],
                 type=click.IntRange(32, 4096),
@@ -229,5 +232,6 @@ def movie_command() -> click.Command:
                 help="Longer side of the picture [px].",
             ),
         ],
+        plain=PLAIN,
         help="Draw a moving picture of FOLDER that is asked for PHRASES: the camera goes to each answer.",
     )

@@ -1,10 +1,8 @@
 """``egosplat doctor``: check whether this machine can run a configuration, and estimate how long it takes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from egosplat.cost_model.expected import expected_seconds
-from egosplat.cost_model.laws import MEASURED_ON
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import (
     model_findings,
@@ -15,8 +13,20 @@ from egosplat.doctor.inputs import (
 from egosplat.doctor.machine import machine_findings
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config
+from egosplat.pipeline.costs import UNREAD_FRAMES, Sizes, minutes
 from egosplat.pipeline.dag import leaves_frames_out, survey_decides, tracks_what_moves
 from egosplat.pipeline.scenes import Scene, read_scenes
+
+# The stages of a scene's scores. Report pages and tables are not included.
+_STAGES = (
+    *("synthetic", "frames", "annotations", "poses", "survey", "segments", "instances", "view_features"),
+    *("features", "transient", "masks", "splats", "language", "metrics"),
+)
+_RUN_MODELS = {"segments", "view_features"}
+_RENDER = {"transient", "instances", "splats", "language", "metrics"}
+
+# Least and largest factor of the table's times: other processors, kernels without AVX, more or fewer things in a scene.
+_RANGE = (0.5, 3.0)
 
 
 def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
@@ -43,29 +53,24 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
 
 def _times(scenes: list[Scene]) -> Iterator[Finding]:
     """The expected time of every scene whose recording exists or can be made; equal ones share a line."""
-    groups: dict[tuple[tuple[str, float | None], ...], list[str]] = {}
+    groups: dict[tuple[float, tuple[str, ...]], list[Scene]] = {}
     for scene in scenes:
         if scene.synthetic or scene.recording.exists():
-            expected = estimate(
-                scene.config, scene.synthetic, _rasterizer(scene.config), _models_device(scene.config)
-            )
-            groups.setdefault(tuple(expected.items()), []).append(f"{scene.dataset}/{scene.scene}")
+            config = scene.config
+            found = estimate(config, scene.synthetic, _renders_on(config), _models_device(config))
+            groups.setdefault(found, []).append(scene)
     if not groups:
         yield Finding(Mark.NOTE, "expected time", "no scene of the table has a recording")
-    for expected, names in groups.items():
-        yield _time(dict(expected), names)
-
-
-def _time(expected: Mapping[str, float | None], names: list[str]) -> Finding:
-    known = {part: seconds for part, seconds in expected.items() if seconds}
-    parts = ", ".join(f"{part} {duration(seconds)}" for part, seconds in known.items())
-    unknown = [part for part, seconds in expected.items() if seconds is None]
-    each = " each" if len(names) > 1 else ""
-    value = f"about {duration(sum(known.values()))}{each} ({parts})" if known else "not known"
-    advice = f"Extrapolated from measurements on {MEASURED_ON}"
-    if unknown:
-        advice += f"; not known: {', '.join(unknown)}"
-    return Finding(Mark.NOTE, "expected time", f"{', '.join(names)}: {value}", advice)
+    for (expected, unknown), group in groups.items():
+        names = ", ".join(f"{scene.dataset}/{scene.scene}" for scene in group)
+        least, most = (duration(60 * expected * factor) for factor in _RANGE)
+        advice = "Measured on two cores with AVX-512"
+        if any(not scene.synthetic for scene in group):
+            advice += "; a recording counts as two minutes long"
+        if unknown:
+            advice += f"; not known on this machine's device: {', '.join(unknown)}"
+        each = " each" if len(group) > 1 else ""
+        yield Finding(Mark.NOTE, "expected time", f"{names}: {least} to {most}{each}", advice)
 
 
 def _models_device(config: Config) -> str:
@@ -78,8 +83,8 @@ def _models_device(config: Config) -> str:
         return config["run"]["device"]
 
 
-def _rasterizer(config: Config) -> str:
-    """The variant of the C++ kernels if they render, else the name of the backend."""
+def _renders_on(config: Config) -> str:
+    """``cpu`` if the C++ kernels render, else another device, or the name of the backend."""
     from egosplat.gaussians.device import training_device
     from egosplat.rasterize.kernels import library
 
@@ -88,45 +93,29 @@ def _rasterizer(config: Config) -> str:
         device = training_device(backend).type
     except UserError:
         return backend
-    return library.variant() if device == "cpu" and backend != "reference" and library.is_usable() else device
-
-
-# The parts of the main job, and the stages of each. Report pages and tables are not included.
-PARTS = {
-    "filming": ("synthetic",),
-    "reading": ("frames", "annotations", "poses", "survey"),
-    "segments": ("segments", "instances"),
-    "features": ("view_features", "features"),
-    "transient": ("transient", "masks"),
-    "training": ("splats",),
-    "queries": ("language", "metrics"),
-}
+    return "reference" if device == "cpu" and not library.is_usable() else device
 
 
 def estimate(
-    config: Config, synthetic: bool, rasterizer: str, models_on: str = "cpu"
-) -> dict[str, float | None]:
-    """Expected seconds of each part of a scene's main job, on two cores.
+    config: Config, synthetic: bool, renders_on: str = "cpu", models_on: str = "cpu"
+) -> tuple[float, tuple[str, ...]]:
+    """Expected time of a scene's scores on two cores [min], and the stages that it leaves out because they run elsewhere.
 
     Args:
         synthetic: whether its recording is synthetic. The length of a real one is unknown before it is read.
-        rasterizer: the variant of the C++ kernels that renders; for other backends no times were measured.
+        renders_on: the type of the device that renders; ``cpu`` for the C++ kernels.
         models_on: the type of the device that runs SAM2 and OpenCLIP.
-
-    Returns:
-        Seconds by part; 0 where the part is not needed, None where nothing was measured.
     """
-    skipped = _skipped(config, synthetic)
-
-    def of_part(stages: tuple[str, ...]) -> float | None:
-        found = [
-            expected_seconds(stage, config, synthetic, rasterizer, models_on)
-            for stage in stages
-            if stage not in skipped
-        ]
-        return None if None in found else sum(found)
-
-    return {part: of_part(stages) for part, stages in PARTS.items()}
+    film = config["synthetic"]
+    recorded = film["seconds"] * film["fps"] if synthetic else UNREAD_FRAMES
+    needed = [stage for stage in _STAGES if stage not in _skipped(config, synthetic)]
+    elsewhere = (_RUN_MODELS if models_on != "cpu" else set()) | (_RENDER if renders_on != "cpu" else set())
+    known = (
+        minutes(stage, config, Sizes(stage, config, frames=recorded / config["frames"]["stride"]))
+        for stage in needed
+        if stage not in elsewhere
+    )
+    return sum(known), tuple(stage for stage in needed if stage in elsewhere)
 
 
 def _skipped(config: Config, synthetic: bool) -> set[str]:

@@ -11,29 +11,25 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.evaluation.evaluation_frames import Frame
 from egosplat.evaluation.rendering import RegionScore
 from egosplat.evaluation.run_queries import AnsweredQuery
+from egosplat.files import write_json
 from egosplat.frames.recording import Instance
 from egosplat.models.configs import SMALL
-from egosplat.output_files import FileKind, stage_json_kind, write_json
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
 # Raised when a reader of older files would misread an entry.
-FORMAT_VERSION = 3
-
-METRICS = stage_json_kind("metrics")
-METHOD_METRICS = stage_json_kind("method_metrics")
+FORMAT_VERSION = 4
 
 
-def write_metrics(output: Path, document: Mapping[str, Any], kind: FileKind) -> None:
+def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
     """Check a document against the schema and write it atomically, with sorted keys.
 
     Raises:
         jsonschema.ValidationError: the document does not match the schema.
-        UserError: ``output`` exists and is of another kind.
     """
     # JSON has no NaN (a mean of nothing) and no infinity (the PSNR of equal images).
     values = finite(document)
     Draft202012Validator(schema("metrics")).validate(values)
-    write_json(output, values, kind)
+    write_json(output, values)
 
 
 def finite(value: Any) -> Any:

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from egosplat.pipeline.options import READING, UNIQUE, Options, Share, Text
-from egosplat.pipeline.shared_options import BackendOptions, ClipOptions, DeviceOptions
-from egosplat.query.options import QueryOptions
+from egosplat.pipeline.shared_options import ClipOptions
+from egosplat.query.options import AskingOptions
 
 
 class PresenceOptions(Options):
@@ -52,9 +52,7 @@ class ScoringOptions(Options):
     benchmark. mask: its pixels, which is stricter."""
 
 
-class MetricsOptions(
-    ScoringOptions, QueryOptions, PresenceOptions, ClipOptions, BackendOptions, DeviceOptions
-):
+class MetricsOptions(ScoringOptions, AskingOptions, PresenceOptions, ClipOptions):
     """How a scene is queried and scored."""
 
 

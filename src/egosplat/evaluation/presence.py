@@ -15,13 +15,10 @@ from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Camera
-from egosplat.models.open_clip_loader import OpenClip
 from egosplat.query.answer import rendering_camera
-from egosplat.query.options import QueryOptions
+from egosplat.query.answers import FoundThing
+from egosplat.query.finished_scene import Scene
 from egosplat.query.scene import QueryScene
-from egosplat.query.scene_query import ask_scene, index_scene
-from egosplat.query.text import encode_texts, untaught_words
-from egosplat.query.things import Thing
 from egosplat.rasterize.view import composite
 
 # Longer side of the views that compare things with annotations [px]: shares of a thing need no more detail.
@@ -71,9 +68,7 @@ def ask_presence(
     present: Sequence[str],
     absent: Sequence[str],
     evaluation: Evaluation,
-    scene: QueryScene,
-    clip: OpenClip,
-    options: QueryOptions,
+    scene: Scene,
 ) -> list[PresenceQuery]:
     """Query the whole scene for present and for absent things.
 
@@ -83,23 +78,20 @@ def ask_presence(
     phrases = [*present, *absent]
     if not phrases:
         return []
-    index = index_scene(scene, evaluation.camera_to_world, evaluation.camera, evaluation.valid)
-    texts = encode_texts(clip, phrases, options.canonical)
-    answers = list(ask_scene(index, texts, options, most=1))
-    untaught = [untaught_words(clip, answer.phrase) for answer in answers]
-    best = {answer.phrase: answer.things[0] for answer in answers[: len(present)] if answer.things}
-    shares, names = annotated_shares(scene, list(best.values()), evaluation)
+    answers = scene.ask(*phrases, most=1)
+    best = {one.phrase: one.candidates[0] for one in answers[: len(present)] if one.candidates}
+    shares, names = annotated_shares(scene.trained, list(best.values()), evaluation)
     right = {phrase: is_right(row, names, phrase) for phrase, row in zip(best, shares, strict=True)}
     return [
         PresenceQuery(
             phrase=answer.phrase,
             present=number < len(present),
             score=answer.score,
-            answered=options.refusal(answer.score, words) is None,
-            untaught=bool(words),
+            answered=answer.refusal is None,
+            untaught=bool(answer.untaught),
             right=right.get(answer.phrase) if number < len(present) else None,
         )
-        for number, (answer, words) in enumerate(zip(answers, untaught, strict=True))
+        for number, answer in enumerate(answers)
     ]
 
 
@@ -127,7 +119,7 @@ def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[s
 
 
 def annotated_shares(
-    scene: QueryScene, things: Sequence[Thing], evaluation: Evaluation
+    scene: QueryScene, things: Sequence[FoundThing], evaluation: Evaluation
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Measure how many pixels of each thing lie on each annotated category, over the evaluation frames.
 
@@ -178,7 +170,7 @@ def separation(present: Sequence[float], absent: Sequence[float]) -> float:
     return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
 
 
-def _indicators(things: Sequence[Thing], scene: QueryScene) -> torch.Tensor:
+def _indicators(things: Sequence[FoundThing], scene: QueryScene) -> torch.Tensor:
     """(N, T) float32: 1 where a Gaussian belongs to a thing."""
     values = torch.zeros(scene.gaussians.count, len(things))
     for column, thing in enumerate(things):

@@ -8,7 +8,7 @@ from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scores import QueryScore, score_query
 from egosplat.geometry import Array
 from egosplat.progress import track
-from egosplat.query.answer import Answer, Asker
+from egosplat.query.answer import Asker, ViewAnswer
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +18,7 @@ class AnsweredQuery:
     Attributes:
         score: score against the annotation.
         relevancy: largest smoothed relevancy, 0..1.
-        level, mask_level, pixel, position: see ``egosplat.query.answer.Answer``.
+        level, mask_level, pixel, position: see ``egosplat.query.answer.ViewAnswer``.
     """
 
     query: Query
@@ -57,7 +57,7 @@ def run_queries(
             yield _without_maps(query, answer, score)
 
 
-def _without_maps(query: Query, answer: Answer, score: QueryScore) -> AnsweredQuery:
+def _without_maps(query: Query, answer: ViewAnswer, score: QueryScore) -> AnsweredQuery:
     return AnsweredQuery(
         query=query,
         score=score,

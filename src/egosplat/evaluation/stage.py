@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.alarms.artifact_alarms import alarms_of_all
-from egosplat.alarms.scene import metrics_alarms
+from egosplat.alarms.limits import Alarm, find_chance_alarm
+from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts import provenance
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.lineage import Lineage, lineage
+from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.provenance import Provenance
@@ -23,7 +23,6 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
-    METRICS,
     artifact_entries,
     frame_entries,
     models_used,
@@ -46,11 +45,9 @@ from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
-from egosplat.output_files import check_output
 from egosplat.progress import log
-from egosplat.query.answer import Asker
-from egosplat.query.scene import read_scene
-from egosplat.query.text import encode_texts, load_clip_of, open_encoded
+from egosplat.query.finished_scene import scene_of
+from egosplat.query.text import open_encoded
 
 
 def run(
@@ -77,26 +74,22 @@ def run(
     Raises:
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
     """
-    check_output(output, METRICS)
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
     schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
     artifacts = list(map(open_artifact, paths, schemas))
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
-    made_from = lineage([*artifacts, encoded])
+    scene = scene_of([*artifacts, encoded], options)
+    made_from = scene.made_from
     keys = options.as_dict() | asdict(RESAMPLING)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
-    model = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    clip = load_clip_of(encoded, *model)
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
-    texts = encode_texts(clip, sorted({query.category for query in queries}), options.canonical)
-    scene = read_scene(splats, language, encoded, options.backend)
-    asker = Asker.of(scene, texts, options)
+    asker = scene.asker(sorted({query.category for query in queries}))
     answered = list(run_queries(queries, evaluation, asker, options.hit_region))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
-    presence_queries = ask_presence(*phrases, evaluation, scene, clip, options)
+    presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
     scores = summarise([one.score for one in answered], RESAMPLING)
     used, levels = list(made_from.found.values()), language.facts["levels"]
@@ -115,7 +108,7 @@ def run(
         **_rendering_entries(evaluation, answered),
         **_provenance_entries(record, made_from),
     }
-    write_metrics(output, document, METRICS)
+    write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
     _log_presence(presence)
     for line in warning_lines(notice, alarms):
@@ -175,7 +168,7 @@ def _provenance_entries(provenance_of_run: Provenance, made_from: Lineage) -> di
 
 def _alarms(score: GroupScore) -> Iterator[Alarm]:
     interval = score.accuracy_interval
-    return metrics_alarms(interval and interval.low, max(score.random_pixel, score.middle_pixel))
+    return find_chance_alarm(interval and interval.low, max(score.random_pixel, score.middle_pixel))
 
 
 def _log_scores(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:

@@ -1,32 +1,25 @@
 """A moving picture of a scene that is asked: the camera goes to each answer, and the answer lights up. ``egosplat movie``."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from egosplat.artifacts.frames import lies_on_its_side
-from egosplat.artifacts.poses import length_unit
-from egosplat.artifacts.splats import camera_poses
 from egosplat.errors import UserError
+from egosplat.files import atomic_file
+from egosplat.gaussians.initialization import SH_C0
 from egosplat.geometry import Array, known_poses
-from egosplat.output_files import FileKind, check_output, output_file
+from egosplat.images import evenly_spaced
 from egosplat.progress import log, track
 from egosplat.query.answer import rendering_camera
-from egosplat.query.command import open_question, open_sources
-from egosplat.query.options import QueryOptions
+from egosplat.query.answers import Answer, FoundThing
+from egosplat.query.finished_scene import Scene
 from egosplat.query.scene import QueryScene
-from egosplat.query.scene_query import SceneAnswer, ask_scene, index_scene
-from egosplat.query.sources import QuerySources
-from egosplat.query.things import Thing
-from egosplat.sampling import evenly_spaced
-from egosplat.viewer.pictures import Painted, heat
-
-# Tag of EXIF that names the program, which marks files of this command.
-_SOFTWARE, _COMMAND = 0x0131, "egosplat movie"
 
 # Views on the way to an answer and time of each [ms].
 _STEPS, _STEP_MS = 16, 90
@@ -37,105 +30,57 @@ _LIGHTS, _ANSWER_MS = 4, 1800
 # Height of the line of text, relative to the longer side of the picture.
 _LINE = 0.085
 
-_QUALITY = 70
+# Color of an answer: a red of the color map Turbo, and its share in a Gaussian; the rest is the Gaussian's own brightness.
+_HOT, _STRENGTH = (195.0, 37.0, 3.0), 0.75
 
-Picture = NDArray[np.uint8]
-
-
-def _is_own(path: Path) -> bool:
-    content = path.read_bytes()
-    return content[8:12] == b"WEBP" and _COMMAND.encode() in content
+# Brightness of all else, relative to its own.
+_DIM = 0.6
 
 
-MOVIE = FileKind(_COMMAND, ".webp", _is_own)
-
-
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """An answer to show.
-
-    Attributes:
-        text: what the picture says of it.
-        frame: the frame that shows it best.
-    """
-
-    text: str
-    thing: Thing
-    frame: int
-
-
-def run(
-    folder: Path,
-    phrases: Sequence[str],
-    output: Path,
-    side: int,
-    options: QueryOptions,
-    *,
-    backend: str,
-    device: str,
-    precision: str,
-) -> None:
-    """Ask a scene, and write a moving picture of the answers.
+def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
+    """Ask a scene, and write a moving picture of the answers as WebP.
 
     Args:
-        folder: folder with the artifacts of a scene.
         phrases: the queries, at least one. Those without an answer are left out.
-        output: .webp file to write.
         side: longer side of the picture [px].
-        options: how queries are answered.
-        backend: renderer, as the key ``backend``.
-        device, precision: of OpenCLIP, as the keys of the section ``models``.
 
     Raises:
-        UserError: no query has an answer, an artifact is missing, damaged or does not belong to the others, or the output is
-            there already and not such a picture.
+        UserError: no query has an answer; also as ``Scene.ask``.
     """
-    check_output(output, MOVIE)
-    sources, _ = open_sources(folder)
-    question = open_question(sources, phrases, options, backend=backend, device=device, precision=precision)
-    scene, poses = question.scene, camera_poses(sources.poses, sources.splats)
-    index = index_scene(scene, poses, scene.camera, sources.frames.read("valid"))
-    shown = []
-    for answer in ask_scene(index, question.texts, options, most=1):
-        if why := answer.refusal(question.untaught[answer.phrase], options):
-            log(f"{answer.phrase!r} is left out: {why}")
-        else:
-            thing = answer.things[0]
-            shown.append(Shown(_text(answer, sources), thing, index.best_frame(thing)))
+    answers = scene.ask(*phrases, most=1)
+    for one in answers:
+        if one.refusal:
+            log(f"{one.phrase!r} is left out: {one.refusal}")
+    shown = [one for one in answers if one.things]
     if not shown:
-        raise UserError(f"{folder}: no query has an answer to show")
-    turned = lies_on_its_side(sources.frames)
-    pictures, times = zip(*_pictures(scene, poses, shown, side, turned), strict=True)
-    _write(output, pictures, times)
-    log(f"{output}: {len(pictures)} pictures, {output.stat().st_size / 1e6:.1f} MB")
+        raise UserError(f"{scene.folder}: no query has an answer to show")
+    (first, *others), times = zip(*_pictures(scene, shown, side), strict=True)
+    how = {"save_all": True, "duration": list(times), "loop": 0, "quality": 70, "method": 4}
+    with atomic_file(output) as scratch:
+        first.save(scratch, format="WEBP", append_images=others, **how)
+    log(f"{output}: {len(times)} pictures, {output.stat().st_size / 1e6:.1f} MB")
 
 
-def _text(answer: SceneAnswer, sources: QuerySources) -> str:
-    thing = answer.things[0]
-    size = " x ".join(f"{side:.2f}" for side in thing.high - thing.low)
-    return f'"{answer.phrase}"   {size} {length_unit(sources.poses)}   score {answer.score:.2f}'
-
-
-def _pictures(
-    scene: QueryScene, poses: Array, shown: Sequence[Shown], side: int, turned: bool
-) -> Iterator[tuple[Image.Image, int]]:
+def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tuple[Image.Image, int]]:
     """Pictures and the time of each [ms]: on the way to an answer, while it lights up, and the answer."""
-    camera = rendering_camera(scene.camera, side)
+    camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
 
     def picture(painted: QueryScene, frame: int) -> NDArray[np.float32]:
-        rendered = painted.picture(camera, poses[frame])
+        rendered = painted.picture(camera, scene.poses[frame])
         return np.rot90(rendered, -1) if turned else rendered
 
-    before = shown[-1].frame
+    before = shown[-1].things[0].frame
     for one in track(shown, "drawing answers", unit="answer"):
-        for frame in way(poses, before, one.frame):
-            yield _captioned(picture(scene, frame), ""), _STEP_MS
-        plain, lit = picture(scene, one.frame), picture(_lit(scene, one.thing), one.frame)
-        for step in range(1, _LIGHTS + 1):
-            share = step / _LIGHTS
+        thing = one.things[0]
+        for frame in way(scene.poses, before, thing.frame):
+            yield _captioned(picture(scene.trained, frame), ""), _STEP_MS
+        plain, lit = picture(scene.trained, thing.frame), picture(_lit(scene.trained, thing), thing.frame)
+        size = " x ".join(f"{length:.2f}" for length in thing.size)
+        text = f'"{one.phrase}"   {size} {scene.unit}   score {one.score:.2f}'
+        for share in np.arange(1, _LIGHTS + 1) / _LIGHTS:
             mixed = (1 - share) * plain + share * lit
-            yield _captioned(mixed, one.text), _ANSWER_MS if step == _LIGHTS else _STEP_MS
-        before = one.frame
+            yield _captioned(mixed, text), _ANSWER_MS if share == 1 else _STEP_MS
+        before = thing.frame
 
 
 def way(poses: Array, start: int, end: int) -> list[int]:
@@ -150,43 +95,24 @@ def way(poses: Array, start: int, end: int) -> list[int]:
     return [int(frame) for frame in ordered[evenly_spaced(len(ordered), _STEPS + 1)][1:]]
 
 
-def _lit(scene: QueryScene, thing: Thing) -> QueryScene:
+def _lit(scene: QueryScene, thing: FoundThing) -> QueryScene:
     """The scene with a thing in the color of heat, and all else dim and gray."""
-    own = Painted.of(scene)
-    fit = np.zeros(scene.gaussians.count, np.float32)
-    fit[thing.members] = 1.0
-    painted = own.colored(heat(own.colors, fit, threshold=0.5))
-    return replace(scene, gaussians=painted.gaussians, sh_degree=painted.sh_degree)
+    own = (scene.gaussians.sh[:, :1] * SH_C0 + 0.5).clamp(0.0, 1.0)
+    gray = own.mean(dim=2, keepdim=True)
+    colors = (_DIM * gray).expand_as(own).clone()
+    hot = torch.tensor(_HOT, device=own.device) / 255
+    colors[thing.members] = _STRENGTH * hot + (1 - _STRENGTH) * gray[thing.members]
+    return replace(scene, gaussians=replace(scene.gaussians, sh=(colors - 0.5) / SH_C0), sh_degree=0)
 
 
 def _captioned(rendered: NDArray[np.float32], text: str) -> Image.Image:
-    """An image with a line of text below the picture."""
+    """An image with a line of text below the picture, smaller for a long text."""
     height, width = rendered.shape[:2]
     line = round(_LINE * max(height, width))
     image = Image.new("RGB", (width, height + line), "black")
     image.paste(Image.fromarray((np.clip(rendered, 0, 1) * 255).round().astype(np.uint8)))
-    draw = ImageDraw.Draw(image)
-    size = 0.5 * line
-    # A long query is written smaller.
+    draw, size = ImageDraw.Draw(image), 0.5 * line
     size *= min(1.0, 0.95 * width / max(1.0, draw.textlength(text, ImageFont.load_default(size))))
     font = ImageFont.load_default(max(6.0, size))
     draw.text((width / 2, height + line / 2), text, "white", font, anchor="mm")
     return image
-
-
-def _write(output: Path, pictures: Sequence[Image.Image], times: Sequence[int]) -> None:
-    exif = Image.Exif()
-    exif[_SOFTWARE] = _COMMAND
-    first, *others = pictures
-    with output_file(output, MOVIE) as scratch, scratch.open("wb") as file:
-        first.save(
-            file,
-            format="WEBP",
-            save_all=True,
-            append_images=others,
-            duration=list(times),
-            loop=0,
-            quality=_QUALITY,
-            method=4,
-            exif=exif.tobytes(),
-        )

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.files import atomic_file
 from egosplat.gaussians.model import Gaussians
-from egosplat.output_files import output_file, text_kind
 
 Columns = dict[str, NDArray[Any]]
-
-PLY = text_kind("egosplat export", ".ply", begin="ply\n", mark="\ncomment egosplat, origin ")
 
 _TYPES = {"f": "float", "u": "uchar", "i": "int"}
 _STORED = {"f": "<f4", "u": "<u1", "i": "<i4"}
@@ -76,10 +74,6 @@ def ply_bytes(columns: Mapping[str, NDArray[Any]], origin: str) -> bytes:
 
 
 def write_ply(path: Path, columns: Mapping[str, NDArray[Any]], origin: str) -> None:
-    """Write a .ply file; it is complete or absent. Arguments as in ``ply_bytes``.
-
-    Raises:
-        UserError: ``path`` exists and was not written by ``egosplat export``.
-    """
-    with output_file(path, PLY) as scratch:
+    """Write a .ply file; it is complete or absent. Arguments as in ``ply_bytes``."""
+    with atomic_file(path) as scratch:
         scratch.write_bytes(ply_bytes(columns, origin))

@@ -1,26 +1,15 @@
 """Write Gaussians as .spz, version 3 (github.com/nianticlabs/spz): about a tenth of the .ply file."""
 
 import gzip
-import io
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from egosplat.errors import UserError
+from egosplat.files import atomic_file
 from egosplat.gaussians.model import Gaussians
-from egosplat.output_files import FileKind, output_file
 from egosplat.progress import log
-
-# Name of the content in the header of gzip, which marks files of this command.
-_NAME = b"egosplat-export"
-_MARKED_BYTES = b"\x1f\x8b\x08\x08"
-
-SPZ = FileKind(
-    "egosplat export",
-    ".spz",
-    lambda path: path.read_bytes()[:64].startswith(_MARKED_BYTES) and _is_marked(path),
-)
 
 # Bits of a stored coordinate, with its sign.
 _BITS = 24
@@ -30,11 +19,6 @@ _FLAGS, _ANTIALIASED = 14, 1
 
 # Signs of the bases of degree 1 to 3 of spherical harmonics when y and z change theirs.
 TURNED_SH = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
-
-
-def _is_marked(path: Path) -> bool:
-    # A gzip header has 10 bytes, then the name.
-    return path.read_bytes()[10:].startswith(_NAME + b"\0")
 
 
 def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: bool) -> None:
@@ -49,7 +33,7 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
         antialiased: whether they were trained with antialiasing.
 
     Raises:
-        UserError: gsply is not installed, or ``path`` exists and was not written by ``egosplat export``.
+        UserError: gsply is not installed.
     """
     try:
         from gsply import GSData
@@ -78,8 +62,8 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
         write(plain, data, version=3, fractional_bits=bits)
         content = bytearray(gzip.decompress(plain.read_bytes()))
     content[_FLAGS] |= _ANTIALIASED * antialiased
-    with output_file(path, SPZ) as scratch:
-        scratch.write_bytes(_compressed(bytes(content)))
+    with atomic_file(path) as scratch:
+        scratch.write_bytes(gzip.compress(content, mtime=0))
 
 
 def fractional_bits(gaussians: Gaussians) -> int:
@@ -91,10 +75,3 @@ def fractional_bits(gaussians: Gaussians) -> int:
 
 def _unit(quats: np.ndarray) -> np.ndarray:
     return quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), np.finfo(np.float32).tiny)
-
-
-def _compressed(content: bytes) -> bytes:
-    buffer = io.BytesIO()
-    with gzip.GzipFile(_NAME.decode(), "wb", compresslevel=9, fileobj=buffer, mtime=0) as file:
-        file.write(content)
-    return buffer.getvalue()

@@ -16,7 +16,7 @@ from egosplat.frames.recording import Capture
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
-from egosplat.resize import resize_image
+from egosplat.images import resize_image
 
 # Root folders of the dataset's two downloads: videos and annotations.
 RELEASE, ANNOTATIONS = "HOI4D_release", "HOI4D_annotations"

@@ -15,7 +15,7 @@ from egosplat.frames.hoi4d import ANNOTATIONS, RELEASE, find_sequence, sequence_
 from egosplat.frames.images import read_rgb
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
-from egosplat.resize import resize_labels
+from egosplat.images import resize_labels
 
 MASKS_PER_SECOND = 15
 # In order of preference: shift_mask is aligned with the video where mask is not.

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.camera_file import CAMERA_FILE, read_camera_file
 from egosplat.calibration.colmap.distortion import lens_of_frames
 from egosplat.calibration.companions import KNOWN_POSES, companion_path
 from egosplat.calibration.known_poses import (
@@ -18,16 +17,15 @@ from egosplat.calibration.known_poses import (
     read_known_poses,
     unmatched_line,
 )
-from egosplat.calibration.lens import Lens, Rectifier
+from egosplat.calibration.lens import CAMERA_FILE, Lens, Rectifier, read_camera_file
 from egosplat.errors import UserError
 from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
 from egosplat.frames.recording import Capture
 from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
+from egosplat.images import measure_sharpness, resize_image, resize_mask, shrunk_size
 from egosplat.progress import log, track
-from egosplat.resize import resize_image, resize_mask, shrunk_size
-from egosplat.sharpness import measure_sharpness
 
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
 FOCAL_PRIOR = 1.2

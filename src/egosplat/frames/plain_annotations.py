@@ -26,7 +26,7 @@ from egosplat.frames.recording import Instance
 from egosplat.frames.recording_files import ANNOTATIONS
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
-from egosplat.resize import resize_labels
+from egosplat.images import resize_labels
 
 TABLE = "instances.tsv"
 _COLUMNS = ("id", "name", "category", "motion_type")

@@ -1,10 +1,8 @@
 """Stage ``frames``: read and rectify the frames of a recording, and split them into training and evaluation."""
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +13,7 @@ from egosplat.frames.options import FramesOptions
 from egosplat.frames.readers import open_recording
 from egosplat.frames.recording_files import is_annotated
 from egosplat.frames.split import AUTO, evaluation_count, split_frames
+from egosplat.images import measure_sharpness
 from egosplat.progress import log, track
 
 
@@ -51,10 +50,10 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         artifact.put("evaluation", evaluation)
         artifact.allocate("rgb", (count, *capture.valid.shape, 3))
         # One frame at a time: a recording does not fit into memory.
-        images, sharpnesses = reader.read_frames(np.arange(count)), []
+        images, sharpness = reader.read_frames(np.arange(count)), np.empty(count)
         for index, image in enumerate(track(images, f"reading {recording_path.name}", total=count)):
             artifact.put_row("rgb", index, image)
-            sharpnesses.append(sharpness(image, capture.valid))
+            sharpness[index] = measure_sharpness(image, capture.valid)
         device = capture.device_from_camera
         artifact.facts = {
             "recording": recording_path.name,
@@ -62,7 +61,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
             "upright": capture.upright,
             "camera": asdict(capture.camera),
             "camera_known": capture.camera_known,
-            "blurred_frames": count_blurred(sharpnesses),
+            "blurred_frames": count_blurred(sharpness),
             "device_from_camera": None if device is None else device.tolist(),
             **capture.facts,
         }
@@ -79,27 +78,13 @@ def _split_line(count: int, evaluation: int, unannotated: bool) -> str:
     return f"{count} frames, {evaluation} of them for evaluation"
 
 
-# Measured on photographs of 512 px: a Gaussian blur of 1 px leaves 0.10 to 0.14 of the median sharpness, of 0.5 px
-# it leaves 0.5. The least sharp frame of a synthetic apartment and of two photo series has 0.59.
-# A frame below this fraction of the recording's median sharpness counts as blurred.
-BLURRED = 0.25
+# A frame is blurred that is less sharp than the recording's median by this: what a motion of 4 px during the exposure costs,
+# or a Gaussian blur of 0.7 px. The least sharp frame of a synthetic apartment is 0.4 below the median.
+BLURRED = 1.4
 
 
-def sharpness(image: NDArray[np.uint8], valid: NDArray[np.bool_]) -> float:
-    """Variance of the Laplacian of the gray image over valid pixels; 0 if there is none.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        valid: (H, W) bool: pixels that show the scene.
-    """
-    # Erosion drops pixels whose Laplacian includes an invalid neighbor.
-    inside = cv2.erode(valid.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    laplacian = cv2.Laplacian(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), cv2.CV_64F)[inside]
-    return float(laplacian.var()) if len(laplacian) else 0.0
-
-
-def count_blurred(values: Sequence[float]) -> int:
-    """Number of blurred or blank frames, from the ``sharpness`` of every frame of a recording."""
-    limit = BLURRED * float(np.median(values))
-    # A sharpness of 0 is blank even if the median is 0.
-    return sum(value < limit or value == 0.0 for value in values)
+def count_blurred(sharpness: NDArray[np.float64]) -> int:
+    """Number of blurred or blank frames, from the sharpness of every frame of a recording; NaN is blank."""
+    known = sharpness[np.isfinite(sharpness)]
+    blurred = int((known < np.median(known) - BLURRED).sum()) if len(known) else 0
+    return blurred + len(sharpness) - len(known)

@@ -11,7 +11,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.gaussians.stored_rows import StoredRows, stored_rows
 from egosplat.geometry import Camera
-from egosplat.resize import resize_mask, shrink_image, shrunk_size
+from egosplat.images import resize_mask, shrink_image, shrunk_size
 
 Mask = NDArray[np.bool_]
 

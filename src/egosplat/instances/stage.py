@@ -132,7 +132,7 @@ def _write_things(
         artifact.put("instances/parent", np.pad(scene.parents(), (0, len(tracks.level)), constant_values=-1))
         artifact.put("instances/masks", np.concatenate([scene.masks, tracks.frames]))
         artifact.put("instances/moving", moving)
-        artifact.put("gaussians/xyz", scene.gaussians.means.numpy())
+        artifact.put("gaussians/xyz", scene.gaussians.means.cpu().numpy())
         artifact.put("gaussians/instance", scene.strongest())
         pixels = max(len(shown) * int(scene.valid.sum()), 1)
         figures = {
@@ -151,6 +151,5 @@ def _facts(segments: Artifact, level: NDArray[np.int8], source: str) -> dict[str
     return {
         "levels": names,
         "instances": by_level,
-        "repeats": segments.facts.get("repeats", {}),
         "source": source,
     }

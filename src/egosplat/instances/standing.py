@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.images import evenly_spaced
 from egosplat.instances.lifted_masks import LiftedMasks
 from egosplat.instances.merging import COMMON, Runs, overlaps
 from egosplat.instances.options import InstancesOptions
-from egosplat.sampling import evenly_spaced
 
 APART_S = 1.0
 """Masks are compared with masks this much earlier or later: what moves is elsewhere by then."""

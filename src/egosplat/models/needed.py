@@ -1,6 +1,5 @@
 """The checkpoints that a configuration needs: where they lie, their license, size and digest, and how to fetch them."""
 
-import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, SAM2, content_hash
 from egosplat.models.configs import SMALL
-from egosplat.models.download import OfflineError, fetch, fetched_bytes, stored_digest, write_digest
+from egosplat.models.download import OfflineError, fetch, stored_digest, write_digest
 from egosplat.models.suitability import configured_checkpoints
 from egosplat.pipeline.model_sets import located
 from egosplat.pipeline.published import CATALOGUE, PublishedModel, model_of_file, named_model
@@ -125,7 +124,7 @@ def download(files: Sequence[Needed]) -> list[str]:
 def _fetched(one: Needed, model: PublishedModel, files: Sequence[Needed]) -> str:
     log(f"{one.path.name}: {model.megabytes:,.0f} MB from {model.address} (license: {model.license})")
     try:
-        digest = fetch(model.address, one.path, model.sha256)
+        digest = fetch(model, one.path)
     except OfflineError as error:
         by_hand = [
             f"{each.published.address} -> {each.path}" for each in files if each.published and each.missing
@@ -184,8 +183,4 @@ def _state(one: Needed) -> str:
         if known and content_hash(one.path) != known:
             return "THERE, BUT DAMAGED OR ANOTHER FILE (its SHA-256 differs)"
         return "there, SHA-256 verified" if known else "there"
-    if size := fetched_bytes(one.path):
-        return (
-            f"missing; {math.floor(size / 1e5) / 10:,.1f} MB of it are here, and the download continues there"
-        )
     return "missing"

@@ -14,6 +14,7 @@ from egosplat.files import read_json
 from egosplat.models.checkpoints import CLIP, find_checkpoint
 from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, clip_folder
 from egosplat.models.weights import load_weights, read_tensors
+from egosplat.models.without_compiler import without_compiler
 
 if TYPE_CHECKING:
     from open_clip import SimpleTokenizer
@@ -88,8 +89,6 @@ def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> 
         UserError: a file is missing or damaged, or the files do not match; a part of the model would have to be
             downloaded; the device is missing.
     """
-    import egosplat.models.open_clip_import  # noqa: F401
-
     compute = choose_compute(device, precision)
     folder, path = clip_folder(model), find_checkpoint(CLIP, checkpoint)
     description = read_description(model, folder)
@@ -143,10 +142,9 @@ def build_model(model: str, description: dict[str, Any]) -> nn.Module:
     Raises:
         UserError: ``model_cfg`` is invalid.
     """
-    from egosplat.models.open_clip_import import allow_timm, open_clip
+    with without_compiler():
+        import open_clip
 
-    if description["vision_cfg"].get("timm_model_name"):
-        allow_timm()
     # As open_clip.create_model chooses the class.
     arguments = {key: value for key, value in description.items() if key != "custom_text"}
     kind = open_clip.CLIP

@@ -15,13 +15,15 @@ from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 
 # Modules that show or record, but cannot change an array: a better message makes nothing stale.
 NEUTRAL = {
-    "egosplat",  # holds only the version
+    "egosplat",  # holds only the version and public names
     "egosplat.files",
+    "egosplat.alarms.texts",
     "egosplat.artifacts.usage",
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
+    "egosplat.pipeline.messages",
     "egosplat.pipeline.options",  # values are parameters of the rules
     "egosplat.pipeline.parsed_modules",
     "egosplat.pipeline.process_guards",

@@ -7,11 +7,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from egosplat.errors import UserError
+from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.general_options import VARIANTS, GeneralOptions
-from egosplat.pipeline.messages import not_allowed, refusal, shortened, shown, unknown_key
+from egosplat.pipeline.messages import not_allowed, shortened, shown, unknown_key
 from egosplat.pipeline.model_sets import DEFAULTS, set_of, switched
 from egosplat.pipeline.options import Options, convert, keys_of, sections_of
 from egosplat.pipeline.stages import STAGES
@@ -70,24 +69,6 @@ def stage_sections(stage: str) -> dict[str, tuple[str, ...]]:
 def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
     """Get the values of a stage's options from a complete configuration, by name."""
     return {key: config[section][key] for section, keys in stage_sections(stage).items() for key in keys}
-
-
-def make_options(
-    options: type[Options], values: Mapping[str, Any], where: str, names: Mapping[str, str]
-) -> Options:
-    """Make options, which checks the values and adds the defaults.
-
-    Args:
-        where: what gives the values, for messages.
-        names: full name of each key, such as ``run.seed``, for messages.
-
-    Raises:
-        UserError: a key is unknown or has a forbidden value; names the first one.
-    """
-    try:
-        return options.model_validate(values)
-    except ValidationError as error:
-        raise UserError(f"{where}: {refusal(error, values, keys_of(options), names)}") from None
 
 
 def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:

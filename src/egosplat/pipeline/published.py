@@ -9,8 +9,6 @@ from egosplat.errors import UserError
 # The value of a checkpoint's key that stands for the published checkpoint of the configured architecture.
 PUBLISHED = "published"
 
-HUB = "https://huggingface.co"
-
 
 @dataclass(frozen=True)
 class PublishedModel:
@@ -21,7 +19,7 @@ class PublishedModel:
         architecture: its name in the library, as the keys ``models.sam2_config`` and ``models.clip_model`` take it.
         weights: the authors' name of the weights.
         file: name in the folder ``models.cache``.
-        source: address of the file. ``address`` is where it is fetched from.
+        repository, remote, revision: where the file is on the Hugging Face hub.
         license: of the weights.
         megabytes: size of the file [10^6 bytes], rounded.
         sha256: digest that is published with the file; None if none is known for certain.
@@ -31,27 +29,34 @@ class PublishedModel:
     architecture: str
     weights: str
     file: str
-    source: str
+    repository: str
+    remote: str
     license: str
     megabytes: float
     sha256: str | None
+    revision: str = "main"
 
     @property
     def address(self) -> str:
-        """The source, at the mirror of the Hugging Face hub if the environment variable HF_ENDPOINT names one."""
-        mirror = os.environ.get("HF_ENDPOINT", "").rstrip("/")
-        return self.source.replace(HUB, mirror, 1) if mirror else self.source
+        """Where the file is fetched from."""
+        return f"{hub()}/{self.repository}/resolve/{self.revision}/{self.remote}"
+
+
+def hub() -> str:
+    """Get the address of the Hugging Face hub, or of its mirror if the environment variable HF_ENDPOINT names one."""
+    return os.environ.get("HF_ENDPOINT", "").rstrip("/") or "https://huggingface.co"
 
 
 def _sam2(size: str, letters: str, megabytes: float, sha256: str) -> PublishedModel:
     file = f"sam2.1_hiera_{size}.pt"
-    address = f"https://dl.fbaipublicfiles.com/segment_anything_2/092824/{file}"
-    architecture = f"sam2.1_hiera_{letters}"
-    return PublishedModel("SAM2", architecture, "SAM2.1", file, address, "Apache-2.0", megabytes, sha256)
+    place = (f"facebook/sam2.1-hiera-{size.replace('_', '-')}", file)
+    return PublishedModel(
+        "SAM2", f"sam2.1_hiera_{letters}", "SAM2.1", file, *place, "Apache-2.0", megabytes, sha256
+    )
 
 
-# The digests of SAM2.1 are those of the files of Meta's server. The others are on the files' pages of the Hugging
-# Face hub. No digest of the DataComp weights was found.
+# The digests of SAM2.1 are those of the same files on Meta's server; the others are on the files' pages of the hub. No digest
+# of the DataComp weights was found.
 CATALOGUE = (
     _sam2("tiny", "t", 156.0, "7402e0d864fa82708a20fbd15bc84245c2f26dff0eb43a4b5b93452deb34be69"),
     _sam2("small", "s", 184.4, "6d1aa6f30de5c92224f8172114de081d104bbd23dd9dc5c58996f0cad5dc4d38"),
@@ -62,7 +67,8 @@ CATALOGUE = (
         "ViT-B-16",
         "laion2b_s34b_b88k",
         "ViT-B-16.laion2b_s34b_b88k.bin",
-        f"{HUB}/laion/CLIP-ViT-B-16-laion2B-s34B-b88K/resolve/main/open_clip_pytorch_model.bin",
+        "laion/CLIP-ViT-B-16-laion2B-s34B-b88K",
+        "open_clip_pytorch_model.bin",
         "MIT",
         599,
         "1f16b1274ca25493b1f36225efe81d05f66a3f33c487acd1a07c5ba87920de6f",
@@ -72,17 +78,20 @@ CATALOGUE = (
         "ViT-B-16-quickgelu",
         "dfn2b",
         "ViT-B-16-quickgelu.dfn2b.bin",
-        f"{HUB}/apple/DFN2B-CLIP-ViT-B-16/resolve/8fdf8d1c80647d79d7e109ddebd3b7fc51108531/open_clip_pytorch_model.bin",
+        "apple/DFN2B-CLIP-ViT-B-16",
+        "open_clip_pytorch_model.bin",
         "Apple's own, see its page",
         599,
         "01832e9567e6f668928c6ef493fe9c0985f9df146e0212bdccc87f3e25e37084",
+        "8fdf8d1c80647d79d7e109ddebd3b7fc51108531",
     ),
     PublishedModel(
         "OpenCLIP",
         "ViT-L-14",
         "datacomp_xl_s13b_b90k",
         "ViT-L-14.datacomp_xl_s13b_b90k.bin",
-        f"{HUB}/laion/CLIP-ViT-L-14-DataComp.XL-s13B-b90K/resolve/main/open_clip_pytorch_model.bin",
+        "laion/CLIP-ViT-L-14-DataComp.XL-s13B-b90K",
+        "open_clip_pytorch_model.bin",
         "MIT",
         1710,
         None,
@@ -92,10 +101,12 @@ CATALOGUE = (
         "mobilenetv3_small_050",
         "lamb_in1k",
         "mobilenetv3_small_050.lamb_in1k.safetensors",
-        f"{HUB}/timm/mobilenetv3_small_050.lamb_in1k/resolve/f58e7345afe2832abd6f81cc60f67cd1ddf7ce00/model.safetensors",
+        "timm/mobilenetv3_small_050.lamb_in1k",
+        "model.safetensors",
         "Apache-2.0",
         6.4,
         "2e3f6937afd4b3704450518a2710168775d6c70ebfb7a0e9aaf06200c6fbe0c4",
+        "f58e7345afe2832abd6f81cc60f67cd1ddf7ce00",
     ),
 )
 

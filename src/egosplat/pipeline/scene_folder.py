@@ -11,6 +11,9 @@ from egosplat.pipeline.variant_folders import shared_with
 # Example of a scene folder for messages.
 EXAMPLE = "results/adt/scene1"
 
+# Artifacts of a scene that can be asked; its codes name one more, features or tiles.
+ASKED = ("frames", "poses", "splats", "language")
+
 
 def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
     """Check that a folder holds the artifacts of ``stages``. Their content is not read.

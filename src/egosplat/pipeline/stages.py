@@ -71,7 +71,7 @@ _STAGES = (
     Stage(
         "synthetic",
         "egosplat_apartments.stage",
-        "Make the recording of a synthetic apartment, in ADT's format.",
+        "Make the recording of a synthetic apartment.",
         options="egosplat_apartments.options:SyntheticOptions",
         output="recording",
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
@@ -79,7 +79,7 @@ _STAGES = (
     Stage(
         "frames",
         "egosplat.frames.stage",
-        "Read and rectify a recording's frames, and split them into training and evaluation.",
+        "Read and rectify frames, and choose those to evaluate.",
         options="egosplat.frames.options:FramesOptions",
         output="frames.zarr",
         inputs=("recording",),
@@ -89,7 +89,7 @@ _STAGES = (
     Stage(
         "annotations",
         "egosplat.frames.annotations_stage",
-        "Read the instance maps of the evaluation frames (for evaluation only).",
+        "Read the instance maps of the evaluation frames.",
         options="egosplat.frames.options:AnnotationsOptions",
         output="annotations.zarr",
         inputs=("recording", "frames"),
@@ -98,7 +98,7 @@ _STAGES = (
     Stage(
         "poses",
         "egosplat.poses.stage",
-        "Get camera poses and points from the device's trajectory, a file, or COLMAP.",
+        "Get camera poses: from the device, a file, or COLMAP.",
         options="egosplat.poses.options:PosesOptions",
         output="poses.zarr",
         inputs=("recording", "frames"),
@@ -107,7 +107,7 @@ _STAGES = (
     Stage(
         "survey",
         "egosplat.survey.stage",
-        "Decide whether a scene is static and which frames add views.",
+        "Decide if a scene is static and which frames add views.",
         options="egosplat.survey.options:SurveyOptions",
         output="survey.json",
         inputs=("frames", "poses"),
@@ -116,7 +116,7 @@ _STAGES = (
     Stage(
         "transient",
         "egosplat.transient.stage",
-        "Train a network that predicts moving pixels, together with temporary Gaussians.",
+        "Train a network that predicts moving pixels.",
         options="egosplat.transient.options:TransientOptions",
         output="transient.zarr",
         inputs=("frames", "poses"),
@@ -126,7 +126,7 @@ _STAGES = (
     Stage(
         "segments",
         "egosplat.segments.stage",
-        "Find instances at three levels, and track them through the video.",
+        "Find instances at three levels in the frames.",
         options="egosplat.segments.options:SegmentsOptions",
         output="segments.zarr",
         inputs=("frames",),
@@ -154,7 +154,7 @@ _STAGES = (
     Stage(
         "view_features",
         "egosplat.features.view_features_stage",
-        "Encode the crop of each instance in each training frame with OpenCLIP.",
+        "Encode the crops of each instance with OpenCLIP.",
         options="egosplat.features.options:ViewFeaturesOptions",
         output="view_features.zarr",
         inputs=("frames", "instances"),
@@ -163,7 +163,7 @@ _STAGES = (
     Stage(
         "features",
         "egosplat.features.stage",
-        "Aggregate the features of each instance over its views, and compress them.",
+        "Aggregate the features of each instance over its views.",
         options="egosplat.features.options:FeaturesOptions",
         output="features.zarr",
         inputs=("view_features",),
@@ -172,7 +172,7 @@ _STAGES = (
     Stage(
         "masks",
         "egosplat.transient.masks_stage",
-        "Select the transient instances, and mask them in every frame.",
+        "Mask what moves in every frame.",
         options="egosplat.transient.options:MasksOptions",
         output="masks.zarr",
         inputs=("frames", "transient", "instances"),
@@ -191,7 +191,7 @@ _STAGES = (
     Stage(
         "tiles",
         "egosplat.baselines.tiles_stage",
-        "Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them.",
+        "Encode tiles of the frames, for methods of others.",
         options="egosplat.baselines.options:TilesOptions",
         output="tiles.zarr",
         inputs=("frames",),
@@ -201,7 +201,7 @@ _STAGES = (
     Stage(
         "prompts",
         "egosplat.baselines.depth_prompts_stage",
-        "Place the point prompts of each training frame by depth, for the method of others that needs them.",
+        "Place point prompts by depth, for a method of others.",
         options="egosplat.baselines.options:PromptsOptions",
         output="prompts.zarr",
         inputs=("frames", "poses", "splats"),
@@ -211,7 +211,7 @@ _STAGES = (
     Stage(
         "language",
         "egosplat.language.stage",
-        "Assign each Gaussian the code of its instance, at every level.",
+        "Assign each Gaussian the code of its instance.",
         options="egosplat.language.options:LanguageOptions",
         output="language.zarr",
         inputs=("frames", "poses", "splats"),
@@ -221,7 +221,7 @@ _STAGES = (
     Stage(
         "metrics",
         "egosplat.evaluation.stage",
-        "Query every annotated category, and score the answers and the renders.",
+        "Query every annotated category, and score the answers.",
         options="egosplat.evaluation.options:MetricsOptions",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
@@ -250,16 +250,16 @@ _STAGES = (
     Stage(
         "contact_sheet",
         "egosplat.report.sheets.contact_sheet",
-        "Draw a scene's frames, annotations, and its trajectory from above.",
+        "Draw a scene's frames, annotations and trajectory.",
         output="contact_sheet.png",
         inputs=("frames", "annotations", "poses"),
-        libraries=("matplotlib",),
+        libraries=("adjustText", "matplotlib"),
         scene=("title",),
     ),
     Stage(
         "language_sheet",
         "egosplat.report.sheets.language_sheet",
-        "Draw the Gaussians' codes from several directions, at each level.",
+        "Draw the Gaussians' codes from several directions.",
         output="language.png",
         inputs=("poses", "splats", "language"),
         libraries=("matplotlib", "scipy", "torch"),
@@ -268,16 +268,16 @@ _STAGES = (
     Stage(
         "transient_sheet",
         "egosplat.report.sheets.transient_sheet",
-        "Draw transient probability, masks, and the renders without the masked objects.",
+        "Draw what moves, its masks, and renders without it.",
         output="transient.png",
         inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
-        libraries=("matplotlib", "torch"),
+        libraries=("adjustText", "matplotlib", "torch"),
         scene=("title",),
     ),
     Stage(
         "crops_sheet",
         "egosplat.report.sheets.crops_sheet",
-        "Draw the crops of instances in order of time, with outlier views crossed out.",
+        "Draw the crops of instances, with outliers crossed out.",
         output="crops.png",
         inputs=("frames", "instances", "view_features", "features"),
         libraries=("matplotlib",),
@@ -286,7 +286,7 @@ _STAGES = (
     Stage(
         "instances_sheet",
         "egosplat.report.sheets.instances_sheet",
-        "Draw the instances of each level in frames and from above, and crops before and after merging.",
+        "Draw the instances of each level in frames and from above.",
         output="instances.png",
         inputs=("frames", "poses", "segments", "instances"),
         libraries=("matplotlib",),
@@ -295,7 +295,7 @@ _STAGES = (
     Stage(
         "splats_sheet",
         "egosplat.report.sheets.splats_sheet",
-        "Draw held-out frames next to their renders, and the training curves.",
+        "Draw held-out frames next to their renders.",
         output="splats.png",
         inputs=("frames", "splats"),
         libraries=("matplotlib",),
@@ -314,7 +314,7 @@ _STAGES = (
     Stage(
         "scene_page",
         "egosplat.viewing.stage",
-        "Write the scene as one HTML file that answers queries in the browser.",
+        "Write the scene as one HTML file that can be asked.",
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
@@ -328,6 +328,9 @@ STAGES = {stage.name: stage for stage in _STAGES}
 
 # The stages that write an artifact, in the order of the pipeline.
 ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
+
+# The stages that write one file, by default under the name ``output``.
+FILES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".json", ".png", ".html")))
 
 # The stages that draw a page.
 PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".png", ".html")))

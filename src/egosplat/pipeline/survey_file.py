@@ -6,12 +6,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from egosplat.output_files import stage_json_kind, write_json
+from egosplat.files import write_json
 from egosplat.pipeline.validation import Draft202012Validator, read_document, schema
 
 FORMAT_VERSION = 4
-
-SURVEY = stage_json_kind("survey")
 
 Survey = Mapping[str, Any]
 
@@ -21,10 +19,9 @@ def write_survey(output: Path, document: Survey) -> None:
 
     Raises:
         jsonschema.ValidationError: the survey does not match the schema.
-        UserError: ``output`` exists and is not a survey.
     """
     Draft202012Validator(schema("survey")).validate(document)
-    write_json(output, document, SURVEY)
+    write_json(output, document)
 
 
 def read_survey(path: Path) -> Survey:

@@ -50,7 +50,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class ViewAnswer:
     """The answer to one query in one view of (H, W) pixels.
 
     A view without any code at any level has score 0, an empty mask, and None for the rest.
@@ -82,7 +82,7 @@ def ask(
     camera_to_world: Array,
     valid: Mask | None,
     options: QueryOptions,
-) -> Iterator[Answer]:
+) -> Iterator[ViewAnswer]:
     """Answer queries in one view of a scene.
 
     Args:
@@ -122,7 +122,7 @@ class Asker:
 
     def ask(
         self, phrases: Sequence[str], camera: Camera, camera_to_world: Array, valid: Mask | None
-    ) -> Iterator[Answer]:
+    ) -> Iterator[ViewAnswer]:
         """Answer some of the queries in one view, in order; arguments and errors as of ``ask``."""
         texts, resolution = self.texts.of(phrases), self.options.resolution
         if self.own is None:
@@ -161,7 +161,9 @@ def rendering_camera(camera: Camera, resolution: int) -> Camera:
     return camera.scaled_to(width, height)
 
 
-def answer_from_codes(view: View, decoder: Decoder, texts: Texts, options: QueryOptions) -> Iterator[Answer]:
+def answer_from_codes(
+    view: View, decoder: Decoder, texts: Texts, options: QueryOptions
+) -> Iterator[ViewAnswer]:
     """Answer queries in order, one at a time, because each answer holds maps of the image's size.
 
     Args:
@@ -179,7 +181,9 @@ def answer_from_codes(view: View, decoder: Decoder, texts: Texts, options: Query
         yield from _answers(view, seen, batch.phrases, maps, options)
 
 
-def answer_from_relevancies(view: View, phrases: Sequence[str], options: QueryOptions) -> Iterator[Answer]:
+def answer_from_relevancies(
+    view: View, phrases: Sequence[str], options: QueryOptions
+) -> Iterator[ViewAnswer]:
     """Answer queries in order from their rendered relevancies.
 
     Args:
@@ -196,7 +200,7 @@ def answer_from_relevancies(view: View, phrases: Sequence[str], options: QueryOp
 
 def _answers(
     view: View, seen: Tensor, phrases: Sequence[str], maps: Tensor, options: QueryOptions
-) -> Iterator[Answer]:
+) -> Iterator[ViewAnswer]:
     """Answer queries from (Q, L, h, w) relevancies that count where (L, h, w) ``seen`` is true."""
     valid, visible = _valid(view), seen.cpu().numpy()
     for phrase, query_maps in zip(phrases, maps, strict=True):
@@ -204,12 +208,12 @@ def _answers(
         yield _answer(phrase, find_in_maps(levels, valid, options), view)
 
 
-def _answer(phrase: str, found: Found | None, view: View) -> Answer:
+def _answer(phrase: str, found: Found | None, view: View) -> ViewAnswer:
     if found is None:
         zeros = np.zeros((view.camera.height, view.camera.width), np.float32)
-        return Answer(phrase, 0.0, None, None, None, zeros, None, zeros > 0)
+        return ViewAnswer(phrase, 0.0, None, None, None, zeros, None, zeros > 0)
     location = found.location
-    return Answer(
+    return ViewAnswer(
         phrase=phrase,
         score=location.score,
         level=location.level,

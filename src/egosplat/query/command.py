@@ -1,93 +1,76 @@
 """Query a finished scene: ``egosplat query``."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.lineage import Lineage, lineage
-from egosplat.artifacts.reader import Artifact, open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.errors import UserError
-from egosplat.models.suitability import notice_of_artifacts
-from egosplat.output_files import check_output
-from egosplat.query.answers import (
-    MOST_DRAWN,
-    QUERY_PICTURE,
-    Question,
-    answer_in_scene,
-    answer_in_view,
-)
-from egosplat.query.options import QueryOptions
-from egosplat.query.scene import read_scene
-from egosplat.query.sources import QuerySources, find_sources
-from egosplat.query.text import encode_texts, load_clip_of, untaught_words
-from egosplat.query.viewpoint import Viewpoint, file_viewpoint, frame_viewpoint
+from numpy.typing import NDArray
+
+from egosplat.geometry import Array
+from egosplat.progress import track
+from egosplat.query.answers import Answer, FoundView
+from egosplat.query.finished_scene import Scene
+from egosplat.query.viewpoint import Viewpoint
+
+# Maximum number of answers in the picture; the table has all of them.
+MOST_DRAWN = 8
+
+# Longer side [px] of the relevancy and the mask in the picture of a scene query, where an image is 360 px high.
+DRAWN_SIDE = 256
+
+_ABSENT = "-"
 
 
-@dataclass(frozen=True)
-class Asking:
-    """The view to query, and the output.
+@dataclass(frozen=True, eq=False)
+class DrawnAnswer:
+    """An answer with its images.
 
     Attributes:
-        frame: index of a frame, or None.
-        pose: JSON file of a pose, or None. Without frame and pose, the whole scene is queried.
-        most: maximum number of things in an answer of the whole scene.
-        output: picture to write; None for query.png in the scene's folder.
+        where: name of the view, such as "frame 12", if each answer has its own.
+        picture: (H, W, 3) in [0, 1], the rendered view; None for a query without an answer.
+        view: what was found in it.
     """
 
-    frame: int | None
-    pose: Path | None
-    most: int
-    output: Path | None
+    answer: Answer
+    where: str = ""
+    picture: NDArray | None = None
+    view: FoundView | None = None
 
 
 def run(
-    folder: Path,
-    phrases: Sequence[str],
-    asking: Asking,
-    options: QueryOptions,
-    *,
-    backend: str,
-    device: str,
-    precision: str,
+    scene: Scene, phrases: Sequence[str], viewpoint: Viewpoint | None, most: int, output: Path
 ) -> Iterator[str]:
     """Answer queries in a table, then in a picture.
 
     Args:
-        folder: folder of a scene or a variant.
-        phrases: the queries, at least one; the OpenCLIP model that made the features encodes them.
-        asking: the view to query, and the output.
-        backend: renderer, as the key ``backend``.
-        device, precision: of OpenCLIP, as the keys of the section ``models``.
+        phrases: the queries, at least one.
+        viewpoint: the view to query; None for the whole scene.
+        most: maximum number of things in an answer of the whole scene.
+        output: picture to write.
 
     Yields:
         The table as soon as it is known, then a line about the picture once it is drawn.
 
     Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; the frame
-            has no pose, or the pose cannot be read; a phrase is not valid; or the output is another kind of file.
+        UserError: as ``Scene.ask``.
     """
-    output = folder / "query.png" if asking.output is None else asking.output
-    check_output(output, QUERY_PICTURE)
-    sources, made_from = open_sources(folder)
-    viewpoint = _viewpoint(sources, asking)
-    question = open_question(sources, phrases, options, backend=backend, device=device, precision=precision)
-    if viewpoint is None:
-        answered = answer_in_scene(question, sources, asking.most)
-    else:
-        answered = answer_in_view(question, sources, viewpoint)
-    notice = notice_of_artifacts(made_from.found.values())
-    title = f"{folder}, {answered.place}, origin {sources.language.origin}"
-    title = "\n".join(filter(None, (title, notice)))
-    yield f"{title}\n{answers_table(answered.columns, answered.rows)}"
+    place = "the whole scene" if viewpoint is None else viewpoint.name
+    title = f"{scene.folder}, {place}, origin {scene.origin}"
+    title = "\n".join(filter(None, (title, scene.notice)))
+    queries = list(dict.fromkeys(phrases))
+    answers = track(scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries))
+    table = _scene_table if viewpoint is None else _view_table
+    columns, rows, drawn = table(scene, answers)
+    yield f"{title}\n{answers_table(columns, rows)}"
 
     # Here, because matplotlib takes as long to import as a query to answer.
     from egosplat.query.sheet import draw_answers
 
-    draw_answers(list(answered.drawn), title, output)
-    more = f" (the first {MOST_DRAWN} answers; {answered.left_out} more are in the table only)"
-    yield f"picture: {output}{more if answered.left_out else ''}"
+    pictures = _draw_things(scene, drawn) if viewpoint is None else _draw_view(scene, drawn, viewpoint)
+    draw_answers(pictures, title, output)
+    left_out = len(queries) - len(drawn)
+    more = f" (the first {MOST_DRAWN} answers; {left_out} more are in the table only)"
+    yield f"picture: {output}{more if left_out else ''}"
 
 
 def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -104,55 +87,73 @@ def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def open_sources(folder: Path) -> tuple[QuerySources, Lineage]:
-    """Open the artifacts of a scene or a variant, and check that they belong together.
-
-    Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others.
-    """
-    # Frames are not verified: they may hold gigabytes, and queries read only little of them.
-    frames, *others = find_sources(folder)
-    sources = QuerySources(open_artifact(frames, FRAMES), *map(_verified, others))
-    return sources, lineage(list(vars(sources).values()))
+# Columns and rows of a table, and the answers to draw. Answers in a view hold maps of its size: no others are kept.
+Table = tuple[tuple[str, ...], list[tuple[str, ...]], list[Answer]]
 
 
-def open_question(
-    sources: QuerySources,
-    phrases: Sequence[str],
-    options: QueryOptions,
-    *,
-    backend: str,
-    device: str,
-    precision: str,
-) -> Question:
-    """Read the scene and encode the queries; arguments as in ``run``.
-
-    Raises:
-        UserError: the OpenCLIP that made the features is missing, the backend cannot run, or a phrase is not valid.
-    """
-    made_with = sources.encoded.facts["clip"]
-    clip = load_clip_of(sources.encoded, made_with["model"], made_with["checkpoint"], device, precision)
-    return Question(
-        texts=encode_texts(clip, list(dict.fromkeys(phrases)), options.canonical),
-        untaught={phrase: untaught_words(clip, phrase) for phrase in phrases},
-        options=options,
-        scene=read_scene(sources.splats, sources.language, sources.encoded, backend),
-    )
+def _scene_table(scene: Scene, answers: Iterable[Answer]) -> Table:
+    columns = ("query", "score", "level", f"center [{scene.unit}]", f"size [{scene.unit}]", "frame")
+    every = list(answers)
+    return columns, [row for answer in every for row in _scene_rows(answer)], every[:MOST_DRAWN]
 
 
-def _verified(path: Path) -> Artifact:
-    schema = SCHEMAS[path.stem]
-    # Opening reports a missing artifact, or one of another kind, more clearly than verifying.
-    open_artifact(path, schema)
-    return verify(path, {schema.name: schema})
+def _scene_rows(answer: Answer) -> list[tuple[str, ...]]:
+    if answer.refusal:
+        return [(answer.phrase, f"{answer.score:.2f}", answer.refusal)]
+    return [
+        (
+            answer.phrase if number == 0 else "",
+            f"{thing.score:.2f}",
+            thing.level,
+            _numbers(thing.center),
+            " x ".join(f"{side:.2f}" for side in thing.size),
+            str(thing.frame),
+        )
+        for number, thing in enumerate(answer.things)
+    ]
 
 
-def _viewpoint(sources: QuerySources, asking: Asking) -> Viewpoint | None:
-    """The view to query; None for the whole scene."""
-    if asking.frame is not None and asking.pose is not None:
-        raise UserError("--frame and --pose: give one of them")
-    if asking.pose is not None:
-        return file_viewpoint(asking.pose)
-    if asking.frame is not None:
-        return frame_viewpoint(sources.frames, sources.poses, sources.splats, asking.frame)
-    return None
+def _view_table(scene: Scene, answers: Iterable[Answer]) -> Table:
+    columns = ("query", "score", "level", "pixel", f"position [{scene.unit}]")
+    rows: list[tuple[str, ...]] = []
+    drawn: list[Answer] = []
+    for answer in answers:
+        rows.append(_view_row(answer))
+        if len(drawn) < MOST_DRAWN:
+            drawn.append(answer)
+    return columns, rows, drawn
+
+
+def _view_row(answer: Answer) -> tuple[str, ...]:
+    score, view = f"{answer.score:.2f}", answer.view
+    if view is None or view.pixel is None:
+        return (answer.phrase, score, answer.refusal or _ABSENT)
+    position = _ABSENT if view.position is None else _numbers(view.position)
+    return (answer.phrase, score, view.level, f"{view.pixel[0]}, {view.pixel[1]}", position)
+
+
+def _draw_things(scene: Scene, answers: Sequence[Answer]) -> list[DrawnAnswer]:
+    """Render the best thing of each answer in the frame that shows it best."""
+    return [
+        DrawnAnswer(
+            answer,
+            f"frame {answer.things[0].frame}",
+            scene.render(answer.things[0].frame),
+            scene.show(answer.phrase, answer.things[0], DRAWN_SIDE),
+        )
+        if answer.things
+        else DrawnAnswer(answer)
+        for answer in answers
+    ]
+
+
+def _draw_view(scene: Scene, answers: Sequence[Answer], viewpoint: Viewpoint) -> list[DrawnAnswer]:
+    picture = scene.trained.picture(scene.camera, viewpoint.camera_to_world)
+    return [
+        DrawnAnswer(answer) if answer.view is None else DrawnAnswer(answer, "", picture, answer.view)
+        for answer in answers
+    ]
+
+
+def _numbers(point: Array) -> str:
+    return ", ".join(f"{one:.2f}" for one in point)

@@ -1,11 +1,12 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field
 
-from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text
+from egosplat.pipeline.checked_options import make_options
+from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text, keys_of
 from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
@@ -83,6 +84,15 @@ class QueryOptions(MapOptions):
 
 class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
     """Everything that an answer depends on beside the scene."""
+
+    def changed(self, **keys: Any) -> Self:
+        """Make a copy with other values for some keys.
+
+        Raises:
+            UserError: a key is unknown or has a forbidden value; names the first one.
+        """
+        names = {name: f"query.{name}" for name in keys_of(type(self))}
+        return make_options(type(self), dict(self) | keys, "a query", names)
 
 
 # LangSplat's protocol, used by the paper. LangSplat itself has no ``min_coverage``.

@@ -12,6 +12,7 @@ from torch import Tensor
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Array, Camera, known_poses
+from egosplat.images import evenly_spaced
 from egosplat.progress import track
 from egosplat.query.answer import rendering_camera
 from egosplat.query.maps import Mask
@@ -20,7 +21,6 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
 from egosplat.rasterize.view import sum_over_pixels
-from egosplat.sampling import evenly_spaced
 
 # Maximum number of rendered views, evenly spaced among the frames with a pose: they cover a whole recording.
 MOST_VIEWS = 64

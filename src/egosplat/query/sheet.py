@@ -7,9 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.drawing import plt, save_figure
-from egosplat.query.answer_drawing import draw_heat, draw_mask
-from egosplat.query.answers import QUERY_PICTURE, DrawnAnswer
+from egosplat.drawing import draw_heat, draw_mask, plt, save_figure
+from egosplat.query.command import DrawnAnswer
 
 # Height of an image [inches].
 CELL = 4.0
@@ -32,28 +31,29 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
     figure.suptitle(title, fontsize=12)
     for cells, answer in zip(grid, answers, strict=True):
         _draw(cells, answer)
-    save_figure(figure, output, QUERY_PICTURE)
+    save_figure(figure, output)
 
 
-def _draw(cells: NDArray[np.object_], answer: DrawnAnswer) -> None:
+def _draw(cells: NDArray[np.object_], drawn: DrawnAnswer) -> None:
     place, heat, mask = cells
     for axes in cells:
         axes.set_axis_off()
-    where = f", {answer.where}" if answer.where else ""
+    answer, view = drawn.answer, drawn.view
+    where = f", {drawn.where}" if drawn.where else ""
     caption = f'"{answer.phrase}": {answer.score:.2f}{where}'
-    if answer.picture is None:
+    if drawn.picture is None or view is None:
         caption = f'"{answer.phrase}": {answer.refusal or "nothing is visible here"}'
         # Outside of the layout: otherwise the first column becomes as wide as the text.
         place.text(0.0, 0.5, caption, fontsize=10, transform=place.transAxes, clip_on=False, in_layout=False)
         return
     place.set_title(caption, fontsize=10)
-    place.imshow(answer.picture)
-    _mark(place, answer.pixel)
-    draw_heat(heat, answer.picture, answer.relevancy)
-    _mark(heat, answer.pixel)
-    heat.set_title(f"relevancy 0 to 1, {answer.level}", fontsize=10)
-    draw_mask(mask, answer.picture, answer.mask)
-    mask.set_title(f"mask, {answer.mask_level}", fontsize=10)
+    place.imshow(drawn.picture)
+    _mark(place, view.pixel)
+    draw_heat(heat, drawn.picture, view.relevancy)
+    _mark(heat, view.pixel)
+    heat.set_title(f"relevancy 0 to 1, {view.level}", fontsize=10)
+    draw_mask(mask, drawn.picture, view.mask)
+    mask.set_title(f"mask, {view.mask_level}", fontsize=10)
 
 
 def _mark(axes: Axes, pixel: tuple[int, int] | None) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Array, Camera
@@ -13,7 +14,6 @@ from egosplat.query.maps import Map, Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
-from egosplat.query.things import Thing
 from egosplat.rasterize.view import composite
 
 # A pixel belongs to a thing if the thing's Gaussians make up more than this share of it.
@@ -38,7 +38,8 @@ class ThingView:
 @torch.inference_mode()
 def view_thing(
     scene: QueryScene,
-    thing: Thing,
+    thing: NDArray[np.int64],
+    level: int,
     texts: Texts,
     camera: Camera,
     camera_to_world: Array,
@@ -48,6 +49,8 @@ def view_thing(
     """Render a thing's mask and the relevancy of the whole view.
 
     Args:
+        thing: (M,) indices of its Gaussians.
+        level: index of its level.
         valid: (H, W) bool pixels that show the scene, or None for all.
         options: ``resolution``, ``min_coverage`` and ``temperature`` are used.
     """
@@ -56,11 +59,11 @@ def view_thing(
     inside = np.ones(size[::-1], bool) if valid is None else valid
     # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
-    members[torch.from_numpy(thing.members).to(members.device)] = 1.0
+    members[torch.from_numpy(thing).to(members.device)] = 1.0
     filled, _ = composite(view_of(scene.gaussians, small, camera_to_world, scene.settings), members)
     mask = (cv2.resize(filled[..., 0].cpu().numpy(), size) > HALF) & inside
-    level = slice(thing.level, thing.level + 1)
-    of_level = replace(scene, code=scene.code[:, level], share=scene.share[:, level])
+    kept = slice(level, level + 1)
+    of_level = replace(scene, code=scene.code[:, kept], share=scene.share[:, kept])
     [answer] = ask(of_level, texts, camera, camera_to_world, valid, options)
     return ThingView(mask, _innermost(mask), answer.relevancy)
 

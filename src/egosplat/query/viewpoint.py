@@ -27,6 +27,10 @@ class Viewpoint:
     valid: Mask | None
 
 
+# A (4, 4) camera_to_world, or a JSON file {"camera_to_world": 4 rows of 4 numbers}.
+Pose = Array | Path | str
+
+
 def frame_viewpoint(frames: Artifact, poses: Artifact, splats: Artifact, frame: int) -> Viewpoint:
     """The viewpoint of a frame, with the pose of the training of ``splats``.
 
@@ -34,32 +38,39 @@ def frame_viewpoint(frames: Artifact, poses: Artifact, splats: Artifact, frame: 
         UserError: there is no such frame, or it has no pose.
     """
     registered = poses.read("registered")
-    if frame >= len(registered):
-        raise UserError(f"--frame {frame}: there are {len(registered)} frames, 0 to {len(registered) - 1}")
+    if not 0 <= frame < len(registered):
+        raise UserError(f"frame {frame}: there are {len(registered)} frames, 0 to {len(registered) - 1}")
     if not registered[frame]:
         with_pose = np.flatnonzero(registered)
         if not len(with_pose):
             raise UserError(f"{poses.path}: no frame has a pose; see the log of the stage poses")
         nearest = with_pose[np.abs(with_pose - frame).argmin()]
-        raise UserError(f"--frame {frame}: has no pose; the nearest frame with a pose is {nearest}")
+        raise UserError(f"frame {frame}: has no pose; the nearest frame with a pose is {nearest}")
     return Viewpoint(f"frame {frame}", camera_poses(poses, splats)[frame], frames.read("valid"))
 
 
-def file_viewpoint(path: Path) -> Viewpoint:
-    """The viewpoint of a JSON file ``{"camera_to_world": [[...], ...]}``, 4 rows of 4 numbers.
+def pose_viewpoint(pose: Pose) -> Viewpoint:
+    """The viewpoint of a pose, named like its file.
 
     Raises:
-        UserError: the file cannot be read, or does not hold a rigid motion.
+        UserError: the file cannot be read, or the pose is no rigid motion.
     """
+    if isinstance(pose, str | Path):
+        name, where, matrix = Path(pose).name, f"pose {pose}", _read_pose(Path(pose))
+    else:
+        name, where, matrix = "a pose", "pose", np.asarray(pose, np.float64)
+    if matrix.shape != (4, 4) or not is_rigid(matrix):
+        raise UserError(
+            f"{where}: camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
+        )
+    return Viewpoint(name, matrix, None)
+
+
+def _read_pose(path: Path) -> Array:
     try:
-        pose = np.array(read_json(path)["camera_to_world"], np.float64)
+        return np.array(read_json(path)["camera_to_world"], np.float64)
     except FileNotFoundError:
-        raise UserError(f"--pose {path}: does not exist") from None
+        raise UserError(f"pose {path}: does not exist") from None
     except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
         reason = str(error).partition("\n")[0]
-        raise UserError(f"--pose {path}: is not JSON with 4x4 numbers camera_to_world ({reason})") from None
-    if pose.shape != (4, 4) or not is_rigid(pose):
-        raise UserError(
-            f"--pose {path}: camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
-        )
-    return Viewpoint(path.name, pose, None)
+        raise UserError(f"pose {path}: is not JSON with 4x4 numbers camera_to_world ({reason})") from None

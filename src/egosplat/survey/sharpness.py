@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert, transform
+from egosplat.images import measure_sharpness
 from egosplat.progress import track
-from egosplat.sharpness import measure_sharpness
 from egosplat.survey.views import view_change
 
 Bools = NDArray[np.bool_]

@@ -12,8 +12,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.geometry import Camera
-from egosplat.output_files import check_output
-from egosplat.pipeline.survey_file import FORMAT_VERSION, SURVEY, digest_of_frames, write_survey
+from egosplat.pipeline.survey_file import FORMAT_VERSION, digest_of_frames, write_survey
 from egosplat.progress import log
 from egosplat.survey.decisions import (
     brightness_range,
@@ -36,7 +35,6 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     Raises:
         UserError: the poses are not of these frames.
     """
-    check_output(output, SURVEY)
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
     record = provenance.begin_from("survey", options.as_dict(), (frames, poses))

@@ -81,9 +81,7 @@ def run(
         check_made_from(artifact, frames, axes=("frame", "height", "width"))
     record = provenance.begin_from("masks", options.as_dict(), (frames, transient, instances))
     names = instances.facts["levels"]
-    # A level that repeats another has no instances of its own; the other level stands for it.
-    shown_by = instances.facts.get("repeats", {}).get(options.level, options.level)
-    levels = set(range(len(names))) if options.level == "all" else {names.index(shown_by)}
+    levels = set(range(len(names))) if options.level == "all" else {names.index(options.level)}
     # Training frames alone decide: evaluation frames must not influence training.
     found = _find(transient, instances, np.flatnonzero(frames.read("train")))
     called, facts = _choose(found, instances.read("instances/level"), levels, options)

@@ -28,9 +28,9 @@ from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Mask, Views, read_views, split_views
+from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
-from egosplat.resize import shrink_image
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective, InitialOptions
 from egosplat.transient.options import TransientOptions

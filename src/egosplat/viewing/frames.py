@@ -4,13 +4,11 @@ import numpy as np
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, known_poses
-from egosplat.resize import shrink_image
-from egosplat.sampling import evenly_spaced
+from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.viewing.container import Arrays, Facts
-from egosplat.webp import encode_webp
 
 # Largest number of pictures, their longer side [px] and the quality of WebP.
-PICTURES, SIDE, QUALITY = 40, 192, 60
+PICTURES, SIDE, QUALITY = 40, 256, 60
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts]:

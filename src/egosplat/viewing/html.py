@@ -3,11 +3,8 @@
 from html import escape
 from importlib import resources
 
-from egosplat.output_files import text_kind
-
 # Generator named in the page's metadata.
 GENERATOR = "egosplat page"
-PAGE = text_kind(GENERATOR, ".html", mark=f'<meta name="generator" content="{GENERATOR}">')
 
 # Scripts of the page, in the order of their definitions.
 SCRIPTS = (
@@ -16,6 +13,7 @@ SCRIPTS = (
     "text.js",
     "answer.js",
     "camera.js",
+    "cameras.js",
     "renderer.js",
     "picking.js",
     "controls.js",
@@ -52,6 +50,24 @@ def scene_html(title: str, data: str) -> str:
             raise ValueError(f"page.html lacks the mark of {name}")
         page = before + text + after
     return page
+
+
+def data_of(page: str) -> str:
+    """The text of ``container.pack`` in a page."""
+    return page.partition('id="data">')[2].partition("</script>")[0]
+
+
+def served_html(page: str, encoder: str | None) -> str:
+    """A page that may ask the server it comes from to encode phrases.
+
+    Args:
+        page: of ``scene_html``.
+        encoder: address that a phrase is appended to, relative to the page; None leaves the page as it is.
+    """
+    if encoder is None:
+        return page
+    page = page.replace("default-src 'none';", "default-src 'none'; connect-src 'self';", 1)
+    return page.replace('<html lang="en">', f'<html lang="en" data-encoder="{escape(encoder)}">', 1)
 
 
 def _source(name: str) -> str:

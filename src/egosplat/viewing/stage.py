@@ -1,54 +1,36 @@
 """Stage ``scene_page``: a scene that answers in the browser, as one HTML file."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import torch
 
-import egosplat
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.lineage import lineage
-from egosplat.artifacts.poses import POSES, length_unit
+from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import joint_origin
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS, camera_poses
-from egosplat.errors import UserError
-from egosplat.geometry import known_poses
-from egosplat.output_files import check_output, write_text_file
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.files import write_text
 from egosplat.progress import log
-from egosplat.query.scene import QueryScene, read_scene
-from egosplat.query.scene_query import index_scene
-from egosplat.query.text import load_clip_of
+from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
 from egosplat.viewing.frames import pack_frames
 from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
-from egosplat.viewing.html import PAGE, scene_html
+from egosplat.viewing.html import scene_html
 from egosplat.viewing.instances import pack_instances
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.palette import pack_codes
+from egosplat.viewing.record import record_of
 from egosplat.viewing.visibility import pack_visibility
 from egosplat.viewing.words import pack_words
-
-
-@dataclass(frozen=True, eq=False)
-class Sources:
-    """Artifacts of one scene."""
-
-    frames: Artifact
-    poses: Artifact
-    instances: Artifact
-    features: Artifact
-    splats: Artifact
-    language: Artifact
-
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE)
 
@@ -68,62 +50,65 @@ def run(
     """Write the page of a scene, whole or not at all.
 
     Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; no frame
-            has a pose; or the output is another kind of file.
+        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or no frame
+            has a pose.
     """
-    check_output(output, PAGE)
     paths = (frames_path, poses_path, instances_path, features_path, splats_path, language_path)
-    sources = Sources(*map(open_artifact, paths, SCHEMAS))
-    made_from = lineage(list(vars(sources).values()))
-    warnings = warnings_of(*made_from.found.values())
-    facts, arrays = scene_data(sources, options)
-    facts |= {"title": title, "warnings": warnings}
-    text = scene_html(f"{title}: egosplat", pack(facts, arrays))
-    write_text_file(output, text, PAGE)
+    text, facts = make_page(paths, options, title)
+    write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
 
 
-def scene_data(sources: Sources, options: ScenePageOptions) -> tuple[Facts, Arrays]:
+def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> tuple[str, Facts]:
+    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``.
+
+    Returns:
+        The page, and its facts.
+
+    Raises:
+        UserError: as ``run``, but for the output.
+    """
+    scene = scene_of(map(open_artifact, paths, SCHEMAS), options)
+    facts, arrays = scene_data(scene, options)
+    facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
+    facts |= record_of(scene.given, options)
+    return scene_html(f"{title}: egosplat", pack(facts, arrays)), facts
+
+
+def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
     """Pack everything that the page shows or computes with."""
-    poses = camera_poses(sources.poses, sources.splats)
-    if not len(known_poses(poses)):
-        raise UserError(f"{sources.poses.path}: no frame has a pose; see the log of the stage poses")
-    made_with = (options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    clip = load_clip_of(sources.features, *made_with)
-    scene = read_scene(sources.splats, sources.language, sources.features, options.backend)
-    index = index_scene(scene, poses, scene.camera, sources.frames.read("valid"))
-    kept = keep_largest(scene.gaussians, options.max_gaussians)
-    kept = kept[spatial_order(scene.gaussians.means.cpu().numpy()[kept])]
-    thinned = scene.gaussians.select(torch.from_numpy(kept).to(scene.code.device))
-    code, share = (values.cpu().numpy()[kept] for values in (scene.code, scene.share))
+    clip, index, trained = scene.clip, scene.index, scene.trained
+    kept = keep_largest(trained.gaussians, options.max_gaussians)
+    kept = kept[spatial_order(trained.gaussians.means.cpu().numpy()[kept])]
+    thinned = trained.gaussians.select(torch.from_numpy(kept).to(trained.code.device))
+    code, share = (values.cpu().numpy()[kept] for values in (trained.code, trained.share))
     packed = [
-        pack_gaussians(thinned, scene.sh_degree),
-        (pack_codes(code, share, scene.decoder), {}),
+        pack_gaussians(thinned, trained.sh_degree),
+        (pack_codes(code, share, trained.decoder), {}),
         pack_visibility(index.surface.shares[:, kept], index.frame),
-        (pack_instances(sources.instances, thinned.means.cpu().numpy()), {}),
+        (pack_instances(scene.artifact("instances"), thinned.means.cpu().numpy()), {}),
         pack_words(clip, options.canonical),
-        pack_frames(sources.frames, poses),
+        pack_frames(scene.artifact("frames"), scene.poses),
     ]
-    facts, arrays = _about(sources, scene, options), {}
+    facts, arrays = _about(scene, options), {}
     for more_arrays, more_facts in packed:
         arrays |= more_arrays
         facts |= more_facts
     return facts, arrays
 
 
-def _about(sources: Sources, scene: QueryScene, options: ScenePageOptions) -> Facts:
+def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     """Facts of the scene, and the constants of queries, which ``source/answer.js`` has no values of its own for."""
-    settings, camera = scene.settings, scene.camera
+    settings, camera = scene.trained.settings, scene.camera
     return {
-        "origin": joint_origin(*(artifact.origin for artifact in vars(sources).values())),
-        "recording": sources.frames.facts["recording"],
-        "checkpoints": _checkpoints(vars(sources).values()),
+        "origin": joint_origin(*(artifact.origin for artifact in scene.given)),
+        "recording": scene.artifact("frames").facts["recording"],
+        "checkpoints": _checkpoints(scene.given),
         "trained_count": scene.gaussians.count,
-        "unit": length_unit(sources.poses),
-        "up": sources.poses.read("up").tolist(),
+        "unit": scene.unit,
+        "up": scene.artifact("poses").read("up").tolist(),
         "camera": asdict(camera),
         "near": settings.near_plane,
-        "version": egosplat.__version__,
         "raster": {
             "margin": FRUSTUM_MARGIN,
             "blur": Arguments.__dataclass_fields__["eps2d"].default,
@@ -132,7 +117,7 @@ def _about(sources: Sources, scene: QueryScene, options: ScenePageOptions) -> Fa
         },
         "white": settings.background == "white",
         "antialiased": settings.antialiased,
-        "levels": list(sources.language.facts["levels"]),
+        "levels": list(scene.levels),
         "query": {
             name: getattr(options, name)
             for name in ("temperature", "segmentation_threshold", "box_filter", "min_score")

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.sampling import evenly_spaced
+from egosplat.images import evenly_spaced
 from egosplat.viewing.container import Arrays, Facts
 
 # Largest number of views on the page, evenly spaced among those of the scene's index.

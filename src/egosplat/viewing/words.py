@@ -5,11 +5,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from egosplat.models.open_clip_import import open_clip
 from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.without_compiler import without_compiler
 from egosplat.query.text import encode_phrases
 from egosplat.query.vocabulary import words_to_try
 from egosplat.viewing.container import Arrays, Facts
+
+with without_compiler():
+    import open_clip
 
 # Numbers of the largest text tower that is put on the page, 4 MB in half precision. The small OpenCLIP has 204,160; that
 # of ViT-B-16 has 63 million.

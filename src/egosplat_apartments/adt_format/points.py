@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import compose, invert, rotate
-from egosplat.sampling import evenly_spaced
+from egosplat.images import evenly_spaced
 from egosplat_apartments.camera.drift import Drift
 from egosplat_apartments.camera.raycasting import interpolated
 from egosplat_apartments.camera.render import Renderer

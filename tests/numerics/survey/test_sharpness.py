@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from egosplat.geometry import Camera
-from egosplat.sharpness import measure_sharpness
+from egosplat.images import measure_sharpness
 from egosplat.survey.sharpness import Views, find_blurred
 
 RNG = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""The benchmark of the page and the viewer makes scenes with many Gaussians that are as sound as any."""
+"""The benchmark of the scene page makes scenes with many Gaussians that are as sound as any."""
 
 import numpy as np
 
@@ -6,8 +6,7 @@ from benchmarks.viewing import pages
 from benchmarks.viewing.multiplied import multiply
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.viewing.container import unpack
-from tests.support.page_scene import data_of, put_page_scene, write_page
+from tests.support.page_scene import contents_of, put_page_scene, write_page
 
 
 def test_a_multiplied_scene_has_copies_of_all_gaussians(tmp_path):
@@ -22,7 +21,7 @@ def test_a_multiplied_scene_has_copies_of_all_gaussians(tmp_path):
     np.testing.assert_array_equal(means[:count], gaussians.means.numpy())
     assert np.abs(means[count : 2 * count] - means[:count]).max() > 0
     np.testing.assert_array_equal(language.read("code")[2 * count :], language.read("code")[:count])
-    facts, _ = unpack(data_of(write_page(scene, max_gaussians=count)))
+    facts, _ = contents_of(write_page(scene, max_gaussians=count))
     assert facts["trained_count"] == 3 * count and facts["count"] == count
 
 

@@ -16,7 +16,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
-from egosplat.evaluation.document import METRICS, finite, write_metrics
+from egosplat.evaluation.document import finite, write_metrics
 from egosplat.evaluation.queries import GROUPS
 from egosplat.models.suitability import notice
 from egosplat.pipeline.validation import schema
@@ -138,7 +138,7 @@ def test_alarms_of_all_artifacts_are_in_the_scores_and_at_the_end_of_the_log(wor
     assert found["notice"] is None
     keys = [alarm["key"] for alarm in found["alarms"]]
     assert keys == ["poses.registered", "splats.psnr", "metrics.chance"]
-    assert "75.0%" in found["alarms"][0]["found"]
+    assert found["alarms"][0]["figures"] == {"value": 0.75, "limit": 0.9}
     last = capfd.readouterr().err.splitlines()[-3:]
     assert [line.split(": ")[:2] for line in last] == [["alarm", key] for key in keys]
 
@@ -242,7 +242,7 @@ def test_non_finite_numbers_are_null_in_json(tmp_path):
         "b": [None, "x", None, True],
     }
     with pytest.raises(ValidationError):
-        write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"}, METRICS)
+        write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"})
     assert list(tmp_path.iterdir()) == []
 
 

@@ -37,9 +37,8 @@ def movie(monkeypatch, capfd):
 
 def test_the_picture_moves_and_the_answer_lights_up(scene, movie, tmp_path):
     output = tmp_path / "x.webp"
-    for _ in range(2):
-        status, said = movie(scene, "couch", "cup", "elephant", "--output", output, "--side", 64)
-        assert status == 0, said
+    status, said = movie(scene, "couch", "cup", "elephant", "--output", output, "--side", 64)
+    assert status == 0, said
     assert "elephant" in said and "left out" in said
     with Image.open(output) as moving:
         assert moving.size[0] == 64 < moving.size[1] and moving.n_frames > 8
@@ -52,12 +51,6 @@ def test_the_picture_moves_and_the_answer_lights_up(scene, movie, tmp_path):
 def test_without_an_answer_nothing_is_written(scene, movie, tmp_path):
     status, said = movie(scene, "elephant", "--output", tmp_path / "x.webp")
     assert status == 2 and "no query has an answer" in said and not (tmp_path / "x.webp").exists()
-
-
-def test_only_its_own_pictures_are_replaced(scene, movie, tmp_path):
-    Image.new("RGB", (4, 4)).save(tmp_path / "x.webp")
-    status, said = movie(scene, "cup", "--output", tmp_path / "x.webp")
-    assert status == 2 and "was not written by" in said
 
 
 def test_the_way_follows_the_recording_and_leaves_out_frames_without_a_pose():

@@ -34,7 +34,7 @@ from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults, stage_values
-from egosplat.query.answer import Answer, ask
+from egosplat.query.answer import ViewAnswer, ask
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
@@ -149,7 +149,7 @@ class Scene:
             return TILE_METHODS[method](*known, self.tiles, options, checkpoint)
         return METHODS[method](*known, self.targets, options, checkpoint)
 
-    def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray) -> list[Answer]:
+    def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray) -> list[ViewAnswer]:
         """Answer two queries, whose features are the rows of ``words``, in one view."""
         decoder = coded.decoder or Decoder((8,), np.zeros(0, np.float32))
         camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.decoded)

@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -11,7 +12,7 @@ from egosplat.errors import UserError
 from egosplat.models import needed
 from egosplat.models.download import stored_digest
 from egosplat.pipeline import published
-from tests.support.file_server import FileServer
+from tests.support.hub import Hub
 
 CONTENT = b"weights " * 100_000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
@@ -26,22 +27,22 @@ FILES = (
 def folder(tmp_path, monkeypatch):
     """A working directory without a configuration."""
     monkeypatch.chdir(tmp_path)
-    for name in ("HF_ENDPOINT", "http_proxy", "https_proxy"):
-        monkeypatch.delenv(name, raising=False)
     return tmp_path
 
 
 @pytest.fixture
 def server(monkeypatch):
-    """A server that has every file of the catalogue, with one content; of the last, no digest is published."""
-    with FileServer(CONTENT) as running:
-        entries = [
-            replace(one, source=f"{running.address}/{one.file}", sha256=SHA256) for one in published.CATALOGUE
-        ]
-        entries[-1] = replace(entries[-1], sha256=None)
-        monkeypatch.setattr(published, "CATALOGUE", tuple(entries))
-        monkeypatch.setattr(needed, "CATALOGUE", tuple(entries))
+    """A hub that has every file of the catalogue, with one content; of the last, no digest is published."""
+    entries = [replace(one, sha256=SHA256) for one in published.CATALOGUE]
+    entries[-1] = replace(entries[-1], sha256=None)
+    monkeypatch.setattr(published, "CATALOGUE", tuple(entries))
+    monkeypatch.setattr(needed, "CATALOGUE", tuple(entries))
+    with Hub(CONTENT, monkeypatch) as running:
         yield running
+
+
+def address(file: str) -> str:
+    return published.model_of_file(Path(file)).address
 
 
 def egosplat(*words: str) -> str:
@@ -64,7 +65,7 @@ def test_missing_models_come_with_place_license_size_and_digest(folder, server):
     for key in published.LIBRARIES:
         assert f"{key}: " in listed
     for file in FILES:
-        assert f"cache/{file}: missing" in listed and f"{server.address}/{file}" in listed
+        assert f"cache/{file}: missing" in listed and address(file) in listed
     assert "Apache-2.0" in listed and "MIT" in listed and "323.6 MB" in listed and SHA256 in listed
     assert "3 of 3 files" in listed and "929 MB" in listed
     assert listed.endswith(
@@ -81,7 +82,7 @@ def test_a_download_fetches_what_is_missing_and_verifies_the_rest(folder, server
     for words in (("download", *options), (*options, "download")):
         fetched = egosplat(*words)
         assert f"{FILES[0]}: already there, SHA-256 as published ({SHA256})" in fetched
-    assert [path for path, _ in server.requests] == [f"/{file}" for file in FILES[1:]]
+    assert server.requests == [address(file) for file in FILES[1:]]
     for file in FILES:
         assert (folder / "cache" / file).read_bytes() == CONTENT
         # A published digest verifies what was put there by hand; the folder may be read-only.
@@ -120,22 +121,21 @@ def test_a_wrong_file_of_that_name_is_not_replaced(folder, server):
 
 def test_offline_the_addresses_are_listed(folder, server):
     """One line says what to fetch by hand, and where to put it."""
-    server.__exit__(None, None, None)
+    server.stop()
     with pytest.raises(UserError) as caught:
         egosplat("download", "--config", "models.set=published")
     first, second = str(caught.value).splitlines()
     assert "no connection" in first
     for file in FILES:
-        assert f"{server.address}/{file} -> checkpoints/{file}" in second
-    server.__enter__()
+        assert f"{address(file)} -> checkpoints/{file}" in second
 
 
 def test_models_of_the_catalogue_are_fetched_by_name(folder, server):
     """A better model can be fetched before the configuration names it; a wrong name lists the known ones."""
     assert "sam2.1_hiera_large.pt: fetched" in egosplat("download", "sam2.1_hiera_l", "ViT-B-16-quickgelu")
-    assert [path for path, _ in server.requests] == [
-        "/sam2.1_hiera_large.pt",
-        "/ViT-B-16-quickgelu.dfn2b.bin",
+    assert server.requests == [
+        address("sam2.1_hiera_large.pt"),
+        address("ViT-B-16-quickgelu.dfn2b.bin"),
     ]
     with pytest.raises(UserError, match="sam2.1_hiera_x: is not in the catalogue.*sam2.1_hiera_t"):
         egosplat("download", "sam2.1_hiera_x")
@@ -166,10 +166,3 @@ def test_the_table_of_scenes_counts(folder, server):
     (folder / "config/scenes.tsv").write_text(rows)
     listed = egosplat()
     assert FILES[1] in listed and "bundled with egosplat" in listed and FILES[0] not in listed
-
-
-def test_an_interrupted_download_is_listed(folder, server):
-    """The user sees that a download can continue."""
-    (folder / "checkpoints").mkdir()
-    (folder / "checkpoints" / f"{FILES[0]}.part").write_bytes(bytes(2_000_000))
-    assert "2.0 MB of it are here" in egosplat("--config", "models.set=published")

@@ -181,10 +181,22 @@ def test_the_catalogue_is_consistent(monkeypatch):
         assert len(set(values)) == len(values)
     for one in CATALOGUE:
         assert one.sha256 is None or (len(one.sha256) == 64 and int(one.sha256, 16))
-        assert one.library in LIBRARIES.values() and one.address == one.source
+        assert one.library in LIBRARIES.values() and one.address.startswith("https://huggingface.co/")
         assert model_of_file(Path("somewhere") / one.file) is named_model(one.architecture) is one
     with pytest.raises(UserError, match="ViT-B-17: .*ViT-B-16"):
         named_model("ViT-B-17")
     monkeypatch.setenv("HF_ENDPOINT", "https://mirror.example/")
     assert named_model("ViT-B-16").address.startswith("https://mirror.example/laion/CLIP")
-    assert named_model("sam2.1_hiera_t").address.startswith("https://dl.fbaipublicfiles.com/")
+    assert named_model("sam2.1_hiera_t").address.endswith(
+        "/facebook/sam2.1-hiera-tiny/resolve/main/sam2.1_hiera_tiny.pt"
+    )
+
+
+def test_sam2_s_own_list_has_the_same_files():
+    """The package names repository and file of each of its models."""
+    from sam2.build_sam import HF_MODEL_ID_TO_FILENAMES
+
+    for one in CATALOGUE:
+        if one.library == "SAM2":
+            config, file = HF_MODEL_ID_TO_FILENAMES[one.repository]
+            assert (Path(config).stem, file) == (one.architecture, one.remote)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from egosplat.alarms.recording import MIN_PARALLAX_DEG
 from PIL import Image
 
-from egosplat.alarms.recording import MIN_PARALLAX_DEG
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact

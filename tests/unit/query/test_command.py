@@ -142,7 +142,7 @@ def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
 def test_the_answer_in_words_comes_before_the_picture(word_scene):
     """Words are there in half the time."""
     folder = word_scene()
-    asking = command.Asking(None, None, 1, None)
+    asking = command.Asking(None, None, 1, folder / "query.png")
     how = {"backend": "auto", "device": "cpu", "precision": "float32"}
     answers = command.run(folder, ["cup"], asking, LANGSPLAT, **how)
     assert "cup" in next(answers) and not (folder / "query.png").exists()

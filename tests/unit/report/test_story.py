@@ -1,13 +1,11 @@
 """The story of a scene: one page with each step, its picture, its cost and its alarms."""
 
 import re
-import sys
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat import cli
 from egosplat.errors import UserError
 from egosplat.report.story import STEPS, run
 from tests.support.page_scene import put_page_scene
@@ -56,19 +54,3 @@ def test_names_and_the_scene_page_are_escaped(scene):
 def test_a_missing_file_is_named(scene):
     with pytest.raises(UserError, match=r"crops.png: does not exist. Make it: snakemake"):
         run([scene / "crops.png"], scene / "story.html", "mine/scene")
-
-
-def test_a_page_of_another_program_stays(scene, monkeypatch, capfd):
-    words = [
-        "egosplat",
-        "story",
-        "--title",
-        "x",
-        "--output",
-        str(scene / "scene.html"),
-        str(scene / "frames.zarr"),
-    ]
-    monkeypatch.setattr(sys, "argv", words)
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    assert end.value.code == 2 and "was not written by" in capfd.readouterr().err

@@ -97,13 +97,6 @@ def test_no_transient_instance_masks_nothing(folder, keys):
     assert not masks.read("refined").any() and masks.facts["masked_share"] == 0.0
 
 
-def test_a_dropped_duplicate_level_uses_the_level_that_it_repeats(scene):
-    made = predicted(scene({"repeats": {"part": "whole"}}))
-    by_part, by_whole = run(made, level="part").read("refined"), run(made, level="whole").read("refined")
-    assert by_whole.any() and np.array_equal(by_part, by_whole)
-    assert not run(made, level="subpart").read("refined").any()
-
-
 def test_no_instances_give_an_empty_mask(scene):
     empty = {
         "labels": np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32),

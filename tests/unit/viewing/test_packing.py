@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 import torch
+from scipy.cluster.vq import vq
 
 from egosplat.cli import main
 from egosplat.codes.decoder import Decoder
@@ -13,11 +14,11 @@ from egosplat.viewing.container import pack, unpack
 from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
 from egosplat.viewing.html import scene_html
 from egosplat.viewing.instances import pack_instances
-from egosplat.viewing.palette import fit_palette, nearest, pack_codes
+from egosplat.viewing.palette import fit_palette, pack_codes
 from egosplat.viewing.visibility import SMALLEST, STEP, pack_visibility, to_bytes
 from tests.support.page_scene import (
     TITLE,
-    data_of,
+    contents_of,
     from_bytes,
     means_of,
     put_page_scene,
@@ -95,11 +96,11 @@ def test_few_codes_are_kept_exactly_and_many_nearly():
     few = rng.normal(size=(40, 6)).astype(np.float32)
     rows = few[rng.integers(40, size=900)]
     entries = fit_palette(rows, 512, 0)
-    np.testing.assert_array_equal(entries[nearest(rows, entries)], rows)
+    np.testing.assert_array_equal(entries[vq(rows, entries)[0]], rows)
     many = (few[rng.integers(40, size=9000)] + rng.normal(0, 0.05, (9000, 6))).astype(np.float32)
     entries = fit_palette(many, 512, 0)
     assert len(entries) <= 512
-    assert np.sqrt(((entries[nearest(many, entries)] - many) ** 2).mean()) < 0.05
+    assert np.sqrt(((entries[vq(many, entries)[0]] - many) ** 2).mean()) < 0.05
 
 
 def test_a_gaussian_without_a_code_has_none_on_the_page():
@@ -134,7 +135,7 @@ def test_a_page_escapes_its_title_and_fits_together(tmp_path):
     text = page.read_text()
     assert TITLE not in text and "&lt;/script&gt;" in text
     assert "http://" not in text and "https://" not in text and "<!--{" not in text
-    facts, arrays = unpack(data_of(page))
+    facts, arrays = contents_of(page)
     assert facts["title"] == TITLE and facts["trained_count"] == facts["count"] == 700
     assert arrays["poses"].shape == (4, 3, 4) and facts["frames"] == [0, 1, 2, 4]
     assert set(np.unique(arrays["instance"])) == {1, 2, 3, 4, 5, 6}

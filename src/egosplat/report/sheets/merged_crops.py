@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import show
-from egosplat.sampling import evenly_spaced
+from egosplat.images import evenly_spaced
 
 # Gray level around a crop's mask, 0..1.
 _BACKGROUND = 0.12

@@ -7,15 +7,11 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
-from egosplat.drawing import draw_heading, plt, save_figure
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, plt, save_figure
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.output_files import check_output, picture_kind
-from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_outline
-from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_finished
+from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_scored, scoring_options
 from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.report.tables.series import OWN
-
-PAGE = picture_kind("egosplat methods-sheet")
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4
@@ -40,7 +36,6 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
     Raises:
         UserError: a file cannot be read, its artifacts are gone, or another program ran the method.
     """
-    check_output(output, PAGE)
     scenes = [read_scored_scene(path) for path in metrics]
     by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]
     chosen = best_and_worst(over_methods(by_scene), ROWS)
@@ -62,7 +57,7 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
         figure.text(0.5, 0.4, "No query was asked of all methods.", ha="center")
     legend = "white: annotated instances; colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel"
     draw_heading(figure, f"{title}\n{legend}", [])
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuery]:
@@ -80,7 +75,8 @@ def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuer
 
 
 def _answers(scene: ScoredScene, queries: Sequence[ScoredQuery]) -> dict[Asked, ShownQuery]:
-    shown = ask_again(queries, open_finished(scene.path.parent), scene)
+    opened = open_scored(scene.path.parent, scoring_options(scene))
+    shown = ask_again(queries, opened, scene)
     return {(one.scored.frame, one.scored.category): one for one in shown}
 
 

@@ -9,17 +9,19 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from egosplat.drawing import draw_heading, plt, save_figure
-from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
-from egosplat.output_files import check_output, picture_kind
-from egosplat.query.answer_drawing import HIT, MISS, draw_heat, draw_mask, draw_outline
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_mask, draw_outline, plt, save_figure
+from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
+from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
-from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_sources
+from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, scoring_options
 from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
 from egosplat.report.tables.series import find_series
-from egosplat.report.tables.table import Cell
-
-PAGE = picture_kind("egosplat queries-sheet")
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4
@@ -56,12 +58,14 @@ def run(
     Raises:
         UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
     """
-    check_output(output, PAGE)
     scored = read_scored_scene(metrics_path)
-    paths = (frames_path, poses_path, splats_path, language_path, annotations_path)
-    sources = open_sources(paths, open_encoded(features_path, tiles_path))
+    paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
+    schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
+    artifacts = [*map(open_artifact, paths, schemas), open_encoded(features_path, tiles_path)]
+    options = scoring_options(scored)
+    scene = scene_of(artifacts, options)
     best, worst = best_and_worst(scored_queries(scored.document), ROWS)
-    shown = {one.scored: one for one in ask_again([*best, *worst], sources, scored)}
+    shown = {one.scored: one for one in ask_again([*best, *worst], scene, scored)}
     figure = plt.figure(layout="constrained")
     if shown:
         blocks = ([shown[one] for one in queries] for queries in (best, worst))
@@ -70,7 +74,7 @@ def run(
         figure.set_size_inches(6 * CELL, CELL)
         figure.text(0.5, 0.4, "No annotated frame with a pose has a category to query.", ha="center")
     draw_heading(figure, f"{title}: {summary(scored)}", scored.warnings)
-    save_figure(figure, output, PAGE)
+    save_figure(figure, output)
 
 
 def summary(scored: ScoredScene) -> str:

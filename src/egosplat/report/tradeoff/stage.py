@@ -5,26 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.output_files import check_output, write_text_file
+from egosplat.files import write_json, write_text
+from egosplat.pipeline import config as configuration
 from egosplat.pipeline.validation import read_document
 from egosplat.progress import log
-from egosplat.report.tradeoff.chart import PICTURE, draw
+from egosplat.report.tradeoff.chart import draw
 from egosplat.report.tradeoff.measured import read_points
-from egosplat.report.tradeoff.page import (
-    PAGE,
-    TABLE,
-    TRADEOFF,
-    to_csv,
-    to_html,
-    tradeoff_document,
-    write_document,
-)
+from egosplat.report.tradeoff.page import to_csv, to_html, tradeoff_document
 
 # Stem of the files.
 NAME = "tradeoff"
-
-# Lists that an entry of ``points`` has, and its object ``recipe``.
-_LISTS = ("settings", "metrics")
 
 
 def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
@@ -35,18 +25,18 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
         output: folder of the files, created if it does not exist.
 
     Raises:
-        UserError: a file cannot be read, the scores cannot be compared, or a file would replace something else.
+        UserError: a file cannot be read, or the scores cannot be compared.
     """
     if not isinstance(points, Sequence) or not points or not all(map(_is_point, points)):
         raise UserError(
             "--points: must be a list of at least one point; each is an object with the lists settings and metrics and "
             "the object recipe, of keys and command"
         )
-    check_output(output / f"{NAME}.json", TRADEOFF)
-    _check_pages(output)
+    json = output / f"{NAME}.json"
     document = tradeoff_document(read_points(points))
     _write_pages([document], output)
-    write_document(output / f"{NAME}.json", document)
+    configuration.check(document, str(json), against="tradeoff")
+    write_json(json, document)
     log(f"{len(points)} points, {document['seeds']} runs each: {output / NAME}.html")
 
 
@@ -58,31 +48,24 @@ def run_scenes(documents: Sequence[Path], output: Path) -> None:
         output: folder of the files, created if it does not exist.
 
     Raises:
-        UserError: a file cannot be read or is none of a trade-off, or a file would replace something else.
+        UserError: a file cannot be read or is none of a trade-off.
     """
-    _check_pages(output)
     read = [read_document(path, "tradeoff") for path in documents]
     _write_pages(read, output)
     log(f"{len(read)} scenes: {output / NAME}.html")
 
 
-def _check_pages(output: Path) -> None:
-    """Raise UserError if a page would replace another file, before anything is read."""
-    for suffix, kind in (("csv", TABLE), ("png", PICTURE), ("html", PAGE)):
-        check_output(output / f"{NAME}.{suffix}", kind)
-
-
 def _write_pages(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
     csv, png, html = (output / f"{NAME}.{suffix}" for suffix in ("csv", "png", "html"))
-    write_text_file(csv, to_csv(documents), TABLE)
+    write_text(csv, to_csv(documents))
     draw(documents, png)
-    write_text_file(html, to_html(documents, png), PAGE)
+    write_text(html, to_html(documents, png))
 
 
 def _is_point(point: object) -> bool:
     return (
         isinstance(point, Mapping)
-        and all(isinstance(point.get(name), list) for name in _LISTS)
+        and all(isinstance(point.get(name), list) for name in ("settings", "metrics"))
         and isinstance(point.get("recipe"), Mapping)
         and point["recipe"].keys() == {"keys", "command"}
     )

@@ -132,21 +132,33 @@ function areSame(scene, one, other) {
   return common > scene.facts.query.same * Math.min(weight(one.members), weight(other.members));
 }
 
+// Letters of the longest text that is worth splitting or sending.
+const LONGEST = 2000;
+
 // The vector of a phrase, or the reason why it has none.
-function encodePhrase(scene, tower, phrase) {
-  const { words, taught } = scene.facts;
+async function encodePhrase(scene, tower, phrase) {
+  const { words, taught } = scene.facts, { encoder } = document.documentElement.dataset;
   if (!phrase.trim()) return { why: "Type the name of a thing." };
   const known = words.indexOf(phrase.trim().toLowerCase());
   if (known >= 0) return { vector: scene.wordVectors[known] };
-  if (!tower) return { why: `not on the page's list of ${words.length} words; egosplat query answers any words` };
-  const limit = tower.facts.context - 2;
-  // A token has at most a few letters; a very long text is not worth splitting.
-  const tokens = phrase.length > 40 * limit ? null : tower.tokenize(phrase);
-  if (!tokens || tokens.length > limit) return { why: `too long: the model reads ${limit} tokens; shorten it` };
+  if (phrase.length > LONGEST) return { why: "too long: shorten it" };
+  if (!tower) return encoder ? encodeAtServer(encoder, phrase) : { why: `not on the page's list of ${words.length} words; egosplat view answers any words` };
+  const tokens = tower.tokenize(phrase), limit = tower.facts.context - 2;
+  if (tokens.length > limit) return { why: `too long: the model reads ${limit} tokens; shorten it` };
   const untaught = taught ? (phrase.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? []).filter((word) => !taught.includes(word)) : [];
   if (untaught.length) {
     const named = [...new Set(untaught)].map((word) => `"${word}"`).join(", ");
     return { why: `not found: the OpenCLIP checkpoint was not trained on ${named}` };
   }
   return { vector: tower.encode(tokens) };
+}
+
+// The server that the page came from has the text tower.
+async function encodeAtServer(address, phrase) {
+  try {
+    const { vector, why } = await (await fetch(address + encodeURIComponent(phrase))).json();
+    return why ? { why } : { vector: Float32Array.from(vector) };
+  } catch {
+    return { why: "egosplat view, which encodes words, does not answer: is it still running?" };
+  }
 }

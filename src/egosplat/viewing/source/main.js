@@ -17,9 +17,10 @@ class Page {
     this.camera = new SceneCamera(facts.up);
     this.share = 1;
     this.questions = 0;
-    this.showing = { relevancy: null, level: scene.levels - 1, threshold: facts.query.min_score, only: false, instances: false };
+    this.showing = { relevancy: null, level: scene.levels - 1, threshold: facts.query.min_score, only: false, instances: false, cameras: false };
     this.idle = Promise.resolve();
     this.fill();
+    this.cameras = new Cameras($("cameras-view"), scene, this.urls, () => this.placeMarks());
     this.listen();
     this.showFrame(Math.max(0, facts.frames.indexOf(mostSeen(scene.views))));
   }
@@ -51,7 +52,7 @@ class Page {
       Recording: facts.recording,
       Gaussians: facts.count < facts.trained_count ? `${number} of ${all}: those that cover most` : number,
       Checkpoints: facts.checkpoints.join("; "),
-      Words: this.tower ? "any; the text model is in this file" : `only the ${facts.words.length} of the list: the text model is too large for this file`,
+      Words: this.tower ? "any; the text model is in this file" : document.documentElement.dataset.encoder ? "any; egosplat view encodes them" : `only the ${facts.words.length} of the list: the text model is too large for this file`,
       Lengths: facts.unit,
       "Made by": `egosplat ${facts.version}`,
     };
@@ -78,6 +79,14 @@ class Page {
     $("level").onchange = () => this.show({ level: Number($("level").value) });
     $("only").onchange = () => this.show({ only: $("only").checked });
     $("instances").onchange = () => this.show({ instances: $("instances").checked });
+    $("cameras").onchange = () => this.showCameras($("cameras").checked);
+    $("enlarge").onclick = () => {
+      const hidden = $("photograph").toggleAttribute("hidden");
+      $("enlarge").setAttribute("aria-pressed", String(!hidden));
+    };
+    this.canvas.addEventListener("pointermove", ({ clientX, clientY, buttons }) => {
+      if (!buttons) this.canvas.classList.toggle("over-camera", this.cameraAt(clientX, clientY) !== null);
+    });
     $("clear").onclick = () => this.clear();
     $("frame").oninput = () => (this.stop(), this.showFrame(Number($("frame").value), true));
     $("play").onclick = () => (this.playing ? this.stop() : this.play());
@@ -99,7 +108,11 @@ class Page {
         this.pivot = null;
         this.moved(() => this.camera.move(right * step, -up * step, forward * step));
       },
-      click: (x, y) => this.explain(x, y),
+      click: (x, y) => {
+        const row = this.cameraAt(x, y);
+        if (row === null) this.explain(x, y);
+        else this.stop(), this.showFrame(row);
+      },
       rest: () => {
         if (!this.orbits()) this.pivot = null;
         this.moving = false;
@@ -167,7 +180,7 @@ class Page {
     const taken = performance.now() - begun;
     if (taken > 1.3 * FLUENT) this.share = Math.max(0.2, share * Math.sqrt(FLUENT / taken));
     else if (taken < FLUENT / 2) this.share = Math.min(1, share * 1.25);
-    this.placeMark();
+    this.placeMarks();
     if (!this.firstPicture) {
       this.firstPicture = performance.now();
       say("");
@@ -192,7 +205,8 @@ class Page {
 
   async ask(phrase) {
     const begun = performance.now(), question = ++this.questions;
-    const { vector, why } = encodePhrase(this.scene, this.tower, phrase);
+    const { vector, why } = await encodePhrase(this.scene, this.tower, phrase);
+    if (question !== this.questions) return null;
     if (why) {
       this.clear();
       return this.tell(phrase, { why });
@@ -207,7 +221,8 @@ class Page {
     $("heat").hidden = false;
     this.mark = fitting.length ? { point: best.center, text: `${shortened(phrase)} ${best.score.toFixed(2)}` } : null;
     $("level").value = String(best?.level ?? this.showing.level);
-    this.show({ relevancy, level: best?.level ?? this.showing.level });
+    $("instances").checked = false;
+    this.show({ relevancy, level: best?.level ?? this.showing.level, instances: false });
     const none = best ? `not found: the best match is below ${min_score.toFixed(2)}` : "no Gaussian of the scene has a code";
     return this.tell(phrase, { things: fitting, score: best?.score ?? 0, why: fitting.length ? null : none });
   }
@@ -268,14 +283,12 @@ class Page {
   painted() {
     const { relevancy, level, threshold, only, instances } = this.showing, { count, instance } = this.scene;
     const paint = new Uint8Array(4 * count);
-    if (!relevancy && !(instances && instance)) return paint;
+    if (!relevancy && !instances) return paint;
     for (let one = 0; one < count; one++) {
-      if (relevancy) {
-        const value = relevancy[level][one];
-        if (value >= threshold && value > 0) paint.set([...turbo(value), PAINTED], 4 * one);
-        else paint[4 * one + 3] = only ? HIDDEN : GREY;
-      } else if (instance[level][one]) paint.set([...instanceColor(instance[level][one]), PAINTED], 4 * one);
-      else paint[4 * one + 3] = GREY;
+      const value = relevancy?.[level][one], number = instance?.[level][one];
+      if (instances && number) paint.set([...instanceColor(number), PAINTED], 4 * one);
+      else if (!instances && value >= threshold && value > 0) paint.set([...turbo(value), PAINTED], 4 * one);
+      else paint[4 * one + 3] = only && !instances ? HIDDEN : GREY;
     }
     return paint;
   }
@@ -296,11 +309,29 @@ class Page {
     const instance = at?.length ? `; instances: ${at.join(", ")}` : "";
     $("place").append(element("small", `at ${place(point)} ${facts.unit}${instance}`));
     this.mark = { point, text: fitting.length ? fitting[0].word : "?" };
-    this.placeMark();
+    this.placeMarks();
     return { words, instances, point };
   }
 
-  placeMark() {
+  showCameras(cameras) {
+    this.showing.cameras = cameras;
+    $("cameras-view").hidden = !cameras;
+    this.placeMarks();
+    if (!cameras || this.cameras.drawn.length) return;
+    // From among the cameras none is in view: step back.
+    this.camera.move(0, 0, -this.cameras.reach);
+    this.pivot = null;
+    this.redraw();
+  }
+
+  // The row of the camera that is drawn at a point of the window; null for none.
+  cameraAt(x, y) {
+    return this.showing.cameras ? this.cameras.at(x, y) : null;
+  }
+
+  // What lies over the picture: the ring at an answer, and the cameras.
+  placeMarks() {
+    if (this.showing.cameras) this.cameras.draw((point) => this.onScreen(point), this.camera.eye, this.size(), Number($("frame").value));
     const mark = $("mark"), at = this.mark && this.project(this.mark.point);
     mark.hidden = !at;
     if (!at) return;
@@ -308,12 +339,16 @@ class Page {
     mark.style.transform = `translate(${at[0]}px, ${at[1]}px)`;
   }
 
+  // Window coordinates of a point; null behind the viewer.
+  onScreen(point) {
+    const [x, y, z] = this.camera.toCamera(point), [width, height] = this.size();
+    return z < this.scene.facts.near ? null : [width / 2 + (this.focal() * x) / z, height / 2 + (this.focal() * y) / z];
+  }
+
   // Window coordinates of a point; null outside of the picture.
   project(point) {
-    const [x, y, z] = this.camera.toCamera(point), [width, height] = this.size();
-    if (z < this.scene.facts.near) return null;
-    const at = [width / 2 + (this.focal() * x) / z, height / 2 + (this.focal() * y) / z];
-    return at[0] >= 0 && at[0] <= width && at[1] >= 0 && at[1] <= height ? at : null;
+    const at = this.onScreen(point), [width, height] = this.size();
+    return at && at[0] >= 0 && at[0] <= width && at[1] >= 0 && at[1] <= height ? at : null;
   }
 
   // Stand where the wearer stood.
@@ -334,7 +369,10 @@ class Page {
     $("clock").textContent = `${facts.seconds[row].toFixed(1)} s, frame ${frame}`;
     const nearest = facts.pictures.reduce((best, one, place) => (Math.abs(one.frame - frame) < Math.abs(facts.pictures[best].frame - frame) ? place : best), 0);
     $("picture").src = this.urls[nearest];
-    $("picture").alt = `Photograph of frame ${facts.pictures[nearest].frame}`;
+    $("photograph").querySelector("img").src = this.urls[nearest];
+    const told = `Photograph of frame ${facts.pictures[nearest].frame}`;
+    $("picture").alt = $("photograph").querySelector("img").alt = told;
+    $("photograph").querySelector("figcaption").textContent = told;
   }
 
   async play() {

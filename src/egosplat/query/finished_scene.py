@@ -1,0 +1,361 @@
+"""A finished scene as one object: open it, ask it, render it (docs/python.md)."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.consistency import check_made_from
+from egosplat.artifacts.lineage import Lineage, lineage
+from egosplat.artifacts.poses import length_unit
+from egosplat.artifacts.reader import Artifact, open_artifact, verify
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.splats import camera_poses
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.geometry import Array, Camera, known_poses
+from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.suitability import notice_of_artifacts
+from egosplat.pipeline.shared_options import ClipOptions
+from egosplat.query.answer import Asker, ViewAnswer, ask
+from egosplat.query.answers import Answer, FoundThing, FoundView
+from egosplat.query.instances import instances_of_gaussians
+from egosplat.query.maps import Mask
+from egosplat.query.options import AskingOptions, QueryOptions
+from egosplat.query.scene import QueryScene, read_scene
+from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
+from egosplat.query.text import Texts, encode_texts, load_clip_of, untaught_words
+from egosplat.query.thing_view import view_thing
+from egosplat.query.things import Thing
+from egosplat.query.viewpoint import Pose, Viewpoint, frame_viewpoint, pose_viewpoint
+
+# What OpenCLIP encoded for a scene's codes: the features of its instances, or tiles for methods without masks.
+ENCODED = ("features", "tiles")
+
+
+class Frames(Sequence[NDArray[np.uint8]]):
+    """The rectified frames of a scene's recording, (H, W, 3) uint8 sRGB each, read one at a time."""
+
+    def __init__(self, frames: Artifact) -> None:
+        self._frames = frames
+
+    def __len__(self) -> int:
+        return self._frames.shape("rgb")[0]
+
+    def __getitem__(self, frame: int) -> NDArray[np.uint8]:  # type: ignore[override]
+        if not 0 <= frame < len(self):
+            raise IndexError(frame)
+        return self._frames.row("rgb", frame)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene:
+    """A finished scene: trained Gaussians with codes that mean something. Made by ``egosplat.open_scene``.
+
+    Nothing large is read before it is needed, nothing is written.
+
+    Attributes:
+        folder: folder of the scene or variant.
+        given: the opened artifacts.
+        made_from: these with everything that they were made from.
+        options: how queries are answered, and by what renderer and device.
+        checked: whether bytes of artifacts need not be compared with their digests before they are read.
+    """
+
+    folder: Path
+    given: tuple[Artifact, ...]
+    made_from: Lineage
+    options: AskingOptions
+    checked: bool = True
+
+    def __repr__(self) -> str:
+        return f"Scene({str(self.folder)!r})"
+
+    def artifact(self, name: str) -> Artifact:
+        """Get an artifact of the scene by its name, such as ``poses`` or ``masks``.
+
+        Raises:
+            UserError: it is not there, or does not belong to the scene.
+        """
+        known = (*self.given, *self.made_from.found.values())
+        found = next((one for one in known if one.schema.name == name), None)
+        if found is None:
+            found = open_artifact(self.folder / f"{name}.zarr", SCHEMAS[name])
+            check_made_from(found, *self.given)
+        return found
+
+    @property
+    def encoded(self) -> Artifact:
+        """The features of the scene, or the tiles that its codes were learnt from."""
+        return next(one for one in self.given if one.schema.name in ENCODED)
+
+    @property
+    def levels(self) -> list[str]:
+        """Names of the levels of detail, from fine to coarse."""
+        return self.artifact("language").facts["levels"]
+
+    @property
+    def unit(self) -> str:
+        """Unit of lengths: ``m``, or ``scene units`` if the scale is arbitrary."""
+        return length_unit(self.artifact("poses"))
+
+    @property
+    def origin(self) -> str:
+        """``real`` or ``synthetic``."""
+        return self.artifact("language").origin
+
+    @property
+    def notice(self) -> str | None:
+        """A line about checkpoints that do not suit the recording, or None."""
+        return notice_of_artifacts(self.made_from.found.values())
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of all frames."""
+        return Camera(**self.artifact("splats").facts["camera"])
+
+    @property
+    def frames(self) -> Frames:
+        """The frames of the recording."""
+        return Frames(self.artifact("frames"))
+
+    @cached_property
+    def poses(self) -> Array:
+        """(F, 4, 4) float64 camera_to_world of the frames, OpenCV axes; NaN without a pose."""
+        return camera_poses(self.artifact("poses"), self.artifact("splats"))
+
+    @cached_property
+    def valid(self) -> Mask:
+        """(H, W) bool pixels of the frames that show the scene."""
+        return self.artifact("frames").read("valid")
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """The N trained Gaussians."""
+        return self.trained.gaussians
+
+    @cached_property
+    def instances(self) -> NDArray[np.int32]:
+        """(L, N) int32 instance of each Gaussian at each level, -1 for none.
+
+        Raises:
+            UserError: instances.zarr is not there, or its instances are tracks, which have no place in 3D.
+        """
+        artifact = self.artifact("instances")
+        found = instances_of_gaussians(artifact, self.gaussians.means.cpu().numpy())
+        if found is None:
+            raise UserError(
+                f"{artifact.path}: its instances are tracks, which have no place in 3D; set instances.source to masks or both"
+            )
+        return found
+
+    @cached_property
+    def trained(self) -> QueryScene:
+        """The Gaussians with their codes, on the device of the renderer."""
+        if not self.checked:
+            for one in self.given:
+                # Frames are not compared: they may hold gigabytes, and queries read only little of them.
+                if one.schema.name != "frames":
+                    verify(one.path, SCHEMAS)
+        splats, language = self.artifact("splats"), self.artifact("language")
+        return read_scene(splats, language, self.encoded, self.options.backend)
+
+    @cached_property
+    def clip(self) -> OpenClip:
+        """The OpenCLIP that made the features."""
+        how, made_with = self.options, self.encoded.facts["clip"]
+        files = made_with["model"], made_with["checkpoint"]
+        # A stage is told where OpenCLIP is: its files may have moved since they made the features.
+        if isinstance(how, ClipOptions):
+            files = how.clip_model, how.clip_checkpoint
+        return load_clip_of(self.encoded, *files, how.device, how.precision)
+
+    @cached_property
+    def index(self) -> SceneIndex:
+        """What the frames show of each Gaussian; measured once for all queries of the whole scene."""
+        if not len(known_poses(self.poses)):
+            path = self.artifact("poses").path
+            raise UserError(f"{path}: no frame has a pose; see the log of the stage poses")
+        return index_scene(self.trained, self.poses, self.camera, self.valid)
+
+    def ask(
+        self,
+        *phrases: str,
+        most: int = 3,
+        frame: int | None = None,
+        pose: Pose | None = None,
+        **keys: Any,
+    ) -> list[Answer]:
+        """Find phrases in the whole scene, or in one view.
+
+        Args:
+            phrases: the queries; each is answered once.
+            most: maximum number of things in an answer of the whole scene.
+            frame: ask only the view of this frame.
+            pose: ask only this view: (4, 4) camera_to_world, or a JSON file that holds it.
+            keys: keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
+
+        Returns:
+            The answers in the order of the phrases.
+
+        Raises:
+            UserError: the OpenCLIP that made the features is missing; the frame has no pose, or the pose is none; a phrase
+                or a key is not valid.
+
+        >>> [couch] = scene.ask("couch", most=1)
+        >>> print(couch.things[0].level, couch.things[0].center.round(1), "in frame", couch.things[0].frame)
+        whole [-0.5 -0.   2. ] in frame 0
+        >>> [zeppelin] = scene.ask("zeppelin")
+        >>> print(zeppelin.refusal)
+        not found: the OpenCLIP checkpoint was not trained on "zeppelin"
+        >>> [cup] = scene.ask("cup", frame=2)
+        >>> cup.view.mask.shape
+        (96, 96)
+        """
+        options = self.options.changed(**keys)
+        return list(self.answers(phrases, most, self.viewpoint(frame, pose), options))
+
+    def answers(
+        self,
+        phrases: Iterable[str],
+        most: int = 3,
+        viewpoint: Viewpoint | None = None,
+        options: QueryOptions | None = None,
+    ) -> Iterator[Answer]:
+        """Answer queries one at a time, because answers in a view hold maps of its size; otherwise as ``ask``."""
+        options = options or self.options
+        # Only the answers are computed one by one: everything else is read before the first is asked for.
+        texts = self.encode(phrases, options)
+        if viewpoint is None:
+            things = ask_scene(self.index, texts, options, most)
+            return (self._answer_of_scene(found, options) for found in things)
+        place = self.camera, viewpoint.camera_to_world, viewpoint.valid
+        seen = ask(self.trained, texts, *place, options)
+        return (self._answer_of_view(one, options) for one in seen)
+
+    def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
+        """Encode phrases, each once, and the canonical phrases. Raises as ``ask``."""
+        return encode_texts(self.clip, list(dict.fromkeys(phrases)), (options or self.options).canonical)
+
+    def asker(self, phrases: Iterable[str]) -> Asker:
+        """Encode phrases to ask them of many views, and compare them with the Gaussians once. Raises as ``ask``."""
+        return Asker.of(self.trained, self.encode(phrases), self.options)
+
+    def viewpoint(self, frame: int | None = None, pose: Pose | None = None) -> Viewpoint | None:
+        """The view of a frame or a pose; None without either. Raises as ``ask``."""
+        if frame is not None and pose is not None:
+            raise UserError("frame and pose: give one of them")
+        if pose is not None:
+            return pose_viewpoint(pose)
+        if frame is not None:
+            return frame_viewpoint(*map(self.artifact, ("frames", "poses", "splats")), frame)
+        return None
+
+    def render(
+        self, frame: int | None = None, *, pose: Pose | None = None, camera: Camera | None = None
+    ) -> NDArray[np.float32]:
+        """Render a view.
+
+        Args:
+            frame: the view of this frame.
+            pose: this view instead: (4, 4) camera_to_world, or a JSON file that holds it.
+            camera: another camera than that of the frames.
+
+        Returns:
+            (H, W, 3) float32 sRGB in [0, 1].
+
+        >>> scene.render(2).shape
+        (96, 96, 3)
+        >>> scene.render(pose=scene.poses[2], camera=scene.camera.scaled_to(48, 48)).shape
+        (48, 48, 3)
+        """
+        view = self.viewpoint(frame, pose)
+        if view is None:
+            raise UserError("render: give a frame or a pose")
+        return self.trained.picture(camera or self.camera, view.camera_to_world)
+
+    def show(self, phrase: str, thing: FoundThing, resolution: int = 0) -> FoundView:
+        """Show a thing in the frame that shows it best: its pixels, and the relevancy of the whole view.
+
+        Args:
+            phrase: the query that it answers.
+            resolution: longer side [px] at which the relevancy is computed; 0 for the camera's.
+
+        >>> [couch] = scene.ask("couch", most=1)
+        >>> seen = scene.show("couch", couch.things[0])
+        >>> bool(seen.mask[:, :48].mean() > seen.mask[:, 48:].mean())  # it is on the left
+        True
+        """
+        level = self.levels.index(thing.level)
+        options, pose = self.options.change(resolution=resolution), self.poses[thing.frame]
+        texts, place = self.encode([phrase]), (self.camera, pose, self.valid)
+        seen = view_thing(self.trained, thing.members, level, texts, *place, options)
+        return FoundView(thing.level, seen.pixel, None, seen.relevancy, seen.mask, thing.level)
+
+    def export(
+        self,
+        path: str | Path,
+        *,
+        format: str | None = None,
+        query: str | None = None,
+        codes: bool = True,
+        overwrite: bool = False,
+    ) -> None:
+        """Write the scene for other programs, as ``egosplat export``.
+
+        Args:
+            path: file or folder to write.
+            format: ply, spz, instances, nerfstudio, colmap or html; None for what the suffix of ``path`` says.
+            query: only the Gaussians of the best answer to these words; ply and spz.
+            codes: also write the language codes; ply.
+            overwrite: whether a file that is there may be replaced.
+
+        Raises:
+            UserError: the query has no answer, or a file is at ``path``.
+
+        >>> scene.export("couch.ply", query="couch")
+        """
+        # By name: the room of exports lies above this one, and its code must make no scores stale.
+        plan_export = import_module("egosplat.export.formats").plan_export
+        keys = {"format": format, "query": query, "codes": codes, "overwrite": overwrite}
+        what = plan_export(self.folder, Path(path), **keys)
+        import_module("egosplat.export.command").run(self.folder, what, self.options, self)
+
+    def _answer_of_scene(self, found: SceneAnswer, options: QueryOptions) -> Answer:
+        untaught = tuple(untaught_words(self.clip, found.phrase))
+        refusal = found.refusal(untaught, options)
+        candidates = tuple(map(self._found_thing, found.things))
+        things = () if refusal else candidates[: len(found.fitting(options))]
+        return Answer(found.phrase, found.score, refusal, untaught, things, candidates)
+
+    def _found_thing(self, thing: Thing) -> FoundThing:
+        level, frame = self.levels[thing.level], self.index.best_frame(thing)
+        return FoundThing(thing.score, level, thing.center, thing.high - thing.low, frame, thing.members)
+
+    def _answer_of_view(self, seen: ViewAnswer, options: QueryOptions) -> Answer:
+        untaught = tuple(untaught_words(self.clip, seen.phrase))
+        refusal, view = options.refusal(seen.score, untaught), None
+        if not refusal and seen.level is not None and seen.mask_level is not None:
+            level, mask_level = self.levels[seen.level], self.levels[seen.mask_level]
+            view = FoundView(level, seen.pixel, seen.position, seen.relevancy, seen.mask, mask_level)
+        return Answer(seen.phrase, seen.score, refusal, untaught, view=view)
+
+
+def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path | None = None) -> Scene:
+    """Make a scene of opened artifacts: frames, poses, splats, language, and features or tiles; there may be more.
+
+    Args:
+        folder: folder of the scene or variant; None for that of the language artifact. With a folder, bytes are compared with
+            their digests before they are read.
+
+    Raises:
+        UserError: the artifacts do not belong together.
+    """
+    given = tuple(artifacts)
+    place = next(one.path.parent for one in given if one.schema.name == "language")
+    return Scene(folder or place, given, lineage(given), options, checked=folder is None)

@@ -1,1 +1,0 @@
-"""A viewer of finished scenes in the browser: ``egosplat view``."""

@@ -1,0 +1,119 @@
+"""A web server of one scene page, which encodes phrases for it."""
+
+import hmac
+import ipaddress
+import json
+import secrets
+import socket
+from collections.abc import Callable
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
+from socketserver import ThreadingTCPServer
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from egosplat.errors import UserError
+from egosplat.viewing.html import served_html
+
+# Vector of a phrase, or the reason why it has none, as ``source/answer.js`` reads them.
+Encode = Callable[[str], dict[str, Any]]
+
+_HEADERS = {
+    "Cache-Control": "no-store",
+    # The address may hold the token.
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+
+
+class PageServer(ThreadingTCPServer):
+    """A server that listens from its construction on; ``offer`` gives it the page.
+
+    A page of another site must not reach it through a browser in the same network: each request's ``Host`` must be a name
+    of this server, and its ``Origin``, if it has one, the server itself. Where other computers reach it, requests need the
+    token of its address, too.
+
+    Attributes:
+        address: where a browser finds the page.
+    """
+
+    allow_reuse_address = True
+    daemon_threads = True
+
+    def __init__(self, host: str, port: int) -> None:
+        """Listen.
+
+        Args:
+            host: address or name of the network interface.
+            port: 0 takes a free one.
+
+        Raises:
+            UserError: the port is in use, or this computer has no such interface.
+        """
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            super().__init__((host, port), _Handler)
+        except OSError as error:
+            why = error.strerror or str(error)
+            raise UserError(
+                f"--host {host} --port {port}: cannot listen there ({why}); give another --host or --port"
+            ) from None
+        bound = ipaddress.ip_address(self.server_address[0])
+        self.token = "" if bound.is_loopback else secrets.token_urlsafe(16)
+        name = socket.gethostname() if bound.is_unspecified else host
+        self.names = {name.lower(), str(bound), "localhost"}
+        self.address = f"http://{f'[{name}]' if ':' in name else name}:{self.server_address[1]}/"
+        self.address += f"?token={self.token}" if self.token else ""
+
+    def offer(self, page: str, encode: Encode | None) -> None:
+        """Set what is served.
+
+        Args:
+            page: of ``html.scene_html``.
+            encode: encodes a phrase; None if the page does so itself.
+        """
+        encoder = f"encode?token={self.token}&phrase=" if encode else None
+        self.page, self.encode = served_html(page, encoder).encode(), encode
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: PageServer
+
+    def do_GET(self) -> None:
+        """Send the page or the vector of a phrase."""
+        asked = urlsplit(self.path)
+        given = {name: values[-1] for name, values in parse_qs(asked.query).items()}
+        if not self._is_addressed() or not hmac.compare_digest(
+            given.get("token", "").encode(), self.server.token.encode()
+        ):
+            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"Open the address that egosplat view printed.\n")
+        elif asked.path == "/":
+            self._send(HTTPStatus.OK, "text/html", self.server.page)
+        elif asked.path == "/encode" and self.server.encode:
+            reply = json.dumps(self.server.encode(given.get("phrase", "")))
+            self._send(HTTPStatus.OK, "application/json", reply.encode())
+        else:
+            self._send(HTTPStatus.NOT_FOUND, "text/plain", b"There is nothing here.\n")
+
+    def _is_addressed(self) -> bool:
+        """Whether the request is meant for this server, and comes from its own page or from no page."""
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        # The address at which the connection arrived is this computer's own.
+        names = self.server.names | {self.connection.getsockname()[0].removeprefix("::ffff:")}
+        try:
+            name = urlsplit(f"//{host}").hostname
+        except ValueError:
+            return False
+        return name in names and origin in (None, f"http://{host}")
+
+    def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
+        self.send_response(status)
+        headers = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(content))}
+        for name, value in (_HEADERS | headers).items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *arguments: object) -> None:
+        """Say nothing of a request."""

@@ -1,0 +1,64 @@
+"""A Hugging Face hub on 127.0.0.1 that has one content under every address, and misbehaves as it is told."""
+
+import hashlib
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, Self
+
+import pytest
+
+
+class Hub:
+    """The hub that ``HF_ENDPOINT`` names while the context manager is open.
+
+    Attributes:
+        status: HTTP status of its answers.
+        requests: address of each file that was sent so far.
+    """
+
+    def __init__(self, content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.content, self.status, self.requests = content, 200, []
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
+        self._environment = monkeypatch
+
+    def __enter__(self) -> Self:
+        for name in ("http_proxy", "https_proxy", "all_proxy", "HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"):
+            self._environment.delenv(name, raising=False)
+        self._environment.setenv("HF_ENDPOINT", self.address)
+        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self._server.server_address[1]}"
+
+    def stop(self) -> None:
+        """End the server; nothing answers at its address."""
+        self._server.shutdown()
+        self._server.server_close()
+
+    def _handler(hub) -> type[BaseHTTPRequestHandler]:
+        class Handler(BaseHTTPRequestHandler):
+            def do_HEAD(self) -> None:
+                self.send_response(hub.status)
+                # Quoted content digests are the tags of large files.
+                self.send_header("ETag", f'"{hashlib.sha256(hub.content).hexdigest()}"')
+                self.send_header("X-Repo-Commit", "0" * 40)
+                self.send_header("Content-Length", str(len(hub.content) if hub.status == 200 else 0))
+                self.end_headers()
+
+            def do_GET(self) -> None:
+                self.do_HEAD()
+                if (
+                    hub.status == 200 and "/resolve/" in self.path
+                ):  # else a question of the library about itself
+                    hub.requests.append(hub.address + self.path)
+                    self.wfile.write(hub.content)
+
+            def log_message(self, *_: Any) -> None:
+                pass
+
+        return Handler

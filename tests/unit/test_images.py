@@ -1,0 +1,91 @@
+"""Resizing images, masks and label maps; what lowers the sharpness of an image, and what does not."""
+
+import cv2
+import numpy as np
+import pytest
+
+from egosplat.images import measure_sharpness, resize_image, resize_labels, resize_mask, shrunk_size
+
+EVERYWHERE = np.ones((96, 96), bool)
+RNG = np.random.default_rng(0)
+EDGES = np.where(cv2.GaussianBlur(RNG.normal(size=(96, 96)), (0, 0), 3) > 0, 150, 60).astype(np.float32)
+"""Two shades with sharp edges in all directions."""
+
+
+def sharpness(grey: np.ndarray, valid: np.ndarray = EVERYWHERE) -> float:
+    return measure_sharpness(np.repeat(grey.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2), valid)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3, 4])
+def test_labels_are_taken_under_the_center_of_each_pixel(factor):
+    labels = np.arange(24 * 12).reshape(24, 12)
+    middle = factor // 2
+    assert (resize_labels(labels, 12 // factor, 24 // factor) == labels[middle::factor, middle::factor]).all()
+
+
+def test_labels_do_not_shift_when_the_sizes_do_not_divide():
+    columns = np.broadcast_to(np.arange(100), (100, 100))
+    small = resize_labels(columns, 37, 37)
+    centers = (np.arange(37) + 0.5) * 100 / 37
+    assert (small[0] == np.floor(centers)).all()
+    assert (small[0] + small[0][::-1] >= 98).all() and (small[0] + small[0][::-1] <= 100).all()
+
+
+def test_a_mask_keeps_pixels_that_are_wholly_inside():
+    mask = np.ones((30, 30), bool)
+    mask[7, 8] = False
+    expected = np.ones((20, 20), bool)
+    expected[4:6, 5] = False
+    # Rows 7..8 of the large mask reach into rows 4 and 5 of the small one, column 8 into column 5 only.
+    assert (resize_mask(mask, 20, 20) == expected).all()
+
+
+def test_resizing_keeps_the_mean():
+    image = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    small = resize_image(image, 20, 15)
+    assert np.abs(small - image.reshape(15, 4, 20, 4, 3).mean(axis=(1, 3))).max() <= 0.5
+
+
+def test_areas_are_averaged():
+    picture = np.zeros((4, 4, 3), np.uint8)
+    picture[:2, 0] = 200
+    assert resize_image(picture, 2, 2)[..., 0].tolist() == [[100, 0], [0, 0]]
+
+
+def test_an_image_of_the_wanted_size_is_not_copied():
+    image = np.zeros((4, 4, 3), np.uint8)
+    assert resize_image(image, 4, 4) is image
+
+
+@pytest.mark.parametrize(
+    ("longest", "size"), [(None, (64, 48)), (1000, (64, 48)), (64, (64, 48)), (32, (32, 24)), (1, (1, 1))]
+)
+def test_the_longer_side_shrinks_and_never_grows(longest, size):
+    assert shrunk_size(64, 48, longest) == size
+
+
+@pytest.mark.parametrize("kernel", [(1, 5), (5, 1)])
+def test_motion_in_either_direction_lowers_it(kernel):
+    """Protects the mean over directions: motion blurs one of them only."""
+    assert sharpness(EDGES) - sharpness(cv2.blur(EDGES, kernel)) > 1.0
+    assert sharpness(cv2.blur(EDGES, kernel)) > sharpness(cv2.blur(EDGES, (7, 7)))
+
+
+def test_exposure_and_noise_do_not_change_it():
+    """Protects frames that are darker or noisier than their neighbors."""
+    noisy = EDGES + RNG.normal(0, 4, EDGES.shape)
+    for other in (0.5 * EDGES, EDGES + 60, noisy):
+        assert sharpness(other) == pytest.approx(sharpness(EDGES), abs=0.15)
+
+
+def test_only_valid_pixels_count():
+    """Protects against the edge of the lens circle, which is sharp in every frame."""
+    valid = EVERYWHERE.copy()
+    valid[:, 60:] = False
+    assert sharpness(np.where(valid, EDGES, 0), valid) == sharpness(EDGES, valid)
+
+
+@pytest.mark.parametrize("grey", [np.zeros((96, 96)), np.full((96, 96), 255), np.full((4, 4), 7)])
+def test_a_picture_without_edges_has_none(grey):
+    """Protects against a decision on frames that show nothing."""
+    assert np.isnan(sharpness(grey, np.ones(grey.shape, bool)))

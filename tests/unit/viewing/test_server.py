@@ -1,0 +1,132 @@
+"""``egosplat view`` without a browser: who may ask the server, and which page it serves."""
+
+import http.client
+import json
+import socket
+import threading
+from urllib.parse import quote, urlsplit
+
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.pipeline.config import defaults, stage_values
+from egosplat.viewing.command import open_page, phrase_encoder
+from egosplat.viewing.container import unpack
+from egosplat.viewing.html import data_of
+from egosplat.viewing.server import PageServer
+from tests.support.page_scene import page_options, put_page_scene, write_page
+
+# Stands for a page: a served one may ask its server.
+PAGE = "<html lang=\"en\">default-src 'none';"
+
+
+@pytest.fixture
+def serve():
+    """``serve(host)``: a server that runs until the test ends; it encodes a phrase as its length."""
+    running = []
+
+    def make(host):
+        server = PageServer(host, 0)
+        server.offer(PAGE, lambda phrase: {"vector": [len(phrase)]})
+        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
+        running.append(server)
+        return server
+
+    yield make
+    for server in running:
+        server.shutdown()
+        server.server_close()
+
+
+def ask(server, path="/", **headers):
+    """Status and text of a request to 127.0.0.1."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_address[1])
+    connection.request("GET", path, headers=headers)
+    reply = connection.getresponse()
+    return reply.status, reply.read().decode()
+
+
+def test_a_served_page_may_ask_for_phrases(serve):
+    """It gets the address of the encoder, which is the one request that its policy allows."""
+    server = serve("127.0.0.1")
+    status, page = ask(server)
+    assert status == 200 and "connect-src 'self';" in page
+    path = page.partition('data-encoder="')[2].partition('"')[0].replace("&amp;", "&")
+    assert ask(server, "/" + path + quote("café & bar")) == (200, json.dumps({"vector": [10]}))
+    assert ask(server, "/other")[0] == 404
+    server.offer(PAGE, None)
+    assert ask(server) == (200, PAGE) and ask(server, "/" + path)[0] == 404
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Host": "127.0.0.1:8080"}, 200),
+        ({"Host": "LOCALHOST"}, 200),
+        ({"Host": "localhost:1", "Origin": "http://localhost:1"}, 200),
+        ({"Host": "evil.example"}, 403),
+        ({"Host": "127.0.0.1.evil.example"}, 403),
+        ({"Host": "[127.0.0.1"}, 403),
+        ({"Host": ""}, 403),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Host": "localhost:1", "Origin": "http://localhost:2"}, 403),
+        ({"Origin": "null"}, 403),
+    ],
+)
+def test_pages_of_others_get_nothing(serve, headers, status):
+    """A name that leads here does not open the page to its owner, nor does a script on another page."""
+    server = serve("127.0.0.1")
+    assert ask(server, **headers)[0] == ask(server, "/encode?phrase=x", **headers)[0] == status
+
+
+def test_other_computers_need_the_token(serve):
+    """Where they reach the server, its address holds a secret, which the page passes on."""
+    server = serve("0.0.0.0")
+    address = urlsplit(server.address)
+    assert address.hostname == socket.gethostname().lower() and len(server.token) > 20
+    for query in ("", "?token=", "?token=x", f"?token={server.token}x", "?token=%C3%A9"):
+        assert ask(server, f"/{query}")[0] == 403
+    status, page = ask(server, f"/?{address.query}")
+    assert status == 200 and f"encode?token={server.token}&amp;phrase=" in page
+    assert ask(server, "/encode?phrase=x")[0] == 403
+    assert ask(server, f"/?{address.query}", Host="evil.example")[0] == 403
+
+
+def test_a_port_in_use_gives_one_line():
+    """The error names the port."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(UserError, match=f"--port {port}"):
+            PageServer("127.0.0.1", port)
+
+
+def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, monkeypatch):
+    """Another option, other artifacts or a file of somebody else: the page is made, and the file stays."""
+    put_page_scene(tmp_path)
+    keys = stage_values("scene_page", defaults()) | {"device": "cpu"}
+    keys = {name: value for name, value in keys.items() if not name.startswith("clip_")}
+    written = write_page(tmp_path, title="written").read_text()
+    assert open_page(tmp_path, keys) == (written, None)
+
+    def title(**changes):
+        page, _ = open_page(tmp_path, keys | changes)
+        return unpack(data_of(page))[0]["title"]
+
+    assert title(max_gaussians=5) != "written"
+    (tmp_path / "scene.html").write_text("<!DOCTYPE html>mine")
+    assert title() != "written"
+    (tmp_path / "scene.html").write_text(written)
+    monkeypatch.setattr("tests.support.page_scene.WORDS", ("couch", "wall", "lamp"))
+    put_page_scene(tmp_path)
+    assert title() != "written" and (tmp_path / "scene.html").read_text() == written
+
+
+def test_phrases_without_a_vector_get_a_reason(tmp_path):
+    """Words that the model was not trained on, and no words."""
+    from egosplat.artifacts.features import FEATURES
+    from egosplat.artifacts.reader import open_artifact
+
+    put_page_scene(tmp_path)
+    encode = phrase_encoder(open_artifact(tmp_path / "features.zarr", FEATURES), page_options())
+    assert sum(value * value for value in encode("red couch")["vector"]) == pytest.approx(1)
+    assert '"zeppelin"' in encode("zeppelin")["why"] and "blank" in encode(" ")["why"]
