@@ -22,6 +22,7 @@ NEUTRAL = {
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
     "egosplat.pipeline",
+    "egosplat.pipeline.checked_options",
     "egosplat.pipeline.code_hash",
     "egosplat.pipeline.messages",
     "egosplat.pipeline.options",  # values are parameters of the rules
