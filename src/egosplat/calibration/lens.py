@@ -30,7 +30,6 @@ _ROWS_PER_BLOCK = 256
 _OUTSIDE = -10.0
 
 # The calibration of a plain recording: the numbers that the file must have, and those of OpenCV that it may have.
-CAMERA_FILE = "camera.json"
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 _DISTORTION = ("k1", "k2", "p1", "p2")
 
