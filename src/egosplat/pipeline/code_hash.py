@@ -30,7 +30,6 @@ NEUTRAL = {
     "egosplat.pipeline",
     "egosplat.pipeline.checked_options",
     "egosplat.pipeline.code_hash",
-    "egosplat.pipeline.checked_options",  # the values of options are parameters of the rule
     "egosplat.pipeline.messages",
     "egosplat.pipeline.options",
     "egosplat.pipeline.parsed_modules",
