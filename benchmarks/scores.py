@@ -13,9 +13,8 @@ from egosplat.evaluation.intervals import (
     clustered_interval,
     mean_of_scenes,
 )
-from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene
+from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene
 from egosplat.report.tables.paper_tables import average_chance
-from egosplat.report.tables.table import Cell
 
 # Name and query group of the scores in a table.
 SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), ("mean_iou", "all"))

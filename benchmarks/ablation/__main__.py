@@ -24,10 +24,10 @@ from benchmarks.scores import (
     queries_of,
     told,
 )
-from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, check_protocol, read_scored_scene
+from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, check_protocol, read_scored_scene
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.report.tables.paper_tables import average, average_chance
-from egosplat.report.tables.table import Cell, number
+from egosplat.report.tables.table import number
 
 # Folder of each variant inside the scene's folder.
 VARIANTS = {

@@ -30,11 +30,10 @@ from egosplat.evaluation.intervals import (
     mean_of_scenes,
     scaled,
 )
-from egosplat.evaluation.scored_scenes import UNTOUCHED
+from egosplat.evaluation.scored_scenes import UNTOUCHED, Cell
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.progress import log
-from egosplat.report.tables.table import Cell
 
 COLUMNS = (
     "things",

@@ -18,6 +18,9 @@ _LOGGER = logging.getLogger("egosplat")
 
 _SECONDS_BETWEEN_LINES = 10.0
 
+# Number of ranges listed in a message.
+_MAX_RANGES = 12
+
 
 class _StandardError(logging.Handler):
     """Writes each message as a line to what ``sys.stderr`` is at that moment."""
@@ -67,6 +70,18 @@ def track(items: Iterable[Item], what: str, total: int | None = None, unit: str 
 def log(message: str) -> None:
     """Log one line."""
     _LOGGER.info("%s", message)
+
+
+def format_ranges(numbers: set[int]) -> str:
+    """Sorted numbers with runs as ``3 to 7``; at most ``_MAX_RANGES`` runs."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    listed = [str(first) if first == last else f"{first} to {last}" for first, last in runs[:_MAX_RANGES]]
+    return ", ".join([*listed, *(["..."] if len(runs) > _MAX_RANGES else [])])
 
 
 def _line(what: str, done: int, total: int | None, seconds: float, unit: str) -> str:

@@ -5,8 +5,12 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from egosplat.pipeline.code_hash import modules_of
+from egosplat.pipeline.stages import STAGES
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "egosplat"
+APARTMENTS = ROOT / "src" / "egosplat_apartments"
 
 
 def layers(page: str) -> list[tuple[str, ...]]:
@@ -21,20 +25,20 @@ def arrows(package: Path) -> Iterator[tuple[str, str, str]]:
     # The package itself names what is public, from any room.
     for path in sorted(set(package.rglob("*.py")) - {package / "__init__.py"}):
         room = path.relative_to(package).parts[0].removesuffix(".py")
-        for node in ast.walk(ast.parse(path.read_bytes())):
-            for other in _rooms(node, package.name):
-                if other != room:
-                    yield path.relative_to(package).as_posix(), room, other
+        for name in imports_of(path):
+            root, _, below = name.partition(".")
+            other = below.partition(".")[0]
+            if root == package.name and other not in ("", room) and not other.startswith("__"):
+                yield path.relative_to(package).as_posix(), room, other
 
 
-def _rooms(node: ast.AST, root: str) -> list[str]:
-    names = []
-    if isinstance(node, ast.Import):
-        names = [alias.name for alias in node.names]
-    elif isinstance(node, ast.ImportFrom) and node.module:
-        names = [f"{node.module}.{alias.name}" for alias in node.names]
-    parts = [name.split(".") for name in names]
-    return [part[1] for part in parts if part[0] == root and len(part) > 1 and not part[1].startswith("__")]
+def imports_of(path: Path) -> Iterator[str]:
+    """The name of everything that a file imports, also inside functions."""
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 def arrows_up(package: Path, rows: list[tuple[str, ...]]) -> list[str]:
@@ -43,7 +47,8 @@ def arrows_up(package: Path, rows: list[tuple[str, ...]]) -> list[str]:
     return [
         f"{path}: {room} imports {other}"
         for path, room, other in arrows(package)
-        if level[room] >= level[other]
+        # What the package offers by name, ``__init__``, stands above all rooms.
+        if room != "__init__" and level[room] >= level[other]
     ]
 
 
@@ -59,3 +64,30 @@ def test_the_table_names_every_room():
 def test_imports_point_down():
     """No circle, no import of a higher room, and no stage that imports a stage."""
     assert arrows_up(PACKAGE, layers((ROOT / "docs/architecture.md").read_text())) == []
+
+
+def test_the_synthetic_world_imports_small_libraries_alone():
+    libraries = {"errors", "files", "geometry", "images", "progress"}
+    libraries |= {f"pipeline.{name}" for name in ("options", "shared_options", "source_hash")}
+    for path in sorted(APARTMENTS.rglob("*.py")):
+        for name in imports_of(path):
+            if name.startswith("egosplat."):
+                below = name.removeprefix("egosplat.")
+                assert any(f"{below}.".startswith(f"{library}.") for library in libraries), f"{path}: {name}"
+
+
+def test_only_the_compile_step_and_the_doctor_import_the_synthetic_world():
+    """Every other stage runs without it; the record of the stage names it by a string."""
+    found = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for name in imports_of(path)
+        if name.startswith("egosplat_apartments")
+    }
+    assert found == {"rasterize/kernels/compiling.py", "doctor/machine.py"}
+
+
+def test_no_stage_but_synthetic_reaches_the_synthetic_world():
+    for stage in STAGES.values():
+        reached = any(name.startswith("egosplat_apartments") for name in modules_of(stage.module))
+        assert reached == (stage.name == "synthetic"), stage.name

@@ -4,11 +4,14 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from safetensors.torch import save_file
 
 from egosplat.transient.network import make_network
 from tests.conftest import Workdir
+from tests.unit.frames.conftest import grey_frames, write_video
 
 POSES = "results/adt/scene1/poses.zarr"
 AFTER_QUERIES = {"metrics", "queries_sheet"}
@@ -92,26 +95,27 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
             "int MOMENTS = 7;",
             AFTER_GAUSSIANS,
         ),
-        ("rasterize/kernels/source/composite.h", "// Compositing of", "// The compositing of", set()),
         ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
         ("transient/masks_stage.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
         ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_LANGUAGE),
         ("query/maps.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {*AFTER_QUERIES, "scene_page"}),
         ("viewing/source/main.js", "const FLUENT = 60", "const FLUENT = 50", {"scene_page"}),
         ("evaluation/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
-        ("report/queries_choice.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
-        ("report/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
+        ("report/sheets/queries_choice.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
+        ("report/sheets/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
             "frames/adt_annotations.py",
             "\nclass ",
             "\nCHANGED = 1\n\n\nclass ",
             {"annotations", "contact_sheet", *AFTER_QUERIES},
         ),
-        ("report/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
-        ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses", set()),
-        ("poses/adt.py", '"""', '"""New words. ', set()),
-        ("progress.py", "_SECONDS_BETWEEN_LINES = 10.0", "_SECONDS_BETWEEN_LINES = 5.0", set()),
-        ("synthetic/objects/textures.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"synthetic", *AFTER_FRAMES}),
+        ("report/sheets/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
+        (
+            "../egosplat_apartments/objects/textures.py",
+            "\ndef ",
+            "\nCHANGED = 1\n\n\ndef ",
+            {"synthetic", *AFTER_FRAMES},
+        ),
         ("frames/split.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_FRAMES),
         ("features/crops.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_VIEWS),
         ("transient/network.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_TRANSIENT),
@@ -120,6 +124,82 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
 def test_edited_code_reruns_the_stages_that_execute_it(workdir, module, old, new, expected):
     workdir.edit(module, old, new)
     assert workdir.stale(*workdir.MAIN) == expected
+
+
+# Edits that show in no result, or that another format or method alone executes.
+WITHOUT_EFFECT = (
+    ("rasterize/kernels/source/composite.h", "// Compositing of", "// The compositing of"),
+    ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses"),
+    ("poses/adt.py", '"""', '"""New words. '),
+    ("progress.py", "_SECONDS_BETWEEN_LINES = 10.0", "_SECONDS_BETWEEN_LINES = 5.0"),
+    ("models/small_sam2/sam2.yaml", "model:", "# A comment.\nmodel:"),
+    # Words of errors, log lines and progress.
+    ("geometry.py", "a time lies outside the trajectory", "a time is outside of the trajectory"),
+    ("files.py", "give another --output", "name another --output"),
+    ("segments/stage.py", "of them move and are tracked", "of these move and are tracked"),
+    ("gaussians/trainer.py", "training resumes after iteration", "training goes on after iteration"),
+    ("instances/lifted_masks.py", "lifting masks", "placing masks"),
+    # Of formats, sources of poses and methods that the scene does not use.
+    ("calibration/colmap/mapping.py", "MIN_POINTS = 50", "MIN_POINTS = 60"),
+    ("poses/colmap.py", "\ndef colmap_poses", "\nCHANGED = 1\n\n\ndef colmap_poses"),
+    ("frames/plain.py", "FOCAL_PRIOR = 1.2", "FOCAL_PRIOR = 1.3"),
+    ("frames/hoi4d_annotations.py", "_MAX_LABEL = 6", "_MAX_LABEL = 7"),
+    ("baselines/lerf.py", "LARGEST_SCALE = 1.5", "LARGEST_SCALE = 1.6"),
+    ("language/joint.py", "\ndef joint", "\nCHANGED = 1\n\n\ndef joint"),
+)
+
+
+def test_edits_without_effect_rerun_nothing(workdir):
+    for module, old, new in WITHOUT_EFFECT:
+        workdir.edit(module, old, new)
+    assert workdir.stale(*workdir.MAIN) == set()
+
+
+def test_an_edited_template_reruns_its_page(workdir):
+    story = "results/adt/scene1/story.html"
+    workdir.run(story)
+    assert workdir.stale(story) == set()
+    workdir.edit("report/story.html.j2", "<nav>", "<nav >")
+    assert workdir.stale(story, *workdir.MAIN) == {"story"}
+
+
+def overwrite(file: Path, image: Image.Image) -> None:
+    """Write another picture in place, which changes the time of the file, but not of its folder."""
+    folder = file.parent.stat().st_mtime_ns
+    image.save(file)
+    assert file.parent.stat().st_mtime_ns == folder
+
+
+def test_a_photograph_that_is_overwritten_in_place_reruns_frames(one_scene, tmp_path):
+    (pictures := tmp_path / "pictures").mkdir()
+    for number in range(4):
+        Image.new("RGB", (64, 48), (40 * number, 90, 0)).save(pictures / f"{number}.png")
+    workdir, frames = one_scene("plain", pictures), "results/mine/scene/frames.zarr"
+    workdir.run(frames)
+    (pictures / "notes.txt").touch()
+    assert workdir.stale(frames) == set()
+    overwrite(pictures / "2.png", Image.new("RGB", (64, 48), (41 * 2, 90, 0)))
+    assert workdir.stale(frames) == {"frames"}
+
+
+def test_files_of_a_hoi4d_sequence_rerun_the_stages_that_read_them(one_scene, tmp_path):
+    """A mask in 2Dseg reruns annotations alone; intrinsics, which lie outside of the sequence, rerun frames."""
+    sequence = tmp_path / "ZY20210800001/H1/C11/N58/S376/s02/T2"
+    intrinsics = tmp_path / "camera_params/ZY20210800001/intrin.npy"
+    write_video(sequence / "align_rgb/image.mp4", grey_frames(12))
+    intrinsics.parent.mkdir(parents=True)
+    np.save(intrinsics, np.array([[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]))
+    (masks := sequence / "2Dseg/mask").mkdir(parents=True)
+    for number in range(12):
+        Image.new("RGB", (64, 48), (128, 0, 0)).save(masks / f"{number:05d}.png")
+    workdir = one_scene("hoi4d", sequence, "frames: {resolution: 32, evaluation_frames: 3}")
+    annotations = "results/mine/scene/annotations.zarr"
+    workdir.run(annotations)
+    assert workdir.stale(annotations) == set()
+    overwrite(masks / "00000.png", Image.new("RGB", (64, 48), (0, 128, 0)))
+    assert workdir.stale(annotations) == {"annotations"}
+    np.save(intrinsics, np.array([[51.0, 0, 31.5], [0, 51, 23.5], [0, 0, 1]]))
+    assert workdir.stale(annotations) == {"frames", "annotations"}
 
 
 @pytest.mark.parametrize(
@@ -179,7 +259,7 @@ def test_touching_sources_and_moving_the_checkout_reruns_nothing(workdir):
 
 SMALL_AGAIN = """
 models: {set: published, sam2_config: small, sam2_checkpoint: small, clip_model: small, clip_checkpoint: small}
-segments: {image_size: 512, pred_iou_thresh: 0.3, stability_score_thresh: 0.7, stability_score_offset: 0.1, nms_score_thresh: 0.2}
+segments: {image_size: 512}
 features: {mismatched_views: keep_own}
 transient: {encoder_weights: null}
 """

@@ -5,10 +5,16 @@ Parameters hold the options of a stage and the content hash of its code and mode
 changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
 """
 
+from egosplat.frames.files import (
+    annotations_files,
+    digest_of_files,
+    frames_files,
+    pictures_of,
+)
 from egosplat.frames.recording_files import is_annotated
-from egosplat.frames.watched import watched_files
 from egosplat.models.checkpoints import content_hash, model_hashes
 from egosplat.pipeline import dag
+from egosplat.pipeline.chosen import chosen_value
 from egosplat.pipeline.config import stage_sections
 from egosplat.pipeline.results import default_results, default_scenes, maps_of
 from egosplat.pipeline.scenes import check_recording
@@ -20,6 +26,7 @@ from egosplat.pipeline.variants import (
     method_of,
     scene_config,
 )
+from egosplat.poses.files import poses_files
 
 
 def variant_in(folder):
@@ -115,16 +122,9 @@ def inputs(stage):
             paths["survey"] = ancient(paths["survey"])
         return list(paths.values())
 
-    def files_of_recording(wildcards):
-        scene = scene_of(wildcards)
-        if scene.synthetic:  # one folder, which a rule makes
-            return [str(scene.recording)]
-        check_recording(scene)
-        return watched_files(scene.format, scene.recording, stage)
-
     def required(name):
         if name == "recording":
-            return files_of_recording
+            return recording_files(stage)
         return lambda wildcards: required_paths(stage, wildcards)[name]
 
     found = {name: required(name) for name in STAGES[stage].inputs}
@@ -138,8 +138,8 @@ def params(stage):
     """Get the parameters of a stage's rule as functions of the wildcards, for the rule to unpack.
 
     ``arguments`` are the paths of its inputs and its values from the table of scenes, as words of the command line,
-    ``options`` the values of its keys as JSON. The others are not for the command: Snakemake reruns the rule when the list of training frames, the models or the code
-    changes.
+    ``options`` the values of its keys as JSON. The others are not for the command: Snakemake reruns the rule when the list of
+    training frames, the models, the code or pictures of the recording change.
     """
     about = STAGES[stage]
     get_config = decided_config if dag.follows_survey(stage) else config_of
@@ -156,6 +156,10 @@ def params(stage):
         "options": lambda wildcards: dag.options_json(stage, get_config(wildcards)),
         "code": code_of(stage),
     }
+    if about.modules:
+        found["code"] = lambda wildcards: code_of(stage, value_of(stage, wildcards))
+    if "recording" in about.inputs:
+        found["pictures"] = digest_of_pictures(stage)
     if "survey" in about.optional:
         found["kept"] = training_frames(stage)
     if stage_models(stage):
@@ -190,6 +194,52 @@ def model_files(stage):
         )
 
     return hashes
+
+
+def value_of(stage, wildcards):
+    """Get the value by which a stage chooses its module."""
+    return chosen_value(stage, scene_of(wildcards), config_of(wildcards))
+
+
+def recording_files(stage):
+    """Get a function of the wildcards: the files of the recording that a stage opens, without pictures of folders."""
+
+    def paths(wildcards):
+        scene, config = scene_of(wildcards), config_of(wildcards)
+        if scene.synthetic:  # one folder, which a rule makes
+            return [str(scene.recording)]
+        check_recording(scene)
+        known = config["frames"]["known_poses"]
+        if stage == "frames":
+            found = frames_files(scene.format, scene.recording, known)
+        elif stage == "annotations":
+            found = annotations_files(scene.format, scene.recording)
+        else:
+            source, trajectory = (
+                value_of(stage, wildcards),
+                config["poses"]["trajectory"],
+            )
+            found = poses_files(source, scene.recording, trajectory, known)
+        # Snakemake reads braces as wildcards.
+        return [str(path) for path in found if not set("{}") & set(str(path))]
+
+    return paths
+
+
+def digest_of_pictures(stage):
+    """
+    Get a function of the wildcards: a digest of the pictures of a folder that a stage opens.
+
+    A folder's time of change does not tell of a file in it that is overwritten, and thousands of inputs take Snakemake long.
+    """
+
+    def digest(wildcards):
+        scene = scene_of(wildcards)
+        if scene.synthetic:
+            return "none"
+        return digest_of_files(pictures_of(stage, scene.format, scene.recording))
+
+    return digest
 
 
 def encoder_weights(wildcards):

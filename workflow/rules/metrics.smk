@@ -67,8 +67,6 @@ rule tables:
     input:
         metrics=lambda _: table_scores(scenes.values()),
         pictures=lambda _: table_pictures(scenes.values()),
-        printed=PACKAGE / "report/tables/paper_numbers.csv",
-        page=PACKAGE / "report/tables/tables.html.j2",
     output:
         expand(
             "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
@@ -87,7 +85,8 @@ rule tables:
     params:
         pictures=get_picture_flags,
         code=code_hash(
-            "egosplat.report.tables.stage", ("jinja2", "jsonschema", "pandas")
+            "egosplat.report.tables.stage",
+            libraries=("jinja2", "jsonschema", "pandas"),
         ),
     shell:
         "egosplat tables"

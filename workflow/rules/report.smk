@@ -181,7 +181,9 @@ rule methods_sheet:
         runtime=30,
     params:
         title=get_title,
-        code=code_hash("egosplat.report.sheets.methods_sheet", ("matplotlib", "torch")),
+        code=code_hash(
+            "egosplat.report.sheets.methods_sheet", libraries=("matplotlib", "torch")
+        ),
     shell:
         "egosplat methods-sheet"
         " --title {params.title:q}"
@@ -230,7 +232,7 @@ rule story:
         runtime=10,
     params:
         title=get_title,
-        code=code_hash("egosplat.report.story", ("jinja2",)),
+        code=code_hash("egosplat.report.story", libraries=("jinja2",)),
     shell:
         "egosplat story"
         " --title {params.title:q}"

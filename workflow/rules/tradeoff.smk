@@ -4,10 +4,17 @@ Speed against accuracy of a scene, and of several: presets and single-parameter 
 REQUIRED INPUTS: metrics.json of the scene and of the variants that the configuration's section tradeoff names.
 OUTPUTS: tradeoff/tradeoff.html, .csv, .json and .png of a scene; results/benchmark/tradeoff.html, .csv and .png of the
 scenes that tradeoff.scenes names.
-TOOLS: SciPy, pandas, matplotlib, Jinja2.
+TOOLS: SciPy, pandas, matplotlib, adjustText, Jinja2.
 """
 
-TRADEOFF_LIBRARIES = ("jinja2", "jsonschema", "matplotlib", "pandas", "scipy")
+TRADEOFF_LIBRARIES = (
+    "adjustText",
+    "jinja2",
+    "jsonschema",
+    "matplotlib",
+    "pandas",
+    "scipy",
+)
 
 
 localrules:
@@ -19,7 +26,6 @@ rule tradeoff:
     """Compare cost and accuracy of the points of a scene."""
     input:
         metrics=get_points_metrics,
-        page=PACKAGE / "report/tradeoff/tradeoff.html.j2",
     output:
         multiext("results/{dataset}/{scene}/tradeoff/tradeoff", ".csv", ".json", ".png"),
         page=report(
@@ -35,7 +41,7 @@ rule tradeoff:
         runtime="10m",
     params:
         points=get_points_flag,
-        code=code_hash("egosplat.report.tradeoff.stage", TRADEOFF_LIBRARIES),
+        code=code_hash("egosplat.report.tradeoff.stage", libraries=TRADEOFF_LIBRARIES),
     shell:
         "egosplat tradeoff"
         " --output results/{wildcards.dataset}/{wildcards.scene}/tradeoff"
@@ -47,7 +53,6 @@ rule tradeoff_scenes:
     """Compare cost and accuracy of the points over several scenes."""
     input:
         documents=get_scenes_of_tradeoff,
-        page=PACKAGE / "report/tradeoff/tradeoff.html.j2",
     output:
         multiext("results/benchmark/tradeoff", ".csv", ".png"),
         page=report(
@@ -62,7 +67,7 @@ rule tradeoff_scenes:
         mem_mb=2000,
         runtime="10m",
     params:
-        code=code_hash("egosplat.report.tradeoff.stage", TRADEOFF_LIBRARIES),
+        code=code_hash("egosplat.report.tradeoff.stage", libraries=TRADEOFF_LIBRARIES),
     shell:
         "egosplat tradeoff-scenes"
         " {input.documents:q}"

@@ -1,22 +1,12 @@
 """Compute the alarms of artifacts from their facts and arrays, and log them."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from egosplat.alarms.alarm import Alarm, warning_lines
-from egosplat.alarms.instances import features_alarms, instances_alarms, segments_alarms, view_features_alarms
-from egosplat.alarms.recording import frames_alarms, poses_alarms
-from egosplat.alarms.scene import (
-    corrections_alarms,
-    language_alarms,
-    masks_alarms,
-    splats_alarms,
-    transient_alarms,
-)
-from egosplat.artifacts.masks import BY_INSTANCES, BY_NETWORK
+from egosplat.alarms.limits import LIMITS, Alarm, find_alarm
+from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
@@ -26,7 +16,8 @@ from egosplat.progress import log
 
 def alarms_of(artifact: Artifact) -> list[Alarm]:
     """The alarms of one artifact; empty for a kind without alarms."""
-    return list(_BY_KIND.get(artifact.schema.name, _none)(artifact))
+    find = _BY_KIND.get(artifact.schema.name)
+    return [] if find is None else list(find(artifact))
 
 
 def alarms_of_all(artifacts: Iterable[Artifact]) -> list[Alarm]:
@@ -48,94 +39,140 @@ def log_warnings(stage: str, output: Path) -> None:
             log(line)
 
 
-def _none(artifact: Artifact) -> Iterable[Alarm]:
-    return ()
+def _share(part: float, whole: int) -> float | None:
+    return part / whole if whole else None
 
 
-def _frames(frames: Artifact) -> Iterable[Alarm]:
-    blurred, count = frames.facts.get("blurred_frames"), frames.shape("rgb")[0]
-    share = None if blurred is None else blurred / count
-    return frames_alarms(float(frames.read("valid").mean()), share)
+def _check_frames(frames: Artifact) -> Iterator[Alarm]:
+    yield from find_alarm("frames.valid_pixels", float(frames.read("valid").mean()))
+    blurred = frames.facts.get("blurred_frames")
+    share = None if blurred is None else _share(blurred, frames.shape("rgb")[0])
+    yield from find_alarm("frames.blurred", share)
 
 
-def _poses(poses: Artifact) -> Iterable[Alarm]:
+def _check_poses(poses: Artifact) -> Iterator[Alarm]:
     notes = poses.facts.get("notes", {})
-    registered = float(poses.read("registered").mean())
-    figures = notes.get("reprojection_error_px"), notes.get("models", []), notes.get("parallax_deg")
-    return poses_alarms(registered, *figures)
+    models = notes.get("models", [])
+    yield from find_alarm("poses.registered", float(poses.read("registered").mean()))
+    yield from find_alarm("poses.reprojection", notes.get("reprojection_error_px"))
+    yield from find_alarm("poses.parallax", notes.get("parallax_deg"))
+    yield from find_alarm("poses.models", len(models), frames=", ".join(map(str, models)))
 
 
-def _segments(segments: Artifact) -> Iterable[Alarm]:
-    facts = segments.facts
-    names = ("pixels_without_instance", "instances_per_frame", "frames_per_instance")
-    return segments_alarms(*(facts.get(name) for name in names))
+def _check_segments(segments: Artifact) -> Iterator[Alarm]:
+    yield from find_alarm("segments.empty_pixels", segments.facts.get("pixels_without_instance"))
+    for name in ("instances_per_frame", "frames_per_instance"):
+        yield from find_alarm(f"segments.{name}", segments.facts.get(name))
 
 
-def _instances(instances: Artifact) -> Iterable[Alarm]:
+def _check_instances(instances: Artifact) -> Iterator[Alarm]:
     counts = instances.facts.get("merging")
-    if counts is None:
-        return ()
-    merged = instances.read("instances/masks")[~instances.read("instances/moving")]
+    if counts is None:  # tracks
+        return
+    kept = int(instances.read("instances/masks")[~instances.read("instances/moving")].sum())
     masks = sum(level["masks"] for level in counts.values())
-    return instances_alarms(int(merged.sum()), masks, instances.facts.get("pixels_without_instance"))
+    yield from find_alarm("instances.masks_kept", _share(kept, masks), kept=kept, masks=masks)
+    yield from find_alarm("instances.empty_pixels", instances.facts.get("pixels_without_instance"))
 
 
-def _view_features(views: Artifact) -> Iterable[Alarm]:
-    return view_features_alarms(views.facts.get("without_feature", 0), views.shape("instance")[0])
+def _check_view_features(features: Artifact) -> Iterator[Alarm]:
+    lost = features.facts.get("without_feature", 0)
+    views = lost + features.shape("instance")[0]
+    yield from find_alarm("view_features.lost", _share(lost, views), lost=lost, views=views)
 
 
-def _features(features: Artifact) -> Iterable[Alarm]:
+def _check_features(features: Artifact) -> Iterator[Alarm]:
     facts = features.facts
-    return features_alarms(
-        outliers=facts.get("outliers", 0),
-        views=features.shape("instance")[0],
-        agreement=facts.get("agreement"),
-        spread=facts.get("spread", {}).get("features"),
-        reconstruction=facts.get("reconstruction", {}).get("mean"),
-    )
+    outliers, views = facts.get("outliers", 0), features.shape("instance")[0]
+    yield from find_alarm("features.outliers", _share(outliers, views), outliers=outliers, views=views)
+    cosine, spread = facts.get("agreement"), facts.get("spread", {}).get("features")
+    if cosine is not None and spread is not None:
+        agreement = agreement_of(cosine, spread)
+        yield from find_alarm("features.agreement", agreement, cosine=cosine, spread=spread)
+    yield from find_alarm("features.reconstruction", facts.get("reconstruction", {}).get("mean"))
 
 
-def _transient(transient: Artifact) -> Iterable[Alarm]:
-    return transient_alarms(transient.facts.get("mean_probability"))
+def agreement_of(cosine: float, spread: float) -> float:
+    """Agreement relative to the spread: 0 if views are as unlike their instance as instances are to each other, 1 if equal.
+
+    Args:
+        cosine: mean cosine between a view and its instance's consistent feature.
+        spread: mean cosine between the consistent features of different instances.
+    """
+    return (cosine - spread) / (1.0 - spread) if spread < 1.0 else 1.0
 
 
-def _masks(masks: Artifact) -> Iterable[Alarm]:
-    moving = masks.read("instances/transient")
-    return masks_alarms(
-        int(moving.sum()), len(moving), masks.facts.get("masked_share"), _withheld(masks.facts)
-    )
+def _check_transient(transient: Artifact) -> Iterator[Alarm]:
+    yield from find_alarm("transient.probability", transient.facts.get("mean_probability"))
 
 
-def _withheld(facts: Mapping[str, Any]) -> str | None:
-    if facts.get("withheld") == BY_NETWORK:
-        return f"the network's mean probability is {facts['mean_probability']:.2f}"
-    if facts.get("withheld") == BY_INSTANCES:
-        return f"{facts['withheld_instances']} of {facts['seen']} instances look transient"
-    return None
+def _check_masks(masks: Artifact) -> Iterator[Alarm]:
+    facts, moving = masks.facts, masks.read("instances/transient")
+    if facts.get("withheld"):
+        figures = {"transient": facts["withheld_instances"], "instances": facts["seen"]}
+        yield Alarm("masks.withheld", {"probability": facts["mean_probability"], **figures})
+    count, transient = len(moving), int(moving.sum())
+    yield from find_alarm("masks.instances", _share(transient, count), transient=transient, instances=count)
+    yield from find_alarm("masks.pixels", facts.get("masked_share"))
 
 
-def _splats(splats: Artifact) -> Iterable[Alarm]:
-    yield from splats_alarms(splats.read("held_out/psnr"))
+def _check_splats(splats: Artifact) -> Iterator[Alarm]:
+    psnr = splats.read("held_out/psnr")
+    yield from find_alarm("splats.psnr", float(psnr.mean()) if len(psnr) else None)
     if splats.has("corrections/shift"):
-        shift = np.linalg.norm(splats.read("corrections/shift"), axis=1)
-        gain, depth = splats.read("corrections/gain"), splats.facts["scene_depth"]
-        yield from corrections_alarms(shift, splats.read("corrections/turn"), gain, depth)
+        yield from _check_pose_corrections(splats)
+        yield from _check_gains(splats)
 
 
-def _language(language: Artifact) -> Iterable[Alarm]:
+def _check_pose_corrections(splats: Artifact) -> Iterator[Alarm]:
+    shift, turn = np.linalg.norm(splats.read("corrections/shift"), axis=1), splats.read("corrections/turn")
+    depth = splats.facts["scene_depth"]
+    if not len(shift):
+        return
+    # Frames without a pose have no correction.
+    angle = np.nan_to_num(np.maximum(shift / depth, np.radians(turn)), posinf=np.inf)
+    most = int(angle.argmax())
+    yield from find_alarm(
+        "splats.pose_correction",
+        angle[most],
+        **_passed("splats.pose_correction", angle),
+        frame=most,
+        shift_mm=1e3 * float(shift[most]),
+        turn_deg=float(turn[most]),
+        depth_m=float(depth),
+    )
+
+
+def _check_gains(splats: Artifact) -> Iterator[Alarm]:
+    gain = splats.read("corrections/gain")
+    if not len(gain):
+        return
+    factor = np.exp(np.abs(np.log(np.maximum(np.nan_to_num(gain, nan=1.0), 1e-9)))).max(axis=1)
+    most = int(factor.argmax())
+    colors = dict(zip(("red", "green", "blue"), map(float, gain[most]), strict=True))
+    yield from find_alarm("splats.gain", factor[most], **_passed("splats.gain", factor), frame=most, **colors)
+
+
+def _passed(key: str, statistics: np.ndarray) -> dict[str, int]:
+    """The number of frames beyond a limit, and of all frames."""
+    return {"wrong": int((statistics > LIMITS[key].value).sum()), "frames": len(statistics)}
+
+
+def _check_language(language: Artifact) -> Iterator[Alarm]:
     share = language.read("share")
-    return language_alarms(float((share <= 0).all(axis=1).mean()) if len(share) else None)
+    without = float((share <= 0).all(axis=1).mean()) if len(share) else None
+    yield from find_alarm("language.without_code", without)
 
 
-_BY_KIND: dict[str, Callable[[Artifact], Iterable[Alarm]]] = {
-    "frames": _frames,
-    "poses": _poses,
-    "segments": _segments,
-    "instances": _instances,
-    "view_features": _view_features,
-    "features": _features,
-    "transient": _transient,
-    "masks": _masks,
-    "splats": _splats,
-    "language": _language,
+_BY_KIND: dict[str, Callable[[Artifact], Iterator[Alarm]]] = {
+    "frames": _check_frames,
+    "poses": _check_poses,
+    "segments": _check_segments,
+    "instances": _check_instances,
+    "view_features": _check_view_features,
+    "features": _check_features,
+    "transient": _check_transient,
+    "masks": _check_masks,
+    "splats": _check_splats,
+    "language": _check_language,
 }

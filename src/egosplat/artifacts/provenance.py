@@ -86,8 +86,13 @@ def begin(
     origin: str,
     inputs: Mapping[str, str] | None = None,
     models: Mapping[str, str] | None = None,
+    chosen: str | None = None,
 ) -> Provenance:
-    """Start the provenance of an artifact, and its clocks; arguments as the attributes of ``Provenance``."""
+    """Start the provenance of an artifact, and its clocks; arguments as the attributes of ``Provenance``.
+
+    Args:
+        chosen: the value by which the stage chooses its module, if it chooses one.
+    """
     versions = {"egosplat": egosplat.__version__, "python": sys.version.split()[0]}
     versions |= {name: metadata.version(name) for name in STAGES[stage].libraries}
     return Provenance(
@@ -96,7 +101,7 @@ def begin(
         origin=origin,
         inputs=dict(sorted((inputs or {}).items())),
         models=dict(sorted((models or {}).items())),
-        code=code_of(stage),
+        code=code_of(stage, chosen),
         versions=versions,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         started=time.perf_counter(),
@@ -105,9 +110,14 @@ def begin(
 
 
 def begin_from(
-    stage: str, options: Mapping[str, Any], used: Iterable[Made], models: Mapping[str, str] | None = None
+    stage: str,
+    options: Mapping[str, Any],
+    used: Iterable[Made],
+    models: Mapping[str, str] | None = None,
+    chosen: str | None = None,
 ) -> Provenance:
-    """Start the provenance of an artifact whose inputs are the artifacts ``used``."""
+    """Start the provenance of an artifact whose inputs are the artifacts ``used``; otherwise as ``begin``."""
     used = list(used)
     origin = joint_origin(*(artifact.origin for artifact in used))
-    return begin(stage, options, origin, {artifact.path.name: artifact.digest for artifact in used}, models)
+    inputs = {artifact.path.name: artifact.digest for artifact in used}
+    return begin(stage, options, origin, inputs, models, chosen)

@@ -14,6 +14,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
@@ -151,3 +152,6 @@ def _grid(width: int, height: int) -> Tensor:
     """(h, w, 2) column and row of every second pixel."""
     rows, columns = torch.arange(0, height, _STRIDE), torch.arange(0, width, _STRIDE)
     return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1)
+
+
+METHOD = Method(granular, masks="{} in place of SAM")

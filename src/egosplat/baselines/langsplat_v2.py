@@ -16,6 +16,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
@@ -116,3 +117,6 @@ class SparseCodes(Trainee):
         words = self.words.detach().cpu()
         values = torch.cat([words.T.reshape(-1), torch.zeros(words.shape[1])])
         return Decoder(tuple(words.shape), values.numpy())
+
+
+METHOD = Method(sparse, masks="{} in place of SAM")

@@ -7,15 +7,17 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.tiles import TILES
 from egosplat.baselines.codebook import Codebook, dense_features
 from egosplat.baselines.decoders import Layers, described
 from egosplat.baselines.pixel_views import PixelViews
-from egosplat.baselines.tile_views import TileViews, nearest
+from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import everywhere, shares
 from egosplat.language.loop import Step, Trainee, adam, train
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
@@ -185,3 +187,6 @@ class QuantizedCodes(Trainee):
         chosen = torch.randint(len(means), (self._pixels.count,), generator=draw)
         predicted = self.positions(means[chosen])
         return smoothing(self.code[chosen], predicted, self.uncertainty[chosen].sigmoid())
+
+
+METHOD = Method(quantized, (TILES,), open_tile_views)

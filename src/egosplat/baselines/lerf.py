@@ -9,10 +9,11 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.tiles import TILES
 from egosplat.baselines.decoders import Layers, described
 from egosplat.baselines.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contracted, exponential
 from egosplat.baselines.pixel_views import PixelViews
-from egosplat.baselines.tile_views import TileViews, nearest
+from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.centers import median_depths
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
@@ -20,6 +21,7 @@ from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import invert
 from egosplat.language.lifting import everywhere, shares
 from egosplat.language.loop import Step, Trainee, train
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
@@ -216,3 +218,6 @@ def baked(trained: Field, means: Tensor, scales: Tensor, channels: int) -> tuple
     code = torch.cat([(part - mean.float()) @ basis for part in rows])
     values = torch.cat([basis.reshape(-1), mean.float()]).cpu().numpy()
     return code, Decoder((basis.shape[1], basis.shape[0]), values)
+
+
+METHOD = Method(field, (TILES,), open_tile_views)

@@ -7,6 +7,7 @@ from egosplat.codes.centers import look_at_centers
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
+from egosplat.language.method import Method
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
@@ -36,3 +37,6 @@ def centered(
     # The smallest weight of a listed Gaussian is 1e-4 / 255.
     code = sums / torch.where(known, total, 1.0)[..., None]
     return Coded(code, known.float(), targets.levels)
+
+
+METHOD = Method(centered, masks="{} in place of SAM")

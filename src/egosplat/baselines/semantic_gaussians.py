@@ -10,6 +10,7 @@ from egosplat.codes.centers import Centers, look_at_centers
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
+from egosplat.language.method import Method
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
@@ -59,3 +60,6 @@ def is_seen(centers: Centers, width: int, height: int) -> NDArray[np.bool_]:
 def pixel_features(codes: Tensor) -> Tensor:
     """(P, C) unit sums over the levels of (L, C, P) features; 0 where all are 0."""
     return normalize(codes.sum(dim=0).T, dim=-1)
+
+
+METHOD = Method(projected, masks="{} + OpenCLIP features in place of OpenSeg")

@@ -13,6 +13,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.lifting import lift
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
 from egosplat.language.training import codes_to_render
@@ -114,3 +115,6 @@ def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Te
     union = table.sum(dim=1) + table.sum(dim=0)[cluster] - shared
     agrees = (names >= 0) & (cluster > 0) & (shared > AGREEMENT * union)
     return names[agrees], cluster[agrees] - 1
+
+
+METHOD = Method(clustered, masks="{} in place of SAM")

@@ -1,5 +1,7 @@
 """Targets from the tiles of views: features of pixels at any scale, and their regulariser."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -11,6 +13,11 @@ from egosplat.artifacts.tiles import scale_name
 from egosplat.baselines.tiles import Scale, at_pixels
 from egosplat.errors import UserError
 from egosplat.gaussians.stored_rows import StoredRows, stored_rows
+
+
+def open_tile_views(learnt_from: Sequence[Artifact], frames: Artifact, device: torch.device) -> "TileViews":
+    """Open the tiles of frames as targets; raises as ``TileViews``."""
+    return TileViews(*learnt_from, frames)
 
 
 class TileViews:

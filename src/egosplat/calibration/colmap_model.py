@@ -8,13 +8,11 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from egosplat.calibration.companions import MODEL_FILES, MODEL_SUFFIXES, model_files
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import invert, make_pose
-
-# rigs and frames of newer versions repeat what these three say of a single camera.
-_FILES = ("cameras", "images", "points3D")
 
 
 def read_model(folder: Path, width: int, height: int) -> Contents:
@@ -64,27 +62,23 @@ def _suffix(folder: Path) -> str:
     Raises:
         UserError: a file is missing in both formats.
     """
-    missing = {
-        suffix: [f"{name}{suffix}" for name in _FILES if not (folder / f"{name}{suffix}").is_file()]
-        for suffix in (".bin", ".txt")
-    }
-    # COLMAP itself prefers .bin where both exist.
-    for suffix, names in missing.items():
-        if not names:
-            return suffix
-    nearly = min(missing.values(), key=len)
+    files = model_files(folder)
+    if len(files) == len(MODEL_FILES):
+        return files[0].suffix
+    suffix = files[0].suffix if files else MODEL_SUFFIXES[0]
+    missing = [f"{name}{suffix}" for name in MODEL_FILES if folder / f"{name}{suffix}" not in files]
     raise UserError(
-        f"{folder}: has no {', '.join(nearly)}. A COLMAP model has cameras, images and points3D, all .bin or all .txt."
+        f"{folder}: has no {', '.join(missing)}. A COLMAP model has cameras, images and points3D, all .bin or all .txt."
     )
 
 
 def _read(folder: Path, suffix: str) -> pycolmap.Reconstruction:
     if suffix == ".bin":
-        for name in _FILES:
+        for name in MODEL_FILES:
             _check_whole(folder / f"{name}.bin")
     # COLMAP reads every file that it finds; here the three that are checked.
     with tempfile.TemporaryDirectory(prefix="egosplat-model-") as scratch:
-        for name in _FILES:
+        for name in MODEL_FILES:
             (Path(scratch) / f"{name}{suffix}").symlink_to((folder / f"{name}{suffix}").absolute())
         try:
             return pycolmap.Reconstruction(scratch)

@@ -1,6 +1,5 @@
 """Known poses of a plain recording: a COLMAP model folder, or a nerfstudio ``transforms.json`` (docs/recordings.md)."""
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.calibration import colmap_model, transforms_json
-from egosplat.calibration.companions import KNOWN_POSES, companion_path
+from egosplat.calibration.companions import KNOWN_POSES, companion_path, present_known_poses
 from egosplat.calibration.contents import Contents
 from egosplat.errors import UserError
 from egosplat.geometry import is_rigid
-
-AUTO, NONE = "auto", "none"
 
 # A rotation that was written with few digits is made orthonormal up to this deviation.
 _MAX_DEVIATION = 1e-3
@@ -46,17 +43,12 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
     Raises:
         UserError: the wanted file does not exist, or ``auto`` finds two.
     """
-    if wanted == NONE:
-        return None
-    # A broken link counts as present: reading it reports the error.
-    paths = {kind: companion_path(recording, name) for kind, name in KNOWN_POSES.items()}
-    present = [kind for kind, path in paths.items() if os.path.lexists(path)]
-    if wanted != AUTO:
-        if wanted not in present:
-            raise UserError(f"{paths[wanted]}: not found, but frames.known_poses is {wanted}.")
-        return wanted
+    present = present_known_poses(recording, wanted)
+    if wanted in KNOWN_POSES and not present:
+        path = companion_path(recording, KNOWN_POSES[wanted])
+        raise UserError(f"{path}: not found, but frames.known_poses is {wanted}.")
     if len(present) > 1:
-        names = " and ".join(paths[kind].name for kind in present)
+        names = " and ".join(companion_path(recording, KNOWN_POSES[kind]).name for kind in present)
         raise UserError(f"{recording}: has {names}. Choose with frames.known_poses={' or '.join(present)}.")
     return present[0] if present else None
 

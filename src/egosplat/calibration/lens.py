@@ -1,9 +1,10 @@
-"""A camera with lens distortion, and the pinhole camera that its pictures are rectified to."""
+"""A camera with lens distortion, the pinhole camera that its pictures are rectified to, and ``camera.json``."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -12,6 +13,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
+from egosplat.files import read_json
 from egosplat.geometry import Camera
 
 # COLMAP's camera models without and with an angular (fisheye) projection. Its other models are rare.
@@ -26,6 +28,10 @@ _MAX_ROUND_TRIP_PX = 0.1
 _ROWS_PER_BLOCK = 256
 # Far enough outside the picture that bilinear sampling gives 0.
 _OUTSIDE = -10.0
+
+# The calibration of a plain recording: the numbers that the file must have, and those of OpenCV that it may have.
+_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
+_DISTORTION = ("k1", "k2", "p1", "p2")
 
 
 @dataclass(frozen=True)
@@ -206,3 +212,22 @@ def _source_positions(lens: Lens) -> tuple[NDArray[np.float32], NDArray[np.float
         shown = camera.img_from_cam(rays.reshape(-1, 3)).reshape(len(y), len(x), 2)
         positions[start : start + len(y)] = np.nan_to_num(shown - 0.5, nan=_OUTSIDE)
     return np.ascontiguousarray(positions[..., 0]), np.ascontiguousarray(positions[..., 1])
+
+
+def read_camera_file(path: Path, width: int, height: int) -> Lens:
+    """Read ``camera.json``, for pictures of ``width`` x ``height`` pixels.
+
+    Raises:
+        UserError: the file is damaged, for pictures of another size, or not possible.
+    """
+    try:
+        entries = read_json(path)
+        numbers = [float(entries[key]) for key in _KEYS]
+        distortion = [float(entries.get(key, 0.0)) for key in _DISTORTION]
+    except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
+        raise UserError(
+            f"{path}: not an object with the numbers {', '.join(_KEYS)} ({repr(error)[:200]})."
+        ) from error
+    if (numbers[0], numbers[1]) != (width, height):
+        raise UserError(f"{path}: for {numbers[0]:g}x{numbers[1]:g} px, but the frames are {width}x{height}.")
+    return Lens("OPENCV", width, height, (*numbers[2:], *distortion)).check(str(path))

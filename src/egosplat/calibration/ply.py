@@ -7,23 +7,16 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 
+# Types by their names in C; the header may also have numpy's names.
 _TYPES = {
     "char": "i1",
-    "int8": "i1",
     "uchar": "u1",
-    "uint8": "u1",
     "short": "i2",
-    "int16": "i2",
     "ushort": "u2",
-    "uint16": "u2",
     "int": "i4",
-    "int32": "i4",
     "uint": "u4",
-    "uint32": "u4",
     "float": "f4",
-    "float32": "f4",
     "double": "f8",
-    "float64": "f8",
 }
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = b"end_header"
@@ -65,7 +58,9 @@ def _vertices(content: bytes) -> NDArray[np.void]:
         raise ValueError(f"its first element is {first[1]}")
     columns = lines[elements[0] + 1 : elements[1] if len(elements) > 1 else None]
     columns = [words for words in columns if words and words[0] == "property"]
-    table = np.dtype([(words[2], order + _TYPES[words[1]]) for words in columns])
+    table = np.dtype(
+        [(words[2], np.dtype(_TYPES.get(words[1], words[1])).newbyteorder(order)) for words in columns]
+    )
     count = int(first[2])
     if order != "=":
         return np.frombuffer(body, table, count)

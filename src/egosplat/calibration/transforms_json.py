@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.companions import points_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
@@ -172,9 +173,9 @@ def _world_notes(document: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _points(document: dict[str, Any], path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    name = document.get("ply_file_path")
-    if name is None:
-        return np.empty((0, 3)), np.empty((0, 3), np.uint8)
-    if not isinstance(name, str):
+    file = points_path(path, document)
+    if file is not None:
+        return read_points(file)
+    if document.get("ply_file_path") is not None:
         raise UserError(f"{path}: ply_file_path is not the name of a file.")
-    return read_points(path.parent / name)
+    return np.empty((0, 3)), np.empty((0, 3), np.uint8)

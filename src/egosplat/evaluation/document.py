@@ -17,7 +17,7 @@ from egosplat.models.configs import SMALL
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
 # Raised when a reader of older files would misread an entry.
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 
 def write_metrics(output: Path, document: Mapping[str, Any]) -> None:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat.alarms.alarm import Alarm, warning_lines
+from egosplat.alarms.limits import Alarm
+from egosplat.alarms.texts import warning_lines
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster, scaled
 from egosplat.pipeline.validation import read_document
-from egosplat.report.tables.table import Cell, Cost
 
 # Name of the variant in a scene's own folder.
 FULL = "full"
@@ -46,6 +46,32 @@ class Model:
     checkpoint: str
     hash: str
     small: bool
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A score, or an average of scenes.
+
+    Attributes:
+        percent: the score [%], or None.
+        interval: bounds of its interval [%], or None.
+        queries, categories: numbers of queries and categories; None for a printed number.
+        scenes: scenes of a measured average; else empty.
+    """
+
+    percent: float | None = None
+    interval: tuple[float, float] | None = None
+    queries: int | None = None
+    categories: int | None = None
+    scenes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Cost:
+    """CPU time of all threads [min] and the largest memory [GiB] that a scene takes, from its frames to its codes."""
+
+    cpu_min: float
+    memory_gib: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +129,12 @@ class ScoredScene:
     @property
     def warnings(self) -> list[str]:
         """Reasons not to trust the scores, one line each: the notice, then the alarms."""
-        alarms = (Alarm(**alarm) for alarm in self.document["alarms"])
-        return warning_lines(self.document["notice"], alarms)
+        return warning_lines(self.document["notice"], self.alarms)
+
+    @property
+    def alarms(self) -> list[Alarm]:
+        """The alarms of the scene's stages, in their order."""
+        return [Alarm(**alarm) for alarm in self.document["alarms"]]
 
     def cell(self, metric: str, group: str) -> Cell:
         """A score in percent, with its interval if it has one."""

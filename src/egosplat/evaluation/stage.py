@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.alarms.alarm import Alarm, warning_lines
 from egosplat.alarms.artifact_alarms import alarms_of_all
-from egosplat.alarms.scene import metrics_alarms
+from egosplat.alarms.limits import Alarm, find_chance_alarm
+from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts import provenance
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
@@ -168,7 +168,7 @@ def _provenance_entries(provenance_of_run: Provenance, made_from: Lineage) -> di
 
 def _alarms(score: GroupScore) -> Iterator[Alarm]:
     interval = score.accuracy_interval
-    return metrics_alarms(interval and interval.low, max(score.random_pixel, score.middle_pixel))
+    return find_chance_alarm(interval and interval.low, max(score.random_pixel, score.middle_pixel))
 
 
 def _log_scores(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:

@@ -15,6 +15,8 @@ from projectaria_tools.core.sensor_data import TimeDomain
 from projectaria_tools.core.stream_id import StreamId
 
 from egosplat.errors import UserError
+from egosplat.frames.files import ADT_VIDEO
+from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Capture
 from egosplat.frames.recording_files import recording_origin
@@ -27,6 +29,11 @@ RGB_LABEL = "camera-rgb"
 RGB_STREAM = StreamId("214-1")
 # Half of the rolling shutter's readout (docs/method.md#exposure-time).
 EXPOSURE_MIDDLE_AFTER_CAPTURE_NS = 2_500_000
+
+
+def open_recording(path: Path, keys: ReaderKeys) -> "AdtRecording":
+    """Open a sequence; see ``AdtRecording``."""
+    return AdtRecording(path, focal=keys.focal, upright=keys.upright, **keys.selection)
 
 
 class AdtRecording:
@@ -56,7 +63,7 @@ class AdtRecording:
             UserError: the folder or ``video.vrs`` is missing or damaged, or an option is out of range.
         """
         camera = pinhole(resolution, focal)
-        self._path = folder / "video.vrs"
+        self._path = folder / ADT_VIDEO
         self._provider = open_video(folder)
         timestamps = np.array(
             self._provider.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME), dtype=np.int64
@@ -124,7 +131,7 @@ def open_video(folder: Path) -> VrsDataProvider:
     """
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder. Give the folder of an ADT sequence.")
-    path = folder / "video.vrs"
+    path = folder / ADT_VIDEO
     check_complete(path)
     try:
         with captured_log() as messages:

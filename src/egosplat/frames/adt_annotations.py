@@ -1,7 +1,6 @@
 """Read the instance segmentation of Aria Digital Twin (ADT). For evaluation only."""
 
 import itertools
-import os
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +10,30 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigital
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.frames.adt import RGB_STREAM, device_calibration, open_video, rectification
+from egosplat.frames.files import ADT_INSTANCES, ADT_SEGMENTATIONS, ADT_VIDEO, find_segmentation
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Instance
 from egosplat.frames.vrs import check_complete, check_log
 from egosplat.geometry import Camera
 from egosplat.progress import log
 
-WITH_PEOPLE = "segmentations_with_skeleton.vrs"
-WITHOUT_PEOPLE = "segmentations.vrs"
+WITH_PEOPLE, WITHOUT_PEOPLE = ADT_SEGMENTATIONS
 _FIELDS = ("instance_id", "instance_name", "category", "motion_type", "instance_type")
 _ALLOWED = {"motion_type": ("static", "dynamic"), "instance_type": ("object", "human")}
+
+
+def open_annotations(path: Path, keys: AnnotationKeys) -> "AdtAnnotations | None":
+    """Open the annotations of a sequence; None if it has no segmentation.
+
+    Raises:
+        UserError: the sequence is missing, or as ``AdtAnnotations``.
+    """
+    if not path.is_dir():
+        raise UserError(f"{path}: no such folder. Give the folder of an ADT sequence.")
+    if find_segmentation(path) is None:
+        return None
+    return AdtAnnotations(path, camera=keys.camera, upright=keys.upright, max_age_ns=keys.max_age_ns)
 
 
 class AdtAnnotations:
@@ -42,7 +55,7 @@ class AdtAnnotations:
         Raises:
             UserError: a file is missing or damaged.
         """
-        self.instances = read_instances(folder / "instances.json")
+        self.instances = read_instances(folder / ADT_INSTANCES)
         self._max_age_ns = max_age_ns
         path = find_segmentation(folder)
         if path is None:
@@ -51,7 +64,7 @@ class AdtAnnotations:
             log(f"{folder}: has no {WITH_PEOPLE}; reading {WITHOUT_PEOPLE}, which does not annotate people")
         check_complete(path)
         self._path = path
-        video = folder / "video.vrs"
+        video = folder / ADT_VIDEO
         device = device_calibration(open_video(folder), video)
         self._rectification = rectification(device, camera, upright, video)
         self._provider = _open_segmentation(folder, self._path)
@@ -97,13 +110,6 @@ class AdtAnnotations:
         return np.where(ids == 0, -1, index).astype(np.int32)
 
 
-def find_segmentation(folder: Path) -> Path | None:
-    """The segmentation of a sequence folder, preferably the one with people; None if there is none."""
-    candidates = [folder / name for name in (WITH_PEOPLE, WITHOUT_PEOPLE)]
-    # A broken link is not a missing file: opening it reports the error.
-    return next((path for path in candidates if os.path.lexists(path)), None)
-
-
 def read_instances(path: Path) -> list[Instance]:
     """Read ``instances.json``, sorted by id.
 
@@ -143,7 +149,7 @@ def _instance(path: Path, key: str, entry: object) -> Instance:
 
 def _open_segmentation(folder: Path, path: Path) -> AriaDigitalTwinDataProvider:
     paths = AriaDigitalTwinDataPaths()
-    paths.aria_vrs_filepath = str(folder / "video.vrs")
+    paths.aria_vrs_filepath = str(folder / ADT_VIDEO)
     paths.segmentations_filepath = str(path)
     try:
         with captured_log() as messages:

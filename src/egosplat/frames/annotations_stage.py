@@ -13,13 +13,11 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.writer import create
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
-from egosplat.frames import adt_annotations, hoi4d_annotations, plain_annotations
-from egosplat.frames.hoi4d import find_sequence
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import AnnotationsOptions
-from egosplat.frames.readers import FORMATS
 from egosplat.frames.recording import Annotations
-from egosplat.frames.recording_files import is_annotated
 from egosplat.geometry import Camera
+from egosplat.pipeline.stages import load_module
 from egosplat.progress import log, track
 
 
@@ -45,7 +43,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         max_age_ns=round(options.max_age_ms * 1e6),
         lens=Lens.of_facts(facts.get("lens")),
     )
-    made = provenance.begin_from("annotations", options.as_dict(), [frames])
+    made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=facts["format"])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
         artifact.allocate("instance_map", (len(indices), camera.height, camera.width))
@@ -94,21 +92,5 @@ def open_annotations(
     Raises:
         UserError: the format is unknown, the recording missing, or its annotations unreadable.
     """
-    match format:
-        case "adt":
-            if not path.is_dir():
-                raise UserError(f"{path}: no such folder. Give the folder of an ADT sequence.")
-            if adt_annotations.find_segmentation(path) is None:
-                return None
-            return adt_annotations.AdtAnnotations(path, camera=camera, upright=upright, max_age_ns=max_age_ns)
-        case "hoi4d":
-            if hoi4d_annotations.find_masks(find_sequence(path)) is None:
-                return None
-            return hoi4d_annotations.Hoi4dAnnotations(path, camera=camera, max_age_ns=max_age_ns)
-        case "plain":
-            if not path.exists():
-                raise UserError(f"{path}: not found. Give a video file or an image folder.")
-            if not is_annotated(format, path):
-                return None
-            return plain_annotations.PlainAnnotations(path, camera=camera, lens=lens)
-    raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")
+    keys = AnnotationKeys(camera, upright, max_age_ns, lens)
+    return load_module("annotations", format).open_annotations(path, keys)

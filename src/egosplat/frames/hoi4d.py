@@ -4,7 +4,6 @@ A sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset wi
 intrinsics are a separate download: ``camera_params/<ZY…>/intrin.npy`` in the dataset's root folder.
 """
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,20 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
+from egosplat.frames.files import HOI4D_VIDEO, find_sequence, intrinsics_files, sequence_parts
+from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.recording import Capture
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
 from egosplat.images import resize_image
 
-# Root folders of the dataset's two downloads: videos and annotations.
-RELEASE, ANNOTATIONS = "HOI4D_release", "HOI4D_annotations"
-
-_PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
-_SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
-
 # intrin.npy has pixel centers at integers, as OpenCV and Open3D do.
 _OPENCV_PIXEL_OFFSET = 0.5
+
+
+def open_recording(path: Path, keys: ReaderKeys) -> "Hoi4dRecording":
+    """Open a sequence; see ``Hoi4dRecording``."""
+    return Hoi4dRecording(path, **keys.selection)
 
 
 class Hoi4dRecording:
@@ -46,7 +46,7 @@ class Hoi4dRecording:
                 out of range.
         """
         folder = find_sequence(path)
-        self._video = Video(folder / "align_rgb" / "image.mp4")
+        self._video = Video(folder / HOI4D_VIDEO)
         width, height = self._video.width, self._video.height
         if not 1 <= resolution <= width:
             raise UserError(
@@ -72,47 +72,15 @@ class Hoi4dRecording:
             yield resize_image(image, camera.width, camera.height)
 
 
-def find_sequence(path: Path) -> Path:
-    """The folder of a sequence that is given as this folder or as ``root/ZY…_H…_C…_N…_S…_s…_T…``.
-
-    Raises:
-        UserError: the folder does not exist.
-    """
-    if path.is_dir():
-        return path.absolute()
-    parts = sequence_parts(path)
-    for root in (path.parent, path.parent / RELEASE):
-        if root.joinpath(*parts).is_dir():
-            return root.joinpath(*parts).absolute()
-    raise UserError(f"{path}: no such sequence. Looked for {path.parent.joinpath(*parts)}.")
-
-
-def sequence_parts(path: Path) -> tuple[str, ...]:
-    """The seven parts of a sequence's name: camera, person, category, object, room, layout, task.
-
-    Raises:
-        UserError: the path does not end in a sequence's name.
-    """
-    match = _SEQUENCE.search(path.as_posix())
-    if match is None:
-        raise UserError(
-            f"{path}: not the name of a HOI4D sequence, such as ZY20210800001/H1/C11/N58/S376/s02/T2."
-        )
-    return match.groups()
-
-
 def find_intrinsics(folder: Path) -> Path:
-    """Path of ``intrin.npy``: in the sequence or its parent folder, or in ``camera_params/<ZY…>`` of a folder above.
+    """Path of ``intrin.npy``; see ``intrinsics_files``.
 
     Raises:
         UserError: the file does not exist.
     """
+    if files := intrinsics_files(folder):
+        return files[0]
     camera = sequence_parts(folder)[0]
-    nearby = [folder / "intrin.npy", folder.parent / "intrin.npy"]
-    above = [parent / "camera_params" / camera / "intrin.npy" for parent in folder.parents]
-    for path in [*nearby, *above]:
-        if path.is_file():
-            return path
     raise UserError(
         f"{folder}: has no intrinsics. Put HOI4D's camera parameters at camera_params/{camera}/intrin.npy "
         "in the dataset's root folder."

@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
-from egosplat.frames.hoi4d import ANNOTATIONS, RELEASE, find_sequence, sequence_parts
+from egosplat.frames.files import find_masks, find_sequence, sequence_parts
 from egosplat.frames.images import read_rgb
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
 from egosplat.images import resize_labels
 
 MASKS_PER_SECOND = 15
-# In order of preference: shift_mask is aligned with the video where mask is not.
-_MASK_FOLDERS = ("shift_mask", "mask")
 
 _LABELS: dict[str, tuple[str, ...]] = {
     "C1": ("toy car", "right hand"),
@@ -47,6 +46,13 @@ _OBJECTS = {
 _MAX_LABEL = 6
 # The dataset's own tools ignore colors of no label; more than this share means another kind of image.
 _MAX_UNKNOWN_SHARE = 0.01
+
+
+def open_annotations(path: Path, keys: AnnotationKeys) -> "Hoi4dAnnotations | None":
+    """Open the masks of a sequence; None if it has none."""
+    if find_masks(find_sequence(path)) is None:
+        return None
+    return Hoi4dAnnotations(path, camera=keys.camera, max_age_ns=keys.max_age_ns)
 
 
 class Hoi4dAnnotations:
@@ -99,13 +105,6 @@ class Hoi4dAnnotations:
             )
         resized = resize_labels(labels, self._camera.width, self._camera.height)
         return np.where(resized > 0, resized - 1, -1).astype(np.int32)
-
-
-def find_masks(folder: Path) -> Path | None:
-    """The mask folder of a sequence; None if there is none. Videos and annotations may have separate root folders."""
-    elsewhere = Path(folder.as_posix().replace(f"/{RELEASE}/", f"/{ANNOTATIONS}/"))
-    candidates = [root / "2Dseg" / name for root in (folder, elsewhere) for name in _MASK_FOLDERS]
-    return next((path for path in candidates if path.is_dir()), None)
 
 
 def instances_of(category: str, folder: Path) -> list[Instance]:

@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from egosplat.errors import UserError
+from egosplat.frames.files import list_pictures
 from egosplat.progress import log
 
 # Time between images. A folder has no clock: one second per image makes seconds equal image numbers.
 INTERVAL_NS = 1_000_000_000
 
-# Mask of the pixels that show the scene; not one of the images.
-VALID_MASK = "valid.png"
-
-_SUFFIXES = (".png", ".jpg", ".jpeg")
 # Not read: these formats may hold several images or more than 8 bits, or need further libraries.
 _OTHER_SUFFIXES = (".gif", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif", ".avif", ".jxl", ".dng")
 
@@ -43,9 +40,8 @@ class ImageFolder:
             UserError: there is no image, one is unreadable, two share a name, or sizes differ.
         """
         self.path = path
-        files = [p for p in path.iterdir() if p.name != VALID_MASK and p.name[0] != "." and p.is_file()]
-        self.paths = sorted((p for p in files if p.suffix.lower() in _SUFFIXES), key=natural_key)
-        others = _other_formats(files)
+        self.paths = sorted(list_pictures(path), key=natural_key)
+        others = _other_formats(path)
         if not self.paths:
             raise UserError(f"{path}: has no png, jpg or jpeg image{f', but {others}' if others else '.'}")
         if others:
@@ -111,9 +107,10 @@ def read_valid(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _other_formats(files: list[Path]) -> str:
+def _other_formats(folder: Path) -> str:
     """Number of images in formats that are not read, and the command that converts them; empty if there are none."""
-    counts = Counter(p.suffix for p in files if p.suffix.lower() in _OTHER_SUFFIXES)
+    files = [path for path in folder.iterdir() if path.name[0] != "." and path.is_file()]
+    counts = Counter(path.suffix for path in files if path.suffix.lower() in _OTHER_SUFFIXES)
     if not counts:
         return ""
     listed = ", ".join(f"{count} {suffix}" for suffix, count in sorted(counts.items()))

@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.camera_file import CAMERA_FILE, read_camera_file
 from egosplat.calibration.colmap.distortion import lens_of_frames
-from egosplat.calibration.companions import KNOWN_POSES, companion_path
+from egosplat.calibration.companions import AUTO, KNOWN_POSES, companion_path
 from egosplat.calibration.known_poses import (
-    AUTO,
     find_known_poses,
     match_pictures,
     read_known_poses,
     unmatched_line,
 )
-from egosplat.calibration.lens import Lens, Rectifier
+from egosplat.calibration.lens import Lens, Rectifier, read_camera_file
 from egosplat.errors import UserError
-from egosplat.frames.images import VALID_MASK, ImageFolder, read_valid
+from egosplat.frames.files import CAMERA_FILE, VALID_MASK
+from egosplat.frames.images import ImageFolder, read_valid
+from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.recording import Capture
 from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
-from egosplat.frames.video import Video
+from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
 from egosplat.images import measure_sharpness, resize_image, resize_mask, shrunk_size
 from egosplat.progress import log, track
@@ -33,6 +33,13 @@ FOCAL_PRIOR = 1.2
 
 # Frames per second that show a walk well enough. COLMAP takes six times as long for three times as many (docs/speed.md).
 ENOUGH_PER_S = 3.0
+
+
+def open_recording(path: Path, keys: ReaderKeys) -> "PlainRecording":
+    """Open a video or a folder of images; see ``PlainRecording``."""
+    return PlainRecording(
+        path, known_poses=keys.known_poses, lens=keys.lens, pick=keys.pick, **keys.selection
+    )
 
 
 class PlainRecording:
@@ -132,15 +139,6 @@ def picture_names(source: Video | ImageFolder) -> list[str]:
     if isinstance(source, ImageFolder):
         return [path.name for path in source.paths]
     return [str(number) for number in range(len(source.timestamp_ns))]
-
-
-def open_source(path: Path) -> Video | ImageFolder:
-    """Open a video file or an image folder.
-
-    Raises:
-        UserError: the source is missing or cannot be read.
-    """
-    return ImageFolder(path) if path.is_dir() else Video(path)
 
 
 def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:

@@ -20,20 +20,31 @@ from PIL import Image
 from egosplat.calibration.companions import companion_path
 from egosplat.calibration.lens import Lens, Rectifier
 from egosplat.errors import UserError
+from egosplat.frames.files import INSTANCES_TABLE, list_masks
 from egosplat.frames.images import ImageFolder
-from egosplat.frames.plain import open_source
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.recording import Instance
-from egosplat.frames.recording_files import ANNOTATIONS
-from egosplat.frames.video import Video
+from egosplat.frames.recording_files import ANNOTATIONS, is_annotated
+from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
 from egosplat.images import resize_labels
 
-TABLE = "instances.tsv"
 _COLUMNS = ("id", "name", "category", "motion_type")
 # PIL's modes of one channel; a palette image holds indices, which are the ids.
 _ONE_CHANNEL = ("1", "L", "P", "I;16", "I;16L", "I;16B", "I")
 _MAX_ID = 65535
 _NO_INSTANCE, _UNKNOWN_ID = -1, -2
+
+
+def open_annotations(path: Path, keys: AnnotationKeys) -> "PlainAnnotations | None":
+    """Open the annotations of a video or image folder; None if it has none.
+
+    Raises:
+        UserError: the recording is missing, or as ``PlainAnnotations``.
+    """
+    if not path.exists():
+        raise UserError(f"{path}: not found. Give a video file or an image folder.")
+    return PlainAnnotations(path, camera=keys.camera, lens=keys.lens) if is_annotated("plain", path) else None
 
 
 class PlainAnnotations:
@@ -51,7 +62,7 @@ class PlainAnnotations:
             UserError: the table is unreadable, or a PNG belongs to no frame.
         """
         folder = companion_path(path, ANNOTATIONS)
-        self.instances = read_instances(folder / TABLE)
+        self.instances = read_instances(folder / INSTANCES_TABLE)
         self._camera = camera
         self._rectifier = Rectifier(lens) if lens else None
         source = open_source(path)
@@ -78,7 +89,7 @@ class PlainAnnotations:
         index = self._index_of_id[ids]
         unknown = ids[index == _UNKNOWN_ID]
         if len(unknown):
-            raise UserError(f"{path}: instance id {unknown[0]} is not in {TABLE}. Add it there.")
+            raise UserError(f"{path}: instance id {unknown[0]} is not in {INSTANCES_TABLE}. Add it there.")
         if self._rectifier:
             index = self._rectifier.labels(index)
         return resize_labels(index, self._camera.width, self._camera.height)
@@ -142,7 +153,7 @@ def _png_of_timestamp(folder: Path, source: Video | ImageFolder) -> dict[int, Pa
     else:
         numbers = {image.stem: number for number, image in enumerate(source.paths)}
     pngs: dict[int, Path] = {}
-    for path in sorted(folder.glob("*.png")):
+    for path in list_masks(folder):
         is_number = path.stem.isascii() and path.stem.isdigit()
         key = int(path.stem) if isinstance(source, Video) and is_number else path.stem
         if key not in numbers:

@@ -3,13 +3,10 @@
 from pathlib import Path
 
 from egosplat.errors import UserError
-from egosplat.frames.adt import AdtRecording
-from egosplat.frames.hoi4d import Hoi4dRecording
-from egosplat.frames.plain import PlainRecording
+from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.recording import Recording
 from egosplat.frames.selection import FIRST
-
-FORMATS = ("adt", "hoi4d", "plain")
+from egosplat.pipeline.stages import load_module
 
 
 def open_recording(
@@ -43,14 +40,7 @@ def open_recording(
     Raises:
         UserError: the format is unknown, the recording unreadable, or an option out of range.
     """
-    selection = {"resolution": resolution, "stride": stride, "start_s": start_s, "end_s": end_s}
     if pick != FIRST and format != "plain":
         raise UserError(f"frames.pick={pick}: only for plain recordings, and this is {format}; set first.")
-    match format:
-        case "adt":
-            return AdtRecording(path, focal=focal, upright=upright, **selection)
-        case "hoi4d":
-            return Hoi4dRecording(path, **selection)
-        case "plain":
-            return PlainRecording(path, known_poses=known_poses, lens=lens, pick=pick, **selection)
-    raise UserError(f"format: {format!r} is unknown; choose from {', '.join(FORMATS)}.")
+    keys = ReaderKeys(resolution, focal, upright, stride, start_s, end_s, known_poses, lens, pick)
+    return load_module("frames", format).open_recording(path, keys)

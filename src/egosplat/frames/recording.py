@@ -11,8 +11,9 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.frames.recording_files import Origin
 from egosplat.geometry import Camera
+
+Origin = Literal["real", "synthetic"]
 
 
 @dataclass(frozen=True)

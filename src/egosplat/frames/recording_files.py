@@ -2,16 +2,20 @@
 
 import os
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING
 
 from egosplat.calibration.companions import companion_path
 from egosplat.errors import UserError
 from egosplat.files import read_json
 
-Origin = Literal["real", "synthetic"]
+if TYPE_CHECKING:
+    from egosplat.frames.recording import Origin
 
 # Folder with the annotations of a plain recording.
 ANNOTATIONS = "annotations"
+
+# Facts about an ADT sequence, such as its origin.
+METADATA = "metadata.json"
 
 
 def is_annotated(format: str, path: Path) -> bool:
@@ -23,13 +27,13 @@ def is_annotated(format: str, path: Path) -> bool:
     return format != "plain" or os.path.lexists(companion_path(path, ANNOTATIONS))
 
 
-def recording_origin(format: str, recording: Path) -> Origin:
+def recording_origin(format: str, recording: Path) -> "Origin":
     """``synthetic`` for an ADT sequence that egosplat rendered, according to its ``metadata.json``; else ``real``.
 
     Raises:
         UserError: ``metadata.json`` cannot be read.
     """
-    path = recording / "metadata.json"
+    path = recording / METADATA
     if format != "adt" or not os.path.lexists(path):
         return "real"
     try:

@@ -41,7 +41,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
     annotated = is_annotated(format, recording_path)
     held_out = evaluation_count(options.evaluation_frames, count, annotated)
     train, evaluation = split_frames(count, held_out, options.holdout)
-    made = provenance.begin("frames", options.as_dict() | {"format": format}, capture.origin)
+    made = provenance.begin("frames", options.as_dict() | {"format": format}, capture.origin, chosen=format)
     with create(output, FRAMES, made) as artifact:
         artifact.put("valid", capture.valid)
         artifact.put("timestamp_ns", capture.timestamp_ns)

@@ -1,4 +1,4 @@
-"""Read the frames of a video file with OpenCV."""
+"""Read the frames of a video file with OpenCV, or of a folder of images."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
+from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
 from egosplat.progress import log, track
 
@@ -69,6 +70,15 @@ class Video:
         if not capture.isOpened():
             raise UserError(f"{self.path}: not a video that can be read{_reason(messages)}.")
         return capture
+
+
+def open_source(path: Path) -> Video | ImageFolder:
+    """Open a video file or an image folder.
+
+    Raises:
+        UserError: the source is missing or cannot be read.
+    """
+    return ImageFolder(path) if path.is_dir() else Video(path)
 
 
 def _grabbed(capture: cv2.VideoCapture, messages: list[str]) -> Iterator[float]:

@@ -11,6 +11,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import labeled_share
+from egosplat.language.method import Method
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
@@ -58,3 +59,6 @@ def instance_votes(
         where = centers.gaussian[place], owner[level, place]
         votes = votes + sparse.csr_array((weight[place], where), shape)
     return votes, seen
+
+
+METHOD = Method(lifted)

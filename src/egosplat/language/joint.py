@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import lift
+from egosplat.language.method import Method
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 
@@ -23,3 +24,6 @@ def joint(
     share = lift(gaussians, views, settings).share
     code = torch.from_numpy(stored).to(share.device).unflatten(1, (len(levels), -1))
     return Coded(code, share, list(levels))
+
+
+METHOD = Method(joint)

@@ -9,9 +9,7 @@ import torch
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
@@ -19,20 +17,18 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.splats import SPLATS
-from egosplat.artifacts.tiles import TILES
 from egosplat.artifacts.writer import create
-from egosplat.baselines.tile_views import TileViews
 from egosplat.codes.decoder import decoder_metadata
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.pixel_weights import open_masking
-from egosplat.language.joint import joint
-from egosplat.language.methods import METHODS, TILE_METHODS, masks_stand_in
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
 from egosplat.language.views import select_code_views
+from egosplat.pipeline.stages import load_module
 from egosplat.progress import log
 
 
@@ -68,39 +64,36 @@ def run(
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     splats = open_artifact(splats_path, SPLATS)
-    method = "joint" if splats.provenance["options"]["language"] == "joint" else options.method
+    name = "joint" if splats.provenance["options"]["language"] == "joint" else options.method
     check_made_from(poses, frames, axes=("frame",))
     masking = open_masking(
         splats.provenance["options"]["masking"], frames, transient_path=transient_path, masks_path=masks_path
     )
     kept, by_survey = kept_frames(frames, survey_path)
-    if by_tiles := method in TILE_METHODS:
-        learnt_from = [_opened(tiles_path, TILES, method)]
-    else:
-        learnt_from = [_opened(instances_path, INSTANCES, method), _opened(features_path, FEATURES, method)]
+    method: Method = load_module("language", name).METHOD
+    paths = {"instances": instances_path, "features": features_path, "tiles": tiles_path}
+    learnt_from = [_opened(paths[schema.name], schema, name) for schema in method.learns_from]
     used = [frames, poses, splats, *masking.artifacts, *learnt_from]
-    record = provenance.begin_from("language", options.as_dict() | by_survey, used)
+    record = provenance.begin_from("language", options.as_dict() | by_survey, used, chosen=name)
     device = training_device(options.backend)
-    targets = None if by_tiles else CodeTargets(*learnt_from, device)
-    views = select_code_views(frames, poses, splats, targets and targets.of, masking, device, kept)
+    targets = method.open_targets(learnt_from, frames, device)
+    codes_of = targets.of if isinstance(targets, CodeTargets) else None
+    views = select_code_views(frames, poses, splats, codes_of, masking, device, kept)
     gaussians = read_gaussians(splats).to(device)
     settings = read_render_settings(splats, options.backend)
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    if targets is None:
-        tiles = TileViews(*learnt_from, frames)
-        coded = TILE_METHODS[method](gaussians, views, settings, tiles, options, checkpoint)
-    elif method == "joint":
+    if name == "joint":
         check_made_from(splats, learnt_from[1])
-        coded = joint(gaussians, views, settings, targets.levels, splats.read("features"))
+        coded = method.give_codes(gaussians, views, settings, targets.levels, splats.read("features"))
     else:
-        coded = METHODS[method](gaussians, views, settings, targets, options, checkpoint)
+        coded = method.give_codes(gaussians, views, settings, targets, options, checkpoint)
     geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"
-    stands_in = [*masks_stand_in(method, options.segmenter), *coded.stands_in, geometry]
+    stands_in = [*method.list_stand_ins(options.segmenter), *coded.stands_in, geometry]
     _write(
         output,
         record,
         coded,
-        {"method": method, "decoded": coded.decoded, "views": len(views), "stands_in": stands_in},
+        {"method": name, "decoded": coded.decoded, "views": len(views), "stands_in": stands_in},
     )
     checkpoint.remove()
 

@@ -10,6 +10,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
@@ -90,3 +91,6 @@ class PlainCodes(Trainee):
 def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
     """(N, L, C) codes as rendered: normalized if ``normalize_codes``; zero codes stay 0."""
     return torch.nn.functional.normalize(code, dim=-1) if normalize_codes else code
+
+
+METHOD = Method(trained, masks="{} in place of SAM")

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from egosplat.errors import UserError
 from egosplat.models.configs import SMALL, SMALL_CLIP, SMALL_SAM2, clip_config_files, sam2_config_files
 
@@ -84,8 +86,19 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
     """
     checkpoint = find_checkpoint(model, models[model.checkpoint_key])
     # The weights alone do not determine the results: the architecture's files count, too.
-    files = [checkpoint, *CONFIG_FILES[model](models[model.config_key])]
-    return hashlib.sha256(" ".join(map(content_hash, files)).encode()).hexdigest()[:16]
+    described = map(_description_hash, CONFIG_FILES[model](models[model.config_key]))
+    return hashlib.sha256(" ".join([content_hash(checkpoint), *described]).encode()).hexdigest()[:16]
+
+
+def _description_hash(path: Path) -> str:
+    """Hash of a file that describes an architecture; of YAML without comments and layout."""
+    try:
+        if path.suffix != ".yaml":
+            return content_hash(path)
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, ValueError, RecursionError):  # the stage reports it
+        return content_hash(path)
+    return hashlib.sha256(repr(document).encode()).hexdigest()
 
 
 def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Content hash of the code that a stage executes.
 
 Snakemake cannot see code changes behind a command line, so each rule has this hash among its parameters. ``code_hash``
-follows the imports from a stage's module inside the package and hashes each module's syntax tree.
+follows the imports from a stage's modules inside our packages and hashes each module's syntax tree.
 """
 
 import functools
@@ -13,20 +13,29 @@ from pathlib import Path
 from egosplat.pipeline.parsed_modules import keep_parsed, parsed
 from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 
-# Modules that show or record, but cannot change an array: a better message makes nothing stale.
+# The packages whose modules count.
+ROOTS = {"egosplat", "egosplat_apartments"}
+
+# Text that code beside it reads: templates of pages, and tables.
+TEXTS = (".csv", ".j2")
+
+# Modules that show, record or write, but cannot change an array: a better message makes nothing stale.
 NEUTRAL = {
     "egosplat",  # holds only the version and public names
     "egosplat.files",
+    "egosplat.alarms.texts",
     "egosplat.artifacts.usage",
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
     "egosplat.pipeline",
+    "egosplat.pipeline.checked_options",
     "egosplat.pipeline.code_hash",
     "egosplat.pipeline.messages",
-    "egosplat.pipeline.options",  # values are parameters of the rules
+    "egosplat.pipeline.options",
     "egosplat.pipeline.parsed_modules",
     "egosplat.pipeline.process_guards",
     "egosplat.pipeline.shared_options",
+    "egosplat.pipeline.strict_yaml",
     "egosplat.pipeline.validation",
     "egosplat.progress",
     "egosplat.artifacts.consistency",
@@ -35,18 +44,23 @@ NEUTRAL = {
 }
 
 
-def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
-    """Hash ``module``, the modules, C++ sources and scripts that it reaches in its package, and versions of libraries.
+def code_hash(*modules: str, libraries: tuple[str, ...] = ()) -> str:
+    """Hash modules, the modules, C++ sources, scripts and texts that they reach, and versions of libraries.
 
     Returns:
         16 hexadecimal digits, equal on every Python version.
     """
     digest = hashlib.sha256()
-    for name, path in modules_of(module).items():
+    folders = {}
+    for name, path in modules_of(*modules).items():
         digest.update(f"{name}\0{parsed(name, path).tree_hash}\0".encode())
-        # Compiled kernels and the scripts of pages are executed code, too.
-        if path.name == "__init__.py" and (sources := path.parent / "source").is_dir():
+        # Compiled kernels, and scripts and templates of pages, are executed code, too.
+        if path.name != "__init__.py":
+            folders[path.parent] = None
+        elif (sources := path.parent / "source").is_dir():
             digest.update(f"{name}/source\0{_sources_hash(sources)}\0".encode())
+    for folder in folders:
+        digest.update(_texts_hash(folder).encode())
     # A library may change a result without any change of our code.
     for library in sorted(libraries):
         digest.update(f"{library}=={metadata.version(library)}\0".encode())
@@ -54,14 +68,14 @@ def code_hash(module: str, libraries: tuple[str, ...] = ()) -> str:
     return digest.hexdigest()[:16]
 
 
-def modules_of(module: str) -> dict[str, Path]:
-    """Name and path of every module of the package that ``module`` reaches by imports, sorted by name."""
-    root = module.partition(".")[0]
+def modules_of(*modules: str) -> dict[str, Path]:
+    """Name and path of every module of our packages that ``modules`` reach by imports, sorted by name."""
+    roots = ROOTS | {module.partition(".")[0] for module in modules}
     found: dict[str, Path] = {}
-    todo = [module]
+    todo = [*modules]
     while todo:
         name = todo.pop()
-        if name in found or name in NEUTRAL or name.partition(".")[0] != root:
+        if name in found or name in NEUTRAL or name.partition(".")[0] not in roots:
             continue
         if (path := _find(name)) is None:
             continue
@@ -93,3 +107,8 @@ def _folder(root: str) -> Path | None:
 @functools.cache
 def _sources_hash(folder: Path) -> str:
     return cpp_hash(folder) + scripts_hash(folder)
+
+
+@functools.cache
+def _texts_hash(folder: Path) -> str:
+    return scripts_hash(folder, TEXTS)

@@ -16,6 +16,9 @@ from egosplat.files import atomic_file, read_json, user_cache
 # Syntax nodes that may have a docstring.
 DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
+# Functions whose arguments are words for a reader; as are those of an exception that is raised.
+WORDED = {"UserError", "log", "track"}
+
 # Modules in the file: a few versions of the whole package.
 MOST_MODULES = 4000
 
@@ -25,7 +28,8 @@ class ParsedModule:
     """A module's part of a code hash.
 
     Attributes:
-        tree_hash: hash of the syntax tree, without comments, layout and docstrings; equal on every Python version.
+        tree_hash: hash of the syntax tree, without comments, layout, docstrings, the words of messages and the
+            keys of options; equal on every Python version.
         imports: names of the modules that the module imports, and of the objects that it imports from them.
     """
 
@@ -43,7 +47,8 @@ def parsed(name: str, path: Path) -> ParsedModule:
     found = _kept().pop(key, None)
     if found is None:
         tree = ast.parse(source)
-        found = [_hash("\0".join(_canonical(tree))), [*_imported(tree, package)]]
+        imports = [*_imported(tree, package)]
+        found = [_hash("\0".join(_canonical(tree))), imports]
         _new.append(key)
     # The latest come last.
     _kept()[key] = found
@@ -119,9 +124,9 @@ def _statements(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def _canonical(node: Any) -> list[str]:
-    """A tree's non-empty fields in order, without docstrings. Unlike ``ast.dump``, equal on every Python version."""
+    """A tree's non-empty fields in order, without docstrings and words. Unlike ``ast.dump``, equal on every Python version."""
     parts: list[str] = []
-    _append(node, parts)
+    _append(_WordsDropped().visit(node), parts)
     return parts
 
 
@@ -144,13 +149,50 @@ def _append(node: Any, parts: list[str]) -> None:
         parts.append(repr(node))
 
 
-def _is_key(item: ast.AST, parent: ast.AST) -> bool:
-    """Whether a statement defines a key of options: its values are parameters of the rules, not code."""
-    return (
-        isinstance(item, ast.AnnAssign)
-        and isinstance(parent, ast.ClassDef)
-        and any(isinstance(base, ast.Name) and base.id.endswith("Options") for base in parent.bases)
-    )
+class _WordsDropped(ast.NodeTransformer):
+    """Replaces the texts of messages by the expressions whose values they show."""
+
+    def visit_Raise(self, node: ast.Raise) -> ast.AST:
+        if isinstance(node.exc, ast.Call):
+            _drop_words(node.exc)
+        return self.generic_visit(node)
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        if isinstance(node.func, ast.Name) and node.func.id in WORDED:
+            _drop_words(node)
+        return self.generic_visit(node)
+
+
+def _drop_words(call: ast.Call) -> None:
+    call.args = [part for argument in call.args for part in _computed(argument)]
+    kept = [word for word in call.keywords if _computed(word.value) == [word.value]]
+    call.args += [part for word in call.keywords if word not in kept for part in _computed(word.value)]
+    call.keywords = kept
+
+
+def _computed(text: ast.expr) -> list[ast.expr]:
+    """The expressions of a text, without its words; an expression of another kind as it is."""
+    match text:
+        case ast.Constant(value=str()):
+            return []
+        case ast.JoinedStr(values=values):
+            return [part for value in values for part in _computed(value)]
+        case ast.FormattedValue(value=value):
+            return _computed(value)
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            return [*_computed(left), *_computed(right)]
+        case ast.IfExp(test=test, body=body, orelse=orelse):
+            return [test, *_computed(body), *_computed(orelse)]
+    return [text]
+
+
+def _is_key(item: ast.stmt, node: ast.AST) -> bool:
+    """Whether a statement defines a configuration key, whose value is a parameter of the rule."""
+    # A class with a decorator is a dataclass, whose fields are set by code.
+    if not (isinstance(item, ast.AnnAssign) and isinstance(node, ast.ClassDef) and not node.decorator_list):
+        return False
+    names = (base.id for base in node.bases if isinstance(base, ast.Name))
+    return any(name.endswith("Options") for name in names)
 
 
 def _is_bare_text(node: ast.AST) -> bool:

@@ -34,9 +34,9 @@ def cpp_hash(folder: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def scripts_hash(folder: Path) -> str:
-    """Hash the names and bytes of the scripts of a page in ``folder``. Returns 16 hexadecimal digits; "" without any."""
-    paths = sorted(path for path in folder.iterdir() if path.suffix in SCRIPTS)
+def scripts_hash(folder: Path, suffixes: tuple[str, ...] = SCRIPTS) -> str:
+    """Hash the names and bytes of files in ``folder``, the scripts of a page. Returns 16 hexadecimal digits; "" without any."""
+    paths = sorted(path for path in folder.iterdir() if path.suffix in suffixes)
     digest = hashlib.sha256(
         b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in paths)
     )

@@ -7,12 +7,42 @@ are the fields of its class of options.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from egosplat.errors import UserError
 from egosplat.pipeline.code_hash import code_hash
 
 if TYPE_CHECKING:
     from egosplat.pipeline.options import Options
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Modules of which a stage loads one, by a value; only that one is a part of its code.
+
+    Attributes:
+        by: what the value is, for errors; ``egosplat.pipeline.chosen`` finds the value of a scene.
+        modules: names of modules by value.
+    """
+
+    by: str
+    modules: Mapping[str, str]
+
+    def find(self, value: str) -> str:
+        """Get the name of the module of a value.
+
+        Raises:
+            UserError: the value has none.
+        """
+        if value not in self.modules:
+            raise UserError(f"{self.by}: {value!r} is unknown; choose from {', '.join(self.modules)}.")
+        return self.modules[value]
+
+
+def by(what: str, **modules: str) -> Choice:
+    """A ``Choice`` among modules of the package, by value."""
+    return Choice(what, {value: f"egosplat.{name}" for value, name in modules.items()})
 
 
 @dataclass(frozen=True)
@@ -30,6 +60,7 @@ class Stage:
         options: class of its options, MODULE:CLASS; empty for a stage without keys.
         scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
             pages, ``method``, the published method that a variant stands for.
+        modules: modules of which it loads one with ``load_module``.
     """
 
     name: str
@@ -41,6 +72,7 @@ class Stage:
     libraries: tuple[str, ...] = ()
     options: str = ""
     scene: tuple[str, ...] = ()
+    modules: Choice | None = None
 
 
 # Inputs that no stage writes under this name.
@@ -85,6 +117,7 @@ _STAGES = (
         inputs=("recording",),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "pycolmap", "zarr"),
         scene=("format",),
+        modules=by("format", adt="frames.adt", hoi4d="frames.hoi4d", plain="frames.plain"),
     ),
     Stage(
         "annotations",
@@ -94,6 +127,12 @@ _STAGES = (
         output="annotations.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
+        modules=by(
+            "format",
+            adt="frames.adt_annotations",
+            hoi4d="frames.hoi4d_annotations",
+            plain="frames.plain_annotations",
+        ),
     ),
     Stage(
         "poses",
@@ -103,6 +142,7 @@ _STAGES = (
         output="poses.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
+        modules=by("poses.method", device="poses.adt", known="poses.known", colmap="poses.colmap"),
     ),
     Stage(
         "survey",
@@ -217,6 +257,19 @@ _STAGES = (
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("numpy", "scipy", "torch", "zarr"),
+        modules=by(
+            "language.method",
+            joint="language.joint",
+            lifted="language.dominant",
+            trained="language.training",
+            projected="baselines.semantic_gaussians",
+            center="baselines.occam",
+            clustered="baselines.splat_feature_solver",
+            sparse="baselines.langsplat_v2",
+            granular="baselines.gags",
+            field="baselines.lerf",
+            quantized="baselines.legaussians",
+        ),
     ),
     Stage(
         "metrics",
@@ -368,7 +421,24 @@ def run_stage(name: str, options: "Options | None", **given: Any) -> None:
     stage_function(name)(**arguments, **({} if options is None else {"options": options}))
 
 
-def code_of(name: str) -> str:
-    """Hash the code that a stage executes and the versions of its libraries."""
+def load_module(name: str, value: str) -> ModuleType:
+    """Import the module that a stage chooses by a value.
+
+    Raises:
+        UserError: the value has no module.
+    """
+    return import_module(STAGES[name].modules.find(value))
+
+
+def code_of(name: str, value: str | None = None) -> str:
+    """Hash the code that a stage executes and the versions of its libraries.
+
+    Args:
+        value: by which the stage chooses a module; None: the hash is of what all values share.
+
+    Raises:
+        UserError: the value has no module.
+    """
     stage = STAGES[name]
-    return code_hash(stage.module, stage.libraries)
+    chosen = () if value is None else (stage.modules.find(value),)
+    return code_hash(stage.module, *chosen, libraries=stage.libraries)

@@ -1,4 +1,4 @@
-"""Reading and writing of ``survey.json``, the decisions that other stages follow."""
+"""Read ``survey.json``, the decisions that other stages follow."""
 
 import hashlib
 import json
@@ -6,22 +6,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from egosplat.files import write_json
-from egosplat.pipeline.validation import Draft202012Validator, read_document, schema
-
-FORMAT_VERSION = 4
+from egosplat.pipeline.validation import read_document
 
 Survey = Mapping[str, Any]
-
-
-def write_survey(output: Path, document: Survey) -> None:
-    """Check a survey and write it with sorted keys. The file appears only when it is complete.
-
-    Raises:
-        jsonschema.ValidationError: the survey does not match the schema.
-    """
-    Draft202012Validator(schema("survey")).validate(document)
-    write_json(output, document)
 
 
 def read_survey(path: Path) -> Survey:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, is_rigid
+from egosplat.poses.files import MPS_FOLDER, POINTS, TRAJECTORIES, find_points
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 from egosplat.poses.trajectory import (
     MAX_POSITION_M,
@@ -26,12 +27,6 @@ from egosplat.poses.trajectory import (
     read_trajectory,
 )
 from egosplat.progress import log, track
-
-MPS_FOLDER = Path("mps") / "slam"
-TRAJECTORIES = {
-    "closed_loop": MPS_FOLDER / "closed_loop_trajectory.csv",
-    "ground_truth": Path("aria_trajectory.csv"),
-}
 
 # A head looks down by less than this on average; beyond it, the frames are probably not upright.
 MAX_TILT_DEG = 60.0
@@ -124,7 +119,7 @@ def _points(
     if path is None:
         if required:
             raise UserError(
-                f"{folder / MPS_FOLDER} has no {' or '.join(FILE_NAMES)}: download the MPS point cloud"
+                f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud"
             )
         return np.empty((0, 3)), {"points": 0, "points_missing": "the recording has no semi-dense points"}
     cloud = read_semidense_points(path, max_inv_dist_std, max_dist_std)
@@ -162,9 +157,6 @@ def _no_pose_message(
     )
 
 
-# Current and older name of the file.
-FILE_NAMES = ("semidense_points.csv.gz", "global_points.csv.gz")
-
 # The cameras that observe the points are monochrome, so the file has no colors.
 GRAY = 128
 
@@ -187,11 +179,6 @@ class SemidensePoints:
     points: NDArray[np.float64]
     read: int
     rejected: dict[str, int]
-
-
-def find_points(folder: Path) -> Path | None:
-    """Path of the point cloud in an MPS folder; None if there is none."""
-    return next((folder / name for name in FILE_NAMES if (folder / name).is_file()), None)
 
 
 def read_semidense_points(path: Path, max_inv_dist_std: float, max_dist_std: float) -> SemidensePoints:

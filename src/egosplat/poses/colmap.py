@@ -23,11 +23,13 @@ from egosplat.calibration.colmap.matching import Matching, match_images
 from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose
-from egosplat.poses.result import Poses, mean_camera_up, unregistered
-
-# Two views alone leave a point's depth unchecked.
-MIN_TRACK_LENGTH = 3
-MAX_REPROJECTION_ERROR_PX = 2.0
+from egosplat.poses.result import (
+    MAX_REPROJECTION_ERROR_PX,
+    MIN_TRACK_LENGTH,
+    Poses,
+    mean_camera_up,
+    unregistered,
+)
 
 
 def colmap_poses(

@@ -7,16 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.calibration.colmap.mapping import format_ranges
 from egosplat.calibration.companions import KNOWN_POSES, companion_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.poses.colmap import MAX_REPROJECTION_ERROR_PX, MIN_TRACK_LENGTH
-from egosplat.poses.result import Poses, mean_camera_up, unregistered
-from egosplat.progress import log
+from egosplat.poses.result import (
+    MAX_REPROJECTION_ERROR_PX,
+    MIN_TRACK_LENGTH,
+    Poses,
+    mean_camera_up,
+    unregistered,
+)
+from egosplat.progress import format_ranges, log
 
 
 def known_poses(

@@ -12,6 +12,10 @@ from egosplat.geometry import Camera, is_rigid
 # A shorter mean of the cameras' up axes has no reliable direction.
 _MIN_MEAN_UP = 1e-3
 
+# Points of a structure from motion that are kept. Two views alone leave a point's depth unchecked.
+MIN_TRACK_LENGTH = 3
+MAX_REPROJECTION_ERROR_PX = 2.0
+
 
 @dataclass(frozen=True)
 class Poses:

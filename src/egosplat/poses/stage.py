@@ -9,13 +9,11 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.writer import create
-from egosplat.calibration.companions import KNOWN_POSES
+from egosplat.calibration.companions import KNOWN_POSES, poses_source
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.poses.adt import adt_poses
-from egosplat.poses.colmap import colmap_poses
-from egosplat.poses.known import known_poses
+from egosplat.pipeline.stages import load_module
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses
 from egosplat.progress import log
@@ -50,15 +48,15 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOpt
             f"poses.method = known: {recording_path.name} has neither {' nor '.join(KNOWN_POSES.values())} "
             "(docs/recordings.md), or frames.known_poses is none"
         )
-    use_known = known is not None and options.method in ("auto", "known")
-    if options.meters_per_unit is not None and not use_known:
+    source = poses_source(options.method, has_device, known is not None)
+    if options.meters_per_unit is not None and source != "known":
         raise UserError(
             "poses.meters_per_unit: only known poses have a unit (docs/recordings.md); remove the key"
         )
-    record = provenance.begin_from("poses", options.as_dict(), [frames])
-    if use_known:
+    record = provenance.begin_from("poses", options.as_dict(), [frames], chosen=source)
+    if source == "known":
         poses = _from_file(recording_path, known, frames, options)
-    elif has_device and options.method != "colmap":
+    elif source == "device":
         poses = _from_device(recording_path, frames, options)
     else:
         poses = _from_colmap(frames, options)
@@ -74,7 +72,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOpt
 
 
 def _from_device(recording: Path, frames: Artifact, options: PosesOptions) -> Poses:
-    return adt_poses(
+    return load_module("poses", "device").adt_poses(
         recording,
         frames.read("exposure_middle_ns"),
         np.asarray(frames.facts["device_from_camera"], dtype=np.float64),
@@ -87,7 +85,7 @@ def _from_device(recording: Path, frames: Artifact, options: PosesOptions) -> Po
 
 
 def _from_file(recording: Path, kind: str, frames: Artifact, options: PosesOptions) -> Poses:
-    return known_poses(
+    return load_module("poses", "known").known_poses(
         recording,
         kind,
         Lens.of_facts(frames.facts["lens"]),
@@ -100,7 +98,7 @@ def _from_file(recording: Path, kind: str, frames: Artifact, options: PosesOptio
 
 def _from_colmap(frames: Artifact, options: PosesOptions) -> Poses:
     count = frames.shape("rgb")[0]
-    return colmap_poses(
+    return load_module("poses", "colmap").colmap_poses(
         (frames.row("rgb", index) for index in range(count)),
         frames.read("valid"),
         Camera(**frames.facts["camera"]),

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
 from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.alarms.limits import Alarm
+from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
@@ -18,7 +18,7 @@ from egosplat.errors import UserError
 from egosplat.files import read_json, write_text
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.progress import log
-from egosplat.report.tables.page import read_picture
+from egosplat.report.tables.page import read_picture, render_page
 
 _COMMAND = "egosplat story"
 
@@ -234,26 +234,6 @@ STEPS = (
 )
 
 
-@dataclass(frozen=True)
-class Told:
-    """A step as the page shows it; ``picture`` is a data URI or None."""
-
-    heading: str
-    lines: tuple[str, ...]
-    look: str
-    picture: str | None
-
-
-@dataclass(frozen=True)
-class Cost:
-    """What a stage took."""
-
-    stage: str
-    wall_s: float
-    cpu_s: float
-    peak_memory_mb: float
-
-
 def run(paths: Sequence[Path], output: Path, title: str) -> None:
     """Write the page.
 
@@ -268,13 +248,13 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
     if missing := [path for path in paths if not path.exists()]:
         raise UserError(f"{missing[0]}: does not exist. Make it: snakemake --cores 2 {missing[0]}")
     files = SceneFiles(paths)
-    template = resources.files("egosplat.report").joinpath("story.html.j2").read_text(encoding="utf-8")
-    page = Environment(undefined=StrictUndefined, autoescape=True).from_string(template)
     scene = files.paths.get(STAGES["scene_page"].output)
-    text = page.render(
+    text = render_page(
+        __package__,
+        "story.html.j2",
         generator=_COMMAND,
         title=title,
-        steps=[_told(step, files) for step in STEPS],
+        steps=[_tell(step, files) for step in STEPS],
         costs=_costs(files),
         warnings=_warnings(files),
         scene=None if scene is None else scene.read_text(encoding="utf-8"),
@@ -283,31 +263,29 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
     log(f"{output}: {len(text) / 1e6:.1f} MB")
 
 
-def _told(step: Step, files: SceneFiles) -> Told:
-    if not files.has(*step.needs):
-        return Told(step.heading, (step.absent,), "", None)
-    has_picture = step.page is not None and files.has(step.page)
-    picture = read_picture(files.paths[STAGES[step.page].output]).address if has_picture else None
-    return Told(step.heading, tuple(step.lines(files)), step.look if has_picture else "", picture)
+def _tell(step: Step, files: SceneFiles) -> dict[str, Any]:
+    """A step as the page shows it; ``picture`` is a data URI or None."""
+    told: dict[str, Any] = {"heading": step.heading, "lines": [step.absent], "look": "", "picture": None}
+    if files.has(*step.needs):
+        told["lines"] = list(step.lines(files))
+        if step.page is not None and files.has(step.page):
+            picture = read_picture(files.paths[STAGES[step.page].output])
+            told |= {"look": step.look, "picture": picture.address}
+    return told
 
 
-def _costs(files: SceneFiles) -> list[Cost]:
-    """Costs of the stages that tell them, in the order of the pipeline."""
+def _costs(files: SceneFiles) -> list[Mapping[str, Any]]:
+    """Provenance of the stages that tell their costs, in the order of the pipeline."""
     records = {one.provenance["stage"]: one.provenance for one in files.artifacts.values()}
     records |= {"survey": files.survey["provenance"]} if files.has("survey") else {}
     records |= {"metrics": files.metrics["provenance"]} if files.has("metrics") else {}
-    order: Mapping[str, int] = {name: place for place, name in enumerate(STAGES) if name not in PAGES}
-    return [
-        Cost(name, *(float(record[key]) for key in ("wall_s", "cpu_s", "peak_memory_mb")))
-        for name, record in sorted(records.items(), key=lambda item: order[item[0]])
-    ]
+    order = [name for name in STAGES if name not in PAGES]
+    return sorted(records.values(), key=lambda record: order.index(record["stage"]))
 
 
 def _warnings(files: SceneFiles) -> list[str]:
     found = warnings_of(*files.artifacts.values())
     if files.has("metrics"):
-        own = (alarm for alarm in files.metrics["alarms"] if alarm["key"].startswith("metrics."))
-        found += [
-            f"alarm: {one['key']}: {one['found']} (normal: {one['normal']}). {one['advice']}" for one in own
-        ]
+        alarms = [Alarm(**alarm) for alarm in files.metrics["alarms"]]
+        found += warning_lines(None, (alarm for alarm in alarms if alarm.key.startswith("metrics.")))
     return found

@@ -12,7 +12,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.geometry import Camera
-from egosplat.pipeline.survey_file import FORMAT_VERSION, digest_of_frames, write_survey
+from egosplat.pipeline.survey_file import digest_of_frames
 from egosplat.progress import log
 from egosplat.survey.decisions import (
     brightness_range,
@@ -23,6 +23,7 @@ from egosplat.survey.decisions import (
     pose_residual,
     refines_poses,
 )
+from egosplat.survey.document import FORMAT_VERSION, write_survey
 from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.options import SurveyOptions
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all

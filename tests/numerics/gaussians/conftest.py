@@ -35,7 +35,7 @@ KEYS = (
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Skip the code hash and waiting for the disk, which take longer than the tests."""
-    monkeypatch.setattr(provenance, "code_of", lambda stage: "0")
+    monkeypatch.setattr(provenance, "code_of", lambda *_: "0")
     monkeypatch.setattr(files, "_sync_one", lambda path: None)
 
 

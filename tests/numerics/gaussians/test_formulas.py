@@ -9,12 +9,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from egosplat.errors import UserError
-from egosplat.gaussians.adam import BETA1, BETA2, EPS, LARGEST_GRADIENT, adam_step, broken_rows
 from egosplat.gaussians.density_control import reset_opacities
 from egosplat.gaussians.initialization import from_points, neighbor_distance
 from egosplat.gaussians.loss import LARGEST_VALUE, l1_ssim, l2, torch_l1_ssim
 from egosplat.gaussians.model import Gaussians, rotation_matrices
-from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.gaussians.optimizer import (
+    BETA1,
+    BETA2,
+    EPS,
+    LARGEST_GRADIENT,
+    Adam,
+    LearningRates,
+    adam_step,
+    broken_rows,
+)
 
 SIZE = 20
 

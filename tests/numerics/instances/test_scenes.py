@@ -21,7 +21,7 @@ from tests.unit.instances.conftest import CAMERA, FRAMES, SIZE, camera_positions
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
     """Skip the code hash and waiting for the disk, which take longer than the tests."""
-    monkeypatch.setattr(provenance, "code_of", lambda stage: "0")
+    monkeypatch.setattr(provenance, "code_of", lambda *_: "0")
     monkeypatch.setattr(files, "_sync_one", lambda path: None)
 
 

@@ -1,6 +1,8 @@
 """Facts and arrays of each kind of artifact raise its alarms, and commands log them."""
 
+import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 from egosplat import cli
 from egosplat.alarms.artifact_alarms import alarms_of, alarms_of_all, log_warnings
+from egosplat.alarms.texts import alarm_line
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.models.suitability import notice
@@ -75,8 +78,13 @@ def written(folder: Path, kind: str, arrays: dict[str, np.ndarray], facts: dict,
 
 @pytest.mark.parametrize("kind", SUSPICIOUS)
 def test_facts_and_arrays_of_an_artifact_raise_its_alarms(tmp_path, kind):
+    """Each has the figures that its sentence tells, as plain numbers that JSON can hold."""
     arrays, facts, keys = SUSPICIOUS[kind]
-    assert [alarm.key for alarm in alarms_of(written(tmp_path, kind, dict(arrays), facts))] == keys
+    found = alarms_of(written(tmp_path, kind, dict(arrays), facts))
+    assert [alarm.key for alarm in found] == keys
+    for alarm in found:
+        assert "\n" not in alarm_line(alarm)
+        json.dumps(asdict(alarm))
 
 
 def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
@@ -107,6 +115,54 @@ def test_instances_that_are_tracks_raise_no_alarm_about_merging(tmp_path):
     """Their facts hold no counts."""
     arrays = {"instances/masks": np.ones(3, np.int32), "instances/moving": np.zeros(3, bool)}
     assert alarms_of(written(tmp_path, "instances", arrays, {"source": "tracks"})) == []
+
+
+@pytest.mark.parametrize(
+    "kind, limit, made_with, key",
+    [
+        ("masks", 50, lambda count: ({"instances/transient": np.arange(100) < count}, {}), "masks.instances"),
+        (
+            "features",
+            50,
+            lambda count: ({"instance": np.zeros(200, np.int32)}, {"outliers": count}),
+            "features.outliers",
+        ),
+        (
+            "view_features",
+            1,
+            lambda count: ({"instance": np.zeros(100 - count, np.int32)}, {"without_feature": count}),
+            "view_features.lost",
+        ),
+    ],
+)
+def test_counts_raise_an_alarm_one_above_their_limit(tmp_path, kind, limit, made_with, key):
+    """50 of 100 instances, 50 of 200 views and 1 of 100 views are the limits."""
+    for count, keys in ((limit, []), (limit + 1, [key])):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        assert [alarm.key for alarm in alarms_of(written(folder, kind, *made_with(count)))] == keys
+
+
+def test_models_of_colmap_are_named_with_their_frames(tmp_path):
+    notes = {"models": [40, 7]}
+    (alarm,) = alarms_of(written(tmp_path, "poses", {"registered": np.ones(47, bool)}, {"notes": notes}))
+    assert alarm.figures == {"value": 2.0, "limit": 1, "frames": "40, 7"}
+
+
+def test_masks_that_were_withheld_say_why(tmp_path):
+    facts = {"withheld": "probability", "withheld_instances": 3, "seen": 40, "mean_probability": 0.6}
+    arrays = {"instances/transient": np.zeros(40, bool)}
+    (alarm,) = alarms_of(written(tmp_path, "masks", arrays, facts | {"masked_share": 0.0}))
+    assert (alarm.key, alarm.figures["probability"]) == ("masks.withheld", 0.6)
+    assert "3 of 40" in alarm_line(alarm)
+
+
+def test_frames_without_a_pose_have_no_correction(tmp_path):
+    arrays = dict(SUSPICIOUS["splats"][0], **{"held_out/psnr": np.array([30.0])})
+    arrays["corrections/shift"] = np.array([[np.nan] * 3, [0.0, 0.11, 0.0]])
+    arrays["corrections/gain"] = np.array([[np.nan] * 3, [1.0, 1.0, 1.0]])
+    (alarm,) = alarms_of(written(tmp_path, "splats", arrays, {"scene_depth": 2.0}))
+    assert (alarm.key, alarm.figures["wrong"], alarm.figures["frame"]) == ("splats.pose_correction", 1, 1)
 
 
 def test_annotations_have_no_alarms(tmp_path):

@@ -139,7 +139,7 @@ def test_alarms_of_all_artifacts_are_in_the_scores_and_at_the_end_of_the_log(wor
     assert found["notice"] is None
     keys = [alarm["key"] for alarm in found["alarms"]]
     assert keys == ["poses.registered", "splats.psnr", "metrics.chance"]
-    assert "75.0%" in found["alarms"][0]["found"]
+    assert found["alarms"][0]["figures"] == {"value": 0.75, "limit": 0.9}
     last = capfd.readouterr().err.splitlines()[-3:]
     assert [line.split(": ")[:2] for line in last] == [["alarm", key] for key in keys]
 

@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from egosplat.gaussians import adam
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.rasterize.kernels import library
@@ -18,7 +17,7 @@ def implementation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
     """Every test runs with plain torch and, where it is built, with the kernel."""
     if request.param == "fused" and library.why_not() is not None:
         pytest.skip(f"no kernels: {library.why_not()}")
-    monkeypatch.setattr(adam, "_can_fuse", lambda param: request.param == "fused")
+    monkeypatch.setattr("egosplat.gaussians.optimizer._can_fuse", lambda param: request.param == "fused")
     return request.param
 
 

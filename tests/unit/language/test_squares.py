@@ -29,11 +29,12 @@ from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language import loop
 from egosplat.language.loop import train
-from egosplat.language.methods import METHODS, TILE_METHODS
+from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults, stage_values
+from egosplat.pipeline.stages import STAGES, load_module
 from egosplat.query.answer import ViewAnswer, ask
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
@@ -47,6 +48,9 @@ FEATURE = np.eye(8, dtype=np.float32)[:2]
 
 # Of each method, iterations that suffice for so small a scene.
 ITERATIONS = {"sparse": 120, "granular": 150, "field": 100, "quantized": 500}
+
+
+METHODS = [name for name in STAGES["language"].modules.modules if name != "joint"]
 
 
 @pytest.fixture(scope="module")
@@ -145,9 +149,9 @@ class Scene:
     def coded(self, method: str, checkpoint: Checkpoint, **changes: object) -> Coded:
         options = options_of(method, **changes)
         known = self.gaussians, self.views, self.settings
-        if method in TILE_METHODS:
-            return TILE_METHODS[method](*known, self.tiles, options, checkpoint)
-        return METHODS[method](*known, self.targets, options, checkpoint)
+        how: Method = load_module("language", method).METHOD
+        targets = self.tiles if TILES in how.learns_from else self.targets
+        return how.give_codes(*known, targets, options, checkpoint)
 
     def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray) -> list[ViewAnswer]:
         """Answer two queries, whose features are the rows of ``words``, in one view."""
@@ -203,7 +207,7 @@ def test_each_square_is_answered_with_its_feature(scene, camera_to_world, coded,
     assert coded.curve.loss[-1] < max(coded.curve.loss) and len(coded.stands_in) >= 2
 
 
-@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+@pytest.mark.parametrize("method", METHODS)
 def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, method):
     """Each word finds its own square and nothing of the other one. With the words exchanged, the answers are exchanged."""
     needs_libraries(method)
@@ -222,7 +226,7 @@ def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, meth
         assert np.array_equal(answer.mask, before.mask)
 
 
-@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+@pytest.mark.parametrize("method", METHODS)
 def test_with_the_poses_of_other_views_each_square_is_answered_with_the_other_feature(
     scene, camera_to_world, tmp_path, method
 ):

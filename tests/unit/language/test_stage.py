@@ -11,9 +11,11 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.errors import UserError
-from egosplat.language import dominant, joint, methods, stage
+from egosplat.language import dominant, joint, stage
+from egosplat.language.method import Method
 from egosplat.language.result import Coded
 from egosplat.pipeline.config import defaults, stage_values
+from egosplat.pipeline.stages import code_of
 from egosplat.splats import stage as splats_stage
 
 KEYS = stage_values("language", defaults()) | {"iterations": 20, "lr": 0.02}
@@ -67,6 +69,7 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
     assert found.origin == "synthetic" and set(found.provenance["inputs"]) == {
         f"{name}.zarr" for name in ("frames", "poses", "instances", "features", "splats", "masks")
     }
+    assert found.provenance["code"] == code_of("language", "lifted")
     assert found.facts == {
         "levels": ["part", "whole"],
         "method": "lifted",
@@ -90,7 +93,7 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatc
 
         return lifting
 
-    monkeypatch.setitem(methods.METHODS, "lifted", watched(dominant.lifted))
+    monkeypatch.setattr(dominant, "METHOD", Method(watched(dominant.lifted)))
     monkeypatch.setattr(joint, "lift", watched(joint.lift))
     folder = scene()
     train(folder, refine_poses="on", compensate_exposure="on", language=language)
@@ -123,15 +126,13 @@ def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_w
         plain = dominant.lifted(gaussians, views, settings, targets)
         return Coded(plain.code, plain.share, plain.levels, own, stands_in=("sand in place of water",))
 
-    monkeypatch.setitem(methods.METHODS, "learned", learned)
     folder = scene()
     train(folder)
     features = verify(folder / "features.zarr", SCHEMAS)
-    without, found = run(folder), run(folder, "learned.zarr", method="learned")
-    assert (
-        found.facts["stands_in"] == ["sand in place of water", GEOMETRY]
-        and found.facts["method"] == "learned"
-    )
+    without = run(folder)
+    monkeypatch.setattr(dominant, "METHOD", Method(learned))
+    found = run(folder, "learned.zarr")
+    assert found.facts["stands_in"] == ["sand in place of water", GEOMETRY]
     decoder = read_scene_decoder(found, features)
     assert vars(decoder) | {"values": None} == vars(own) | {"values": None}
     np.testing.assert_array_equal(decoder.values, own.values)

@@ -66,7 +66,9 @@ def test_a_file_is_read_once(tmp_path, monkeypatch):
 def test_the_hash_covers_every_file_of_a_model(tiny_sam2, tiny_clip, tmp_path):
     keys = keys_of(tiny_sam2, tiny_clip)
     own = tmp_path / "own.yaml"
-    own.write_text((tiny_sam2 / "sam2.yaml").read_text() + "\n# another file\n")
+    own.write_text((tiny_sam2 / "sam2.yaml").read_text() + "\n# a comment\n")
+    assert model_hash(SAM2, keys) == model_hash(SAM2, keys | {"sam2_config": str(own)})
+    own.write_text((tiny_sam2 / "sam2.yaml").read_text() + "\nanother: 1\n")
     assert model_hash(SAM2, keys) != model_hash(SAM2, keys | {"sam2_config": str(own)})
     assert model_hash(SAM2, keys) != model_hash(SAM2, keys | {"sam2_checkpoint": str(own)})
     before = model_hash(CLIP, keys)

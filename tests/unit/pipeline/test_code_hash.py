@@ -2,6 +2,7 @@
 
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +10,8 @@ from egosplat.pipeline import code_hash as fingerprint
 from egosplat.pipeline import parsed_modules
 from egosplat.pipeline.code_hash import code_hash, modules_of
 from egosplat.pipeline.stages import STAGES, code_of
+
+PACKAGE = Path(fingerprint.__file__).parents[1]
 
 FILES = {
     "__init__": "",
@@ -23,6 +26,7 @@ CACHED = (
     fingerprint._find,
     parsed_modules.parsed,
     fingerprint._sources_hash,
+    fingerprint._texts_hash,
 )
 
 
@@ -72,6 +76,69 @@ def test_code_inside_the_import_closure_changes_the_hash(package, change):
     assert package() != package(**change)
 
 
+MESSAGES = """\
+def double(x, log, name):
+    log(f"doubles {x} of {name}" + (" again" if x > 2 else ""))
+    if x < 0:
+        raise UserError(f"{x}: negative. Give {name + 1} or more.")
+    raise ValueError("not a number")
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("doubles", "takes twice", True),
+        (" again", " once more", True),
+        ("negative. Give", "below 0; give", True),
+        ('"not a number"', '"infinite", "or not a number"', True),
+        ("{name + 1}", "{name + 2}", False),
+        ("x > 2", "x > 3", False),
+        ("ValueError", "TypeError", False),
+    ],
+)
+def test_of_a_message_only_what_it_computes_changes_the_hash(package, old, new, same):
+    assert (package(helper=MESSAGES) == package(helper=MESSAGES.replace(old, new))) == same
+
+
+OPTIONS = """\
+class HelperOptions(Options):
+    iterations: Count = 3000
+
+    @property
+    def doubled(self):
+        return 2 * self.iterations
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("3000", "7000", True),
+        ("Count = 3000", "Natural = 3000\n    seed: int = 0", True),
+        ("2 *", "3 *", False),
+        ("(Options)", "", False),
+    ],
+)
+def test_of_options_the_keys_do_not_count(package, old, new, same):
+    """Their values are parameters of the rule."""
+    assert (package(helper=OPTIONS) == package(helper=OPTIONS.replace(old, new))) == same
+
+
+def test_a_template_beside_a_module_that_is_reached_counts(package, tmp_path):
+    files = {"pages/__init__": "", "pages/story": "X = 1\n", "stage": "from pkg.pages import story\n"}
+    (tmp_path / "pkg/pages").mkdir(parents=True)
+    template = tmp_path / "pkg/pages/story.html.j2"
+    template.write_text("<p>")
+    first = package(**files)
+    template.write_text("<div>")
+    assert package(**files) != first
+    other = files | {"stage": "import pkg.pages\n"}
+    first = package(**other)
+    template.write_text("<p>")
+    assert package(**other) == first
+
+
 KERNELS = {
     "stage": "def run(x):\n    from pkg.kernels import library\n    return library.load(x)\n",
     "kernels/__init__": "",
@@ -106,7 +173,7 @@ def test_kernel_sources_change_the_hash():
 
 
 def test_library_versions_change_the_hash():
-    assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", ("numpy",))
+    assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", libraries=("numpy",))
 
 
 def test_every_stage_reaches_its_own_room_and_not_another_stage():
@@ -121,3 +188,19 @@ def test_every_stage_reaches_its_own_room_and_not_another_stage():
 def test_pictures_and_poses_never_reach_annotations_even_by_code():
     for name in ("frames", "poses"):
         assert not [module for module in modules_of(STAGES[name].module) if "annotation" in module]
+
+
+def test_every_template_and_table_is_code_of_a_page():
+    pages = [stage.module for stage in STAGES.values()]
+    pages += [f"egosplat.report.{name}.stage" for name in ("tables", "tradeoff")] + ["egosplat.report.story"]
+    folders = {path.parent for page in pages for path in modules_of(page).values() if path.stem != "__init__"}
+    texts = [path for path in PACKAGE.rglob("*") if path.suffix in fingerprint.TEXTS]
+    assert texts and {path.parent for path in texts} <= folders
+
+
+def test_a_template_is_code_of_its_own_page_alone():
+    story, sheets = "egosplat.report.story", [stage.module for stage in STAGES.values()]
+    assert modules_of(story)[story].parent == PACKAGE / "report"
+    for module in sheets:
+        modules = modules_of(module).values()
+        assert not [path for path in modules if path.parent == PACKAGE / "report" and path.stem != "__init__"]

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.language.methods import METHODS, TILE_METHODS
 from egosplat.pipeline.config import defaults, merge, section_keys, validate
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
@@ -24,9 +23,10 @@ from egosplat.pipeline.dag import (
     tracks_by_survey,
     training_frames,
 )
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import STAGES, load_module
 
 BASE = defaults()
+METHODS = section_keys("language")["method"]["enum"]
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
 EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}} | OFF)
 SINGLE_FRAMES = merge(EVERY_FRAME, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
@@ -61,12 +61,17 @@ def test_the_inputs_of_splats_depend_on_their_keys(masking, language, expected):
     assert optional_inputs_of("language", config) == (*moving, "instances", "features")
 
 
-@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+def learns_from_tiles(method):
+    """What the module of a method says itself."""
+    return [schema.name for schema in load_module("language", method).METHOD.learns_from] == ["tiles"]
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_codes_and_their_scores_read_what_the_method_learns_from(method):
     """Protects the table of the DAG, which cannot import the methods, and joint training, which has its own codes."""
     keys = {"language": {"method": method}, "splats": {"masking": "none"}}
     config = merge(EVERY_FRAME, keys)
-    tiles = method in TILE_METHODS
+    tiles = learns_from_tiles(method)
     assert optional_inputs_of("language", config) == (("tiles",) if tiles else ("instances", "features"))
     for stage in ("metrics", "queries_sheet"):
         assert optional_inputs_of(stage, config) == (("tiles",) if tiles else ("features",))
@@ -109,10 +114,6 @@ def test_keys_that_prompts_by_depth_do_not_go_with_are_an_error_that_names_both(
     validate(config)
     with pytest.raises(UserError, match=rf"segments\.point_prompts.*{section}\.{key} = .*, not {value};"):
         validate(merge(config, {section: {key: value}}))
-
-
-def test_every_method_of_the_schema_has_a_function():
-    assert set(section_keys("language")["method"]["enum"]) == {*METHODS, *TILE_METHODS}
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
@@ -232,11 +233,11 @@ def test_what_moves_is_drawn_where_instances_mask_it(masking):
 OF_INSTANCES = {"segments", "instances", "view_features", "features"}
 
 
-@pytest.mark.parametrize("method", [*METHODS, *TILE_METHODS])
+@pytest.mark.parametrize("method", METHODS)
 def test_pages_and_story_make_instances_only_where_something_reads_them(method):
     """Protects a scene whose own method learns from tiles from hours of segmentation, also where the survey decides masks."""
     config = merge(EVERY_FRAME, {"language": {"method": method}, "splats": {"masking": "none"}})
-    tiles = method in TILE_METHODS
+    tiles = learns_from_tiles(method)
     told = set(story_stages(config, annotated=True, surveyed=False))
     assert told & (OF_INSTANCES | {"tiles"}) == ({"tiles"} if tiles else OF_INSTANCES)
     for one in (config, merge(config, {"splats": {"masking": "auto"}})):

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, merge, resolve
+from egosplat.pipeline.config import defaults, merge, resolve, stage_values
 from egosplat.pipeline.presets import preset_keys
+from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import Setting, points_of, variant_name, with_points
 from egosplat.pipeline.variants import owner, variant_config
 
@@ -29,7 +30,7 @@ def scene(presets=(), seeds=(), base=None, **knobs):
         ("preset", "paper_scaled", "paper_scaled"),
         ("frames.upright", True, "frames-upright-true"),
         ("segments.image_size", None, "segments-image_size-null"),
-        ("splats.near_plane", -1, "splats-near_plane--1"),
+        ("run.near_plane", -1, "run-near_plane--1"),
     ],
 )
 def test_a_variant_is_named_after_its_setting(knob, value, name):

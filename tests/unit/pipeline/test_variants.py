@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.language.methods import TILE_METHODS
 from egosplat.pipeline.config import defaults, merge, resolve
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.scenes import Scene, Target
@@ -212,7 +211,9 @@ def test_other_methods_never_read_what_moves_and_share_the_geometry_without_mask
                 todo.append(stage)
     assert read.isdisjoint({"annotations", "transient", "masks"})
     learnt = (
-        {"tiles"} if config["language"]["method"] in TILE_METHODS else {"segments", "instances", "features"}
+        {"tiles"}
+        if config["language"]["method"] in ("field", "quantized")
+        else {"segments", "instances", "features"}
     )
     assert read & {"tiles", "segments", "instances", "features"} == learnt
     assert ("prompts" in read) == (name == "gags")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.colmap.alignment import trajectory_error
 from egosplat.calibration.colmap.database import Project
-from egosplat.calibration.colmap.mapping import format_ranges, model_lines, too_few_message
+from egosplat.calibration.colmap.mapping import model_lines, too_few_message
 from egosplat.calibration.colmap.matching import every_pair, sequential_pairs
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
@@ -23,6 +23,7 @@ from egosplat.poses.colmap import (
     filter_points,
 )
 from egosplat.poses.result import Poses
+from egosplat.progress import format_ranges
 
 Images = list[NDArray[np.uint8]]
 

@@ -118,7 +118,7 @@ def test_the_whole_scene_is_answered_in_3d(word_scene, query):
 
 def test_what_is_not_there_is_rejected(word_scene, query):
     """A scene of a couch and a cup has no basketball, and nothing is known of untaught words."""
-    status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--min-score", 0.7)
+    status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--set", "min_score=0.7")
     assert status == 0, err
     basketball, spaceship, couch = out.splitlines()[2:5]
     assert "not found: the best match is below 0.70" in basketball
@@ -135,7 +135,7 @@ def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, mon
 
 
 def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
-    _, out, _ = query(word_scene(), "basketball", "--frame", 1, "--min-score", 0.7)
+    _, out, _ = query(word_scene(), "basketball", "--frame", 1, "--set", "min_score=0.7")
     assert "not found" in out.splitlines()[2]
 
 
@@ -196,7 +196,9 @@ def test_words_with_dollars_are_drawn_as_they_are(word_scene, query):
 def test_keys_of_the_section_are_set_by_name(word_scene, query):
     scores = []
     for temperature in ("10", "1"):
-        _, out, _ = query(word_scene(), "cup", "--set", f"temperature={temperature}", "--set", "canonical=[thing]")
+        _, out, _ = query(
+            word_scene(), "cup", "--set", f"temperature={temperature}", "--set", "canonical=[thing]"
+        )
         scores.append(float(columns(out.splitlines()[2])[1]))
     assert scores[0] > scores[1] >= 0.5
 

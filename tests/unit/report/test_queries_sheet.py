@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from egosplat.alarms.limits import Alarm
+from egosplat.alarms.texts import alarm_line
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.scored_scenes import read_scored_scene
@@ -65,9 +67,9 @@ def test_the_page_begins_with_the_notice_and_the_alarms(word_scene):
     metrics = score(folder)
     change(metrics, alarms=[])
     height = len(draw(folder))
-    alarm = {"key": "masks.pixels", "normal": "few", "found": "most", "advice": "Mask fewer"}
+    alarm = {"key": "masks.pixels", "figures": {"value": 0.5, "limit": 0.25}}
     change(metrics, notice="small", alarms=[alarm, alarm])
-    alarmed = "alarm: masks.pixels: most (normal: few). Mask fewer"
+    alarmed = f"alarm: {alarm_line(Alarm(**alarm))}"
     assert read_scored_scene(metrics).warnings == ["notice: small", alarmed, alarmed]
     assert len(draw(folder)) > height
 

@@ -10,7 +10,7 @@ from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.joining import Joined, join_models
 from egosplat.calibration.colmap.matching import MatchingResult
 from egosplat.errors import UserError
-from egosplat.progress import log
+from egosplat.progress import format_ranges, log
 
 MIN_IMAGES = 3
 # A model with fewer points is noise, not a scene.
@@ -18,8 +18,6 @@ MIN_POINTS = 50
 
 # A smaller median shift between images means that the camera did not move [px].
 _MIN_SHIFT_PX = 1.0
-# Number of frame ranges listed in a message.
-_MAX_RANGES = 12
 _SECONDS_BETWEEN_LINES = 5.0
 
 
@@ -170,18 +168,6 @@ def too_few_message(
         f"{problem}\nAdd views in between (a smaller frames.stride), remove blurred and blank frames, "
         f"{wider}or accept the loss: poses.min_registered={share:g}"
     )
-
-
-def format_ranges(frames: set[int]) -> str:
-    """Sorted numbers with runs as ``3 to 7``; at most ``_MAX_RANGES`` runs."""
-    runs: list[list[int]] = []
-    for frame in sorted(frames):
-        if runs and frame == runs[-1][1] + 1:
-            runs[-1][1] = frame
-        else:
-            runs.append([frame, frame])
-    listed = [str(first) if first == last else f"{first} to {last}" for first, last in runs[:_MAX_RANGES]]
-    return ", ".join([*listed, *(["..."] if len(runs) > _MAX_RANGES else [])])
 
 
 def _no_model_message(matches: MatchingResult) -> str:

@@ -1,29 +1,18 @@
 """Draw a scene on one page: frames, annotated evaluation frames, and the trajectory from above."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import hsv_to_rgb
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from egosplat.alarms.artifact_alarms import warnings_of
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.drawing import (
-    add_name,
-    draw_heading,
-    ground_axes,
-    inner_point,
-    plt,
-    save_figure,
-    show,
-)
+from egosplat.artifacts.reader import Artifact
+from egosplat.drawing import add_name, ground_axes, inner_point, plt, show
 from egosplat.images import evenly_spaced
+from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of frames, and of evaluation frames.
 PICTURES = 8
@@ -47,18 +36,15 @@ LABELS = 10
 LEAST_SHARE = 0.002
 
 
-def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Path, *, title: str) -> None:
-    """Draw the contact sheet of a scene as PNG, atomically."""
-    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
-    annotations = open_artifact(annotations_path, ANNOTATIONS)
+@sheet(warned=("frames", "poses"), fontsize=14)
+def run(frames: Artifact, annotations: Artifact, poses: Artifact) -> tuple[Figure, str]:
+    """Draw the contact sheet of a scene."""
     shown = evenly_spaced(frames.shape("rgb")[0], PICTURES)
     rows = evenly_spaced(annotations.shape("frame")[0], PICTURES)
     columns = min(COLUMNS, max(len(shown), len(rows)))
     above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
     widths = (HEIGHT * 0.72, _grid_width(frames, columns, above + below))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
-    summary = _summary(frames, annotations, poses)
-    draw_heading(figure, f"{title}: {summary}", warnings_of(frames, poses), 14)
     left, right = figure.subfigures(1, 2, width_ratios=widths)
     draw_from_above(left.subplots(), poses)
     grid = right.subplots(above + below, columns, squeeze=False)
@@ -66,7 +52,7 @@ def run(frames_path: Path, annotations_path: Path, poses_path: Path, output: Pat
         cell.set_axis_off()
     _draw_frames(grid[:above], frames, shown)
     _draw_evaluation_frames(grid[above:], frames, annotations, rows)
-    save_figure(figure, output)
+    return figure, _summary(frames, annotations, poses)
 
 
 def _grid_width(frames: Artifact, columns: int, rows: int) -> float:

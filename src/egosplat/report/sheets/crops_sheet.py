@@ -1,24 +1,20 @@
 """Draw the OpenCLIP crops of some instances on one page, in order of time, with outlier views struck out."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from egosplat.alarms.artifact_alarms import warnings_of
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.reader import Artifact
 from egosplat.codes.vectors import unit, usable
-from egosplat.drawing import draw_heading, plt, save_figure
+from egosplat.drawing import plt
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
+from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of views of an instance.
 COLUMNS = 12
@@ -54,14 +50,6 @@ BACKGROUND = 0.12
 
 
 @dataclass(frozen=True)
-class _Sources:
-    frames: Artifact
-    instances: Artifact
-    views: Artifact
-    features: Artifact
-
-
-@dataclass(frozen=True)
 class Table:
     """R views, sorted by instance, then frame, of N instances.
 
@@ -85,39 +73,26 @@ class Table:
         return np.arange(*np.searchsorted(self.instance, [instance, instance + 1]))
 
 
+@sheet(warned=("features",))
 def run(
-    frames_path: Path,
-    instances_path: Path,
-    view_features_path: Path,
-    features_path: Path,
-    output: Path,
-    *,
-    title: str,
-) -> None:
-    """Draw the page as PNG, atomically.
-
-    Raises:
-        UserError: the features were not made from ``view_features``.
-    """
-    paths = (frames_path, instances_path, view_features_path, features_path)
-    sources = _Sources(*map(open_artifact, paths, (FRAMES, INSTANCES, VIEW_FEATURES, FEATURES)))
-    table = _read(sources.views, sources.features)
+    frames: Artifact, instances: Artifact, view_features: Artifact, features: Artifact
+) -> tuple[Figure, str]:
+    """Draw the crops of some instances in order of time, with outlier views struck out."""
+    table = _read(view_features, features)
     chosen = choose_instances(table)
     height = max(len(chosen), 1)
     figure = plt.figure(figsize=(COLUMNS * CELL + 0.4, height * (CELL + 0.62) + 1.0), layout="constrained")
-    draw_heading(figure, f"{title}: {_summary(sources, table)}", warnings_of(sources.features))
     strips = figure.subfigures(height, 1, squeeze=False)[:, 0]
     for strip, instance in zip(strips, chosen, strict=False):
-        numbers, limit = _numbers(sources, table, instance)
-        strip.suptitle(_caption(sources, table, instance, limit), fontsize=10, x=0.01, ha="left")
+        numbers, limit = _numbers(view_features, features, table.rows(instance))
+        strip.suptitle(_caption(features, table, instance, limit), fontsize=10, x=0.01, ha="left")
         cells = strip.subplots(1, COLUMNS, squeeze=False)[0]
         rows = choose_views(table, instance)
-        _draw_views(cells, sources, table, rows, [numbers[row] for row in rows.tolist()])
-    save_figure(figure, output)
+        _draw_views(cells, frames, instances, table, rows, numbers, view_features.facts["turned"])
+    return figure, _summary(features, table)
 
 
 def _read(views: Artifact, features: Artifact) -> Table:
-    check_made_from(features, views, axes=("view",))
     return Table(
         views.read("instance"),
         views.read("frame"),
@@ -179,18 +154,25 @@ def choose_views(table: Table, instance: int) -> NDArray[np.int64]:
 
 
 def _draw_views(
-    cells: NDArray[np.object_], sources: _Sources, table: Table, rows: NDArray[np.int64], numbers: list[str]
+    cells: NDArray[np.object_],
+    frames: Artifact,
+    instances: Artifact,
+    table: Table,
+    rows: NDArray[np.int64],
+    numbers: Mapping[int, str],
+    turned: bool,
 ) -> None:
     for cell in cells:
         cell.set_axis_off()
-    turned = sources.views.facts["turned"]
-    for cell, row, number in zip(cells, rows, numbers, strict=False):
+    for cell, row in zip(cells, rows.tolist(), strict=False):
         frame, instance = table.frame[row], table.instance[row]
-        labels = sources.instances.row("labels", frame)[table.level[instance]]
-        crop = cut_crop(sources.frames.row("rgb", frame), labels, instance, table.box[row])
+        labels = instances.row("labels", frame)[table.level[instance]]
+        crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row])
         _draw_crop(cell, np.rot90(crop, -1) if turned else crop, bool(table.inlier[row]))
         color = "black" if table.inlier[row] else "crimson"
-        cell.set_title(f"{frame}: {number}" if number else f"{frame}", fontsize=8, pad=2, color=color)
+        cell.set_title(
+            f"{frame}: {numbers[row]}" if numbers[row] else f"{frame}", fontsize=8, pad=2, color=color
+        )
 
 
 def _draw_crop(cell: Axes, crop: NDArray[np.uint8], inlier: bool) -> None:
@@ -200,11 +182,10 @@ def _draw_crop(cell: Axes, crop: NDArray[np.uint8], inlier: bool) -> None:
         cell.plot([0, 1], [0, 1], color="crimson", linewidth=2.5, transform=cell.transAxes)
 
 
-def _numbers(sources: _Sources, table: Table, instance: int) -> tuple[dict[int, str], float]:
+def _numbers(views: Artifact, features: Artifact, rows: NDArray[np.int64]) -> tuple[dict[int, str], float]:
     """The number above each view of an instance, by row, and the limit above which a view is an outlier."""
-    options = sources.features.provenance["options"]
-    rows = table.rows(instance)
-    feature = sources.views.read("feature")[rows]
+    options = features.provenance["options"]
+    feature = views.read("feature")[rows]
     good = usable(feature)
     if options["mad_norm"] == "none" or not good.any():
         return dict.fromkeys(rows.tolist(), ""), 0.0
@@ -213,20 +194,20 @@ def _numbers(sources: _Sources, table: Table, instance: int) -> tuple[dict[int, 
     return numbers | {int(row): f"{value:.2f}" for row, value in zip(rows[good], values, strict=True)}, limit
 
 
-def _caption(sources: _Sources, table: Table, instance: int, limit: float) -> str:
+def _caption(features: Artifact, table: Table, instance: int, limit: float) -> str:
     rows = table.rows(instance)
-    level = sources.features.facts["levels"][table.level[instance]]
+    level = features.facts["levels"][table.level[instance]]
     outliers = int((~table.inlier[rows]).sum())
     struck = f", struck out above {limit:.2f}" if outliers else ""
     return f"instance {instance}, {level}: {len(rows)} views, {outliers} outliers{struck}"
 
 
-def _summary(sources: _Sources, table: Table) -> str:
-    facts, options = sources.features.facts, sources.features.provenance["options"]
+def _summary(features: Artifact, table: Table) -> str:
+    facts, options = features.facts, features.provenance["options"]
     model = "small" if facts["clip"]["small"] else facts["clip"]["model"]
     norm = options["mad_norm"]
     return (
-        f"crops encoded by OpenCLIP ({model}), origin {sources.features.origin}\n"
+        f"crops encoded by OpenCLIP ({model}), origin {features.origin}\n"
         f"{len(table.instance)} views of {len(np.unique(table.instance))} instances, {facts['outliers']} outliers "
         f"(MAD {norm}, k = {options['mad_k']:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
     )

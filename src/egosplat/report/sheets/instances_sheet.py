@@ -1,21 +1,15 @@
 """Draw the instances on one page: in frames of the video, from above, and crops before and after merging."""
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.colors import hsv_to_rgb
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from egosplat.alarms.artifact_alarms import warnings_of
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.drawing import draw_heading, ground_axes, plt, save_figure, show
+from egosplat.artifacts.reader import Artifact
+from egosplat.drawing import ground_axes, plt, show
 from egosplat.images import evenly_spaced
 from egosplat.report.sheets.merged_crops import draw_merged_crops, largest_and_most_changed, shown_in
+from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of frames, evenly spaced.
 PICTURES = 6
@@ -33,24 +27,9 @@ TINT = 0.55
 BELOW = 1.1
 
 
-def run(
-    frames_path: Path,
-    poses_path: Path,
-    segments_path: Path,
-    instances_path: Path,
-    output: Path,
-    *,
-    title: str,
-) -> None:
-    """Draw the page as PNG, atomically.
-
-    Raises:
-        UserError: the inputs do not belong together.
-    """
-    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
-    segments, instances = open_artifact(segments_path, SEGMENTS), open_artifact(instances_path, INSTANCES)
-    check_made_from(instances, frames, axes=("frame",))
-    check_made_from(instances, segments, axes=("frame", "height", "width"))
+@sheet(warned=("instances",))
+def run(frames: Artifact, poses: Artifact, segments: Artifact, instances: Artifact) -> tuple[Figure, str]:
+    """Draw the instances in frames, from above, and crops before and after merging."""
     count, height, width, _ = frames.shape("rgb")
     shown = evenly_spaced(count, PICTURES)
     levels = instances.facts["levels"]
@@ -64,7 +43,6 @@ def run(
     figure, grid = plt.subplots(
         len(heights), columns, squeeze=False, figsize=size, layout="constrained", height_ratios=heights
     )
-    draw_heading(figure, f"{title}: {_summary(instances)}", warnings_of(instances))
     colors = palette(instances.shape("instances/level")[0])
     for column, frame in enumerate(shown):
         image, labels = frames.row("rgb", frame), instances.row("labels", frame)
@@ -79,7 +57,7 @@ def run(
         rows = grid[1 + len(levels) + 2 * place :][:2]
         rows[0, -1].set_axis_off(), rows[1, -1].set_axis_off()
         draw_merged_crops(rows[:, :-1], frames, segments, instances, instance, seen)
-    save_figure(figure, output)
+    return figure, _summary(instances)
 
 
 def _summary(instances: Artifact) -> str:

@@ -2,22 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from egosplat.alarms.artifact_alarms import warnings_of
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.splats import camera_poses
 from egosplat.codes.rendering import render_codes
-from egosplat.drawing import draw_heading, plt, save_figure, show
+from egosplat.drawing import plt, show
 from egosplat.geometry import Camera
 from egosplat.query.scene import TrainedScene, read_trained_scene
+from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of views.
 VIEWS = 6
@@ -54,16 +51,9 @@ class CodeColors:
         return share * colors + (1 - share) * UNKNOWN
 
 
-def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, *, title: str) -> None:
-    """Draw the page as PNG, atomically.
-
-    Raises:
-        UserError: the inputs do not belong together.
-    """
-    poses, splats = open_artifact(poses_path, POSES), open_artifact(splats_path, SPLATS)
-    language = open_artifact(language_path, LANGUAGE)
-    check_made_from(splats, poses)
-    check_made_from(language, poses, splats)
+@sheet(warned=("language",))
+def run(poses: Artifact, splats: Artifact, language: Artifact) -> tuple[Figure, str]:
+    """Draw views through the recording, with the codes of each level as colors."""
     scene = read_trained_scene(splats, "auto")
     levels = language.facts["levels"]
     camera = _reduced(scene.camera)
@@ -73,9 +63,8 @@ def run(poses_path: Path, splats_path: Path, language_path: Path, output: Path, 
     figure, grid = plt.subplots(1 + len(levels), VIEWS, squeeze=False, figsize=size, layout="constrained")
     for cell in grid.flat:
         cell.set_axis_off()
-    draw_heading(figure, f"{title}: {_summary(language)}", warnings_of(language))
     _draw_views(grid, scene, {frame: camera_to_world[frame] for frame in frames}, language, camera)
-    save_figure(figure, output)
+    return figure, _summary(language)
 
 
 def _reduced(camera: Camera) -> Camera:

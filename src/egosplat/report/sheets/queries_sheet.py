@@ -16,13 +16,12 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_mask, draw_outline, plt, save_figure
-from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
+from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
 from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
 from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, scoring_options
 from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
 from egosplat.report.tables.series import find_series
-from egosplat.report.tables.table import Cell
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4

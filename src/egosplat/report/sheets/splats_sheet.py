@@ -3,20 +3,17 @@
 Where poses or exposures were corrected, also the corrections.
 """
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from egosplat.alarms.artifact_alarms import warnings_of
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
-from egosplat.drawing import draw_heading, label_log_axis, middles_of_parts, plt, save_figure, show
+from egosplat.artifacts.reader import Artifact
+from egosplat.drawing import label_log_axis, middles_of_parts, plt, show
 from egosplat.gaussians.evaluation import Scores
 from egosplat.report.sheets.corrections_figure import draw_gains, draw_poses, has_corrections
+from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of held-out frames.
 PICTURES = 4
@@ -28,17 +25,15 @@ CELL = 3.0
 ERROR_LIMIT = 0.3
 
 
-def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> None:
-    """Draw the page as PNG, atomically."""
-    frames, splats = open_artifact(frames_path, FRAMES), open_artifact(splats_path, SPLATS)
+@sheet(warned=("splats",), fontsize=13)
+def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
+    """Draw the training curves, and held-out frames with their renders."""
     shown = middles_of_parts(splats.shape("held_out/frame")[0], PICTURES)
     columns = max(len(shown), 2)
     _, height, width, _ = frames.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
     more = 4.0 if has_corrections(splats) else 0.0
     figure = plt.figure(figsize=(5.4 + columns * cell, 3 * CELL + 1.2 + more), layout="constrained")
-    summary = _summary(frames, splats)
-    draw_heading(figure, f"{title}: {summary}", warnings_of(splats), 13)
     page = figure
     if more:
         page, below = figure.subfigures(2, 1, height_ratios=(3 * CELL + 1.2, more))
@@ -59,7 +54,7 @@ def run(frames_path: Path, splats_path: Path, output: Path, *, title: str) -> No
         bar.set_ticks(ticks, labels=[f"{tick:.0%}" for tick in ticks])
     else:
         grid[0, 0].set_title("no frame was held out", loc="left")
-    save_figure(figure, output)
+    return figure, _summary(frames, splats)
 
 
 def _summary(frames: Artifact, splats: Artifact) -> str:

@@ -1,26 +1,17 @@
 """Draw transient objects on one page: frames, predicted probability, masks, and renders without them."""
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
-from matplotlib.figure import SubFigure
+from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from egosplat.alarms.artifact_alarms import warnings_of
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS, camera_poses
-from egosplat.artifacts.transient import TRANSIENT
-from egosplat.drawing import add_name, draw_heading, inner_point, middles_of_parts, plt, save_figure, show
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.splats import camera_poses
+from egosplat.drawing import add_name, inner_point, middles_of_parts, plt, show
 from egosplat.query.scene import read_trained_scene
+from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of frames.
 PICTURES = 5
@@ -51,53 +42,43 @@ TINT = 0.4
 HEAT = 0.75
 
 
-@dataclass(frozen=True)
-class _Sources:
-    frames: Artifact
-    poses: Artifact
-    transient: Artifact
-    instances: Artifact
-    masks: Artifact
-    splats: Artifact
-
-
+@sheet(warned=("transient", "masks"))
 def run(
-    frames_path: Path,
-    poses_path: Path,
-    transient_path: Path,
-    instances_path: Path,
-    masks_path: Path,
-    splats_path: Path,
-    output: Path,
-    *,
-    title: str,
-) -> None:
-    """Draw the page as PNG, atomically.
-
-    Raises:
-        UserError: the inputs do not belong together.
-    """
-    paths = (frames_path, poses_path, transient_path, instances_path, masks_path, splats_path)
-    sources = _Sources(*map(open_artifact, paths, (FRAMES, POSES, TRANSIENT, INSTANCES, MASKS, SPLATS)))
-    _check(sources)
-    shown = choose_frames(_masked_shares(sources.masks), sources.poses.read("registered"))
-    _, height, width, _ = sources.frames.shape("rgb")
+    frames: Artifact,
+    poses: Artifact,
+    transient: Artifact,
+    instances: Artifact,
+    masks: Artifact,
+    splats: Artifact,
+) -> tuple[Figure, str]:
+    """Draw frames, predicted probability, masks, renders, and the scores of all instances."""
+    shown = choose_frames(_masked_shares(masks), poses.read("registered"))
+    _, height, width, _ = frames.shape("rgb")
     columns = max(len(shown), 3)
     pictures = 4 * (CELL * height / width + 0.25)
     figure = plt.figure(figsize=(CELL * columns + 0.9, pictures + CHART + 1.0), layout="constrained")
-    draw_heading(figure, f"{title}: {_summary(sources)}", warnings_of(sources.transient, sources.masks))
     above, below = figure.subfigures(2, 1, height_ratios=(pictures, CHART))
-    _draw_frames(above, sources, shown, columns)
-    _draw_scores(below.subplots(), sources.masks, sources.instances)
-    save_figure(figure, output)
-
-
-def _check(sources: _Sources) -> None:
-    check_made_from(sources.splats, sources.poses)
-    for artifact in (sources.poses, sources.instances, sources.transient, sources.splats):
-        check_made_from(artifact, sources.frames)
-    check_made_from(sources.masks, sources.instances, sources.transient)
-    check_made_from(sources.splats, sources.transient, sources.masks)
+    grid = above.subplots(4, columns, squeeze=False)
+    for cell in grid.flat:
+        cell.set_axis_off()
+    times, scene = frames.read("timestamp_ns"), read_trained_scene(splats, "auto")
+    camera_to_world = camera_poses(poses, splats)
+    heat = None
+    for column, frame in enumerate(shown):
+        photograph = frames.row("rgb", frame)
+        show(grid[0, column], photograph, f"frame {frame}, {(times[frame] - times[0]) * 1e-9:.1f} s")
+        heat = _draw_probability(grid[1, column], photograph, transient.row("probability", frame))
+        _draw_mask(grid[2, column], photograph, masks, instances, frame)
+        show(
+            grid[3, column],
+            scene.picture(scene.camera, camera_to_world[frame]),
+            "rendered from the Gaussians",
+        )
+    if heat is not None:
+        bar = above.colorbar(heat, ax=grid[1].tolist(), pad=0.01, label="transient probability")
+        bar.solids.set_alpha(1.0)
+    _draw_scores(below.subplots(), masks, instances)
+    return figure, _summary(masks, splats)
 
 
 def _masked_shares(masks: Artifact) -> NDArray[np.float64]:
@@ -123,36 +104,18 @@ def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list
     return sorted(most + spread)
 
 
-def _summary(sources: _Sources) -> str:
-    facts, masking = sources.masks.facts, sources.splats.provenance["options"]["masking"]
+def _summary(masks: Artifact, splats: Artifact) -> str:
+    facts, masking = masks.facts, splats.provenance["options"]["masking"]
     trained_on = {
         "none": "all pixels",
         "initial": "all pixels, with less weight where the probability is high",
     }
     return (
         f"{facts['transient']} of {facts['instances']} instances are transient, {facts['masked_share']:.1%} of all "
-        f"pixels; origin {sources.masks.origin}\n"
+        f"pixels; origin {masks.origin}\n"
         f"an instance is transient if its score is {facts['threshold']:g} or more (levels: {facts['level']}); "
         f"the Gaussians were trained on {trained_on.get(masking, 'the unmasked pixels')}"
     )
-
-
-def _draw_frames(page: SubFigure, sources: _Sources, shown: list[int], columns: int) -> None:
-    grid = page.subplots(4, columns, squeeze=False)
-    for cell in grid.flat:
-        cell.set_axis_off()
-    times, scene = sources.frames.read("timestamp_ns"), read_trained_scene(sources.splats, "auto")
-    poses = camera_poses(sources.poses, sources.splats)
-    heat = None
-    for column, frame in enumerate(shown):
-        photograph = sources.frames.row("rgb", frame)
-        show(grid[0, column], photograph, f"frame {frame}, {(times[frame] - times[0]) * 1e-9:.1f} s")
-        heat = _draw_probability(grid[1, column], photograph, sources.transient.row("probability", frame))
-        _draw_mask(grid[2, column], photograph, sources, frame)
-        show(grid[3, column], scene.picture(scene.camera, poses[frame]), "rendered from the Gaussians")
-    if heat is not None:
-        bar = page.colorbar(heat, ax=grid[1].tolist(), pad=0.01, label="transient probability")
-        bar.solids.set_alpha(1.0)
 
 
 def _draw_probability(
@@ -164,38 +127,31 @@ def _draw_probability(
     return cell.imshow(values, cmap="inferno", vmin=0.0, vmax=1.0, alpha=HEAT)
 
 
-def _draw_mask(cell: Axes, photograph: NDArray[np.uint8], sources: _Sources, frame: int) -> None:
+def _draw_mask(
+    cell: Axes, photograph: NDArray[np.uint8], masks: Artifact, instances: Artifact, frame: int
+) -> None:
     """Tint and outline the masked pixels, and name their largest instances."""
-    mask = sources.masks.row("refined", frame)
+    mask = masks.row("refined", frame)
     tint = 255.0 * np.array(to_rgb(MASKED))
     shown = np.where(mask[..., None], (1 - TINT) * photograph + TINT * tint, photograph)
     heading = f"masked: {mask.mean():.1%}, instance: score" if mask.any() else "nothing masked"
     show(cell, shown.astype(np.uint8), heading)
     if mask.any() and not mask.all():
         cell.contour(mask, levels=[0.5], colors="white", linewidths=1.2)
-    scores, moves = sources.masks.read("instances/score"), sources.masks.read("instances/transient")
-    for u, v, instance in label_places(sources.instances.row("labels", frame), moves):
-        add_name(cell, u, v, f"{instance}: {scores[instance]:.2f}")
+    labels, scores = instances.row("labels", frame), masks.read("instances/score")
+    for instance in largest(labels, masks.read("instances/transient")):
+        add_name(cell, *inner_point((labels == instance).any(axis=0)), f"{instance}: {scores[instance]:.2f}")
 
 
-def label_places(labels: NDArray[np.int32], moves: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    """Column, row and index of the instances to name, the largest first.
+def largest(labels: NDArray[np.int32], moves: NDArray[np.bool_]) -> list[int]:
+    """The instances to name, the largest first.
 
     Args:
         labels: (L, H, W) instance at each level, -1 for none.
         moves: (N,) which instances may be named.
     """
-    _, height, width = labels.shape
     sizes = np.bincount(labels[labels >= 0], minlength=len(moves)) * moves
-    places: list[tuple[int, int, int]] = []
-    for instance in np.argsort(-sizes, kind="stable"):
-        if len(places) == LABELS or sizes[instance] == 0:
-            break
-        u, v = inner_point((labels == instance).any(axis=0))
-        # A part and its whole have about the same middle: only one of their names fits.
-        if all(abs(u - x) > 0.25 * width or abs(v - y) > 0.08 * height for x, y, _ in places):
-            places.append((u, v, int(instance)))
-    return places
+    return [int(one) for one in np.argsort(-sizes, kind="stable")[:LABELS] if sizes[one]]
 
 
 def _draw_scores(axes: Axes, masks: Artifact, instances: Artifact) -> None:

@@ -1,17 +1,18 @@
-"""Write all tables on one self-contained HTML page."""
+"""Write a page of tables and pictures as one self-contained HTML file."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, StrictUndefined
 
 from egosplat.errors import UserError
-from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.frames.images import read_rgb
 from egosplat.images import LARGEST, encode_webp, shrink_image
-from egosplat.report.tables.formats import COMMAND, render
-from egosplat.report.tables.series import Series
-from egosplat.report.tables.table import Table
 
 _KINDS = (".png", ".jpg", ".jpeg")
 
@@ -21,26 +22,38 @@ _QUALITY = 90
 
 @dataclass(frozen=True)
 class Picture:
-    """An image of a scene.
-
-    Attributes:
-        address: content of the image, as a data URI.
-    """
+    """An image on a page: its name, its caption, and its content as a data URI."""
 
     name: str
     address: str
+    about: str
 
 
 @dataclass(frozen=True)
-class Source:
-    """The scores of a scene, and the series that they belong to."""
+class Section:
+    """A part of a page.
 
-    series: Series
-    scene: ScoredScene
+    Attributes:
+        table: HTML of a table, with escaped texts.
+        style: classes of the table: ``texts``, ``words`` (texts to be wrapped), ``named`` (a name in the first column),
+            ``synthetic`` (numbers of synthetic apartments).
+        notes: below the table.
+    """
+
+    id: str
+    heading: str = ""
+    lead: str = ""
+    table: str = ""
+    style: str = ""
+    notes: Sequence[str] = ()
+    pictures: Sequence[Picture] = ()
 
 
-def read_picture(path: Path) -> Picture:
+def read_picture(path: Path, about: str | None = None) -> Picture:
     """Read a PNG or JPEG file and encode it as WebP; its name is its path, relative to a folder ``results``.
+
+    Args:
+        about: caption; its name without one.
 
     Raises:
         UserError: it cannot be read, or is of another kind.
@@ -55,24 +68,23 @@ def read_picture(path: Path) -> Picture:
         raise UserError(f"{error} Delete it and make it again: snakemake --cores 2 {path}") from error
     # Inside the page, so that it can be sent as one file.
     content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY)).decode("ascii")
-    return Picture(path.as_posix().rpartition("results/")[2], f"data:image/webp;base64,{content}")
+    name = path.as_posix().rpartition("results/")[2]
+    return Picture(name, f"data:image/webp;base64,{content}", name if about is None else about)
 
 
-def to_html(
-    tables: Sequence[Table], series: Sequence[Series], pictures: Sequence[Picture], confidence: float | None
-) -> str:
-    """Write the page.
+def plain_table(records: Sequence[Mapping[str, Any]]) -> str:
+    """A table element with a column for each key, a text or two headings; every text is escaped."""
+    frame = pd.DataFrame(records)
+    if isinstance(frame.columns[0], tuple):
+        frame.columns = pd.MultiIndex.from_tuples(frame.columns)
+    # Without formatters, line breaks would be written as backslash and n.
+    return frame.to_html(index=False, border=0, formatters=[str] * frame.shape[1])
 
-    Args:
-        confidence: confidence of the intervals, such as 0.95; None without intervals.
-    """
-    return render(
-        "tables.html.j2",
-        tables=tables,
-        generator=COMMAND,
-        sources=[Source(one, scene) for one in series for scene in one.scenes.values()],
-        alarmed=[scene for one in series for scene in one.scenes.values() if scene.document["alarms"]],
-        pictures=pictures,
-        confidence=None if confidence is None else f"{100 * confidence:g} %",
-        measured_on=sorted({one.about for one in series}),
+
+def render_page(package: str = __package__, template: str = "page.html.j2", **values: Any) -> str:
+    """Fill a template of a package; every value is escaped that the template does not call safe."""
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    text = resources.files(package).joinpath(template).read_text(encoding="utf-8")
+    return environment.from_string(text).render(**values)

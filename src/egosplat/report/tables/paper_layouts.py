@@ -1,111 +1,55 @@
 """The layouts of the paper's five tables."""
 
-from dataclasses import dataclass
-
 from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.scored_scenes import FULL, UNTOUCHED, ScoredScene
-from egosplat.report.tables.paper_numbers import AVERAGE, METHODS, METRICS, SCENES
+from egosplat.report.tables.paper_numbers import METHODS, METRICS, SCENES
 from egosplat.report.tables.series import OWN
-from egosplat.report.tables.table import METRIC_NAMES, Column
+from egosplat.report.tables.table import AVERAGE, Layout
 
-_SHORT = {"static": "St.", "dynamic": "Dy.", "all": "All"}
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line of a table.
-
-    Attributes:
-        printed: name of the method in the paper's numbers.
-        variant: the corresponding variant of EgoSplat; None for another method.
-        steps: enabled components, in an ablation.
-    """
-
-    printed: str
-    variant: str | None
-    steps: tuple[bool, ...] = ()
+_METRIC_NAMES = {"accuracy": "Acc", "mean_iou": "mIoU"}
+_BY_METRIC = tuple(
+    (f"{_METRIC_NAMES[metric]} (%)", group.capitalize()) for metric in METRICS for group in GROUPS
+)
+_METHOD_LINES = {method: (FULL if method == OWN else None, ()) for method in METHODS}
 
 
-@dataclass(frozen=True)
-class Layout:
-    """The layout of a table.
-
-    Attributes:
-        name: stem of the files.
-        numbers: name of the table in the paper's numbers.
-        dataset: dataset of the scenes.
-        columns, lines: in the paper's order.
-        components: column headings of an ablation's components.
-    """
-
-    name: str
-    caption: str
-    numbers: str
-    dataset: str
-    scenes: tuple[str, ...]
-    columns: tuple[Column, ...]
-    lines: tuple[Line, ...]
-    components: tuple[str, ...] = ()
-
-    def scenes_of(self, untouched: bool) -> tuple[str, ...]:
-        """The scenes of the table; untouched apartments appear only in averages."""
-        if not untouched:
-            return self.scenes
-        averaged = any(column.scene == AVERAGE for column in self.columns)
-        return UNTOUCHED if averaged and self.dataset == "adt" else ()
-
-
-def _by_scene(metric: str) -> tuple[Column, ...]:
+def _by_scene(name: str, score: str, metric: str) -> Layout:
+    """A table with a column for each scene of ADT and group."""
     headings = {scene: f"scene {scene.removeprefix('scene')}" for scene in SCENES["adt"]} | {AVERAGE: "avg"}
-    return tuple(
-        Column(scene, metric, group, over, _SHORT[group])
-        for scene, over in headings.items()
-        for group in GROUPS
+    short = {"static": "St.", "dynamic": "Dy.", "all": "All"}
+    return Layout(
+        name,
+        f"{score} (%) on ADT, of static (St.), dynamic (Dy.) and all targets.",
+        "adt",
+        "adt",
+        SCENES["adt"],
+        tuple((scene, metric, group) for scene in headings for group in GROUPS),
+        tuple((over, short[group]) for over in headings.values() for group in GROUPS),
+        _METHOD_LINES,
     )
 
 
-def _by_metric(scene: str) -> tuple[Column, ...]:
-    return tuple(
-        Column(scene, metric, group, f"{METRIC_NAMES[metric]} (%)", group.capitalize())
-        for metric in METRICS
-        for group in GROUPS
-    )
+def _columns(scene: str) -> tuple[tuple[str, str, str], ...]:
+    return tuple((scene, metric, group) for metric in METRICS for group in GROUPS)
 
-
-_METHOD_LINES = tuple(Line(method, FULL if method == OWN else None) for method in METHODS)
 
 # The five tables, in the paper's order.
 LAYOUTS = (
-    Layout(
-        "adt_accuracy",
-        "Localization accuracy (%) on ADT, of static (St.), dynamic (Dy.) and all targets.",
-        "adt",
-        "adt",
-        SCENES["adt"],
-        _by_scene("accuracy"),
-        _METHOD_LINES,
-    ),
-    Layout(
-        "adt_iou",
-        "Segmentation IoU (%) on ADT, of static (St.), dynamic (Dy.) and all targets.",
-        "adt",
-        "adt",
-        SCENES["adt"],
-        _by_scene("mean_iou"),
-        _METHOD_LINES,
-    ),
+    _by_scene("adt_accuracy", "Localization accuracy", "accuracy"),
+    _by_scene("adt_iou", "Segmentation IoU", "mean_iou"),
     Layout(
         "adt_ablation",
         "Ablation on ADT, mean over scenes.",
         "adt-ablation",
         "adt",
         SCENES["adt"],
-        _by_metric(AVERAGE),
-        (
-            Line("baseline", "baseline", (False, False)),
-            Line("aggregation", "no_masks", (True, False)),
-            Line("full", FULL, (True, True)),
-        ),
+        _columns(AVERAGE),
+        _BY_METRIC,
+        {
+            "baseline": ("baseline", (False, False)),
+            "aggregation": ("no_masks", (True, False)),
+            "full": (FULL, (True, True)),
+        },
         ("Multi-view aggregation", "Transient prediction"),
     ),
     Layout(
@@ -114,7 +58,8 @@ LAYOUTS = (
         "hoi4d",
         "hoi4d",
         SCENES["hoi4d"],
-        tuple(Column(AVERAGE, metric, "all", "", METRIC_NAMES[metric]) for metric in METRICS),
+        tuple((AVERAGE, metric, "all") for metric in METRICS),
+        tuple(("", _METRIC_NAMES[metric]) for metric in METRICS),
         _METHOD_LINES,
     ),
     Layout(
@@ -123,22 +68,31 @@ LAYOUTS = (
         "adt-transient",
         "adt",
         ("scene1",),
-        _by_metric("scene1"),
-        (
-            Line("none", "no_masks", (False, False)),
-            Line("initial", "network_masks", (True, False)),
-            Line("refined", FULL, (True, True)),
-        ),
+        _columns("scene1"),
+        _BY_METRIC,
+        {
+            "none": ("no_masks", (False, False)),
+            "initial": ("network_masks", (True, False)),
+            "refined": (FULL, (True, True)),
+        },
         ("Initial stage", "Refinement stage"),
     ),
 )
+
+
+def scenes_of(layout: Layout, untouched: bool) -> tuple[str, ...]:
+    """The scenes of a table; untouched apartments appear only in averages."""
+    if not untouched:
+        return layout.scenes
+    averaged = any(scene == AVERAGE for scene, _, _ in layout.columns)
+    return UNTOUCHED if averaged and layout.dataset == "adt" else ()
 
 
 def in_a_table(scene: ScoredScene) -> bool:
     """Whether any table shows a scene's scores."""
     return any(
         layout.dataset == scene.dataset
-        and scene.scene in layout.scenes_of(scene.untouched)
+        and scene.scene in scenes_of(layout, scene.untouched)
         and _has_line(layout, scene)
         for layout in LAYOUTS
     )
@@ -148,4 +102,4 @@ def _has_line(layout: Layout, scene: ScoredScene) -> bool:
     """Whether a table has a line for a scene's variant, or a row for another method: an ablation of EgoSplat has none."""
     if scene.method is not None:
         return not layout.components
-    return scene.variant in {line.variant for line in layout.lines}
+    return scene.variant in {variant for variant, _ in layout.lines.values()}

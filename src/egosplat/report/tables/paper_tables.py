@@ -2,27 +2,15 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import count, islice, product
+from itertools import count, product
 from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
-from egosplat.evaluation.scored_scenes import CHANCE, FULL, UNTOUCHED, ScoredScene
-from egosplat.report.tables.paper_layouts import LAYOUTS, Layout, Line
-from egosplat.report.tables.paper_numbers import AVERAGE, PAPER_NOTES, printed
+from egosplat.evaluation.scored_scenes import CHANCE, FULL, UNTOUCHED, Cell, Cost, ScoredScene
+from egosplat.report.tables.paper_layouts import LAYOUTS, scenes_of
+from egosplat.report.tables.paper_numbers import PAPER_NOTES, printed
 from egosplat.report.tables.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
-from egosplat.report.tables.table import (
-    PRINTED,
-    REAL,
-    SYNTHETIC,
-    Block,
-    Cell,
-    Column,
-    Cost,
-    Note,
-    Row,
-    Table,
-    ranked,
-)
+from egosplat.report.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
 
 INTERVALS = (
     "Intervals are for other categories, and for averages also for other scenes. Categories are resampled, not queries, "
@@ -30,56 +18,56 @@ INTERVALS = (
 )
 
 
-def paper_tables(series: Sequence[Series]) -> list[Table]:
+def paper_tables(series: Sequence[Series]) -> list[Layout]:
     """Build all five tables, with a row for each series that belongs to one."""
-    return [_table(layout, series) for layout in LAYOUTS]
+    return [_fill(layout, series) for layout in LAYOUTS]
 
 
-def _table(layout: Layout, series: Sequence[Series]) -> Table:
+def _fill(layout: Layout, series: Sequence[Series]) -> Layout:
     own = [one for one in series if one.dataset == layout.dataset and _scenes_of(layout, one)]
     if layout.components:  # an ablation of EgoSplat
         own = [one for one in own if one.own]
-    on_the_paper = _notes_on_the_paper(layout)
-    measured, footnotes = _with_footnotes(
-        _measured_blocks(layout, own), sum(bool(one.mark) for one in on_the_paper)
-    )
-    synthetic = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
-    return Table(
-        name=layout.name,
-        caption=layout.caption + (synthetic if any(block.kind == SYNTHETIC for block in measured) else ""),
-        components=layout.components,
-        columns=layout.columns,
-        blocks=(_printed_block(layout), *measured),
-        notes=(*on_the_paper, *footnotes, *_notes_on(measured), *_presence_notes(layout, own)),
-        scenes=layout.scenes,
-    )
-
-
-def _printed_block(layout: Layout) -> Block:
-    name = NAMES[layout.dataset]
-    rows = []
-    for line in layout.lines:
-        method = OWN if layout.components else line.printed
-        cells = tuple(_printed_cell(layout, line, column) for column in layout.columns)
-        label, variant = f"{method} (paper, {name})", line.printed if line.steps else ""
-        rows.append(Row(label, method, name, "the paper's", variant, line.steps, cells))
-    return Block(PRINTED, f"Printed in the paper, on {name}", ranked(rows))
-
-
-def _printed_cell(layout: Layout, line: Line, column: Column) -> Cell:
-    key = (column.scene, line.printed, column.metric, column.group)
-    notes = zip(PAPER_NOTES[layout.name], _notes_on_the_paper(layout), strict=True)
-    mark = next((note.mark for remark, note in notes if key in remark.cells), "")
-    return Cell(percent=printed(layout.numbers, *key), mark=mark)
-
-
-def _notes_on_the_paper(layout: Layout) -> list[Note]:
-    """Notes on a table's printed numbers; notes on single cells have a letter."""
     letters = _letters()
-    return [Note(next(letters) if one.cells else "", one.text) for one in PAPER_NOTES[layout.name]]
+    notes = [replace(one, mark=next(letters) if one.cells else "") for one in PAPER_NOTES[layout.name]]
+    measured = _measured_rows(layout, own)
+    marks = {text: next(letters) for text in dict.fromkeys(one for row in measured for one in row.stands_in)}
+    measured = [
+        replace(row, mark=",".join(sorted(marks[text] for text in row.stands_in))) for row in measured
+    ]
+    synthetic = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
+    return replace(
+        layout,
+        caption=layout.caption + (synthetic if any(row.kind == SYNTHETIC for row in measured) else ""),
+        rows=(*_printed_rows(layout, notes), *measured),
+        notes=(
+            *notes,
+            *(Note(_sentence(text), mark=mark) for text, mark in marks.items()),
+            *map(Note, _remarks(measured)),
+            *map(Note, _presence_remarks(layout, own)),
+        ),
+    )
 
 
-def _measured_blocks(layout: Layout, series: Sequence[Series]) -> list[Block]:
+def _printed_rows(layout: Layout, notes: Sequence[Note]) -> Iterator[Row]:
+    name = NAMES[layout.dataset]
+    for line, (_, steps) in layout.lines.items():
+        method = OWN if layout.components else line
+        keys = [(scene, line, metric, group) for scene, metric, group in layout.columns]
+        yield Row(
+            PRINTED,
+            f"Printed in the paper, on {name}",
+            f"{method} (paper, {name})",
+            method,
+            name,
+            steps,
+            tuple(Cell(printed(layout.numbers, *key)) for key in keys),
+            checkpoints="the paper's",
+            variant=line if steps else "",
+            marks=tuple(next((note.mark for note in notes if key in note.cells), "") for key in keys),
+        )
+
+
+def _measured_rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
     name = NAMES[layout.dataset]
     titles = {
         (REAL, False): f"Measured by egosplat on {name}",
@@ -89,72 +77,63 @@ def _measured_blocks(layout: Layout, series: Sequence[Series]) -> list[Block]:
             f"not {name}, not comparable with any row above"
         ),
     }
-    rows = {
-        kind: _rows(layout, [one for one in series if (one.origin, one.untouched) == kind]) for kind in titles
-    }
-    if not any(rows.values()):
-        rows[REAL, False] = [_empty_row(layout, line, name) for line in layout.lines]
-    return [Block(kind[0], titles[kind], own) for kind, own in rows.items() if own]
+    rows: list[Row] = []
+    for kind, title in titles.items():
+        rows += _block(layout, title, [one for one in series if (one.origin, one.untouched) == kind])
+    return rows or [_empty_row(layout, REAL, titles[REAL, False], line, name) for line in layout.lines]
 
 
-def _rows(layout: Layout, series: Sequence[Series]) -> tuple[Row, ...]:
+def _block(layout: Layout, title: str, series: Sequence[Series]) -> Iterator[Row]:
     """Rows of one block in the paper's order, methods that it lacks, then the chance level.
 
     A line without scores gets an empty row.
     """
-    known = {line: [one for one in series if _belongs(one, line)] for line in layout.lines}
-    more = [
-        one for one in series if not one.own and one.method not in {line.printed for line in layout.lines}
-    ]
+    known = {line: [one for one in series if _belongs(one, layout, line)] for line in layout.lines}
+    more = [one for one in series if not one.own and one.method not in layout.lines]
     if not more and not any(known.values()):
-        return ()
-    rows: list[Row] = []
+        return
+    kind, data = series[0].origin, series[0].data
     for line, own in known.items():
-        rows += [_row(layout, line.steps, one) for one in own] or [_empty_row(layout, line, series[0].data)]
-    rows += [_row(layout, (), one) for one in more]
-    # A mark on the best synthetic row could be mistaken for the best row of the table.
-    own = tuple(rows) if series[0].origin == SYNTHETIC else ranked(rows)
-    return (*own, *_chance_rows(layout, series))
+        yield from (_row(layout, title, layout.lines[line][1], one) for one in own)
+        if not own:
+            yield _empty_row(layout, kind, title, line, data)
+    yield from (_row(layout, title, (), one) for one in more)
+    yield from _chance_rows(layout, title, series)
 
 
-def _chance_rows(layout: Layout, series: Sequence[Series]) -> Iterator[Row]:
+def _chance_rows(layout: Layout, title: str, series: Sequence[Series]) -> Iterator[Row]:
     """Rows with the accuracy of each of ``CHANCE`` on the scenes of a block."""
-    if not any(column.metric == "accuracy" for column in layout.columns):
+    if not any(metric == "accuracy" for _, metric, _ in layout.columns):
         return
     scenes: dict[str, ScoredScene] = {}
     for one in series:
         scenes = _scenes_of(layout, one) | scenes
+    kind, data, steps = series[0].origin, series[0].data, (False,) * len(layout.components)
     for answerer, name in CHANCE.items():
-        label, steps = f"Chance: {name} ({series[0].data})", (False,) * len(layout.components)
-        cells = tuple(_chance_cell(column, scenes, answerer) for column in layout.columns)
-        yield Row(label, name, series[0].data, "", "", steps, cells)
+        cells = tuple(
+            _cell(place, answerer, group, scenes) if metric == "accuracy" else Cell()
+            for place, metric, group in layout.columns
+        )
+        yield Row(kind, title, f"Chance: {name} ({data})", name, data, steps, cells)
 
 
-def _chance_cell(column: Column, scenes: Mapping[str, ScoredScene], answerer: str) -> Cell:
-    if column.metric != "accuracy":
-        return Cell()
-    if column.scene == AVERAGE:
-        return average_chance(scenes, answerer, column.group)
-    scene = scenes.get(column.scene)
-    return scene.chance(answerer, column.group) if scene else Cell()
-
-
-def _belongs(series: Series, line: Line) -> bool:
+def _belongs(series: Series, layout: Layout, line: str) -> bool:
     """Whether a series belongs to a line: EgoSplat's by its variant, another method's by its name."""
-    return series.variant == line.variant if series.own else series.method == line.printed
+    return series.variant == layout.lines[line][0] if series.own else series.method == line
 
 
-def _row(layout: Layout, steps: tuple[bool, ...], series: Series) -> Row:
+def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) -> Row:
     scenes = _scenes_of(layout, series)
-    cells = tuple(_cell(column, scenes) for column in layout.columns)
     return Row(
-        label=series.label,
-        method=series.method,
-        data=series.data,
+        series.origin,
+        title,
+        series.label,
+        series.method,
+        series.data,
+        steps,
+        tuple(_cell(*column, scenes) for column in layout.columns),
         checkpoints=series.checkpoints,
         variant=series.variant,
-        steps=steps,
-        cells=cells,
         notice=series.notice or "",
         cost=_mean_cost([scene.cost for scene in scenes.values()]),
         stands_in=tuple(dict.fromkeys(text for scene in scenes.values() for text in scene.stands_in)),
@@ -171,42 +150,28 @@ def _mean_cost(costs: Sequence[Cost | None]) -> Cost | None:
     )
 
 
-def _cell(column: Column, scenes: Mapping[str, ScoredScene]) -> Cell:
-    if column.scene == AVERAGE:
-        return average(scenes, column.metric, column.group)
-    scene = scenes.get(column.scene)
-    return scene.cell(column.metric, column.group) if scene else Cell()
+def _cell(place: str, score: str, group: str, scenes: Mapping[str, ScoredScene]) -> Cell:
+    """A metric or a chance level of a scene or on average."""
+    if place == AVERAGE:
+        return (average_chance if score in CHANCE else average)(scenes, score, group)
+    if place not in scenes:
+        return Cell()
+    scene = scenes[place]
+    return scene.chance(score, group) if score in CHANCE else scene.cell(score, group)
 
 
 def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
     """The scenes of a series that belong to a table."""
-    names = layout.scenes_of(series.untouched)
-    return {name: series.scenes[name] for name in names if name in series.scenes}
+    return {
+        name: series.scenes[name] for name in scenes_of(layout, series.untouched) if name in series.scenes
+    }
 
 
-def _empty_row(layout: Layout, line: Line, data: str) -> Row:
-    cells = tuple(Cell() for _ in layout.columns)
-    if line.variant is None:
-        return Row(f"{line.printed} ({data}: not measured)", line.printed, data, "", "", line.steps, cells)
-    label = f"{OWN} (egosplat, {data}: not measured)"
-    return Row(label, OWN, data, "", line.variant, line.steps, cells)
-
-
-def _with_footnotes(blocks: Sequence[Block], taken: int) -> tuple[list[Block], list[Note]]:
-    """Give each sentence of the rows a letter, after the first ``taken`` ones, and the rows their letters."""
-    texts = dict.fromkeys(text for block in blocks for row in block.rows for text in row.stands_in)
-    marks = dict(zip(texts, islice(_letters(), taken, None), strict=False))
-    marked = [
-        replace(
-            block,
-            rows=tuple(
-                replace(row, mark=",".join(sorted(marks[text] for text in row.stands_in)))
-                for row in block.rows
-            ),
-        )
-        for block in blocks
-    ]
-    return marked, [Note(mark, f"{text[0].upper()}{text[1:]}.") for text, mark in marks.items()]
+def _empty_row(layout: Layout, kind: str, title: str, line: str, data: str) -> Row:
+    variant, steps = layout.lines[line]
+    method, by = (line, "") if variant is None else (OWN, "egosplat, ")
+    label, cells = f"{method} ({by}{data}: not measured)", (Cell(),) * len(layout.columns)
+    return Row(kind, title, label, method, data, steps, cells, variant=variant or "")
 
 
 def _letters() -> Iterator[str]:
@@ -215,31 +180,31 @@ def _letters() -> Iterator[str]:
         yield from map("".join, product(ascii_lowercase, repeat=length))
 
 
-def _notes_on(blocks: Sequence[Block]) -> Iterator[Note]:
-    """Notes on measured blocks."""
-    notices = dict.fromkeys(row.notice for block in blocks for row in block.rows if row.notice)
-    yield from (Note("", f"{notice[0].upper()}{notice[1:]}.") for notice in notices)
-    if any(cell.interval for block in blocks for row in block.rows for cell in row.cells):
-        yield Note("", INTERVALS)
-    for block in blocks:
-        data = block.rows[0].data
-        if len({row.scenes for row in block.rows if row.scenes}) > 1:
-            yield Note("", f"Averages on {data} are over different scenes, and not comparable.")
-        if block.kind == REAL and any(cell.queries for row in block.rows for cell in row.cells):
-            yield Note(
-                "",
-                f"Measured on {data} in egosplat's own evaluation frames; the paper's frames are not known.",
-            )
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
 
 
-def _presence_notes(layout: Layout, series: Sequence[Series]) -> Iterator[Note]:
+def _remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Notes on measured rows."""
+    yield from map(_sentence, dict.fromkeys(row.notice for row in rows if row.notice))
+    if any(cell.interval for row in rows for cell in row.cells):
+        yield INTERVALS
+    for _, own in blocks(rows):
+        data = own[0].data
+        if len({row.scenes for row in own if row.scenes}) > 1:
+            yield f"Averages on {data} are over different scenes, and not comparable."
+        if own[0].kind == REAL and any(cell.queries for row in own for cell in row.cells):
+            yield f"Measured on {data} in egosplat's own evaluation frames; the paper's frames are not known."
+
+
+def _presence_remarks(layout: Layout, series: Sequence[Series]) -> Iterator[str]:
     """Notes on the answers of each row to queries of present and absent things, in tables with accuracies."""
-    if not any(column.metric == "accuracy" for column in layout.columns):
+    if not any(metric == "accuracy" for _, metric, _ in layout.columns):
         return
     for one in series:
         if summary := _presence_summary(_scenes_of(layout, one).values()):
             variant = "" if one.variant == FULL else f", {one.variant}"
-            yield Note("", f"{one.label}{variant}: {summary}.")
+            yield f"{one.label}{variant}: {summary}."
 
 
 def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:

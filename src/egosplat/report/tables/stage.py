@@ -1,16 +1,18 @@
 """Stage ``tables``: write the paper's tables, with measured numbers below the printed ones."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from egosplat.alarms.texts import TEXTS, found_text, normal_range
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.files import write_text
 from egosplat.progress import log
-from egosplat.report.tables.formats import to_csv, to_latex, to_markdown
-from egosplat.report.tables.page import read_picture, to_html
+from egosplat.report.tables.formats import COMMAND, note_text, to_csv, to_html, to_latex, to_markdown
+from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
 from egosplat.report.tables.paper_layouts import in_a_table
 from egosplat.report.tables.paper_tables import paper_tables
-from egosplat.report.tables.series import find_series
+from egosplat.report.tables.series import Series, find_series
+from egosplat.report.tables.table import Layout
 
 PAGE = "tables.html"
 
@@ -35,8 +37,7 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
     check_protocol(scenes)
     series = find_series(scenes)
     tables = paper_tables(series)
-    confidence = next((scene.protocol["confidence"] for scene in scenes), None)
-    page = to_html(tables, series, [read_picture(path) for path in pictures], confidence)
+    page = write_page(tables, series, pictures)
     for table in tables:
         for suffix, form in _FORMATS.items():
             write_text(output / f"{table.name}.{suffix}", form(table))
@@ -49,3 +50,67 @@ def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
         if not in_a_table(one):
             log(f"{one.path}: no table shows {one.dataset}/{one.scene}, variant {one.variant}")
     return [one for one in scenes if in_a_table(one)]
+
+
+def write_page(tables: Sequence[Layout], series: Sequence[Series], pictures: Sequence[Path]) -> str:
+    """Write all tables, the measured scenes, their alarms and pictures as one page."""
+    scenes = [(one, scene) for one in series for scene in one.scenes.values()]
+    measured_on = "; ".join(sorted({one.about for one in series}))
+    sections = [
+        Section(table.name, table.caption, table=to_html(table), notes=[*map(note_text, table.notes)])
+        for table in tables
+    ]
+    if scenes:
+        sources = plain_table([_source(*one) for one in scenes])
+        sections.append(Section("sources", "Measured scenes", table=sources, style="words"))
+    if alarms := [line for _, scene in scenes for line in _alarms(scene)]:
+        about = "Values found by the stages that make a scene's scores unreliable."
+        sections.append(Section("alarms", "Alarms", about, plain_table(alarms), "words"))
+    sections.append(Section("pictures", pictures=[read_picture(path) for path in pictures]))
+    return render_page(
+        generator=COMMAND,
+        title=f"EgoSplat's tables{f': measured on {measured_on}' if measured_on else ''}",
+        heading="EgoSplat's tables",
+        intro=_intro(measured_on, scenes[0][1].protocol["confidence"] if scenes else None),
+        warnings=(),
+        sections=sections,
+    )
+
+
+def _intro(measured_on: str, confidence: float | None) -> Iterator[str]:
+    yield f"Numbers printed in the paper, and numbers measured by egosplat on {measured_on or 'nothing (none yet)'}."
+    yield (
+        "Compare rows only within a block. Scores on synthetic apartments have a yellow background and are not ranked. In the "
+        "other blocks, the best number is red and the second best is teal."
+    )
+    if confidence is not None:
+        yield (
+            f"Below a measured number is its {100 * confidence:g} % interval; the last rows of a block are the chance level."
+        )
+    yield "The cost of a measured row is what a scene takes from its frames to its codes, with all that its variants share."
+
+
+def _source(series: Series, scene: ScoredScene) -> dict[str, str | int]:
+    models = ", ".join(f"{model.key} {model.checkpoint} {model.hash}" for model in scene.models)
+    return {
+        "Row": series.label,
+        "Scene": f"{scene.dataset}/{scene.scene}",
+        "Variant": scene.variant,
+        "Origin": scene.origin,
+        "Queries": scene.document["scores"]["all"]["count"],
+        "Models": models or "unknown",
+        "Scored": scene.document["provenance"]["created"],
+        "File": str(scene.path),
+    }
+
+
+def _alarms(scene: ScoredScene) -> Iterator[dict[str, str]]:
+    for alarm in scene.alarms:
+        yield {
+            "Scene": f"{scene.dataset}/{scene.scene}",
+            "Variant": scene.variant,
+            "Alarm": alarm.key,
+            "Found": found_text(alarm),
+            "Normal": normal_range(alarm.key),
+            "What to do": TEXTS[alarm.key].advice,
+        }

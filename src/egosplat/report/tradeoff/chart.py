@@ -1,20 +1,18 @@
 """The plot of a trade-off: a line for each scene, and labels that do not overlap."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from adjustText import adjust_text
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import RendererAgg
-from matplotlib.text import Annotation, Text
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-from matplotlib.transforms import Bbox
 
 from egosplat.drawing import plt, save_figure
 from egosplat.pipeline.sweeps import PRESET
-from egosplat.report.tradeoff.estimates import front
+from egosplat.report.tradeoff.estimates import find_front
 from egosplat.report.tradeoff.measured import ACCURACY, CPU, MEAN_IOU, PSNR, WALL, Measure
-from egosplat.report.tradeoff.scenes import Entry, mean_of, mean_points
+from egosplat.report.tradeoff.scenes import Entry, known_points, mean_of, mean_points
 
 # Cost and gain of each panel.
 PANELS = ((WALL, ACCURACY), (CPU, ACCURACY), (CPU, MEAN_IOU), (CPU, PSNR))
@@ -36,17 +34,6 @@ _TICKS = {
 }
 
 _BLUE = "tab:blue"
-
-# Places of a label around its point, the first free one is taken: distance [points] and directions, with the label's alignment.
-_DISTANCES = (7, 18, 30, 44, 60)
-_DIRECTIONS = (
-    (-1, 0.4, "right", "bottom"),
-    (1, -0.4, "left", "top"),
-    (1, 0.4, "left", "bottom"),
-    (-1, -0.4, "right", "top"),
-    (0, 1, "center", "bottom"),
-    (0, -1, "center", "top"),
-)
 
 
 def draw(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
@@ -94,13 +81,13 @@ def _draw_line(
     thin: bool,
 ) -> None:
     """Draw the points of a scene, and their front as a line."""
-    known = _known(points, cost, gain)
+    known = known_points(points, cost, gain)
     places = [(mean_of(one, cost), mean_of(one, gain)) for one in known]
     if not thin:
         for point, place in zip(known, places, strict=True):
             around = {"xerr": _around(point, cost), "yerr": _around(point, gain)}
             axes.errorbar(*place, **around, fmt="o", color="0.6", elinewidth=0.8)
-    best = front(places)
+    best = find_front(places)
     columns, rows = ([places[index][axis] for index in best] for axis in (0, 1))
     style = (
         {"linewidth": 1, "alpha": 0.6, "markersize": 3}
@@ -120,10 +107,10 @@ def _draw_time_axis(axes: Axes) -> None:
 
 
 def _label_points(axes: Axes, points: Sequence[Entry], cost: Measure, gain: Measure) -> None:
-    """Label the front and the presets."""
-    known = _known(points, cost, gain)
+    """Label the front and the presets, beside their points and apart from each other."""
+    known = known_points(points, cost, gain)
     places = [(mean_of(one, cost), mean_of(one, gain)) for one in known]
-    best = front(places)
+    best = find_front(places)
     named = [*best, *(index for index, one in enumerate(known) if index not in best and _is_preset(one))]
     place_labels(axes, places, {known[index]["label"]: places[index] for index in named})
 
@@ -131,57 +118,14 @@ def _label_points(axes: Axes, points: Sequence[Entry], cost: Measure, gain: Meas
 def place_labels(
     axes: Axes, points: Sequence[tuple[float, float]], labels: Mapping[str, tuple[float, float]]
 ) -> None:
-    """Write labels beside their points, so that none covers another label or a point, while there is room.
-
-    Args:
-        points: every drawn point, in data coordinates.
-        labels: labels with their points.
-    """
-    renderer = axes.figure.canvas.get_renderer()
-    taken = (
-        [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in axes.transData.transform(points)] if points else []
-    )
-    frame = axes.get_window_extent(renderer)
-    for text, place in labels.items():
-        for label in _candidates(axes, text, place):
-            box = box_of(label, renderer)
-            inside = frame.contains(*box.min) and frame.contains(*box.max)
-            if inside and not box.count_overlaps(taken):
-                break
-            label.remove()
-        else:
-            label = next(_candidates(axes, text, place))  # no room: better over something than lost
-            box = box_of(label, renderer)
-        taken.append(box)
-
-
-def box_of(label: Annotation, renderer: RendererAgg) -> Bbox:
-    """The box of a label's text in pixels, without its line."""
-    label.update_positions(renderer)
-    return Text.get_window_extent(label, renderer)
-
-
-def _candidates(axes: Axes, text: str, place: tuple[float, float]) -> Iterator[Annotation]:
-    """The label at each place around its point, nearest first; a line leads to a distant one."""
-    for distance in _DISTANCES:
-        line = {"arrowstyle": "-", "color": "0.5", "linewidth": 0.6} if distance > _DISTANCES[0] else None
-        for right, up, horizontal, vertical in _DIRECTIONS:
-            offset = (right * distance, up * distance)
-            yield axes.annotate(
-                text,
-                place,
-                offset,
-                textcoords="offset points",
-                ha=horizontal,
-                va=vertical,
-                fontsize=8,
-                zorder=5,
-                arrowprops=line,
-            )
-
-
-def _known(points: Sequence[Entry], cost: Measure, gain: Measure) -> list[Entry]:
-    return [one for one in points if one["measures"][cost.name] and one["measures"][gain.name]]
+    """Write labels beside their points, apart from each other and from all points; lines lead to those far away."""
+    # Left of a point and above it is no front.
+    style = {"fontsize": 8, "zorder": 5, "ha": "right", "va": "bottom"}
+    texts = [axes.text(*place, text, **style) for text, place in labels.items()]
+    if texts:
+        columns, rows = zip(*points, strict=True)
+        line = {"arrowstyle": "-", "color": "0.5", "linewidth": 0.6}
+        adjust_text(texts, columns, rows, ax=axes, arrowprops=line, expand=(1.1, 1.4), iter_lim=500)
 
 
 def _is_preset(point: Entry) -> bool:

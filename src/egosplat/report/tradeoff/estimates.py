@@ -3,45 +3,21 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 from scipy import stats
+
+# The values of one measure of one point, one per run.
+Sample = tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Estimate:
     """A value with the bounds of its interval; the bounds are None without repeated runs."""
 
-    value: float
+    mean: float
     low: float | None = None
     high: float | None = None
-
-
-@dataclass(frozen=True)
-class Sample:
-    """The values of one measure of one point, one per run.
-
-    Attributes:
-        values: at least one value.
-        step: resolution of the measure, such as 1 / queries for an accuracy; 0 for a continuous measure.
-    """
-
-    values: tuple[float, ...]
-    step: float = 0.0
-
-    @property
-    def mean(self) -> float:
-        return math.fsum(self.values) / len(self.values)
-
-    @property
-    def squares(self) -> float:
-        """Sum of squared differences from the mean."""
-        mean = self.mean
-        return math.fsum((value - mean) ** 2 for value in self.values)
-
-    @property
-    def logarithms(self) -> "Sample":
-        """The sample of the logarithms of positive values."""
-        return Sample(tuple(math.log(value) for value in self.values))
 
 
 @dataclass(frozen=True)
@@ -56,42 +32,41 @@ class Chance:
     variance: float
     freedom: int
 
-    def interval(self, value: float, share: float, confidence: float) -> Estimate:
-        """Student's interval of a value whose variance is ``share`` times that of a single run."""
-        if self.freedom == 0:
-            return Estimate(value)
-        half = stats.t.ppf((1 + confidence) / 2, self.freedom) * math.sqrt(share * self.variance)
-        return Estimate(value, value - half, value + half)
 
+def pool(samples: Sequence[Sample], step: float = 0.0) -> Chance:
+    """Pool the variance within all points, as in analysis of variance.
 
-def pooled(samples: Sequence[Sample]) -> Chance:
-    """Pool the variance within all points, as in analysis of variance."""
+    Args:
+        step: resolution of the measure, such as 1 / queries for an accuracy; 0 for a continuous measure.
+    """
     # A few runs per point give a usable variance only together. This assumes about the same variance in all points.
-    shares = [one for one in samples if one.step]
     # Equal continuous samples, such as the PSNR of points that share their Gaussians, are the same runs: they count once.
-    known = shares + list(dict.fromkeys(one for one in samples if not one.step))
-    freedom = sum(len(one.values) - 1 for one in known)
+    known = samples if step else list(dict.fromkeys(samples))
+    freedom = sum(len(one) - 1 for one in known)
     if not freedom:
         return Chance(math.nan, 0)
+    squares = math.fsum((value - fmean(one)) ** 2 for one in known for value in one)
     # Equal accuracies can still differ by less than a step: the variance is at least that of rounding.
-    rounding = max(one.step for one in known) ** 2 / 12
-    return Chance(max(math.fsum(one.squares for one in known) / freedom, rounding), freedom)
+    return Chance(max(squares / freedom, step**2 / 12), freedom)
 
 
-def mean(sample: Sample, chance: Chance, confidence: float) -> Estimate:
-    """Mean with its interval."""
-    return chance.interval(sample.mean, 1 / len(sample.values), confidence)
+def estimate_mean(sample: Sample, chance: Chance, confidence: float, logarithmic: bool = False) -> Estimate:
+    """Mean with Student's interval.
+
+    Args:
+        logarithmic: whether ``chance`` is that of the logarithms of positive values, and the interval one of ratios.
+    """
+    mean = fmean(sample)
+    if not chance.freedom:
+        return Estimate(mean)
+    deviation = math.sqrt(chance.variance / len(sample))
+    half = float(stats.t.ppf((1 + confidence) / 2, chance.freedom)) * deviation
+    if logarithmic:
+        return Estimate(mean, mean * math.exp(-half), mean * math.exp(half))
+    return Estimate(mean, mean - half, mean + half)
 
 
-def positive_mean(sample: Sample, chance: Chance, confidence: float) -> Estimate:
-    """Mean of positive values, with an interval of their ratio to it; ``chance`` is that of the logarithms."""
-    bounds = chance.interval(0.0, 1 / len(sample.values), confidence)
-    if bounds.low is None:
-        return Estimate(sample.mean)
-    return Estimate(sample.mean, sample.mean * math.exp(bounds.low), sample.mean * math.exp(bounds.high))
-
-
-def front(points: Sequence[tuple[float, float]]) -> list[int]:
+def find_front(points: Sequence[tuple[float, float]]) -> list[int]:
     """Indices of the Pareto front of (cost, gain), by increasing cost.
 
     A point is on the front if every other point is more expensive, less good, or equal in both.
@@ -100,7 +75,6 @@ def front(points: Sequence[tuple[float, float]]) -> list[int]:
     order = sorted(range(len(points)), key=lambda index: (points[index][0], -points[index][1]))
     found: list[int] = []
     for index in order:
-        cost, gain = points[index]
-        if not found or gain > points[found[-1]][1] or (cost, gain) == points[found[-1]]:
+        if not found or points[index][1] > points[found[-1]][1] or points[index] == points[found[-1]]:
             found.append(index)
     return found

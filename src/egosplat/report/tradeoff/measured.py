@@ -1,8 +1,10 @@
 """Read measured points from ``metrics.json``, one file per seed."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from egosplat.errors import UserError
@@ -10,7 +12,7 @@ from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_
 from egosplat.pipeline.sweep_recipes import Recipe
 from egosplat.pipeline.sweeps import PRESET, Setting, shown
 from egosplat.report.tables.series import find_series
-from egosplat.report.tradeoff.estimates import Chance, Sample, pooled
+from egosplat.report.tradeoff.estimates import Chance, Sample, pool
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,11 @@ class Measure:
     decimals: int
     more_is_better: bool
     about: str
+
+    @property
+    def label(self) -> str:
+        """Heading and unit."""
+        return f"{self.heading} [{self.unit}]"
 
     def text(self, value: float | None) -> str:
         """Format a value in the unit of the page; ``-`` for None."""
@@ -53,34 +60,6 @@ MEASURES = (*COSTS, ACCURACY, MEAN_IOU, PSNR)
 # Stages that only score a scene; they do not count in its costs.
 EVALUATION = ("annotations", "metrics")
 
-# Costs of a stage by the names of ``COSTS``; None if not measured.
-Costs = Mapping[str, float | None]
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """A run of a point with one seed.
-
-    Attributes:
-        stages: costs by stage.
-    """
-
-    scored: ScoredScene
-    stages: Mapping[str, Costs]
-
-    def value(self, measure: Measure) -> float | None:
-        """The value of a measure; costs include shared stages, but not ``EVALUATION``."""
-        document = self.scored.document
-        if measure is PSNR:
-            return document["rendering"]["static"]["psnr"]
-        if measure in (ACCURACY, MEAN_IOU):
-            return document["scores"]["all"][measure.name]
-        values = [costs[measure.name] for stage, costs in self.stages.items() if stage not in EVALUATION]
-        # A sum without one of its parts would be too small, without a word.
-        if None in values:
-            return None
-        return max(values) if measure.name.startswith("peak") else sum(values)
-
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPoint:
@@ -88,13 +67,13 @@ class MeasuredPoint:
 
     Attributes:
         settings: all settings that give this point.
-        runs: one run per seed.
+        runs: scores, one per seed.
         recipe: keys and command that make it.
         about: data and checkpoints.
     """
 
     settings: tuple[Setting, ...]
-    runs: tuple[Run, ...]
+    runs: tuple[ScoredScene, ...]
     recipe: Recipe
     about: str
 
@@ -109,30 +88,29 @@ class MeasuredPoint:
     @property
     def variant(self) -> str | None:
         """The variant of the first run; None for the scene itself."""
-        first = self.runs[0].scored.path.parent
+        first = self.runs[0].path.parent
         return first.name if first.parent.name == "variants" else None
 
     @property
     def queries(self) -> int:
-        return self.runs[0].scored.document["scores"]["all"]["count"]
+        return self.runs[0].document["scores"]["all"]["count"]
 
     def sample(self, measure: Measure) -> Sample | None:
         """The values of a measure in all runs; None if a run has no value."""
-        values = [run.value(measure) for run in self.runs]
-        if None in values:
-            return None
-        return Sample(tuple(values), step=1 / self.queries if measure is ACCURACY else 0.0)
+        values = tuple(_value(run, measure) for run in self.runs)
+        return None if None in values else values
 
     def stage_costs(self) -> dict[str, dict[str, float | None]]:
         """Mean costs over the runs, by stage and measure."""
-        names = dict.fromkeys(stage for run in self.runs for stage in run.stages)
-        return {
-            stage: {
-                cost.name: _mean(run.stages[stage][cost.name] for run in self.runs if stage in run.stages)
-                for cost in COSTS
-            }
-            for stage in names
-        }
+        runs = [_stages(run) for run in self.runs]
+        names = dict.fromkeys(stage for run in runs for stage in run)
+        return {stage: mean_costs([run[stage] for run in runs if stage in run]) for stage in names}
+
+
+def mean_costs(found: Sequence[Mapping[str, float | None]]) -> dict[str, float | None]:
+    """The mean of the costs of a stage; None for a cost that is not known of all."""
+    values = {cost.name: [one[cost.name] for one in found] for cost in COSTS}
+    return {name: None if None in own else fmean(own) for name, own in values.items()}
 
 
 def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
@@ -144,8 +122,8 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
     Raises:
         UserError: a file cannot be read, misses an artifact, or cannot be compared with the others.
     """
-    read = [[_run(Path(path)) for path in point["metrics"]] for point in points]
-    scenes = [run.scored for runs in read for run in runs]
+    read = [[_read_run(Path(path)) for path in point["metrics"]] for point in points]
+    scenes = [run for runs in read for run in runs]
     check_protocol(scenes)
     if others := [one for one in scenes if (one.dataset, one.scene) != (scenes[0].dataset, scenes[0].scene)]:
         raise UserError(
@@ -157,43 +135,58 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
             settings=tuple(Setting(*pair) for pair in point["settings"]),
             runs=tuple(runs),
             recipe=Recipe(**point["recipe"]),
-            about=about[runs[0].scored.path],
+            about=about[runs[0].path],
         )
         for point, runs in zip(points, read, strict=True)
     ]
 
 
-def chances(points: Sequence[MeasuredPoint]) -> dict[Measure, Chance]:
+def find_chances(points: Sequence[MeasuredPoint]) -> dict[Measure, Chance]:
     """Pooled chance of all points, by measure; for costs it is that of their logarithms."""
     # Costs vary in proportion to their size, so their logarithms have about the same variance.
     found = {}
     for measure in MEASURES:
-        samples = [sample for point in points if (sample := point.sample(measure))]
-        found[measure] = pooled(samples if measure.more_is_better else [one.logarithms for one in samples])
+        known = [(point, sample) for point in points if (sample := point.sample(measure))]
+        step = max((1 / point.queries for point, _ in known), default=0.0) if measure is ACCURACY else 0.0
+        samples = [sample for _, sample in known]
+        if not measure.more_is_better:
+            samples = [tuple(map(math.log, sample)) for sample in samples]
+        found[measure] = pool(samples, step)
     return found
 
 
-def _run(path: Path) -> Run:
+def _read_run(path: Path) -> ScoredScene:
     scored = read_scored_scene(path)
     if scored.method is not None:
         raise UserError(
             f"{path}: holds the scores of another method, {scored.method}, which has no stages to compare"
         )
-    artifacts = scored.document["artifacts"]
-    if lost := [name for name, entry in artifacts.items() if entry is None]:
+    if lost := [name for name, entry in scored.document["artifacts"].items() if entry is None]:
         raise UserError(
             f"{path}: has no costs of {lost[0]}, which was missing.\nDelete it and run Snakemake again: rm {path}"
         )
-    records = [*artifacts.values(), scored.document["provenance"]]
-    return Run(scored, {record["stage"]: _costs(record) for record in records})
+    return scored
 
 
-def _costs(record: Mapping[str, Any]) -> Costs:
+def _stages(run: ScoredScene) -> dict[str, dict[str, float | None]]:
+    """Costs by stage and measure; None if not measured."""
+    records = [*run.document["artifacts"].values(), run.document["provenance"]]
     # The wall time of an interrupted stage is that of its last run; the training time is that of all runs.
-    wall = max(record["wall_s"], record.get("training_s", 0.0))
-    return {cost.name: record.get(cost.name) for cost in COSTS} | {WALL.name: wall}
+    return {
+        record["stage"]: {cost.name: record.get(cost.name) for cost in COSTS}
+        | {WALL.name: max(record["wall_s"], record.get("training_s", 0.0))}
+        for record in records
+    }
 
 
-def _mean(values: Iterable[float | None]) -> float | None:
-    known = list(values)
-    return None if None in known else sum(known) / len(known)
+def _value(run: ScoredScene, measure: Measure) -> float | None:
+    """The value of a measure; costs include shared stages, but not ``EVALUATION``."""
+    if measure is PSNR:
+        return run.document["rendering"]["static"]["psnr"]
+    if measure in (ACCURACY, MEAN_IOU):
+        return run.document["scores"]["all"][measure.name]
+    values = [costs[measure.name] for stage, costs in _stages(run).items() if stage not in EVALUATION]
+    # A sum without one of its parts would be too small, without a word.
+    if None in values:
+        return None
+    return max(values) if measure is MEMORY else sum(values)

@@ -1,21 +1,17 @@
-"""Write the files of a trade-off: ``tradeoff.json`` of a scene; CSV and HTML of one or more."""
+"""The files of a trade-off: ``tradeoff.json`` of a scene; CSV and HTML of one or more."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from jinja2 import Environment, StrictUndefined
 
-from egosplat.evaluation.scored_scenes import CHANCE
-from egosplat.files import write_json
-from egosplat.pipeline import config as configuration
+from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import shown
-from egosplat.report.tables.page import read_picture
-from egosplat.report.tradeoff.estimates import Chance, Estimate, Sample, front, mean, positive_mean
+from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
+from egosplat.report.tradeoff.estimates import estimate_mean, find_front
 from egosplat.report.tradeoff.measured import (
     ACCURACY,
     CPU,
@@ -24,9 +20,9 @@ from egosplat.report.tradeoff.measured import (
     WALL,
     Measure,
     MeasuredPoint,
-    chances,
+    find_chances,
 )
-from egosplat.report.tradeoff.scenes import bought, mean_of, mean_points
+from egosplat.report.tradeoff.scenes import Entry, bought, known_points, mean_of, mean_points
 
 FORMAT_VERSION = 5
 
@@ -35,6 +31,21 @@ _COLUMNS = ("scene", "point", "about", "front", "stage", "measure", "mean", "low
 # Generator named in the page's metadata.
 GENERATOR = "egosplat tradeoff"
 
+_BOUGHT = (
+    "Of the points that take no longer on the clock of the machine that measured, one stage after the other: the most "
+    "accurate, and the one with the largest PSNR. Minutes between two rows buy what the upper row says."
+)
+_TIMES = (
+    "Time is the wall time of each stage; CPU time varies less if other processes ran at the same time. The PSNR of points "
+    "with another frames.resolution is not comparable, because their photographs have another size. paper_scaled has the "
+    "paper's settings except resolution, focal length, models and the thresholds of the models. With other models than the "
+    "paper's, it says little about the paper."
+)
+_INTERVALS = (
+    "Intervals are Student's intervals over seeds. They assume the same variance for all points (relative variance for "
+    "costs) and do not cover other queries or scenes."
+)
+
 
 def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
     """Build the content of ``tradeoff.json``, see ``tradeoff.schema.yaml``.
@@ -42,27 +53,54 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
     Args:
         points: measured points, the scene itself first.
     """
-    first = points[0].runs[0].scored
-    confidence = first.protocol["confidence"]
-    best, chance = _front(points), chances(points)
+    first = points[0].runs[0]
+    entries = _entries(points, first.protocol["confidence"])
+    known = known_points(entries, WALL, ACCURACY)
+    for index in find_front([(mean_of(one, WALL), mean_of(one, ACCURACY)) for one in known]):
+        known[index]["front"] = True
     return {
         "format_version": FORMAT_VERSION,
         "scene": f"{first.dataset}/{first.scene}",
         "origin": first.origin,
         "about": points[0].about,
         "notice": first.document["notice"],
-        "machines": sorted({name for point in points for name in _machines(point)}),
-        "confidence": confidence,
+        "machines": sorted({name for point in points for run in point.runs for name in _machines(run)}),
+        "confidence": first.protocol["confidence"],
         "chance": {answerer: first.document["scores"]["all"][answerer] for answerer in CHANCE},
         "seeds": len(points[0].runs),
-        "points": [_entry(point, chance, confidence, point in best) for point in points],
+        "points": entries,
     }
 
 
-def write_document(path: Path, document: dict[str, Any]) -> None:
-    """Check ``tradeoff.json`` against its schema and write it atomically, with sorted keys."""
-    configuration.check(document, str(path), against="tradeoff")
-    write_json(path, document)
+def _entries(points: Sequence[MeasuredPoint], confidence: float) -> list[dict[str, Any]]:
+    chances = find_chances(points)
+
+    def measure_entry(point: MeasuredPoint, measure: Measure) -> dict[str, Any] | None:
+        if (sample := point.sample(measure)) is None:
+            return None
+        found = estimate_mean(sample, chances[measure], confidence, not measure.more_is_better)
+        return {"runs": list(sample), **asdict(found)}
+
+    return [
+        {
+            "label": point.label,
+            "variant": point.variant,
+            "settings": [asdict(one) for one in point.settings],
+            "recipe": point.recipe.as_json(),
+            "about": point.about,
+            "front": False,
+            "queries": point.queries,
+            "gaussians": [run.document["counts"]["gaussians"] for run in point.runs],
+            "measures": {measure.name: measure_entry(point, measure) for measure in MEASURES},
+            "stages": point.stage_costs(),
+        }
+        for point in points
+    ]
+
+
+def _machines(run: ScoredScene) -> list[str]:
+    """The machines of a run's artifacts, without artifacts that do not record one."""
+    return [entry["machine"] for entry in run.document["artifacts"].values() if "machine" in entry]
 
 
 def to_csv(documents: Sequence[Mapping[str, Any]]) -> str:
@@ -77,9 +115,17 @@ def to_csv(documents: Sequence[Mapping[str, Any]]) -> str:
         | line
         for document in documents
         for point in document["points"]
-        for line in (*_measures(point), *_stages(point))
+        for line in _csv_lines(point)
     )
     return pd.DataFrame(lines, columns=list(_COLUMNS)).astype({"runs": "Int64"}).to_csv(index=False)
+
+
+def _csv_lines(point: Entry) -> Iterator[dict[str, Any]]:
+    for name, found in point["measures"].items():
+        if found:
+            yield found | {"measure": name, "runs": len(found["runs"])}
+    for stage, costs in point["stages"].items():
+        yield from ({"stage": stage, "measure": name, "mean": value} for name, value in costs.items())
 
 
 def to_html(documents: Sequence[Mapping[str, Any]], picture: Path) -> str:
@@ -88,83 +134,151 @@ def to_html(documents: Sequence[Mapping[str, Any]], picture: Path) -> str:
     Raises:
         UserError: the picture cannot be read.
     """
-    template = (resources.files(__package__) / "tradeoff.html.j2").read_text(encoding="utf-8")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    first, points, several = documents[0], mean_points(documents), len(documents) > 1
+    title = ", ".join(document["scene"] for document in documents)
+    machines = sorted({name for document in documents for name in document["machines"]})
+    style = f"named {first['origin']}"
+    front = "The Pareto front of each panel is a line"
+    caption = f"{front}: thin for each scene, thick for their mean." if several else f"{front}."
+    heading = f"Points, mean of {len(documents)} scenes" if several else "Points"
+    sections = [
+        Section("plot", pictures=[read_picture(picture, caption)]),
+        Section(
+            "bought", "What would I get for a number of minutes?", "", _bought_table(points), style, [_BOUGHT]
+        ),
+        Section("points", heading, "", _points_table(points), style, list(_notes(documents, points))),
+        Section("recipes", "Recipes", "", _recipes_table(points), "texts"),
+        *(
+            Section(f"stages_{one.name}", f"{one.label} of each stage", "", _stages_table(points, one), style)
+            for one in (WALL, CPU)
+        ),
+    ]
+    for document in documents if several else ():
+        table, recipes = _points_table(document["points"]), _recipes_table(document["points"])
+        sections += [
+            Section(document["scene"], document["scene"], "", table, f"named {document['origin']}"),
+            Section(f"{document['scene']}-recipes", "", "", recipes, "texts"),
+        ]
+    return render_page(
+        generator=GENERATOR,
+        title=f"Speed against accuracy: {title}, {first['about']}",
+        heading=f"Speed against accuracy: {title}",
+        intro=[
+            f"Measured on {first['about']} (origin: {first['origin']}), {'; '.join(machines) or 'an unknown machine'}.",
+            _about_runs(documents),
+        ],
+        warnings=[
+            *(f"Notice on {one['scene']}: {one['notice']}." for one in documents if one["notice"]),
+            *(
+                ["These points were run on several machines: their times cannot be compared."]
+                if len(machines) > 1
+                else []
+            ),
+        ],
+        sections=sections,
     )
-    first, points = documents[0], mean_points(documents)
+
+
+def _about_runs(documents: Sequence[Mapping[str, Any]]) -> str:
+    first = documents[0]
+    if len(documents) > 1:
+        return f"Each number is the mean of {len(documents)} scenes; points that a scene lacks are left out."
+    if first["seeds"] > 1:
+        return (
+            f"Each number is the mean of {first['seeds']} runs with different seeds, with its "
+            f"{100 * first['confidence']:g} % interval."
+        )
+    return "Each point was run once, so the random variation is not known."
+
+
+def _notes(documents: Sequence[Mapping[str, Any]], points: Sequence[Entry]) -> Iterator[str]:
+    first = documents[0]
+    about = "; ".join(f"{one.heading}: {one.about}" for one in MEASURES)
+    yield (
+        f"◆: on the Pareto front of time and accuracy. {about}. A stage that points share counts fully for each of them. "
+        f"Evaluation ({', '.join(EVALUATION)}) does not count; its time is in the table below."
+    )
+    chances = {name: first["chance"][key] for key, name in CHANCE.items()}
+    told = (f"{name} {'-' if one is None else f'{100 * one:.1f} %'}" for name, one in chances.items())
+    yield f"Accuracy by chance in {first['scene']}: {', '.join(told)}."
+    yield _TIMES
+    if first["seeds"] > 1 and len(documents) == 1:
+        yield _INTERVALS
+    if own := [f"{one['knob']}={shown(one['value'])}" for one in points[0]["settings"]]:
+        yield f"Settings of the scene itself, and settings that give the same results: {'; '.join(own)}."
+    if others := [one["label"] for one in points if one["queries"] != points[0]["queries"]]:
+        yield (
+            "Points with another number of queries than the scene, so that their scores are partly of other queries: "
+            f"{'; '.join(others)}."
+        )
+
+
+def _points_table(points: Sequence[Entry]) -> str:
+    return plain_table(
+        [
+            {
+                "Point": f"{point['label']} ◆" if point["front"] else point["label"],
+                **{one.label: _cell(point, one) for one in MEASURES},
+                "Gaussians": ", ".join(map(str, point["gaussians"])),
+                "Queries": point["queries"],
+                "Data, checkpoints": point["about"],
+            }
+            for point in points
+        ]
+    )
+
+
+def _cell(point: Entry, measure: Measure) -> str:
+    """The mean of a measure, with its interval on a second line."""
+    if (found := point["measures"][measure.name]) is None:
+        return "-"
+    low, high = found["low"], found["high"]
+    interval = "" if low is None else f"\n{measure.text(low)}–{measure.text(high)}"
+    return measure.text(found["mean"]) + interval
+
+
+def _bought_table(points: Sequence[Entry]) -> str:
+    shown_measures = [WALL, CPU, *(one for one in MEASURES if one.more_is_better)]
+    rows = []
+    for minutes, *found in bought(points):
+        row: dict[tuple[str, str], Any] = {("", "Minutes"): minutes}
+        for aim, point in zip(("finds most", "looks best"), found, strict=True):
+            row[aim, "Point"] = point["label"] if point else "nothing"
+            for one in shown_measures:
+                known = point and point["measures"][one.name]
+                row[aim, one.label] = one.text(known["mean"]) if known else "-"
+        rows.append(row)
+    return plain_table(rows)
+
+
+def _recipes_table(points: Sequence[Entry]) -> str:
+    """The command of each point, and the keys that differ from their defaults."""
+    return plain_table(
+        [
+            {
+                "Point": point["label"],
+                "Command": point["recipe"]["command"],
+                "Keys that differ from their defaults": "\n".join(
+                    f"{key}: {shown(value)}" for key, value in point["recipe"]["keys"].items()
+                )
+                or "none",
+            }
+            for point in points
+        ]
+    )
+
+
+def _stages_table(points: Sequence[Entry], time: Measure) -> str:
     measured = {stage for point in points for stage in point["stages"]}
     stages = [name for name in STAGES if name in measured and name not in EVALUATION]
-    return environment.from_string(template).render(
-        documents=documents,
-        first=first,
-        title=", ".join(document["scene"] for document in documents),
-        machines=sorted({name for document in documents for name in document["machines"]}),
-        generator=GENERATOR,
-        points=points,
-        bought=bought(points),
-        mean_of=mean_of,
-        shown=shown,
-        own=[f"{one['knob']}={shown(one['value'])}" for one in points[0]["settings"]],
-        measures=MEASURES,
-        gains=tuple(one for one in MEASURES if one.more_is_better),
-        times=(WALL, CPU),
-        stages=stages + [name for name in EVALUATION if name in measured],
-        evaluation=EVALUATION,
-        chances={name: first["chance"][key] for key, name in CHANCE.items()},
-        confidence=f"{100 * first['confidence']:g} %",
-        picture=read_picture(picture),
-        asked_otherwise=[one["label"] for one in points if one["queries"] != points[0]["queries"]],
+    stages += [name for name in EVALUATION if name in measured]
+    return plain_table(
+        [
+            {"Point": point["label"]}
+            | {
+                name: time.text(point["stages"][name][time.name]) if name in point["stages"] else "-"
+                for name in stages
+            }
+            for point in points
+        ]
     )
-
-
-def _front(points: Sequence[MeasuredPoint]) -> list[MeasuredPoint]:
-    """The Pareto front of time and accuracy, among the points with both."""
-    known = [(point, point.sample(WALL), point.sample(ACCURACY)) for point in points]
-    known = [(point, time.mean, accuracy.mean) for point, time, accuracy in known if time and accuracy]
-    return [known[index][0] for index in front([means for _, *means in known])]
-
-
-def _entry(
-    point: MeasuredPoint, chance: Mapping[Measure, Chance], confidence: float, on_front: bool
-) -> dict[str, Any]:
-    samples = {measure: point.sample(measure) for measure in MEASURES}
-    return {
-        "label": point.label,
-        "variant": point.variant,
-        "settings": [asdict(one) for one in point.settings],
-        "recipe": point.recipe.as_json(),
-        "about": point.about,
-        "front": on_front,
-        "queries": point.queries,
-        "gaussians": [run.scored.document["counts"]["gaussians"] for run in point.runs],
-        "measures": {
-            measure.name: _measure_entry(measure, sample, chance[measure], confidence) if sample else None
-            for measure, sample in samples.items()
-        },
-        "stages": point.stage_costs(),
-    }
-
-
-def _measure_entry(measure: Measure, sample: Sample, chance: Chance, confidence: float) -> dict[str, Any]:
-    estimate: Estimate = (mean if measure.more_is_better else positive_mean)(sample, chance, confidence)
-    return {"runs": list(sample.values), "mean": estimate.value, "low": estimate.low, "high": estimate.high}
-
-
-def _machines(point: MeasuredPoint) -> list[str]:
-    """The machines of a point's artifacts, without artifacts that do not record one."""
-    documents = (run.scored.document for run in point.runs)
-    records = (entry for document in documents for entry in document["artifacts"].values())
-    return [entry["machine"] for entry in records if "machine" in entry]
-
-
-def _measures(point: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    for name, found in point["measures"].items():
-        if found:
-            bounds = {key: found[key] for key in ("mean", "low", "high")}
-            yield {"measure": name, "runs": len(found["runs"]), **bounds}
-
-
-def _stages(point: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    for stage, costs in point["stages"].items():
-        yield from ({"stage": stage, "measure": name, "mean": value} for name, value in costs.items())

@@ -1,10 +1,11 @@
 """Several scenes at once: the mean of the points that all of them have, and what a number of minutes buys."""
 
 from collections.abc import Mapping, Sequence
+from statistics import fmean
 from typing import Any
 
-from egosplat.report.tradeoff.estimates import front
-from egosplat.report.tradeoff.measured import ACCURACY, COSTS, MEASURES, PSNR, WALL, Measure
+from egosplat.report.tradeoff.estimates import find_front
+from egosplat.report.tradeoff.measured import ACCURACY, COSTS, MEASURES, PSNR, WALL, Measure, mean_costs
 
 # An entry of ``points`` in ``tradeoff.json``, or the mean of such entries.
 Entry = Mapping[str, Any]
@@ -27,11 +28,15 @@ def mean_points(documents: Sequence[Mapping[str, Any]]) -> list[Entry]:
     by_label = [{point["label"]: point for point in document["points"]} for document in documents]
     shared = [label for label in by_label[0] if all(label in points for points in by_label)]
     found = [_mean_entry([points[label] for points in by_label]) for label in shared]
-    known = [one for one in found if one["measures"][WALL.name] and one["measures"][ACCURACY.name]]
-    best = front([(mean_of(one, WALL), mean_of(one, ACCURACY)) for one in known])
-    for index in best:
+    known = known_points(found, WALL, ACCURACY)
+    for index in find_front([(mean_of(one, WALL), mean_of(one, ACCURACY)) for one in known]):
         known[index]["front"] = True
     return found
+
+
+def known_points(points: Sequence[Entry], *measures: Measure) -> list[Entry]:
+    """The points of which all these measures are known."""
+    return [one for one in points if all(one["measures"][measure.name] for measure in measures)]
 
 
 def mean_of(point: Entry, measure: Measure) -> float | None:
@@ -42,11 +47,7 @@ def mean_of(point: Entry, measure: Measure) -> float | None:
 
 def best_within(points: Sequence[Entry], gain: Measure, minutes: float) -> Entry | None:
     """The point with the largest ``gain`` that takes at most ``minutes`` on the clock; the quicker of two equal ones."""
-    affordable = [
-        one
-        for one in points
-        if one["measures"][gain.name] and one["measures"][WALL.name] and mean_of(one, WALL) <= minutes
-    ]
+    affordable = [one for one in known_points(points, gain, WALL) if mean_of(one, WALL) <= minutes]
     return max(affordable, key=lambda one: (mean_of(one, gain), -mean_of(one, WALL)), default=None)
 
 
@@ -64,33 +65,23 @@ def bought(points: Sequence[Entry]) -> list[tuple[int, Entry | None, Entry | Non
 
 
 def _mean_entry(points: Sequence[Entry]) -> dict[str, Any]:
-    measures = {
-        one.name: _mean_measure([point["measures"][one.name] for point in points]) for one in MEASURES
-    }
     stages = dict.fromkeys(stage for point in points for stage in point["stages"])
+    # A scene that does without a stage counts as 0.
+    nothing = dict.fromkeys((one.name for one in COSTS), 0.0)
     return {
         **points[0],
         "front": False,
         "queries": sum(point["queries"] for point in points),
-        "gaussians": [round(_mean([count for point in points for count in point["gaussians"]]))],
-        "measures": measures,
-        "stages": {stage: _mean_costs([point["stages"].get(stage) for point in points]) for stage in stages},
+        "gaussians": [round(fmean(count for point in points for count in point["gaussians"]))],
+        "measures": {one.name: _mean_measure(points, one) for one in MEASURES},
+        "stages": {
+            stage: mean_costs([point["stages"].get(stage, nothing) for point in points]) for stage in stages
+        },
     }
 
 
-def _mean_measure(found: Sequence[Mapping[str, Any] | None]) -> dict[str, Any] | None:
-    if None in found:
+def _mean_measure(points: Sequence[Entry], measure: Measure) -> dict[str, Any] | None:
+    if len(known_points(points, measure)) < len(points):
         return None
-    means = [one["mean"] for one in found]
-    return {"runs": means, "mean": _mean(means), "low": None, "high": None}
-
-
-def _mean_costs(found: Sequence[Mapping[str, float | None] | None]) -> dict[str, float | None]:
-    """Mean costs of a stage; a scene that does without the stage counts as 0."""
-    costs = [dict.fromkeys((one.name for one in COSTS), 0.0) if one is None else one for one in found]
-    every = {one.name: [cost[one.name] for cost in costs] for one in COSTS}
-    return {name: None if None in values else _mean(values) for name, values in every.items()}
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
+    means = [point["measures"][measure.name]["mean"] for point in points]
+    return {"runs": means, "mean": fmean(means), "low": None, "high": None}

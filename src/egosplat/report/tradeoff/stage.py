@@ -5,23 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.files import write_text
+from egosplat.files import write_json, write_text
+from egosplat.pipeline import config as configuration
 from egosplat.pipeline.validation import read_document
 from egosplat.progress import log
 from egosplat.report.tradeoff.chart import draw
 from egosplat.report.tradeoff.measured import read_points
-from egosplat.report.tradeoff.page import (
-    to_csv,
-    to_html,
-    tradeoff_document,
-    write_document,
-)
+from egosplat.report.tradeoff.page import to_csv, to_html, tradeoff_document
 
 # Stem of the files.
 NAME = "tradeoff"
-
-# Lists that an entry of ``points`` has, and its object ``recipe``.
-_LISTS = ("settings", "metrics")
 
 
 def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
@@ -39,9 +32,11 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
             "--points: must be a list of at least one point; each is an object with the lists settings and metrics and "
             "the object recipe, of keys and command"
         )
+    json = output / f"{NAME}.json"
     document = tradeoff_document(read_points(points))
     _write_pages([document], output)
-    write_document(output / f"{NAME}.json", document)
+    configuration.check(document, str(json), against="tradeoff")
+    write_json(json, document)
     log(f"{len(points)} points, {document['seeds']} runs each: {output / NAME}.html")
 
 
@@ -70,7 +65,7 @@ def _write_pages(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
 def _is_point(point: object) -> bool:
     return (
         isinstance(point, Mapping)
-        and all(isinstance(point.get(name), list) for name in _LISTS)
+        and all(isinstance(point.get(name), list) for name in ("settings", "metrics"))
         and isinstance(point.get("recipe"), Mapping)
         and point["recipe"].keys() == {"keys", "command"}
     )

@@ -7,35 +7,41 @@ from html.parser import HTMLParser
 import pandas as pd
 import pytest
 
-from egosplat.report.tables.formats import latex, markdown, to_csv, to_latex, to_markdown
-from egosplat.report.tables.page import Picture, to_html
-from egosplat.report.tables.table import Block, Cell, Column, Note, Row, Table
+from egosplat.evaluation.scored_scenes import Cell
+from egosplat.report.tables.formats import latex, markdown, to_csv, to_html, to_latex, to_markdown
+from egosplat.report.tables.stage import write_page
+from egosplat.report.tables.table import Layout, Note, Row
 
 HOSTILE = '<script>alert("1")</script> & \\input{x} | a_b % $x$ #1 ~ ^ *b* `c` [d](e)'
 
-COLUMNS = tuple(
-    Column("average", metric, "all", over, metric)
-    for metric, over in (("accuracy", "Acc (%)"), ("mean_iou", "mIoU (%)"))
+COLUMNS = (("average", "accuracy", "all"), ("average", "mean_iou", "all"))
+HEADINGS = (("Acc (%)", "accuracy"), ("mIoU (%)", "mean_iou"))
+PAPER, OTHER = ("printed", "Printed"), ("synthetic", "Synthetic: not ADT")
+CELLS = (
+    Cell(40.0, (30.0, 52.0), 80, 20, ("scene1", "scene2")),
+    Cell(12.3456, (10.0, 15.0), 40, 10, ("scene1",)),
 )
 
 
-def row(label: str, *cells: Cell) -> Row:
-    return Row(label, label, "ADT", "", "full", (True, False), cells)
+def row(block: tuple[str, str], label: str, *cells: Cell, **more) -> Row:
+    return Row(*block, label, label, "ADT", (True, False), cells, variant="full", **more)
+
+
+def layout(*rows: Row, times: int = 1) -> Layout:
+    scenes = ("scene1", "scene2", "x")
+    notes = (Note("Odd & strange_one.", mark="a"), Note("Another."))
+    texts = ("ablation", "A caption.", "adt", "adt", scenes)
+    return Layout(*texts, COLUMNS * times, HEADINGS * times, {}, ("One", "Two"), rows, notes)
 
 
 @pytest.fixture
-def table() -> Table:
-    scenes = ("scene1", "scene2")
-    cells = (
-        Cell(40.0, (30.0, 52.0), 80, 20, scenes),
-        Cell(12.3456, (10.0, 15.0), 40, 10, ("scene1",), rank=2),
+def table() -> Layout:
+    return layout(
+        row(PAPER, "LERF", Cell(67.5), Cell(0.0), marks=("a", "")),
+        row(PAPER, "GAGS", Cell(50.0), Cell(9.96)),
+        row(OTHER, HOSTILE, *CELLS),
+        row(OTHER, "none", Cell(), Cell()),
     )
-    blocks = (
-        Block("printed", "Printed", (row("LERF", Cell(67.5, mark="a", rank=1), Cell(0.0)),)),
-        Block("synthetic", "Synthetic: not ADT", (row(HOSTILE, *cells), row("none", Cell(), Cell()))),
-    )
-    notes = (Note("a", "Odd & strange_one."), Note("", "Another."))
-    return Table("ablation", "A caption.", ("One", "Two"), COLUMNS, blocks, notes, ("scene1", "scene2", "x"))
 
 
 class Page(HTMLParser):
@@ -60,24 +66,20 @@ class Page(HTMLParser):
         self.text.append(data)
 
 
-def page_of(table: Table, pictures=()) -> Page:
-    found = Page(to_html([table], [], pictures, 0.95))
+@pytest.fixture
+def page(table) -> Page:
+    found = Page(write_page([table], [], []))
     assert not found.open
     return found
 
 
-def test_html_shows_hostile_names_as_text(table):
-    page = page_of(table, [Picture(f'"><img src=x onerror=1>{HOSTILE}', "data:image/png;base64,AAAA")])
-    assert not any(tag == "script" for tag, _ in page.tags)
-    assert [attributes.get("src") for tag, attributes in page.tags if tag == "img"] == [
-        "data:image/png;base64,AAAA"
-    ]
+def test_html_shows_hostile_names_as_text(page):
+    assert not any(tag in ("script", "img") for tag, _ in page.tags)
     assert any(text.startswith(f"{HOSTILE}, average of 2 of 3 scenes") for text in page.text)
     assert not any(key.startswith("on") for _, attributes in page.tags for key in attributes)
 
 
-def test_html_is_self_contained(table):
-    page = page_of(table)
+def test_html_is_self_contained(page):
     for tag, attributes in page.tags:
         assert tag not in ("link", "script", "iframe")
         assert not {"src", "href"} & set(attributes)
@@ -85,35 +87,33 @@ def test_html_is_self_contained(table):
     assert policy.startswith("default-src 'none'")
 
 
-def test_html_separates_blocks_and_shows_intervals(table):
-    page = page_of(table)
-    assert [one.get("class") for tag, one in page.tags if tag == "tbody"] == ["printed", "synthetic"]
-    assert {"30.0–52.0", "10.0–15.0"} <= set(page.text)
-    titles = [one["title"] for tag, one in page.tags if tag == "td" and "title" in one]
-    assert titles == ["80 queries of 20 categories", "40 queries of 10 categories"]
+def test_html_has_a_row_a_line_and_intervals_below_their_numbers(table):
+    text = to_html(table)
+    rows = re.findall(r"<tr>(.*?)</tr>", text[text.index("<tbody>") :], re.DOTALL)
+    assert len(rows) == 6 and {one.count("<td") for one in rows} == {5}
+    assert "40.0\n30.0–52.0" in text and "80 queries of 20 categories" in text
 
 
-def test_html_rows_have_as_many_cells_as_columns(table):
-    text = to_html([table], [], [], None)
-    body = text[text.index('<tbody class="synthetic">') :]
-    for line in body.split("<tr>")[2:]:
-        assert line.count("<td") == len(table.components) + len(table.columns)
+def test_html_colors_the_best_numbers_and_synthetic_rows(table):
+    text = to_html(table)
+    styles = dict(re.findall(r"#T_ablation_([^ ]+) {([^}]+)}", text.replace(", #T", " {} #T")))
+    assert "#c00000" in text and "#007070" in text and "row0_col3" not in styles
+    assert "#T_ablation_row5_col4" in text and "#T_ablation_row1_col0" not in text
 
 
 def test_markdown_shows_ranks_notes_and_intervals(table):
-    text = to_markdown(table)
-    assert "| ✓ |  | LERF | **67.5**<sup>a</sup> | 0.0 |" in text
-    assert "average of 2 of 3 scenes | 40.0 (30.0–52.0) | *12.3* (10.0–15.0) (of 1) |" in text
+    text = re.sub(" +", " ", to_markdown(table))
+    assert "| ✓ | | LERF | **67.5 \\[a\\]** | *0.0* |" in text
+    assert "average of 2 of 3 scenes | 40.0 (30.0–52.0) | 12.3 (of 1) (10.0–15.0) |" in text
     assert "| none | - | - |" in text
-    assert "- <sup>a</sup> Odd &amp; strange\\_one.\n- Another." in text
+    assert "- \\[a\\] Odd &amp; strange\\_one.\n- Another." in text
     assert "**Synthetic: not ADT**" in text and "<script" not in text
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in rows} == {6}
 
 
-def test_markdown_of_many_columns_has_no_room_for_intervals(table):
-    cells = tuple(Cell(40.0, (30.0, 52.0), 80, 20) for _ in range(18))
-    wide = Table("t", "c", (), COLUMNS * 9, (Block("real", "b", (row("m", *cells),)),), (), ())
+def test_markdown_of_many_columns_has_no_room_for_intervals():
+    wide = layout(row(("real", "b"), "m", *[CELLS[0]] * 18), times=9)
     assert "30.0" not in to_markdown(wide)
 
 
@@ -125,14 +125,15 @@ def test_markdown_escapes(special):
 
 def test_latex_shows_ranks_and_notes(table):
     text = to_latex(table)
-    assert r"\checkmark &  & LERF & \textcolor[rgb]{1,0,0}{\textbf{67.5}}\textsuperscript{a} & 0.0 \\" in text
-    assert r"\textcolor[rgb]{0,.502,.502}{\textbf{12.3}} (of 1) \\" in text
-    assert r"\multicolumn{5}{l}{\textit{Synthetic: not ADT}} \\" in text
+    best, second = r"\bfseries \color[HTML]{C00000}", r"\bfseries \color[HTML]{007070}"
+    assert rf"\checkmark &  & LERF & {best} 67.5 [a] & {second} 0.0 \\" in text
+    assert "12.3 (of 1)" in text and r"\itshape Synthetic: not ADT" in text
     assert r"Odd \& strange\_one." in text and r"\label{tab:ablation}" in text
     assert r"\input" not in text and "<script" not in text
     assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
     rows = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
     assert {len(re.findall(r"(?<!\\)&", line)) for line in rows} == {4}
+    assert text.count(r"\midrule") == 2, "below the head, and above the second block"
 
 
 @pytest.mark.parametrize("special", "{}$&#_%")
@@ -147,17 +148,16 @@ def test_latex_names_characters_without_an_escape(special):
 
 def test_csv_holds_every_number_of_a_cell(table):
     found = pd.read_csv(io.StringIO(to_csv(table)))
-    assert len(found) == 6 and list(found["kind"].unique()) == ["printed", "synthetic"]
+    assert len(found) == 8 and list(found["kind"].unique()) == ["printed", "synthetic"]
     first = found[found.method == HOSTILE].iloc[0]
     assert (first.percent, first.low, first.high) == (40.0, 30.0, 52.0)
     assert (first.queries, first.categories) == (80, 20)
     assert (first.scenes, first.steps, first.data) == ("scene1 scene2", "One", "ADT")
     assert found[found.method == "none"].percent.isna().all()
-    assert found.percent.dropna().tolist() == [67.5, 0.0, 40.0, 12.346]
+    assert found.percent.dropna().tolist() == [67.5, 0.0, 50.0, 9.96, 40.0, 12.346]
 
 
 @pytest.mark.parametrize("name", ["=1+1", "+a", "-a", "@a"])
-def test_csv_holds_no_formulas(table, name):
-    blocks = (Block("real", "b", (row(name, Cell(), Cell()),)),)
-    text = to_csv(Table("t", "c", table.components, COLUMNS, blocks, (), ()))
+def test_csv_holds_no_formulas(name):
+    text = to_csv(layout(row(("real", "b"), name, Cell(), Cell())))
     assert pd.read_csv(io.StringIO(text)).method.unique().tolist() == [f"'{name}"]

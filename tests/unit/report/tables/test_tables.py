@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval
-from egosplat.evaluation.scored_scenes import ScoredScene
+from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene
 from egosplat.report.tables.paper_numbers import METHODS, SCENES, printed
 from egosplat.report.tables.paper_tables import average, average_chance, paper_tables
-from egosplat.report.tables.table import Cell, Row, aside, number, ranked
+from egosplat.report.tables.table import PRINTED, SYNTHETIC, Row, number, ranks
 
 
-def row(*cells: Cell) -> Row:
-    return Row("a", "a", "ADT", "", "full", (), cells)
+def row(*cells: Cell, kind: str = PRINTED, method: str = "a") -> Row:
+    return Row(kind, "block", method, method, "ADT", (), cells)
 
 
 def test_numbers_are_formatted_as_the_paper_formats_them():
@@ -63,10 +63,10 @@ def test_printed_averages_are_means_but_for_those_with_a_note():
     noted = {
         (metric, method, group)
         for table in paper_tables([])[:2]
-        for row in table.blocks[0].rows
-        for column, cell in zip(table.columns, row.cells, strict=True)
-        if column.scene == "average" and cell.mark
-        for metric, method, group in [(column.metric, row.method, column.group)]
+        for row in table.rows[:6]
+        for (scene, metric, group), mark in zip(table.columns, row.marks, strict=True)
+        if scene == "average" and mark
+        for method in [row.method]
     }
     wrong = {
         (metric, method, group)
@@ -86,42 +86,47 @@ def test_the_five_tables_are_laid_out_as_the_papers():
     tables = {table.name: table for table in paper_tables([])}
     assert list(tables) == ["adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient"]
     for name in ("adt_accuracy", "adt_iou"):
-        assert tables[name].spans() == [(f"scene {one}", 3) for one in range(1, 6)] + [("avg", 3)]
-        assert [column.heading for column in tables[name].columns[:3]] == ["St.", "Dy.", "All"]
-        assert [one.method for one in tables[name].blocks[0].rows] == list(METHODS)
+        over = [f"scene {one}" for one in range(1, 6)] + ["avg"]
+        assert list(tables[name].headings) == [
+            (one, group) for one in over for group in ("St.", "Dy.", "All")
+        ]
+        assert [one.method for one in tables[name].rows[:6]] == list(METHODS)
     for name in ("adt_ablation", "adt_transient"):
-        assert tables[name].spans() == [("Acc (%)", 3), ("mIoU (%)", 3)]
+        assert [over for over, _ in tables[name].headings] == ["Acc (%)"] * 3 + ["mIoU (%)"] * 3
         assert len(tables[name].components) == 2
-    ticks = [one.steps for one in tables["adt_ablation"].blocks[0].rows]
+    ticks = [one.steps for one in tables["adt_ablation"].rows[:3]]
     assert ticks == [(False, False), (True, False), (True, True)]
-    assert [column.heading for column in tables["hoi4d"].columns] == ["Acc", "mIoU"]
-    assert tables["hoi4d"].spans() == []
+    assert tables["hoi4d"].headings == (("", "Acc"), ("", "mIoU"))
 
 
 def test_the_best_of_the_paper_are_marked_as_there():
     table = paper_tables([])[0]
-    dynamic = [one.cells[-2] for one in table.blocks[0].rows]
-    assert [cell.rank for cell in dynamic] == [0, 0, 0, 2, 0, 1]
+    assert [one[-2] for one in ranks(table.rows[:6])] == [0, 0, 0, 2, 0, 1]
 
 
 def test_notes_are_attached_to_their_cells():
     table = paper_tables([])[0]
     texts = {note.mark: note.text for note in table.notes if note.mark}
-    lerf, *_, own = table.blocks[0].rows
-    assert "below both 29.7 and 13.0" in texts[lerf.cells[2].mark]
-    assert "Below LangSplat and GAGS" in texts[own.cells[10].mark]
-    assert {cell.mark for one in table.blocks[0].rows for cell in one.cells} == {"", *texts}
+    lerf, *_, own = table.rows[:6]
+    assert "below both 29.7 and 13.0" in texts[lerf.marks[2]]
+    assert "Below LangSplat and GAGS" in texts[own.marks[10]]
+    assert {mark for one in table.rows[:6] for mark in one.marks} == {"", *texts}
 
 
 def test_equal_numbers_share_the_rank():
-    first, second, third, none = ranked([row(Cell(29.4)), row(Cell(29.41)), row(Cell(28.3)), row(Cell())])
-    assert [one.cells[0].rank for one in (first, second, third, none)] == [1, 1, 2, 0]
+    assert ranks([row(Cell(29.4)), row(Cell(29.41)), row(Cell(28.3)), row(Cell())]) == [[1], [1], [2], [0]]
 
 
 def test_a_row_alone_and_averages_over_different_scenes_are_not_ranked():
-    assert ranked([row(Cell(50.0))])[0].cells[0].rank == 0
-    rows = ranked([row(Cell(50.0, scenes=("scene1",))), row(Cell(40.0, scenes=("scene1", "scene2")))])
-    assert [one.cells[0].rank for one in rows] == [0, 0]
+    assert ranks([row(Cell(50.0))]) == [[0]]
+    scenes = [row(Cell(50.0, scenes=("scene1",))), row(Cell(40.0, scenes=("scene1", "scene2")))]
+    assert ranks(scenes) == [[0], [0]]
+
+
+def test_chance_and_synthetic_rows_are_not_ranked():
+    chance = row(Cell(99.0), method=CHANCE["random_pixel"])
+    assert ranks([row(Cell(50.0)), row(Cell(40.0)), chance]) == [[1], [2], [0]]
+    assert ranks([row(Cell(50.0), kind=SYNTHETIC), row(Cell(40.0), kind=SYNTHETIC)]) == [[0], [0]]
 
 
 def scored(name: str, hits: dict[str, list[bool]], chance: float | None = 0.05) -> ScoredScene:
@@ -173,10 +178,3 @@ def test_an_average_of_a_single_category_has_no_interval():
 def test_chance_is_averaged_over_scored_scenes(three_scenes):
     found = average_chance(three_scenes, "random_pixel", "all")
     assert found.percent == pytest.approx(10.0) and found.scenes == ("scene1", "scene3")
-
-
-def test_an_average_over_fewer_scenes_is_marked():
-    whole = Cell(50.0, scenes=("scene1", "scene2"))
-    part = Cell(40.0, scenes=("scene1",))
-    one = row(whole, part)
-    assert (aside(whole, one), aside(part, one), aside(Cell(), one)) == ("", " (of 1)", "")

@@ -36,7 +36,7 @@ def document(scene: str, accuracy: float, psnr: float | None, stages: Mapping[st
     score |= {"random_pixel": 0.05, "middle_pixel": 0.15}
     rendering = {"frames": 3, "psnr": psnr, "ssim": 0.8}
     return {
-        "format_version": 3,
+        "format_version": 4,
         "scene": scene,
         "origin": "synthetic",
         "notice": None,

@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from egosplat.drawing import plt
-from egosplat.report.tradeoff.chart import box_of, place_labels
+from egosplat.report.tradeoff.chart import place_labels
 
 
 @pytest.fixture
@@ -18,10 +18,10 @@ def axes():
 
 def test_labels_of_points_in_one_place_do_not_overlap(axes):
     points = [(10.0 + 0.3 * number, 50.0 + 0.5 * number) for number in range(8)]
-    labels = {f"segments.points_per_side={number}": point for number, point in enumerate(points)}
-    place_labels(axes, points, labels)
+    place_labels(axes, points, {f"splats.iterations={number}": point for number, point in enumerate(points)})
     renderer, frame = axes.figure.canvas.get_renderer(), axes.get_window_extent()
-    boxes = [box_of(text, renderer) for text in axes.texts]
+    labels = [text for text in axes.texts if text.get_text()]
+    boxes = [text.get_window_extent(renderer) for text in labels]
     assert len(boxes) == 8
     assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
     assert all(frame.contains(*box.min) and frame.contains(*box.max) for box in boxes)
@@ -29,8 +29,12 @@ def test_labels_of_points_in_one_place_do_not_overlap(axes):
 
 def test_without_room_no_label_is_lost(axes):
     labels = {
-        f"a label that is far too long for these axes {'x' * 80} {number}": (10.0, 50.0)
-        for number in range(3)
+        f"a label that is too long for these axes {'x' * 80} {number}": (10.0, 50.0) for number in range(3)
     }
     place_labels(axes, [(10.0, 50.0)], labels)
-    assert sorted(text.get_text() for text in axes.texts) == sorted(labels)
+    assert {text.get_text() for text in axes.texts if text.get_text()} == set(labels)
+
+
+def test_a_plot_without_points_has_no_labels(axes):
+    place_labels(axes, [], {})
+    assert not axes.texts

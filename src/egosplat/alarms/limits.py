@@ -1,0 +1,84 @@
+"""The limits of the alarms: one row for each statistic. What they mean, and why they lie there, is in ``texts``."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A statistic of a stage's result outside of its normal range, a sign that the result is unusable.
+
+    Attributes:
+        key: stable code of stage and statistic, such as ``masks.pixels``.
+        figures: what was measured, by the names that the sentences of ``texts`` use.
+    """
+
+    key: str
+    figures: Mapping[str, float | str]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The end of a statistic's normal range, which lies below the limit or above it."""
+
+    value: float
+    normal_is_below: bool
+
+    def is_passed(self, statistic: float) -> bool:
+        """Whether a statistic is beyond the limit; NaN is beyond a lower one."""
+        return statistic > self.value if self.normal_is_below else not statistic >= self.value
+
+
+def _at_most(value: float) -> Limit:
+    return Limit(value, normal_is_below=True)
+
+
+def _at_least(value: float) -> Limit:
+    return Limit(value, normal_is_below=False)
+
+
+LIMITS: dict[str, Limit] = {
+    "frames.valid_pixels": _at_least(0.5),
+    "frames.blurred": _at_most(0.1),
+    "poses.registered": _at_least(0.9),
+    "poses.reprojection": _at_most(1.0),
+    "poses.parallax": _at_least(1.5),
+    "poses.models": _at_most(1),
+    "segments.empty_pixels": _at_most(0.5),
+    "segments.instances_per_frame": _at_least(3.0),
+    "segments.frames_per_instance": _at_least(5.0),
+    "instances.masks_kept": _at_least(0.4),
+    "instances.empty_pixels": _at_most(0.15),
+    "view_features.lost": _at_most(0.01),
+    "features.outliers": _at_most(0.25),
+    "features.agreement": _at_least(0.5),
+    "features.reconstruction": _at_least(0.9),
+    "transient.probability": _at_most(0.2),
+    "masks.instances": _at_most(0.5),
+    "masks.pixels": _at_most(0.25),
+    "splats.psnr": _at_least(20.0),
+    "splats.pose_correction": _at_most(0.05),
+    "splats.gain": _at_most(2.5),
+    "language.without_code": _at_most(0.25),
+}
+
+
+def find_alarm(key: str, statistic: float | None, **figures: float | str) -> Iterator[Alarm]:
+    """Yield an alarm if a statistic is beyond its limit; nothing for None, an unknown value.
+
+    Args:
+        figures: what else the alarm's sentence tells, beside ``value`` and ``limit``.
+    """
+    if statistic is not None and LIMITS[key].is_passed(statistic):
+        yield Alarm(key, {"value": float(statistic), "limit": LIMITS[key].value, **figures})
+
+
+def find_chance_alarm(lowest: float | None, chance: float) -> Iterator[Alarm]:
+    """Yield an alarm if the accuracy over all queries may be chance.
+
+    Args:
+        lowest: lower bound of its interval; None without an interval.
+        chance: accuracy of the best answer that ignores the scene.
+    """
+    if lowest is not None and lowest <= chance:
+        yield Alarm("metrics.chance", {"value": lowest, "limit": chance})

@@ -1,0 +1,169 @@
+"""The files of a recording that the stages ``frames`` and ``annotations`` open: the readers find them here, and so do the rules.
+
+The workflow imports this module, so it stays light. A missing file is no error here; its reader reports it.
+"""
+
+import hashlib
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from egosplat.calibration.companions import companion_path, known_pose_files
+from egosplat.errors import UserError
+from egosplat.frames.recording_files import ANNOTATIONS, METADATA, is_annotated
+
+ADT_VIDEO, ADT_INSTANCES = "video.vrs", "instances.json"
+
+# In order of preference: releases without people's masks have the second.
+ADT_SEGMENTATIONS = ("segmentations_with_skeleton.vrs", "segmentations.vrs")
+
+HOI4D_VIDEO, HOI4D_INTRINSICS = Path("align_rgb") / "image.mp4", "intrin.npy"
+
+# Root folders of HOI4D's two downloads: videos and annotations.
+HOI4D_ROOTS = ("HOI4D_release", "HOI4D_annotations")
+
+# In order of preference: shift_mask is aligned with the video where mask is not.
+HOI4D_MASKS = ("shift_mask", "mask")
+
+# The calibration of plain pictures, and the mask of their pixels that show the scene, which is not one of the pictures.
+CAMERA_FILE, VALID_MASK = "camera.json", "valid.png"
+
+# The table of instances in the folder of a plain recording's annotations.
+INSTANCES_TABLE = "instances.tsv"
+
+_PICTURES = (".png", ".jpg", ".jpeg")
+
+_PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
+_SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
+
+
+def frames_files(format: str, recording: Path, known_poses: str) -> list[Path]:
+    """The existing files that the stage ``frames`` opens; of a folder of pictures, without the pictures.
+
+    Args:
+        format: ``adt``, ``hoi4d`` or ``plain``.
+        recording: folder, or video file.
+        known_poses: ``frames.known_poses``.
+    """
+    if format == "adt":
+        return _existing(recording / ADT_VIDEO, recording / METADATA)
+    if format == "hoi4d":
+        folder = _sequence(recording)
+        return [] if folder is None else _existing(folder / HOI4D_VIDEO, *intrinsics_files(folder)[:1])
+    companions = [companion_path(recording, name) for name in (CAMERA_FILE, VALID_MASK)]
+    video = [] if recording.is_dir() else [recording]
+    return _existing(*video, *companions, *known_pose_files(recording, known_poses))
+
+
+def annotations_files(format: str, recording: Path) -> list[Path]:
+    """The existing files that the stage ``annotations`` opens, without masks and pictures; arguments as above."""
+    if format == "adt":
+        found = find_segmentation(recording)
+        return _existing(recording / ADT_VIDEO, recording / ADT_INSTANCES, *([found] if found else []))
+    if format == "hoi4d" or not is_annotated(format, recording):
+        return []
+    video = [] if recording.is_dir() else [recording]
+    return _existing(*video, companion_path(recording, ANNOTATIONS) / INSTANCES_TABLE)
+
+
+def pictures_of(stage: str, format: str, recording: Path) -> list[Path]:
+    """The images of folders that a stage opens some or all of, of which there may be thousands."""
+    if format == "adt" or stage not in ("frames", "annotations"):
+        return []
+    if format == "hoi4d":
+        folder = _sequence(recording)
+        masks = folder and find_masks(folder)
+        return list_masks(masks) if masks and stage == "annotations" else []
+    pictures = list_pictures(recording) if recording.is_dir() else []
+    if stage == "annotations" and is_annotated(format, recording):
+        pictures += list_masks(companion_path(recording, ANNOTATIONS))
+    return pictures
+
+
+def digest_of_files(files: Iterable[Path]) -> str:
+    """Hash of names, sizes and times of change; it changes with a file that is overwritten in place."""
+    told = []
+    for file in sorted(files):
+        status = file.stat() if file.exists() else file.lstat()  # a broken link
+        told.append((str(file), status.st_size, status.st_mtime_ns))
+    return hashlib.sha256(repr(told).encode()).hexdigest()[:16]
+
+
+def find_segmentation(folder: Path) -> Path | None:
+    """The segmentation of an ADT sequence, preferably the one with people; None if there is none."""
+    candidates = [folder / name for name in ADT_SEGMENTATIONS]
+    # A broken link is not a missing file: opening it reports the error.
+    return next((path for path in candidates if os.path.lexists(path)), None)
+
+
+def list_pictures(folder: Path) -> list[Path]:
+    """The pictures of a plain recording, in no order."""
+    files = [path for path in folder.iterdir() if path.suffix.lower() in _PICTURES and path.name[0] != "."]
+    return [path for path in files if path.name != VALID_MASK and path.is_file()]
+
+
+def list_masks(folder: Path) -> list[Path]:
+    """The PNG files of a folder, sorted; none without the folder."""
+    return sorted(folder.glob("*.png"))
+
+
+def find_sequence(path: Path) -> Path:
+    """The folder of a HOI4D sequence that is given as this folder or as ``root/ZY…_H…_C…_N…_S…_s…_T…``.
+
+    Raises:
+        UserError: the folder does not exist.
+    """
+    if path.is_dir():
+        return path.absolute()
+    parts = sequence_parts(path)
+    for root in (path.parent, path.parent / HOI4D_ROOTS[0]):
+        if root.joinpath(*parts).is_dir():
+            return root.joinpath(*parts).absolute()
+    raise UserError(f"{path}: no such sequence. Looked for {path.parent.joinpath(*parts)}.")
+
+
+def sequence_parts(path: Path) -> tuple[str, ...]:
+    """The seven parts of a HOI4D sequence's name: camera, person, category, object, room, layout, task.
+
+    Raises:
+        UserError: the path does not end in a sequence's name.
+    """
+    match = _SEQUENCE.search(path.as_posix())
+    if match is None:
+        raise UserError(
+            f"{path}: not the name of a HOI4D sequence, such as ZY20210800001/H1/C11/N58/S376/s02/T2."
+        )
+    return match.groups()
+
+
+def intrinsics_files(folder: Path) -> list[Path]:
+    """The existing intrinsics of a HOI4D sequence, in order of preference.
+
+    They lie in the sequence or its parent folder, or in ``camera_params/<ZY…>`` of a folder above.
+    """
+    camera = sequence_parts(folder)[0]
+    nearby = [folder / HOI4D_INTRINSICS, folder.parent / HOI4D_INTRINSICS]
+    above = [parent / "camera_params" / camera / HOI4D_INTRINSICS for parent in folder.parents]
+    return [path for path in (*nearby, *above) if path.is_file()]
+
+
+def find_masks(folder: Path) -> Path | None:
+    """The mask folder of a HOI4D sequence; None if there is none. Its two downloads may have separate root folders."""
+    release, annotations = HOI4D_ROOTS
+    elsewhere = Path(folder.as_posix().replace(f"/{release}/", f"/{annotations}/"))
+    candidates = [root / "2Dseg" / name for root in (folder, elsewhere) for name in HOI4D_MASKS]
+    return next((path for path in candidates if path.is_dir()), None)
+
+
+def _sequence(recording: Path) -> Path | None:
+    try:
+        folder = find_sequence(recording)
+        sequence_parts(folder)
+    except UserError:
+        return None
+    return folder
+
+
+def _existing(*paths: Path) -> list[Path]:
+    return [path for path in paths if path.is_file()]

@@ -1,0 +1,93 @@
+"""Each stage that chooses its module by a value has a record of every value, and no import that leads to the others."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.pipeline.chosen import chosen_value
+from egosplat.pipeline.code_hash import modules_of
+from egosplat.pipeline.config import defaults, merge, section_keys
+from egosplat.pipeline.stages import STAGES, code_of, load_module
+from egosplat.pipeline.validation import schema
+
+CHOICES = {name: stage.modules.modules for name, stage in STAGES.items() if stage.modules}
+EVERY = [(stage, value) for stage, modules in CHOICES.items() for value in modules]
+
+FORMATS = schema("scenes")["properties"]["format"]["enum"]
+
+# Values of a key by which a stage chooses, or that choose for it.
+VALUES = {
+    "frames": {*FORMATS},
+    "annotations": {*FORMATS},
+    "poses": {*section_keys("poses")["method"]["enum"]} - {"auto"},
+    "language": {*section_keys("language")["method"]["enum"], "joint"},
+}
+
+# The function or constant that a stage takes from the module.
+TAKEN = {
+    "frames": ("open_recording",),
+    "annotations": ("open_annotations",),
+    "poses": ("adt_poses", "known_poses", "colmap_poses"),
+    "language": ("METHOD",),
+}
+
+
+def test_the_records_have_the_values_of_the_package():
+    assert {stage: {*modules} for stage, modules in CHOICES.items()} == VALUES
+
+
+@pytest.mark.parametrize("stage, value", EVERY)
+def test_a_value_loads_a_module_with_what_the_stage_takes(stage, value):
+    module = load_module(stage, value)
+    assert module.__name__ == CHOICES[stage][value]
+    assert [name for name in TAKEN[stage] if vars(module).get(name)]
+
+
+@pytest.mark.parametrize("stage, value", EVERY)
+def test_no_import_leads_to_the_modules_of_other_values(stage, value):
+    """Protects that a constant of one method or format makes no scene stale that uses another."""
+    others = {*CHOICES[stage].values()} - {CHOICES[stage][value]}
+    reached = {*modules_of(STAGES[stage].module, CHOICES[stage][value])}
+    # Splat Feature Solver scales codes as training does.
+    assert reached & others <= ({"egosplat.language.training"} if value == "clustered" else set())
+
+
+def test_other_formats_and_methods_never_reach_colmap_and_baselines():
+    for stage, value in (("frames", "adt"), ("annotations", "adt"), ("poses", "device"), ("poses", "known")):
+        reached = modules_of(STAGES[stage].module, CHOICES[stage][value])
+        assert not [name for name in reached if name.startswith("egosplat.calibration.colmap.")]
+    assert not [name for name in modules_of("egosplat.language.stage") if "baselines" in name]
+
+
+def test_a_value_without_a_record_is_refused():
+    for use in (load_module, code_of):
+        with pytest.raises(UserError, match="language.method"):
+            use("language", "forgotten")
+
+
+@pytest.mark.parametrize(
+    "format, keys, names, expected",
+    [
+        ("adt", {}, (), "device"),
+        ("adt", {"poses": {"method": "colmap"}}, (), "colmap"),
+        ("hoi4d", {}, (), "colmap"),
+        ("plain", {}, (), "colmap"),
+        ("plain", {}, ("transforms.json",), "known"),
+        ("plain", {"frames": {"known_poses": "none"}}, ("transforms.json",), "colmap"),
+        ("plain", {"poses": {"method": "colmap"}}, ("transforms.json",), "colmap"),
+        ("adt", {}, ("transforms.json",), "device"),
+    ],
+)
+def test_poses_are_of_the_device_a_file_or_colmap(tmp_path, format, keys, names, expected):
+    for name in names:
+        (tmp_path / name).touch()
+    scene = SimpleNamespace(format=format, recording=tmp_path)
+    assert chosen_value("poses", scene, merge(defaults(), keys)) == expected
+
+
+def test_joint_training_chooses_its_own_module():
+    config = merge(defaults(), {"language": {"method": "trained"}})
+    assert chosen_value("language", None, config) == "trained"
+    assert chosen_value("language", None, merge(config, {"splats": {"language": "joint"}})) == "joint"
+    assert chosen_value("splats", None, config) is None
