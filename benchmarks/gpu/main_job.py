@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ _ON_CPU = {"backend": "cpu"}
 RUNS: Mapping[str, Mapping[str, Any]] = {
     "GPU, 512 px": {},
     "CPU, 512 px": {"models": {"device": "cpu"}}
-    | {stage: _ON_CPU for stage in ("transient", "splats", "language", "query")},
+    | {stage: _ON_CPU for stage in ("transient", "instances", "splats", "language", "query")},
     "GPU, 1408 px": {"frames": {"resolution": 1408}},
 }
 RECORDED = {"synthetic": {"size": 1408}}
@@ -54,12 +54,19 @@ def run(folder: Path) -> None:
         UserError: a job failed; Snakemake has said why.
     """
     write_configuration(folder)
+    make(folder, [metrics_of(name) for name in RUNS])
+
+
+def make(folder: Path, targets: Iterable[Path]) -> None:
+    """Make targets of a working folder, one job at a time.
+
+    Raises:
+        UserError: a job failed; Snakemake has said why.
+    """
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "workflow/Snakefile")]
     # All cores for a job, and one job at a time.
     command += ["--cores", str(len(os.sched_getaffinity(0))), "--jobs", "1", "--"]
-    done = subprocess.run(
-        [*command, *(str(metrics_of(name)) for name in RUNS)], cwd=folder, check=False, stdout=sys.stderr
-    )
+    done = subprocess.run([*command, *map(str, targets)], cwd=folder, check=False, stdout=sys.stderr)
     if done.returncode:
         raise UserError(
             f"{folder}: the main job failed (exit {done.returncode}); see above, and run the command again"
@@ -78,13 +85,13 @@ def report(folder: Path) -> str:
 
 def costs(scenes: Mapping[str, ScoredScene]) -> str:
     """A row for each stage: its time on the clock, and the peaks of main and GPU memory, of each run."""
-    records = {name: _records(scene) for name, scene in scenes.items()}
+    records = {name: records_of(scene) for name, scene in scenes.items()}
     header = ["stage"]
     for name in scenes:
         header += [f"{name} [s]", "memory [GiB]", "GPU [GiB]"]
     stages = list(dict.fromkeys(stage for own in records.values() for stage in own))
     rows = [
-        [stage, *(cell for own in records.values() for cell in _cells(own.get(stage)))] for stage in stages
+        [stage, *(cell for own in records.values() for cell in cells_of(own.get(stage)))] for stage in stages
     ]
     total = ["together"]
     for own in records.values():
@@ -92,13 +99,14 @@ def costs(scenes: Mapping[str, ScoredScene]) -> str:
     return markdown(header, [*rows, total])
 
 
-def _records(scene: ScoredScene) -> dict[str, Mapping[str, Any]]:
+def records_of(scene: ScoredScene) -> dict[str, Mapping[str, Any]]:
     """The provenance of each stage of a scene."""
     made = [entry for entry in scene.document["artifacts"].values() if entry is not None]
     return {record["stage"]: record for record in (*made, scene.document["provenance"])}
 
 
-def _cells(record: Mapping[str, Any] | None) -> list[str]:
+def cells_of(record: Mapping[str, Any] | None) -> list[str]:
+    """Time [s], main memory and GPU memory [GiB] of a stage's provenance."""
     if record is None:
         return ["", "", ""]
     gpu = record["peak_gpu_memory_mb"]

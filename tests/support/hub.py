@@ -52,7 +52,9 @@ class Hub:
 
             def do_GET(self) -> None:
                 self.do_HEAD()
-                if hub.status == 200 and "/resolve/" in self.path:  # else a question of the library about itself
+                if (
+                    hub.status == 200 and "/resolve/" in self.path
+                ):  # else a question of the library about itself
                     hub.requests.append(hub.address + self.path)
                     self.wfile.write(hub.content)
 

@@ -23,7 +23,16 @@ def test_a_rule_asks_for_what_its_own_stage_needs(rule):
 
 def test_rules_that_use_a_gpu_ask_for_it():
     asking = {rule for rule, body in RULES.items() if "gpu=gpus(" in body}
-    assert asking == {"segments", "tiles", "view_features", "transient", "splats", "language", "metrics"}
+    assert asking == {
+        "segments",
+        "instances",
+        "tiles",
+        "view_features",
+        "transient",
+        "splats",
+        "language",
+        "metrics",
+    }
 
 
 def test_the_profile_names_existing_rules():

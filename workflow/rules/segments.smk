@@ -63,6 +63,7 @@ rule instances:
     resources:
         mem_mb=memory("instances"),
         runtime=runtime("instances"),
+        gpu=gpus("instances"),
     params:
         **params("instances"),
     shell:

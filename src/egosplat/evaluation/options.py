@@ -7,77 +7,24 @@ from egosplat.pipeline.options import READING, UNIQUE, Options, Share, Text
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.options import AskingOptions
 
-# The names are ADT's, and of things that no apartment has.
-NEGATIVES = [
-    "armchair",
-    "basketball",
-    "bed frame",
-    "book",
-    "bookcase",
-    "bottle",
-    "bowl",
-    "box",
-    "cabinet",
-    "candle",
-    "clothes basket",
-    "coaster",
-    "coffee table",
-    "couch",
-    "cup",
-    "cutting board",
-    "desk",
-    "desk clock",
-    "desk lamp",
-    "dining chair",
-    "dining table",
-    "figurine",
-    "house plant",
-    "laptop computer",
-    "magazine",
-    "mattress",
-    "pillow",
-    "plate",
-    "pot",
-    "refrigerator",
-    "remote control",
-    "shelf",
-    "side table",
-    "speaker",
-    "step stool",
-    "tea kettle",
-    "television",
-    "tissue box",
-    "toaster",
-    "toy",
-    "trash can",
-    "tv stand",
-    "vase",
-    "wall clock",
-    "bathtub",
-    "bicycle",
-    "car",
-    "elephant",
-    "fish tank",
-    "giraffe",
-    "guitar",
-    "horse",
-    "lawn mower",
-    "piano",
-    "sewing machine",
-    "spaceship",
-    "surfboard",
-    "toilet",
-    "traffic light",
-    "umbrella",
-]
-
 
 class PresenceOptions(Options):
     """Queries to the whole scene for objects that it does not have."""
 
     section: ClassVar[str] = "presence"
 
-    negatives: Annotated[tuple[Text, ...], UNIQUE] = tuple(NEGATIVES)
+    # fmt: off
+    negatives: Annotated[tuple[Text, ...], UNIQUE] = (
+        "armchair", "basketball", "bed frame", "book", "bookcase", "bottle", "bowl", "box", "cabinet",
+        "candle", "clothes basket", "coaster", "coffee table", "couch", "cup", "cutting board", "desk",
+        "desk clock", "desk lamp", "dining chair", "dining table", "figurine", "house plant",
+        "laptop computer", "magazine", "mattress", "pillow", "plate", "pot", "refrigerator",
+        "remote control", "shelf", "side table", "speaker", "step stool", "tea kettle", "television",
+        "tissue box", "toaster", "toy", "trash can", "tv stand", "vase", "wall clock", "bathtub", "bicycle",
+        "car", "elephant", "fish tank", "giraffe", "guitar", "horse", "lawn mower", "piano",
+        "sewing machine", "spaceship", "surfboard", "toilet", "traffic light", "umbrella",
+    )
+    # fmt: on
     """Phrases of absent objects, queried in the whole scene to measure false answers. Those that the recording's
     annotations name are left out. The names are ADT's; do not add another name of an object that the scene has."""
 

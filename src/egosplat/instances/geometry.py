@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -11,6 +10,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.compute import single_thread
 from egosplat.gaussians.camera_options import chosen_corrections, make_corrections
 from egosplat.gaussians.corrections import applied, corrected_poses
+from egosplat.gaussians.device import training_device
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim
@@ -46,10 +46,10 @@ def train_geometry(
         key: of the checkpoint.
 
     Returns:
-        Gaussians that do not require gradients, the training views, and the (F, 4, 4) poses of all frames, NaN without
+        Gaussians on the device of the backend that do not require gradients, the training views, and the (F, 4, 4) poses of all frames, NaN without
         one. If poses are refined, these are the refined ones.
     """
-    device = torch.device("cpu")
+    device = training_device(keys.backend)
     views, none = (
         read_views(frames, poses, chosen, device, resolution=keys.resolution)
         for chosen in (training, np.zeros_like(training))
@@ -68,7 +68,7 @@ def train_geometry(
     extent = scene_extent(views.camera_to_world)
     state = TrainingState(start, options, extent, L1Ssim(ssim_lambda=0.2), corrections)
     view_sets = ViewSets(views, held_out=none)
-    # Sums over several threads would differ from run to run.
+    # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
         resume_and_train(state, view_sets, options, Checkpoint(output, key))
     gaussians = state.gaussians.detach()
@@ -95,7 +95,7 @@ def nearest_pixels(size: tuple[int, int], camera: Camera) -> tuple[NDArray[np.in
 def training_options(keys: InstancesOptions) -> TrainingOptions:
     """Return the training options of the temporary Gaussians."""
     return TrainingOptions(
-        render=RenderSettings(keys.near_plane, background="black", antialiased=False, backend="auto"),
+        render=RenderSettings(keys.near_plane, background="black", antialiased=False, backend=keys.backend),
         iterations=keys.iterations,
         max_gaussians=_MAX_GAUSSIANS,
         grow_grad2d=GROW_GRAD2D,

@@ -5,10 +5,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from egosplat.pipeline.options import Count
-from egosplat.pipeline.shared_options import CameraOptions, NearPlaneOptions, SeedOptions
+from egosplat.pipeline.shared_options import BackendOptions, CameraOptions, NearPlaneOptions, SeedOptions
 
 
-class InstancesOptions(CameraOptions, SeedOptions, NearPlaneOptions):
+class InstancesOptions(CameraOptions, BackendOptions, SeedOptions, NearPlaneOptions):
     """Instances that hold in 3D, merged from the masks of segments.zarr (docs/method.md#instances-3d)."""
 
     source: Literal["auto", "tracks", "masks", "both"] = "auto"

@@ -46,8 +46,9 @@ def render_things(
         (L, H, W) int32, -1 where no thing is.
     """
     seen = _seen(gaussians, camera, camera_to_world, settings)
-    view, rows = view_of(gaussians.select(seen), camera, camera_to_world, settings), seen.numpy()
-    return np.stack([_strongest(held[rows], partial(composite_sparse, view), size) for held in beliefs])
+    view, rows = view_of(gaussians.select(seen), camera, camera_to_world, settings), seen.cpu().numpy()
+    images = partial(composite_sparse, view)
+    return np.stack([_strongest(held[rows], images, size, seen.device) for held in beliefs])
 
 
 def _seen(
@@ -61,11 +62,14 @@ def _seen(
 
 
 def _strongest(
-    beliefs: sparse.csr_array, image: Callable[[sparse.csr_array], Tensor], size: tuple[int, int]
+    beliefs: sparse.csr_array,
+    image: Callable[[sparse.csr_array], Tensor],
+    size: tuple[int, int],
+    device: torch.device,
 ) -> NDArray[np.int32]:
     """(H, W) strongest thing of one level, from (n, K) beliefs of the Gaussians that a frame shows and their rendering."""
-    best = torch.full(size, LEAST_BELIEF)
-    labels = torch.full(size, -1, dtype=torch.int32)
+    best = torch.full(size, LEAST_BELIEF, device=device)
+    labels = torch.full(size, -1, dtype=torch.int32, device=device)
     for things in _in_parts(_near(beliefs)):
         images = image(beliefs[:, things])
         for place, cells, pixels in _boxes(images > LEAST_BELIEF, size):
@@ -73,7 +77,7 @@ def _strongest(
             enlarged = F.interpolate(small[None, None], so_far.shape, mode="bilinear")[0, 0]
             labels[pixels].masked_fill_(enlarged > so_far, int(things[place]))
             torch.maximum(so_far, enlarged, out=so_far)
-    return labels.numpy()
+    return labels.cpu().numpy()
 
 
 def _near(beliefs: sparse.csr_array) -> NDArray[np.intp]:
@@ -89,7 +93,7 @@ def _boxes(shown: Tensor, size: tuple[int, int]) -> Iterator[tuple[int, Box, Box
 
     A thing covers little of a frame, and enlarging whole images would take most of the time.
     """
-    rows, columns = shown.any(dim=2).numpy(), shown.any(dim=1).numpy()
+    rows, columns = shown.any(dim=2).cpu().numpy(), shown.any(dim=1).cpu().numpy()
     for place in np.flatnonzero(rows.any(axis=1)).tolist():
         spans = zip((rows[place], columns[place]), size, strict=True)
         cells, pixels = zip(*(_span(*span) for span in spans), strict=True)

@@ -132,7 +132,7 @@ def _write_things(
         artifact.put("instances/parent", np.pad(scene.parents(), (0, len(tracks.level)), constant_values=-1))
         artifact.put("instances/masks", np.concatenate([scene.masks, tracks.frames]))
         artifact.put("instances/moving", moving)
-        artifact.put("gaussians/xyz", scene.gaussians.means.numpy())
+        artifact.put("gaussians/xyz", scene.gaussians.means.cpu().numpy())
         artifact.put("gaussians/instance", scene.strongest())
         pixels = max(len(shown) * int(scene.valid.sum()), 1)
         figures = {

@@ -35,6 +35,7 @@ NEUTRAL = {
     "egosplat.pipeline.parsed_modules",
     "egosplat.pipeline.process_guards",
     "egosplat.pipeline.strict_yaml",
+    "egosplat.pipeline.shared_options",
     "egosplat.pipeline.validation",
     "egosplat.progress",
     "egosplat.artifacts.consistency",

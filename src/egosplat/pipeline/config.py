@@ -37,7 +37,7 @@ _SHARED = {
 def stage_options(stage: str) -> type[Options] | None:
     """Get the class of a stage's options; None for a stage without keys."""
     name = STAGES[stage].options
-    return name and pkgutil.resolve_name(name)
+    return pkgutil.resolve_name(name) if name else None
 
 
 @functools.cache

@@ -242,7 +242,7 @@ class Sizes:
     @property
     def iterations(self) -> float:
         """Training iterations of the stage [thousands]; tracks are not merged, so they need none."""
-        if self._stage == "instances" and not segments_single_frames(self._config):
+        if self._stage == "instances" and not merges_masks(self._config):
             return 0
         return self._config[self._stage]["iterations"] / 1000
 
@@ -343,8 +343,17 @@ def gpus(stage: str, config: Config) -> int:
     """GPUs that a job of the stage can use: 1 if a key lets models or rendering run on one, else 0."""
     if stage == "segments" and config["segments"]["segmenter"] == "classical":
         return 0
+    # Tracks are copied as they are.
+    if stage == "instances" and not merges_masks(config):
+        return 0
     values = stage_values(stage, config)
     return int(any(values.get(key) in _ON_GPU for key in ("device", "backend")))
+
+
+def merges_masks(config: Config) -> bool:
+    """Whether masks are merged into instances; else each track, or mask of a frame, is one."""
+    source = config["instances"]["source"]
+    return segments_single_frames(config) if source == "auto" else source != "tracks"
 
 
 def _is_published(stage: str, config: Config) -> bool:

@@ -128,7 +128,13 @@ def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
     if view._backend == "cpu":
         begin, channel = (torch.from_numpy(each).long() for each in (values.indptr, values.indices))
         return cpu.sparse_values(view._without_values(channels), begin, channel, value, channels)
-    image, _ = composite(view, torch.from_numpy(values.toarray()).to(view.means.device))
+    device = view.means.device
+    row, channel = (torch.from_numpy(each).to(device).long() for each in values.tocoo().coords)
+    # The few values are copied to the device, not the zeros between them.
+    dense = view.means.new_zeros(count, channels).index_put_(
+        (row, channel), value.to(device), accumulate=True
+    )
+    image, _ = composite(view, dense)
     return image.permute(2, 0, 1)
 
 

@@ -42,16 +42,24 @@ def stability_score(logits: Tensor, offset: float) -> Tensor:
 
 def boxes(masks: Tensor) -> Tensor:
     """(N, H, W) bool masks -> (N, 4) float32 x0, y0, x1, y1 [px], ends exclusive; zeros of an empty mask."""
-    masks = masks.cpu()
-    found = torchvision.ops.masks_to_boxes(masks)
-    found[:, 2:] += masks.flatten(1).any(1)[:, None]  # its ends are inclusive
-    return found
+    if len(masks) == 0:
+        return torch.zeros(0, 4, device=masks.device)
+    # The largest value of bytes takes a tenth of the time of ``any``.
+    shown = masks.view(torch.uint8)
+    rows, columns = shown.amax(2), shown.amax(1)
+    (top, bottom), (left, right) = _spans(rows), _spans(columns)
+    return torch.stack([left, top, right, bottom], dim=1).float() * rows.amax(1)[:, None]
+
+
+def _spans(shown: Tensor) -> tuple[Tensor, Tensor]:
+    """(N, M) uint8 -> (N,) place of the first 1 of each row, and of the last one plus 1."""
+    return shown.argmax(1), shown.shape[1] - shown.flip(1).argmax(1)
 
 
 def box_nms(masks: Tensor, scores: Tensor, thresh: float) -> Tensor:
     """Indices, best score first, of masks whose boxes overlap no better mask's box by more than ``thresh`` IoU."""
-    # On the CPU, where ``boxes`` finds the boxes.
-    return torchvision.ops.nms(boxes(masks), scores.cpu(), thresh).to(masks.device)
+    # On the CPU, so that no device orders boxes of equal scores in another way.
+    return torchvision.ops.nms(boxes(masks).cpu(), scores.cpu(), thresh).to(masks.device)
 
 
 def mask_nms(

@@ -118,7 +118,10 @@ def _good_masks(
         stable = stability_score(mask, limits.stability_score_offset)
         # Areas are compared on the small masks, relative to their size.
         large = areas(mask > 0) >= max(1.0, min_area * mask.shape[-2:].numel())
-        good = (iou > limits.pred_iou_thresh) & (stable >= limits.stability_score_thresh) & large
+        # Indices, because each selection by a mask would make the CPU wait for a GPU.
+        good = ((iou > limits.pred_iou_thresh) & (stable >= limits.stability_score_thresh) & large).nonzero()[
+            :, 0
+        ]
         for values, each in zip(kept, (mask, iou, stable), strict=True):
             values.append(each[good])
     return kept

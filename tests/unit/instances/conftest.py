@@ -1,6 +1,7 @@
 """A wall of two squares, filmed by a camera that moves along it, and masks made by hand."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +51,7 @@ def lifted(
     return LiftedMasks(names, np.array(frames, np.int64), rows, sparse.csc_array(votes), weight)
 
 
-@pytest.fixture
-def truth() -> np.ndarray:
+def truth_of_wall() -> np.ndarray:
     """(F, H, W) square of each pixel of the wall: the left or the right one."""
     column = np.arange(SIZE) + 0.5
     found = np.empty((FRAMES, SIZE, SIZE), np.int32)
@@ -66,32 +66,38 @@ def camera_positions() -> np.ndarray:
     return np.linspace(-0.5, 0.5, FRAMES)
 
 
+def masks_of_wall(folder: Path, facts: dict[str, object] | None = None, **changes: np.ndarray) -> Path:
+    """Put frames, poses and segments; each mask of every second frame is an instance of its own."""
+    truth = truth_of_wall()
+    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
+    poses[:, 0, 3] = camera_positions()
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-2, 2, 800), rng.uniform(-1.5, 1.5, 800), np.full(800, DISTANCE)])
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(0, FRAMES, 2):
+        labels[frame, 1] = truth[frame] + frame
+    arrays = {
+        "rgb": COLORS[truth],
+        "train": np.arange(FRAMES) != 5,
+        "camera_to_world": poses,
+        "intrinsics": CAMERA.matrix,
+        "points/xyz": points,
+        "points/rgb": COLORS[(points[:, 0] > 0).astype(int)],
+        "labels": labels,
+        "instances/level": np.ones(FRAMES, np.int8),
+    }
+    about = camera_facts(CAMERA, levels=["part", "whole"]) | (facts or {})
+    put_scene(folder, ["frames", "poses", "segments"], arrays | changes, about, chained=True)
+    return folder
+
+
 @pytest.fixture
-def scene(tmp_path, truth) -> Callable[..., Path]:
-    """``scene(**changes)``: frames, poses and segments; each mask of every second frame is an instance of its own."""
+def truth() -> np.ndarray:
+    """``truth_of_wall``."""
+    return truth_of_wall()
 
-    def make(facts: dict[str, object] | None = None, **changes: np.ndarray) -> Path:
-        poses = np.tile(np.eye(4), (FRAMES, 1, 1))
-        poses[:, 0, 3] = camera_positions()
-        rng = np.random.default_rng(0)
-        points = np.column_stack(
-            [rng.uniform(-2, 2, 800), rng.uniform(-1.5, 1.5, 800), np.full(800, DISTANCE)]
-        )
-        labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-        for frame in range(0, FRAMES, 2):
-            labels[frame, 1] = truth[frame] + frame
-        arrays = {
-            "rgb": COLORS[truth],
-            "train": np.arange(FRAMES) != 5,
-            "camera_to_world": poses,
-            "intrinsics": CAMERA.matrix,
-            "points/xyz": points,
-            "points/rgb": COLORS[(points[:, 0] > 0).astype(int)],
-            "labels": labels,
-            "instances/level": np.ones(FRAMES, np.int8),
-        }
-        about = camera_facts(CAMERA, levels=["part", "whole"]) | (facts or {})
-        put_scene(tmp_path, ["frames", "poses", "segments"], arrays | changes, about, chained=True)
-        return tmp_path
 
-    return make
+@pytest.fixture
+def scene(tmp_path) -> Callable[..., Path]:
+    """``scene(**changes)``: ``masks_of_wall`` in the test's folder."""
+    return partial(masks_of_wall, tmp_path)

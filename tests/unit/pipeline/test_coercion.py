@@ -1,11 +1,12 @@
-"""Strings that Snakemake passes for numbers, booleans and null get the types of the schema."""
+"""Strings that Snakemake passes for numbers, booleans and null get the types of the keys."""
 
 from pathlib import Path
 
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import coerced, resolve
+from egosplat.pipeline.config import resolve
+from egosplat.pipeline.variants import variant_config
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 
@@ -14,25 +15,33 @@ PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
     "section, key, text, value",
     [
         ("splats", "iterations", "5", 5),
-        ("splats", "position_lr", "1e-4", 1e-4),
-        ("splats", "position_lr", "0.002", 0.002),
+        ("language", "lr", "1e-4", 1e-4),
+        ("language", "lr", "0.002", 0.002),
         ("splats", "densify_init", "false", False),
         ("splats", "sh_degree", "2", 2),
         ("features", "dims", "auto", "auto"),
+        ("features", "dims", "7", 7),
         ("frames", "end_s", "null", None),
-        ("frames", "end_s", "4", 4),
+        ("frames", "end_s", "4.5", 4.5),
+        ("camera", "refine_poses", True, "on"),
+        ("camera", "refine_poses", "off", "off"),
         ("data_root", "adt", "null", None),
         ("data_root", "adt", "5", "5"),
         ("tradeoff", "seeds", ["1", "2"], [1, 2]),
+        ("tradeoff", "seeds", "[1, 2]", [1, 2]),
         ("tradeoff", "sweep", {"splats.iterations": ["5", "6"]}, {"splats.iterations": [5, 6]}),
-        ("variants", "mine", {"splats": {"iterations": "7"}}, {"splats": {"iterations": 7}}),
         ("query", "canonical", ["5", "null"], ["5", "null"]),
-        ("models", "device", "auto", "auto"),
+        ("run", "device", "auto", "auto"),
     ],
 )
-def test_a_text_is_read_as_the_schema_wants_it(section, key, text, value):
+def test_a_text_is_read_as_the_key_wants_it(section, key, text, value):
     found = resolve({section: {key: text}}, PRESETS)[section][key]
     assert found == value and type(found) is type(value)
+
+
+def test_a_text_in_a_variant_is_read_as_the_key_wants_it():
+    config = resolve({"variants": {"mine": {"splats": {"iterations": "7"}}}}, PRESETS)
+    assert variant_config(config, "mine", "scene")["splats"]["iterations"] == 7
 
 
 @pytest.mark.parametrize("text", ["five", "5 000", "3.0", ".inf", "1e400", "[5]", "", "2020-01-01"])
@@ -41,8 +50,8 @@ def test_a_text_that_is_no_such_value_is_rejected_with_its_key(text):
         resolve({"splats": {"iterations": text}}, PRESETS)
 
 
-def test_a_self_referencing_yaml_alias_terminates():
-    loop: dict = {}
-    loop["variants"] = {"a": loop}
-    loop["frames"] = {"stride": loop}
-    assert coerced(loop).keys() == loop.keys()
+@pytest.mark.parametrize("value", [True, 3.0, float("nan"), float("inf"), 2**31, -1])
+def test_a_value_of_another_type_is_rejected(value):
+    """A boolean is no number, and 3.0 no whole one."""
+    with pytest.raises(UserError, match=r"splats\.max_points = .*whole number"):
+        resolve({"splats": {"max_points": value}}, PRESETS)

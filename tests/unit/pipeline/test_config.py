@@ -1,78 +1,85 @@
 """The configuration has one schema, code and documentation follow it, and errors say what to do."""
 
+import ast
+import importlib
 import inspect
 import re
-import types
-import typing
-from dataclasses import MISSING, fields
 from pathlib import Path
 
 import pytest
 import yaml
+from jsonschema import Draft202012Validator
 
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.pipeline import config
-from egosplat.pipeline.config_table import FIRST_KEYS, keys_page
+from egosplat.pipeline.config_table import FIRST_KEYS, json_schema, keys_page
+from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.options import Options, describe, keys_of
 from egosplat.pipeline.scenes import find_scene, read_scenes, requested_targets
-from egosplat.pipeline.stages import ARTIFACTS, STAGES, options_of, path_help, stage_function
-from egosplat.pipeline.validation import _ALLOWED
+from egosplat.pipeline.stages import ARTIFACTS, STAGES, path_help, stage_function
 
 ROOT = Path(__file__).resolve().parents[3]
-TYPES = {"integer": int, "number": float, "boolean": bool, "string": str, "array": tuple}
-TYPES["null"] = types.NoneType
 PRESETS = ROOT / "config" / "presets"
-LADDER = config.schema("config")["properties"]["preset"]["enum"]
+LADDER = keys_of(GeneralOptions)["preset"]["enum"]
+
+
+SECTIONS = config.section_options()
 
 
 def test_every_key_has_a_description_and_a_default():
-    for section, part in config.schema("config")["properties"].items():
-        for name, key in part.get("properties", {section: part}).items():
-            assert len(key.get("description", "")) > 20, f"{section}.{name}"
+    every = [(GeneralOptions, "", keys_of(GeneralOptions))]
+    every += [(options, section, config.section_keys(section)) for section, options in SECTIONS.items()]
+    for options, section, keys in every:
+        for name, key in keys.items():
+            assert len(describe(options, name)) > 8, f"{section}.{name}"
             assert "default" in key, f"{section}.{name}"
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_schema_and_stage_function_name_the_same_keys(stage):
-    """No drift between the table of stages, the schema, and the function and dataclass of a stage."""
+def test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options(stage):
+    """No drift between the table of stages and the function of a stage."""
     about, arguments = STAGES[stage], inspect.signature(stage_function(stage)).parameters
-    keys, options = config.stage_keys(stage), options_of(stage)
+    options = config.stage_options(stage)
     paths = {name if name == "output" else f"{name}_path" for name in path_help(about)}
-    assert set(arguments) == {*paths, *about.scene, *(("options",) if keys else ())}
+    assert set(arguments) == {*paths, *about.scene, *(("options",) if options else ())}
+    assert options is None or arguments["options"].annotation is options
     for name, argument in arguments.items():
         optional = name.removesuffix("_path") in about.optional
         assert argument.default is (None if optional else inspect.Parameter.empty), name
-    found = {field.name: field for field in fields(options)} if options else {}
-    assert set(found) == set(keys)
-    for name, field in found.items():
-        # Only the schema holds the default of a key.
-        assert field.default is field.default_factory is MISSING, name
-        assert {typing.get_origin(one) or one for one in _kinds(field.type)} == _types(keys[name]), name
-
-
-def _kinds(annotation) -> tuple:
-    return typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
-
-
-def _types(key) -> set[type]:
-    """The Python types of a key, by its schema."""
-    names = key.get("type", "string")
-    return {TYPES[name] for name in ([names] if isinstance(names, str) else names)}
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_stage_takes_its_sections_and_models(stage):
-    about = STAGES[stage]
-    names = [name for section in (stage, *about.sections) for name in config.section_keys(section)]
-    assert sorted([*names, *(key for keys in about.keys.values() for key in keys)]) == sorted(
-        config.stage_keys(stage)
-    )
-    values = config.stage_values(stage, config.defaults())
-    assert values == {name: key["default"] for name, key in config.stage_keys(stage).items()}
+def test_a_stage_gets_each_value_of_its_options(stage):
+    """Keys of shared sections come from those, and every section of a stage is in the configuration."""
+    options, values = config.stage_options(stage), config.stage_values(stage, config.defaults())
+    assert values == (options().as_dict() if options else {})
+    assert set(config.stage_sections(stage)) <= set(SECTIONS)
+
+
+def test_only_options_have_a_base_whose_name_ends_with_options():
+    """The code hash leaves out the keys of such classes, because values are parameters of the rules."""
+    packages = [ROOT / "src/egosplat", ROOT / "src/egosplat_apartments"]
+    classes = [
+        (path, node)
+        for package in packages
+        for path in package.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_bytes()))
+        if isinstance(node, ast.ClassDef)
+    ]
+    named = [
+        (path, node)
+        for path, node in classes
+        if any(isinstance(base, ast.Name) and base.id.endswith("Options") for base in node.bases)
+    ]
+    assert len(named) > 30
+    for path, node in named:
+        name = ".".join(path.relative_to(ROOT / "src").with_suffix("").parts)
+        assert issubclass(getattr(importlib.import_module(name), node.name), Options), (name, node.name)
 
 
 def test_the_defaults_are_allowed_and_the_balanced_preset_is_the_default():
-    config.check(config.defaults())
+    assert config.validate(config.defaults()) == config.defaults()
     assert config.resolve({}, PRESETS) == config.defaults()
 
 
@@ -118,19 +125,25 @@ def test_the_reference_page_is_that_of_the_schema():
 
 
 def test_the_reference_page_holds_every_key_once_under_its_section():
-    """No key is lost between the schema and the page, and the ten first keys have links that open."""
+    """No key is lost between the options and the page, and the ten first keys have links that open."""
     first, *sections = re.split(r"^## ", keys_page(), flags=re.MULTILINE)[1:]
-    found = {part.splitlines()[0]: re.findall(r"^\| `([^`]+)` \|", part, re.MULTILINE) for part in sections}
-    expected = {"general": []}
-    for section, part in config.schema("config")["properties"].items():
-        if "properties" in part:
-            expected[section] = [f"{section}.{name}" for name in part["properties"]]
-        else:
-            expected["general"].append(section)
-    assert found == expected
+    found: dict[str, list[str]] = {}
+    for part in sections:
+        section = part.splitlines()[0].removeprefix("Readings: ")
+        found.setdefault(section, []).extend(re.findall(r"^\| `([^`]+)` \|", part, re.MULTILINE))
+    expected = {"general": sorted(keys_of(GeneralOptions))}
+    expected |= {name: sorted(f"{name}.{key}" for key in config.section_keys(name)) for name in SECTIONS}
+    assert {section: sorted(paths) for section, paths in found.items()} == expected
     links = re.findall(r"^\| \[`([^`]+)`\]\(#(\w+)\)", first, re.MULTILINE)
     assert [path for path, _ in links] == list(FIRST_KEYS) and len(links) == 10
     assert all(path in found[section] for path, section in links)
+
+
+def test_the_schema_for_editors_allows_the_presets_and_refuses_unknown_keys():
+    validator = Draft202012Validator(json_schema())
+    for path in PRESETS.glob("*.yaml"):
+        assert not [*validator.iter_errors(yaml.safe_load(path.read_text()))], path
+    assert [*validator.iter_errors({"frames": {"resolutoin": 3}})]
 
 
 @pytest.mark.parametrize(
@@ -139,6 +152,8 @@ def test_the_reference_page_holds_every_key_once_under_its_section():
         ({"frames": {"resolutoin": 3}}, "unknown key 'frames.resolutoin'; did you mean 'resolution'?"),
         ({"xyz": {}}, "unknown key 'xyz'; known keys: preset, scenes"),
         ({"budget": {"minutes": 3}}, "key 'budget' was removed; set preset"),
+        ({"splats": {"seed": 2}}, "key 'splats.seed' was renamed; write 'run.seed'"),
+        ({"poses": {"overlap": 2}}, "key 'poses.overlap' was removed"),
         ({"splats": {"patience": 2}}, "key 'splats.patience' was removed; training always runs to its end"),
         ({"frames": {"resolution": "big"}}, "frames.resolution = 'big' .* whole number"),
         ({"frames": {"resolution": 3}}, "frames.resolution = 3 .* 32"),
@@ -162,7 +177,7 @@ def test_the_reference_page_holds_every_key_once_under_its_section():
             "poses.matching .* auto, exhaustive, sequential .* 'exhaustive'",
         ),
         ({"poses": {"min_registered": 1.5}}, "at most 1"),
-        ({"poses": {"max_gap_ms": 0}}, "more than 0"),
+        ({"poses": {"max_dist_std": 0}}, "more than 0"),
         ({"query": {"min_coverage": 1.0}}, "query.min_coverage = 1.0 .* less than 1"),
         ({"query": {"canonical": []}}, "query.canonical .* 1"),
         ({"query": {"canonical": [3]}}, "query.canonical.0 = 3 .* text"),
@@ -176,34 +191,6 @@ def test_invalid_values_are_named_by_key(user, message):
         config.resolve(user, PRESETS)
     assert str(caught.value).count("\n") <= 1
     assert not re.search(r"must be (object|integer|string)|other word|see \w+[A-Z]", str(caught.value))
-
-
-def test_every_keyword_of_the_schemas_that_people_write_for_has_words():
-    """Protects messages: every keyword of the schema has a description."""
-
-    def keywords(part):
-        for key, value in part.items() if isinstance(part, dict) else []:
-            if key in ("properties", "$defs"):
-                yield from (word for sub in value.values() for word in keywords(sub))
-            elif key in ("items", "propertyNames", "additionalProperties"):
-                yield from keywords(value)
-            else:
-                yield key
-
-    told = {*_ALLOWED, "enum", "type", "pattern", "minLength", "uniqueItems", "required"}
-    notes = {"$schema", "title", "description", "default", "published", "allowed"}
-    found = {word for name in ("config", "scenes") for word in keywords(config.schema(name))}
-    assert found <= told | notes
-    patterns = [part for part in _parts(config.schema("config")) if "pattern" in part]
-    assert patterns and all("allowed" in part for part in patterns)
-
-
-def _parts(part):
-    """All mappings inside a schema."""
-    yield part
-    for value in part.values():
-        if isinstance(value, dict):
-            yield from _parts(value)
 
 
 def test_unreadable_files_are_named(tmp_path):
@@ -328,7 +315,7 @@ def test_each_artifact_of_the_table_of_stages_has_a_schema():
 
 def test_on_and_off_may_be_written_as_yaml_reads_them():
     """YAML reads on and off as booleans; a key that has these words takes both."""
-    found = config.coerced({"camera": {"refine_poses": True, "compensate_exposure": "off"}, "segments": {}})
+    found = config.validate({"camera": {"refine_poses": True, "compensate_exposure": "off"}})
     assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"}
-    parsed = config.parse_options("camera.refine_poses=off frames.upright=off", "row 1")
-    assert parsed == {"camera": {"refine_poses": "off"}, "frames": {"upright": False}}
+    parsed = config.validate(config.parse_options("camera.refine_poses=off frames.upright=off", "row 1"))
+    assert parsed["camera"]["refine_poses"] == "off" and parsed["frames"]["upright"] is False

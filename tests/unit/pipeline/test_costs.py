@@ -204,7 +204,7 @@ def test_published_models_take_longer_without_a_gpu(tmp_path):
 @pytest.mark.parametrize("stage", (*STAGES, "frames", "poses", "masks", "queries_sheet"))
 def test_a_gpu_is_requested_only_for_stages_that_can_use_one(stage):
     """A GPU that a job cannot use is taken from others."""
-    uses = {"segments", "view_features", "transient", "splats", "language", "metrics"}
+    uses = {"segments", "instances", "view_features", "transient", "splats", "language", "metrics"}
     assert gpus(stage, defaults()) == int(stage in uses)
 
 
@@ -212,6 +212,7 @@ def test_keys_that_keep_a_stage_on_the_cpu_request_no_gpu(tmp_path):
     """Nor memory for CUDA's libraries."""
     assert gpus("splats", with_keys("splats", backend="cpu")) == 0
     assert gpus("segments", with_keys("segments", segmenter="classical")) == 0
+    assert gpus("instances", with_keys("instances", source="tracks")) == 0
     assert gpus("view_features", with_keys("models", device="cpu")) == 0
     assert gpus("metrics", with_keys("models", device="cpu")) == 1  # it renders as well
     inputs = scene(tmp_path)

@@ -1,9 +1,11 @@
 """Inputs of stages and decisions of a survey, without Snakemake."""
 
+import json
+
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import check, defaults, merge, section_keys
+from egosplat.pipeline.config import defaults, merge, section_keys, validate
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     decided,
@@ -14,7 +16,7 @@ from egosplat.pipeline.dag import (
     leaves_frames_out,
     masks_by_survey,
     optional_inputs_of,
-    stage_flags,
+    options_json,
     stages_behind,
     story_stages,
     survey_decides,
@@ -109,9 +111,9 @@ def test_masks_that_are_prompted_by_depth_need_gaussians_and_these_no_segments(k
 )
 def test_keys_that_prompts_by_depth_do_not_go_with_are_an_error_that_names_both(section, key, value):
     config = merge(EVERY_FRAME, BY_DEPTH)
-    check(config)
+    validate(config)
     with pytest.raises(UserError, match=rf"segments\.point_prompts.*{section}\.{key} = .*, not {value};"):
-        check(merge(config, {section: {key: value}}))
+        validate(merge(config, {section: {key: value}}))
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
@@ -156,7 +158,7 @@ def test_the_survey_decides_whether_what_moves_is_tracked(masking, expected):
     found = decided(config, survey(masking))
     assert found["segments"]["track_moving"] == expected and found["splats"]["masking"] == "none"
     assert ("transient" in optional_inputs_of("segments", found)) == (expected == "always")
-    assert f"--track-moving {expected}" in stage_flags("segments", found)
+    assert json.loads(options_json("segments", found))["track_moving"] == expected
     for value in ("always", "never"):
         own = merge(config, {"segments": {"track_moving": value}})
         assert decided(own, survey(masking)) == own and not survey_decides(own)
@@ -168,7 +170,7 @@ def test_the_survey_decides_masking_where_it_is_auto(masking):
     found = decided(BASE, survey(masking))
     assert found["splats"]["masking"] == masking and BASE["splats"]["masking"] == "auto"
     assert ("masks" in optional_inputs_of("splats", found)) == (masking == "refined")
-    assert f"--masking {masking}" in stage_flags("splats", found)
+    assert json.loads(options_json("splats", found))["masking"] == masking
 
 
 @pytest.mark.parametrize("stage", ["transient", "instances", "splats"])
@@ -179,8 +181,7 @@ def test_the_survey_decides_what_is_corrected_where_it_is_auto(stage):
     assert "survey" not in optional_inputs_of(stage, auto) and "survey" not in inputs_of("masks", auto)
     found = decided(auto, survey("none"))
     assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"} and follows_survey(stage)
-    assert "--refine-poses on" in stage_flags(stage, found)
-    assert "--compensate-exposure off" in stage_flags(stage, found)
+    assert found["camera"].items() <= json.loads(options_json(stage, found)).items()
     assert survey_decides(auto) and not survey_decides(merge(auto, OFF))
     by_hand = merge(auto, {"camera": {"refine_poses": "off", "compensate_exposure": "on"}})
     assert decided(by_hand, survey("none")) == by_hand
@@ -213,15 +214,11 @@ def test_gaussians_train_on_no_blurred_frame_where_nothing_moves():
     assert len({*blurred, ALL_FRAMES, "of-kept-frames"}) == 4
 
 
-def test_keys_become_flags_in_order_of_their_names():
-    """Protects the command line of a stage: types of values, quoting, and keys without a value."""
+def test_options_are_json_in_order_of_their_names():
+    """Protects the command line of a stage: types of values, order, and quoting of paths."""
     keys = {"frames": {"upright": False, "start_s": 1.5, "end_s": None, "stride": 2}}
-    flags = stage_flags("frames", merge(BASE, keys)).split(" --")
-    assert flags == sorted(flags, key=lambda flag: flag.removeprefix("--").removeprefix("no-"))
-    assert {"no-upright", "start-s 1.5", "stride 2"} <= set(flags)
-    assert not [flag for flag in flags if flag.startswith("end-s")]
-    listed = stage_flags("metrics", merge(BASE, {"metrics": {"excluded": ["a b"]}}))
-    assert """--excluded '["a b"]'""" in listed
+    found = json.loads(options_json("frames", merge(BASE, keys)))
+    assert list(found) == sorted(found) and keys["frames"].items() <= found.items()
     assert input_flags({"view_features": "a b.zarr"}) == "--view-features 'a b.zarr'"
 
 

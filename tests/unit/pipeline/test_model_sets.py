@@ -6,7 +6,9 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.pipeline import config
-from egosplat.pipeline.model_sets import keys_of_models, located
+from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.model_sets import DEFAULTS, located
+from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.published import CATALOGUE, LIBRARIES, model_of_file, named_model
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
@@ -22,17 +24,12 @@ VALUES = {
         "clip_model": "ViT-B-16",
         "clip_checkpoint": "published",
     },
-    "segments": {
-        "image_size": None,
-        "pred_iou_thresh": 0.7,
-        "stability_score_thresh": 0.85,
-        "stability_score_offset": 1.0,
-        "nms_score_thresh": 0.7,
-    },
+    "segments": {"image_size": None},
     "features": {"mismatched_views": "average"},
     "transient": {"encoder_weights": "published"},
     "query": {"temperature": 1.0, "min_score": 0.0},
 }
+FOLLOW = [(section, name) for section, keys in VALUES.items() for name in keys]
 
 
 def resolved(**user):
@@ -57,14 +54,14 @@ def follow(found, published: bool = True) -> bool:
     return all(found[section].items() >= keys.items() for section, keys in expected.items())
 
 
-def test_the_schema_names_these_keys():
-    """A key that starts to follow the set, or stops, changes what users get."""
-    assert {(section, name): key["published"] for section, name, key in keys_of_models()} == {
-        (section, name): value for section, keys in VALUES.items() for name, value in keys.items()
-    }
+def test_the_record_of_each_set_names_these_keys():
+    """A key that starts to follow the set, or stops, changes what users get; those of small are the options' defaults."""
+    assert DEFAULTS["published"] == VALUES
+    usual = config.defaults()
+    assert DEFAULTS["small"] == {s: {key: usual[s][key] for key in keys} for s, keys in VALUES.items()}
 
 
-@pytest.mark.parametrize("preset", config.schema("config")["properties"]["preset"]["enum"])
+@pytest.mark.parametrize("preset", keys_of(GeneralOptions)["preset"]["enum"])
 def test_the_set_decides_with_every_preset(preset):
     """Switching models is one word, whatever the preset; nothing else changes with it."""
     published, small = (resolved(preset=preset, models={"set": name}) for name in ("published", "small"))
@@ -75,7 +72,7 @@ def test_the_set_decides_with_every_preset(preset):
         for name in published[section]
         if published[section][name] != small[section][name]
     }
-    assert different == {("models", "set"), *((section, name) for section, name, _ in keys_of_models())}
+    assert different == {("models", "set"), *FOLLOW}
     assert {s for s in published if published[s] != small[s]} == set(VALUES)
     assert follow(resolved(preset=preset), published=preset == "paper")
 
@@ -83,14 +80,14 @@ def test_the_set_decides_with_every_preset(preset):
 def test_a_key_of_the_user_wins_over_the_set():
     """An explicit value stays, at each place where a set can be chosen."""
     own = {
-        "segments": {"pred_iou_thresh": 0.5},
+        "query": {"temperature": 5.0},
         "models": {"set": "published", "clip_checkpoint": "mine.bin"},
     }
     found = resolved(**own)
-    assert found["segments"]["pred_iou_thresh"] == 0.5 and found["segments"]["nms_score_thresh"] == 0.7
+    assert found["query"] | {"temperature": 5.0, "min_score": 0.0} == found["query"]
     assert found["models"]["clip_checkpoint"] == "mine.bin"
     small = config.overlaid(found, {"models": {"set": "small"}})
-    assert small["segments"]["pred_iou_thresh"] == 0.5 and small["segments"]["nms_score_thresh"] == 0.2
+    assert small["query"] | {"temperature": 5.0, "min_score": 0.78} == small["query"]
     assert small["models"]["clip_checkpoint"] == "mine.bin" and small["models"]["sam2_checkpoint"] == "small"
 
 
@@ -163,10 +160,12 @@ def test_an_architecture_without_a_published_checkpoint_ends_the_run_at_its_star
 def test_the_page_lists_every_key_that_follows_the_set_and_every_model():
     """docs/models.md does not drift from schema and catalogue."""
     lines = (PRESETS.parents[1] / "docs/models.md").read_text().splitlines()
-    for section, name, key in keys_of_models():
+    for section, name in FOLLOW:
         (row,) = [line for line in lines if line.startswith("| `") and f"`{section}.{name}`" in line]
         cells = [cell.strip().replace("`", "") for cell in row.split("|")]
-        for cell, value in zip(cells[2:4], (key["default"], key["published"]), strict=True):
+        for cell, value in zip(
+            cells[2:4], (DEFAULTS["small"][section][name], VALUES[section][name]), strict=True
+        ):
             assert {None: "null"}.get(
                 value, f"{value:g}" if isinstance(value, float) else str(value)
             ) in cell, row

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, merge, resolve
+from egosplat.pipeline.config import defaults, merge, resolve, stage_values
 from egosplat.pipeline.presets import preset_keys
+from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import Setting, points_of, variant_name, with_points
 from egosplat.pipeline.variants import owner, variant_config
 
@@ -85,15 +86,15 @@ def test_points_of_another_seed_share_what_they_have_in_common():
 def test_a_seed_changes_only_training_stages():
     config = scene(seeds=[5])
     found = variant_config(config, "seed-5", "adt/scene1")
-    changed = {section for section in found if found[section] != config[section]}
-    assert changed == {"features", "transient", "splats", "language"}
-    assert all(found[section]["seed"] == 5 for section in changed)
+    changed = {stage for stage in STAGES if stage_values(stage, found) != stage_values(stage, config)}
+    assert changed == {"instances", "features", "transient", "splats", "prompts", "language"}
+    assert found["run"] == config["run"] | {"seed": 5}
 
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():
     own = {
         "frames": {"resolution": 300, "focal": 400.0, "evaluation_frames": 5},
-        "segments": {"nms_score_thresh": 0.4},
+        "segments": {"merge_iou": 0.4},
     }
     base = merge(defaults(), own | {"models": {"clip_model": "mine"}})
     config = scene(presets=["draft", "paper_scaled"], base=base)
@@ -101,7 +102,7 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     for found in (draft, paper):
         assert (found["frames"]["focal"], found["frames"]["evaluation_frames"]) == (400.0, 5)
         assert found["models"] == base["models"] and found["metrics"] == base["metrics"]
-        assert found["segments"]["nms_score_thresh"] == 0.4 and found["synthetic"] == base["synthetic"]
+        assert found["segments"]["merge_iou"] == 0.4 and found["synthetic"] == base["synthetic"]
     assert draft["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300
     assert (paper["splats"]["iterations"], paper["features"]["dims"]) == (30000, 3)
     assert paper["transient"]["encoder_weights"] is None
@@ -129,7 +130,7 @@ def test_presets_replace_the_scenes_own_preset(name, below):
         ("metrics.hit_region", "scores with other values of metrics.hit_region cannot be compared"),
         ("frames.evaluation_frames", "cannot be compared"),
         ("synthetic.size", "cannot be compared"),
-        ("splats.seed", "splats.seed cannot be swept"),
+        ("run.seed", "run.seed cannot be swept"),
     ],
 )
 def test_an_invalid_sweep_is_rejected(knob, message):

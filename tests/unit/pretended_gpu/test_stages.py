@@ -13,6 +13,7 @@ from egosplat.artifacts.reader import Artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.compute import Compute
 from egosplat.gaussians import trainer
+from egosplat.instances import geometry
 from egosplat.language import loop
 from egosplat.language import stage as language
 from egosplat.models.sam2_loader import Sam2
@@ -21,6 +22,8 @@ from egosplat.segments.tracker import Tracker
 from egosplat.splats import stage as splats
 from egosplat.transient import stage as transient
 from tests.support.pretended_gpu import DEVICE, PretendedGpu
+from tests.unit.instances.conftest import masks_of_wall
+from tests.unit.instances.test_stage import run as merge
 from tests.unit.segments.test_tracker import FRAMES, HEIGHT, OPTIONS, WIDTH
 
 CAMERA = {"refine_poses": "off", "compensate_exposure": "off"}
@@ -138,6 +141,18 @@ def test_transient(scene, gpu, monkeypatch):
     transient.run(folder / "frames.zarr", folder / "poses.zarr", folder / "predicted.zarr", options)
     assert len(calls) == 12 and median(calls) <= 3
     assert np.isfinite(verify(folder / "predicted.zarr", {**SCHEMAS}).read("probability")).all()
+
+
+def test_instances(tmp_path, gpu, monkeypatch):
+    """The Gaussians are trained and the things rendered on the device; they are those of the CPU."""
+    folder = masks_of_wall(tmp_path)
+    before = merge(folder, "cpu.zarr")
+    assert not gpu.waits
+    on_gpu(monkeypatch, geometry)
+    calls = counted(gpu, monkeypatch, trainer, "iterate")
+    after = merge(folder)
+    assert len(calls) == 20 and median(calls) <= 2
+    assert (after.read("labels") == before.read("labels")).mean() > 0.98
 
 
 @pytest.mark.parametrize("method", ["lifted", "trained", "sparse", "center", "projected", "clustered"])
