@@ -3,6 +3,7 @@
 Titles are wrapped and names are moved when a figure is written: sizes of texts and images are known only after its layout.
 """
 
+import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 
 matplotlib.use("Agg")
 matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
+# It takes an image of a subfigure for a sign of an old matplotlib, and says so in the log.
+logging.getLogger("adjustText").setLevel(logging.ERROR)
 
 from adjustText import adjust_text
 from matplotlib import pyplot as plt
@@ -170,10 +173,9 @@ def _place_names(axes: Axes) -> None:
     fitting = [name for name in names if name.get_window_extent().width <= inside.width]
     for name in set(names) - set(fitting):
         name.remove()
-    if fitting:
-        # A name may stay on its own place, and no lines lead there that could cross.
-        free = {"avoid_self": False, "prevent_crossings": False}
-        adjust_text(fitting, ax=axes, expand=_ROOM, iter_lim=_STEPS, **free)
+    # A name may stay on its own place, and no lines lead there that could cross.
+    free = {"avoid_self": False, "prevent_crossings": False}
+    adjust_text(fitting, ax=axes, expand=_ROOM, iter_lim=_STEPS, **free)
     kept: list[Bbox] = []
     for name in fitting:
         box = name.get_window_extent()

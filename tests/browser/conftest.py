@@ -29,7 +29,7 @@ ASK = """async (words) => {
 def patience_ms() -> int:
     """Milliseconds that a test waits for a condition: minutes, and more where other programs keep the processors busy."""
     waiting = os.getloadavg()[0] / (os.cpu_count() or 1)
-    return round(180_000 * max(1.0, waiting))
+    return round(120_000 * max(1.0, waiting))
 
 
 @dataclass

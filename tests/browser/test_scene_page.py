@@ -250,7 +250,7 @@ def test_instances_have_colors_and_the_words_are_suggested(scene, clip):
     tab.page.evaluate(ASK, "cup")
     assert not tab.page.is_checked("#instances")
     assert np.ptp(color_at(tab, [0.1, 0.0, 2])) < 10
-    tab.page.check("#instances")
+    tab.page.evaluate("egosplat.show({ instances: true })")
     np.testing.assert_allclose(color_at(tab, [0.35, 0.2, 2]), left, atol=3)
     options = tab.page.eval_on_selector_all("#vocabulary option", "all => all.map(one => one.value)")
     assert options == list(words_to_try(clip))

@@ -46,7 +46,7 @@ def test_a_lack_of_memory_is_reported(allocate):
     with pytest.raises((MemoryError, RuntimeError)) as caught:
         allocate()
     told = user_message(caught.value)
-    assert told.startswith("no memory left (") and "scale.md" in told and "\n" not in told
+    assert told.startswith("no memory left (") and "running.md" in told and "\n" not in told
 
 
 LIMITED = """

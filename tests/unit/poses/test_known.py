@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from egosplat.alarms.recording import MIN_PARALLAX_DEG
 from PIL import Image
 
+from egosplat.alarms.limits import LIMITS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -112,7 +112,7 @@ def test_a_still_camera_has_no_parallax():
     """Poses of a tripod are valid, and no depth follows from them: an alarm says so."""
     points = np.array([[0.0, 0.0, 4.0], [1.0, 0.0, 5.0], [0.0, 1.0, 6.0]])
     moving, still = np.array([[0.0, 0, 0], [0.3, 0, 0]]), np.array([[0.0, 0, 0], [0.1, 0, 0]])
-    assert find_parallax(moving, points) > MIN_PARALLAX_DEG > find_parallax(still, points) > 0
+    assert find_parallax(moving, points) > LIMITS["poses.parallax"].value > find_parallax(still, points) > 0
     assert find_parallax(still, points[:0]) is None and find_parallax(still * 0, points[:0]) == 0
     assert find_parallax(still * 0, points * 0) == 0
 
