@@ -36,7 +36,8 @@ from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import lift
 from egosplat.language.loop import train
-from egosplat.language.training import CodeOptions, PlainCodes
+from egosplat.language.options import LanguageOptions
+from egosplat.language.training import PlainCodes
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults
 from egosplat.pipeline.scene_folder import title_of
@@ -111,7 +112,7 @@ def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], T
 def trained(scene: Scene, views: CodeViews, levels: int, iterations: int) -> Tensor:
     """Codes trained by gradients."""
     keys = defaults()["language"]
-    options = CodeOptions(
+    options = LanguageOptions(
         iterations=iterations, lr=keys["lr"], normalize_codes=keys["normalize_codes"], seed=keys["seed"]
     )
     found = PlainCodes(scene.gaussians, views, scene.settings, (levels, scene.targets.channels), options)

@@ -16,7 +16,7 @@ from benchmarks.common import command, markdown, scene_folders
 from benchmarks.language.__main__ import read as read_learnt
 from egosplat.artifacts.language import GAUSSIANS, PIXELS
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
-from egosplat.evaluation.options import MetricsOptions, metrics_options
+from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query
 from egosplat.evaluation.run_queries import run_queries
 from egosplat.evaluation.scored_scenes import read_scored_scene
@@ -54,7 +54,7 @@ def read(folder: Path) -> tuple[Asked, dict[str, Lifted | Coded]]:
     """Open a finished scene, and give its Gaussians codes in both ways."""
     sources, learnt = open_finished(folder), read_learnt(folder)
     scored = read_scored_scene(folder / "metrics.json")
-    options = metrics_options(scored.document["provenance"]["options"])
+    options = recorded_options(scored.document["provenance"]["options"])
     evaluation = sources.evaluation()
     queries = find_asked_queries(sources.annotations, evaluation.valid, options, evaluation.frames)
     asker = open_asker(sources, (query.category for query in queries), options)

@@ -7,7 +7,7 @@ from benchmarks.open_vocabulary.colors import color_shares
 from benchmarks.open_vocabulary.questions import Question, find_questions
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
-from egosplat.evaluation.options import MetricsOptions, metrics_options
+from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.run_queries import run_queries
 from egosplat.evaluation.scores import Result
 from egosplat.pipeline.config import Config, stage_values
@@ -35,7 +35,7 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
     sources = open_finished(folder)
     if not sources.encoded.facts["clip"]["small"] or sources.annotations.origin != "synthetic":
         raise UserError(f"{folder}: the phrases are made for synthetic apartments and the small OpenCLIP")
-    options, evaluation = metrics_options(stage_values("metrics", config)), sources.evaluation()
+    options, evaluation = recorded_options(stage_values("metrics", config)), sources.evaluation()
     questions = _questions(evaluation, config, options)
     of_query = {id(one.query): one for one in questions}
     queries = [one.query for one in questions]

@@ -28,8 +28,8 @@ SMALL = """
 synthetic: {size: 176, fps: 2.0, seconds: 6.0, objects: 16}
 frames: {resolution: 96, evaluation_frames: 3}
 segments: {points_per_side: 8, key_frame_stride: 6}
-transient: {iterations: 60, resolution: 48, input_size: 64, checkpoint_s: 0.5}
-splats: {masking: refined, iterations: 120, max_points: 1000, max_gaussians: 2000, checkpoint_s: 0.5}
+transient: {iterations: 60, resolution: 48, input_size: 64}
+splats: {masking: refined, iterations: 120, max_points: 1000, max_gaussians: 2000}
 """
 
 # Output of each stage in the scene's folder, in an order in which each follows its inputs.

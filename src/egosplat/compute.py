@@ -31,7 +31,7 @@ class Compute:
 
 
 def choose_compute(device: str, precision: str) -> Compute:
-    """Device and number type for the configuration keys ``models.device`` and ``models.precision``.
+    """Device and number type for the configuration keys ``run.device`` and ``run.precision``.
 
     Args:
         device: ``auto`` (a GPU if there is one), ``cpu`` or ``cuda``.
@@ -42,7 +42,7 @@ def choose_compute(device: str, precision: str) -> Compute:
     """
     gpu = torch.cuda.is_available()
     if device == "cuda" and not gpu:
-        raise UserError("models.device = cuda: PyTorch finds no CUDA device; set it to auto or cpu")
+        raise UserError("run.device = cuda: PyTorch finds no CUDA device; set it to auto or cpu")
     kind = device if device != "auto" else "cuda" if gpu else "cpu"
     return Compute(torch.device(kind), _dtype(kind, precision))
 
@@ -54,7 +54,7 @@ def _dtype(kind: str, precision: str) -> torch.dtype:
         return torch.bfloat16
     if precision == "auto":
         return torch.float32
-    raise UserError("models.precision = bfloat16: this GPU has no bfloat16; set it to auto or float32")
+    raise UserError("run.precision = bfloat16: this GPU has no bfloat16; set it to auto or float32")
 
 
 @contextlib.contextmanager

@@ -33,8 +33,10 @@ class Work:
 
     def snakemake(self, *arguments: str, **config: dict) -> str:
         """Run Snakemake for features.zarr with additional configuration and return its output."""
-        models = {"clip_model": "model", "clip_checkpoint": str(self.weights), "device": "cpu"}
-        (self.folder / "mine.yaml").write_text(yaml.safe_dump({"models": models, **config}))
+        models = {"clip_model": "model", "clip_checkpoint": str(self.weights)}
+        (self.folder / "mine.yaml").write_text(
+            yaml.safe_dump({"models": models, "run": {"device": "cpu"}, **config})
+        )
         options = ["--snakefile", "workflow/Snakefile", "--cores", "1", "--configfile", "mine.yaml"]
         words = [*options, *arguments, "--", f"{SCENE}/features.zarr"]
         done = run_snakemake(words, self.folder, os.environ)

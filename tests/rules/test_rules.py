@@ -165,7 +165,7 @@ tables: {methods: [mine]}
     wide = Image.open(workdir.folder / SCENE / "methods.png").width
     assert workdir.stale(f"{SCENE}/methods.png", config=config) == set()
     more = config.replace(
-        "variants: {", "variants: {other: {extends: mine, method: Other, language: {seed: 1}}, "
+        "variants: {", "variants: {other: {extends: mine, method: Other, language: {lr: 0.1}}, "
     ).replace("[mine]", "[mine, other]")
     assert workdir.stale(f"{SCENE}/methods.png", config=more) == {"language", "metrics", "methods_sheet"}
     run_rules(workdir, ("language", "metrics", "methods_sheet"), more, "methods.png")

@@ -14,7 +14,6 @@ from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import Surface
 from egosplat.viewing.container import Arrays, Facts, unpack
@@ -115,7 +114,7 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
 
 def page_options(**changes: Any) -> ScenePageOptions:
     """The default keys of the page, but for changes."""
-    return ScenePageOptions(**stage_values("scene_page", defaults()) | {"device": "cpu"} | changes)
+    return ScenePageOptions(**{"device": "cpu"} | changes)
 
 
 def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:

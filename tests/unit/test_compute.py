@@ -38,10 +38,10 @@ def test_auto_takes_the_best_device_and_precision(machine, gpu, bfloat16, device
 
 def test_an_unavailable_device_is_an_error(machine):
     machine(gpu=False)
-    with pytest.raises(UserError, match="models.device = cuda"):
+    with pytest.raises(UserError, match="run.device = cuda"):
         choose_compute("cuda", "auto")
     machine(gpu=True, bfloat16=False)
-    with pytest.raises(UserError, match="models.precision = bfloat16"):
+    with pytest.raises(UserError, match="run.precision = bfloat16"):
         choose_compute("auto", "bfloat16")
 
 

@@ -17,14 +17,14 @@ PAGE = ROOT / "docs/adding_a_stage.md"
 CODE = {
     "src/egosplat/frames/brightness_stage.py",
     "src/egosplat/pipeline/stages.py",
-    "src/egosplat/pipeline/schemas/config.schema.yaml",
+    "src/egosplat/frames/options.py",
     "workflow/rules/brightness.smk",
 }
 TARGET = "results/mine/scene/brightness.json"
 VARIANT = "results/mine/scene/variants/dim/brightness.json"
 CHECKS = (
     "tests/unit/test_layers.py",
-    "tests/unit/pipeline/test_config.py::test_schema_and_stage_function_name_the_same_keys",
+    "tests/unit/pipeline/test_config.py::test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options",
     "tests/unit/pipeline/test_config.py::test_every_key_has_a_description_and_a_default",
     "tests/unit/pipeline/test_config.py::test_the_reference_page_is_that_of_the_schema",
     "tests/unit/test_documentation.py::test_the_readme_lists_the_stages_of_the_pipeline",
@@ -110,7 +110,7 @@ def test_the_page_makes_a_stage_that_runs(checkout):
     before = checkout.codes()
     apply(checkout.folder)
     (checkout.folder / "config/reference.md").write_text(checkout.python("-m", "egosplat.cli", "keys"))
-    assert "--dark-level" in checkout.python("-m", "egosplat.cli", "brightness", "--help")
+    assert "dark_level" in checkout.python("-m", "egosplat.cli", "brightness", "--help")
     checkout.python("-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *CHECKS)
     after = checkout.codes()
     assert {name: after[name] for name in before} == before and set(after) - set(before) == {"brightness"}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from egosplat import cli
+from egosplat.pipeline.stages import PATHS, STAGES
 
 SCENE = Path("results/adt/scene1")
 
@@ -60,8 +61,14 @@ def words(command: str, scene: Path, flags: dict[str, object]) -> list[object]:
     flags = {"output": scene / "new.zarr"} | flags
     return [
         command,
-        *(word for name, value in flags.items() for word in (f"--{name.replace('_', '-')}", value)),
+        *(word for name, value in flags.items() for word in _flag(name, value)),
     ]
+
+
+def _flag(name: str, value: object) -> tuple[str, object]:
+    """A path, or a key."""
+    given = name in (*STAGES, *PATHS, "output", "format", "title")
+    return (f"--{name.replace('_', '-')}", value) if given else ("--set", f"{name}={value}")
 
 
 def frames(scene: Path, **changes: object) -> list[object]:
@@ -146,10 +153,10 @@ def test_a_broken_picture_leaves_no_frames(scene, refused, tmp_path):
 @pytest.mark.parametrize(
     "changes, said",
     [
-        ({"resolution": "big"}, "'big' is not a valid integer"),
-        ({"resolution": 1}, "--resolution"),
+        ({"resolution": "big"}, "frames.resolution = 'big'"),
+        ({"resolution": 1}, "frames.resolution = 1"),
         ({"format": "avi"}, "'avi' is not one of"),
-        ({"strid": 2}, "--stride"),
+        ({"strid": 2}, "stride"),
     ],
 )
 def test_a_wrong_flag_is_named(scene, capfd, monkeypatch, changes, said):

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.pipeline import config
-from egosplat.pipeline.config import schema
+from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.options import LARGEST_INTEGER, keys_of
 from egosplat.pipeline.scenes import check_recording, read_scenes
-from egosplat.pipeline.validation import LARGEST_INTEGER
 
 ROOT = Path(__file__).resolve().parents[2]
 PRESETS = ROOT / "config" / "presets"
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"
-SECTIONS = schema("config")["properties"]
-KEYS = [(section, name) for section, part in SECTIONS.items() for name in part.get("properties", {})]
+SECTIONS = [*keys_of(GeneralOptions), *config.section_options()]
+KEYS = [(section, name) for section in config.section_options() for name in config.section_keys(section)]
 
 ANY = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=200),

@@ -260,7 +260,7 @@ def test_touching_sources_and_moving_the_checkout_reruns_nothing(workdir):
 
 SMALL_AGAIN = """
 models: {set: published, sam2_config: small, sam2_checkpoint: small, clip_model: small, clip_checkpoint: small}
-segments: {image_size: 512, pred_iou_thresh: 0.3, stability_score_thresh: 0.7, stability_score_offset: 0.1, nms_score_thresh: 0.2}
+segments: {image_size: 512}
 features: {mismatched_views: keep_own}
 transient: {encoder_weights: null}
 """

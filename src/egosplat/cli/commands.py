@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.utils import make_default_short_help
 
 import egosplat
 from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
@@ -81,7 +80,7 @@ class Commands(click.Group):
         stage = name.replace("-", "_")
         text = _SHORT.get(name) or (STAGES[stage].help if stage in STAGES else "")
         if text:
-            return make_default_short_help(text, width)
+            return click.Command(name, help=text).get_short_help_str(width)
         command = super().get_command(context, name)
         return command.get_short_help_str(width) if command else ""
 

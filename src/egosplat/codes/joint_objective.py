@@ -29,7 +29,7 @@ def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor
 class JointLanguage(Objective):
     """L_RGB-w + feature_weight L_F-w; the Gaussians' features are the concatenated codes of all levels."""
 
-    advice = "lower splats.position_lr or splats.feature_weight, or raise splats.near_plane"
+    advice = "lower splats.feature_weight, or raise run.near_plane"
 
     def __init__(self, ssim_lambda: float, feature_weight: float, targets: CodeTargets) -> None:
         """Take the weight of the code loss; ``ssim_lambda`` as in ``L1Ssim``."""

@@ -78,9 +78,9 @@ def _models_device(config: Config) -> str:
     from egosplat.compute import choose_compute
 
     try:
-        return choose_compute(config["models"]["device"], config["models"]["precision"]).device.type
+        return choose_compute(config["run"]["device"], config["run"]["precision"]).device.type
     except UserError:
-        return config["models"]["device"]
+        return config["run"]["device"]
 
 
 def _renders_on(config: Config) -> str:
@@ -88,7 +88,7 @@ def _renders_on(config: Config) -> str:
     from egosplat.gaussians.device import training_device
     from egosplat.rasterize.kernels import library
 
-    backend = config["splats"]["backend"]
+    backend = config["run"]["backend"]
     try:
         device = training_device(backend).type
     except UserError:

@@ -101,7 +101,7 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
 
     Args:
         files: of ``--configfile``; later ones override earlier ones, all override config/config.yaml.
-        options: of ``--config``, as ``preset=fast``, ``models={device: cpu}`` or ``models.device=cpu``; they
+        options: of ``--config``, as ``preset=fast``, ``run={device: cpu}`` or ``run.device=cpu``; they
             override the files.
 
     Raises:
@@ -129,7 +129,7 @@ def _parsed(option: str) -> Config:
         content = load_yaml(value)
     except NO_YAML:
         content = None
-    names = key.split(".")  # models.device=cpu is short for models={device: cpu}
+    names = key.split(".")  # run.device=cpu is short for run={device: cpu}
     if not (equals and all(names)) or (content is None and value != "null"):
         raise UserError(
             f"--config {option[:80]}: not of the form KEY=VALUE, as in preset=fast or splats.iterations=5"
@@ -203,7 +203,7 @@ def _compute(config: Config) -> Finding:
     from egosplat.compute import choose_compute
 
     try:
-        compute = choose_compute(config["models"]["device"], config["models"]["precision"])
+        compute = choose_compute(config["run"]["device"], config["run"]["precision"])
     except UserError as error:
         return Finding(Mark.MISSING, "models run on", str(error))
     return Finding(Mark.OK, "models run on", f"{compute.device}, {str(compute.dtype).removeprefix('torch.')}")

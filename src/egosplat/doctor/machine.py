@@ -54,7 +54,7 @@ def _gsplat(config: Config) -> Finding:
 
     from egosplat.rasterize.cuda import GSPLAT_REQUIREMENT, load_gsplat, unsupported
 
-    install, backend = "Run: pip install 'egosplat[cuda]'", config["splats"]["backend"]
+    install, backend = "Run: pip install 'egosplat[cuda]'", config["run"]["backend"]
     # With auto, Gaussians are trained on the CPU where gsplat cannot run.
     mark = Mark.MISSING if backend == "cuda" else Mark.NOTE
     try:
@@ -92,7 +92,7 @@ def _kernels(config: Config) -> Finding:
 
     if problem := library.why_not():
         first, _, advice = problem.partition("\n")
-        mark = Mark.MISSING if config["splats"]["backend"] == "cpu" else Mark.NOTE
+        mark = Mark.MISSING if config["run"]["backend"] == "cpu" else Mark.NOTE
         return Finding(mark, "kernels", first, advice)
     compiled = ", ".join(variant.name for variant in VARIANTS if (HERE / variant.file).is_file())
     return Finding(Mark.OK, "kernels", f"{library.variant()} (compiled: {compiled})")
@@ -130,5 +130,5 @@ def _disk() -> Finding:
 
 def _keys_set_to(device: str, config: Config) -> list[tuple[str, str]]:
     """Section and name of the keys that are set to a device."""
-    keys = (("splats", "backend"), ("models", "device"))
+    keys = (("run", "backend"), ("run", "device"))
     return [(section, key) for section, key in keys if config[section][key] == device]

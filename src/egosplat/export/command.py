@@ -83,8 +83,7 @@ def export_gaussians(folder: Path, what: Exporting, chosen: Tensor | None) -> No
     rows = torch.arange(gaussians.count) if chosen is None else chosen
     some = gaussians.select(rows)
     if what.format == "spz":
-        antialiased = splats.provenance["options"]["antialiased"]
-        write_spz(what.output, some, splats.facts["sh_degree_in_use"], antialiased)
+        write_spz(what.output, some, splats.facts["sh_degree_in_use"], antialiased=False)
     else:
         columns = geometry_columns(some)
         if what.codes:

@@ -125,7 +125,7 @@ def _checked(features: Features, checkpoint: str) -> NDArray[np.bool_]:
     if len(good) and not good.any():
         raise UserError(
             f"models.clip_checkpoint = {checkpoint!r}: the model gives no finite feature for any crop; "
-            "use another checkpoint, or set models.precision to float32"
+            "use another checkpoint, or set run.precision to float32"
         )
     if lost := int((~good).sum()):
         log(f"warning: {lost} of {len(good)} views are skipped: the model gives no finite feature for them")

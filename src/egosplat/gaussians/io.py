@@ -21,7 +21,7 @@ def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
     """
     whole = gaussians.finite()
     if not whole.any():
-        raise UserError("splats: training left no finite Gaussian; lower splats.position_lr")
+        raise UserError("splats: training left no finite Gaussian; raise run.near_plane")
     kept = gaussians.detach().select(whole)
     for name in STORED:
         artifact.put(name, getattr(kept, name).cpu().numpy())
@@ -47,4 +47,4 @@ def put_curves(artifact: Writer, curves: Curves) -> None:
 def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:
     """Return the settings that a splats artifact was trained with, with the given backend."""
     options = artifact.provenance["options"]
-    return RenderSettings(options["near_plane"], options["background"], options["antialiased"], backend)
+    return RenderSettings(options["near_plane"], options["background"], antialiased=False, backend=backend)

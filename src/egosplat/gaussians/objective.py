@@ -17,7 +17,7 @@ class Objective(ABC):
         advice: keys that the user may change if training diverges.
     """
 
-    advice = "lower splats.position_lr, or raise splats.near_plane"
+    advice = "raise run.near_plane"
 
     @abstractmethod
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:

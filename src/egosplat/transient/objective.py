@@ -50,7 +50,7 @@ class InitialObjective(Objective):
             is absolute.
     """
 
-    advice = "lower transient.lr, or raise transient.near_plane"
+    advice = "lower transient.lr, or raise run.near_plane"
 
     def __init__(self, net: TransientNet, options: InitialOptions, device: torch.device) -> None:
         """Move ``net`` to ``device``, the device of the Gaussians, and train it in place."""

@@ -114,9 +114,10 @@ def test_all_masked(scene, run, left, lens):
 )
 def test_renders_that_stay_broken(scene, run, left, monkeypatch):
     monkeypatch.setattr(objective, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
+    monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
     folder = scene()
-    with pytest.raises(UserError, match="30 .*position_lr"):
-        run(folder, checkpoint_s=1e-9)
+    with pytest.raises(UserError, match="30 .*near_plane"):
+        run(folder)
     assert not left(folder)
 
 
@@ -171,14 +172,23 @@ def test_no_finite_gaussian(scene, run, left, monkeypatch):
     assert not left(folder)
 
 
+def faster(monkeypatch, factor: int) -> None:
+    """Multiply the learning rate of the positions."""
+    usual = stage.training_options
+    monkeypatch.setattr(
+        stage, "training_options", lambda options: replace(usual(options), position_lr=1.6e-4 * factor)
+    )
+
+
 @pytest.mark.numerics(
     "learning rate of the positions x100 and x1e4", outside="trains, or UserError that says why; all finite"
 )
 @pytest.mark.parametrize("factor", [100, 10_000])
-def test_position_rate(scene, run, left, factor):
+def test_position_rate(scene, run, left, monkeypatch, factor):
+    faster(monkeypatch, factor)
     folder = scene()
     try:
-        run(folder, position_lr=1.6e-4 * factor)
+        run(folder)
     except UserError as error:
         assert "Gaussians" in str(error) or "diverged" in str(error)
         assert not left(folder)
@@ -190,9 +200,10 @@ def test_all_rates(scene, run, left, monkeypatch):
         return LearningRates(**{name: 100 * rate for name, rate in asdict(LearningRates(means)).items()})
 
     monkeypatch.setattr(state, "LearningRates", hundredfold)
+    faster(monkeypatch, 100)
     folder = scene()
     try:
-        run(folder, iterations=80, position_lr=1.6e-2)
+        run(folder, iterations=80)
     except UserError as error:
         assert "Gaussians" in str(error) or "diverged" in str(error)
         assert not left(folder)

@@ -14,9 +14,8 @@ from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import stage
-from egosplat.segments.options import SegmentsOptions
+from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import grid_points
 from tests.support.scenes import camera_facts, put, put_scene
 
@@ -148,15 +147,19 @@ def test_a_view_does_not_see_gaussians_far_behind_its_surface(behind, seen):
     assert (gaussian >= wall.count).any() == seen and (gaussian < wall.count).any()
 
 
-KEYS = stage_values("segments", defaults()) | {
+KEYS = {
     "image_size": 128,
     "crops_per_side": 1,
     "points_per_side": 4,
     "key_frame_stride": 1,
     "track_moving": "never",
-    "pred_iou_thresh": 0.0,
-    "stability_score_thresh": 0.0,
 }
+
+
+@pytest.fixture(autouse=True)
+def all_masks(monkeypatch):
+    """No mask is dropped for its quality."""
+    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(0.0, 0.0, 0.1, 0.2))
 
 
 def segmented(folder, name, points="depth", prompts=None, **changes):

@@ -16,7 +16,6 @@ from egosplat.artifacts.relevancy import open_relevancy
 from egosplat.baselines import external_maps as external
 from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import PROTOCOL
-from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.validation import schema
 from tests.support.scenes import put
@@ -83,10 +82,9 @@ def scored(tmp_path, scene):
     """``scored(relevancy, **keys)``: what the stage writes, without smoothing."""
 
     def run(relevancy: Path, **keys) -> dict:
-        defaults = {name: key["default"] for name, key in stage_keys("method_metrics").items()}
         paths = {f"{name}_path": scene / f"{name}.zarr" for name in ("frames", "poses", "annotations")}
         output = tmp_path / "metrics.json"
-        keys = defaults | {"resamples": 50, "box_filter": 0.0, "majority_filter": 0.0} | keys
+        keys = {"box_filter": 0.0, "majority_filter": 0.0} | keys
         options = external.MethodMetricsOptions(**keys)
         external.run(**paths, relevancy_path=relevancy, output=output, options=options, title="adt/scene1")
         return json.loads(output.read_text())

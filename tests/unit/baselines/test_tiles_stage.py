@@ -16,7 +16,7 @@ from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
 from egosplat.models.open_clip_loader import load_open_clip
 
-KEYS = {"regulariser": "none", "batch": 50, "sam2_config": "small", "sam2_checkpoint": "small"}
+KEYS = {"regulariser": "none", "sam2_config": "small", "sam2_checkpoint": "small"}
 SIZE = 40
 
 
@@ -61,7 +61,9 @@ def test_tiles_beyond_the_border_are_black():
 def test_batches_and_kills_change_nothing(scene, run, monkeypatch):
     folder = scene()
     whole = run(folder)
-    other = run(folder, "other.zarr", batch=7)
+    monkeypatch.setattr(stage, "BATCH", 7)
+    other = run(folder, "other.zarr")
+    monkeypatch.setattr(stage, "BATCH", 128)
     encode_tiles, calls = stage.encode_tiles, []
 
     def killed(*given):
@@ -70,7 +72,7 @@ def test_batches_and_kills_change_nothing(scene, run, monkeypatch):
             raise KeyboardInterrupt
         return encode_tiles(*given)
 
-    monkeypatch.setattr(stage, "_CHECKPOINT_S", 0.0)
+    monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
     monkeypatch.setattr(stage, "encode_tiles", killed)
     with pytest.raises(KeyboardInterrupt):
         run(folder, "resumed.zarr")

@@ -13,7 +13,8 @@ from egosplat.doctor import machine
 from egosplat.doctor.examination import examine
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
-from egosplat.pipeline.validation import schema
+from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.options import keys_of
 from egosplat.rasterize import cuda
 from egosplat.rasterize.kernels import compiling, library
 from egosplat_apartments.rays import library as rays
@@ -84,9 +85,9 @@ def test_a_missing_checkpoint_comes_with_the_command_that_fetches_it(folder):
 def test_a_missing_gpu_is_an_error_only_where_keys_ask_for_it(folder):
     """auto runs on the CPU; cuda cannot."""
     assert marks()["GPU"] == Mark.NOTE
-    asked = found("models={device: cuda}", "splats={backend: cuda}")
+    asked = found("run={device: cuda, backend: cuda}")
     assert asked["GPU"].mark == Mark.MISSING
-    assert asked["GPU"].advice == "Set splats.backend and models.device to auto"
+    assert asked["GPU"].advice == "Set run.backend and run.device to auto"
     assert asked["models run on"].mark == Mark.MISSING
 
 
@@ -201,7 +202,7 @@ def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(fold
         Mark.NOTE, "kernels", "The C++ kernels are not compiled.", "Run make install"
     )
     assert "transient, splats" in found()["expected time"].advice
-    assert marks("splats={backend: cpu}")["kernels"] == Mark.MISSING
+    assert marks("run={backend: cpu}")["kernels"] == Mark.MISSING
 
 
 def test_a_ray_caster_that_is_not_compiled_comes_with_a_remedy(folder, monkeypatch, tmp_path):
@@ -223,16 +224,16 @@ def test_a_missing_compiler_comes_with_a_remedy(folder, monkeypatch):
 
 
 def test_a_gpu_without_gsplat_comes_with_a_remedy(folder, monkeypatch):
-    """Training falls back to the CPU, which is slow, unless splats.backend forbids it."""
+    """Training falls back to the CPU, which is slow, unless run.backend forbids it."""
 
     def absent(name: str) -> str:
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "version", absent)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    config = {"splats": {"backend": "auto"}}
+    config = {"run": {"backend": "auto"}}
     assert machine._gsplat(config).mark == Mark.NOTE and "egosplat[cuda]" in machine._gsplat(config).advice
-    assert machine._gsplat({"splats": {"backend": "cuda"}}).mark == Mark.MISSING
+    assert machine._gsplat({"run": {"backend": "cuda"}}).mark == Mark.MISSING
 
 
 @pytest.mark.parametrize(("version", "problem"), [("1.6.0", "too new"), ("1.5.2", "too old")])
@@ -244,7 +245,7 @@ def test_an_unsupported_gsplat_comes_with_the_supported_one(version, problem, mo
         ("auto", True, Mark.NOTE),
         ("auto", False, Mark.NOTE),
     ):
-        config = {"splats": {"backend": backend}}
+        config = {"run": {"backend": backend}}
         monkeypatch.setattr(torch.cuda, "is_available", lambda gpu=gpu: gpu)
         finding = machine._gsplat(config)
         assert finding.mark == mark and version in finding.value and problem in finding.value
@@ -264,7 +265,7 @@ def test_a_gsplat_that_cannot_be_compiled_is_found(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(cuda, "load_gsplat", fails)
     for backend, mark in (("auto", Mark.NOTE), ("cuda", Mark.MISSING), ("cpu", Mark.OK)):
-        assert machine._gsplat({"splats": {"backend": backend}}).mark == mark
+        assert machine._gsplat({"run": {"backend": backend}}).mark == mark
 
 
 def test_memory_is_read_from_meminfo(tmp_path):
@@ -333,7 +334,7 @@ def test_the_shipped_presets_are_examined(monkeypatch):
     """Each preset can be examined in the source tree."""
     root = Path(__file__).resolve().parents[3]
     monkeypatch.chdir(root)
-    for preset in schema("config")["properties"]["preset"]["enum"]:
+    for preset in keys_of(GeneralOptions)["preset"]["enum"]:
         assert f"preset {preset}" in found(f"preset={preset}")["configuration"].value
 
 

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from egosplat.evaluation.queries import BenchmarkQueries, Query, categories, find_queries, read_map
+from egosplat.evaluation.options import ScoringOptions
+from egosplat.evaluation.queries import Query, categories, find_queries, read_map
 
-ALL = BenchmarkQueries(min_area=0.0, excluded=(), people=True)
+ALL = ScoringOptions(min_area=0.0, excluded=(), people=True)
 
 
-def asked(instance_map, instances, options: BenchmarkQueries) -> dict[str, dict[str, tuple[int, ...]]]:
+def asked(instance_map, instances, options: ScoringOptions) -> dict[str, dict[str, tuple[int, ...]]]:
     return dict(categories(instance_map, instances, options))
 
 
@@ -22,7 +23,7 @@ def test_a_query_is_a_category_with_all_its_instances(instance_map, instances):
 
 
 def test_rooms_and_people_can_be_left_out(instance_map, instances):
-    options = BenchmarkQueries(min_area=0.0, excluded=("shelter",), people=False)
+    options = ScoringOptions(min_area=0.0, excluded=("shelter",), people=False)
     assert list(asked(instance_map, instances, options)) == ["book", "dining chair"]
 
 
@@ -36,7 +37,7 @@ def test_rooms_and_people_can_be_left_out(instance_map, instances):
     ],
 )
 def test_each_group_has_to_be_large_enough(instance_map, instances, pixels, expected):
-    options = BenchmarkQueries(min_area=pixels / instance_map.size, excluded=(), people=True)
+    options = ScoringOptions(min_area=pixels / instance_map.size, excluded=(), people=True)
     assert asked(instance_map, instances, options).get("book") == expected
 
 
@@ -49,7 +50,7 @@ def test_hidden_categories_are_not_queried(instance_map, instances):
 
 def test_frames_without_annotation_are_left_out(annotations, instance_map):
     artifact = annotations(np.stack([instance_map] * 3), [True, False, True])
-    options = BenchmarkQueries(min_area=0.06, excluded=("shelter",), people=True)
+    options = ScoringOptions(min_area=0.06, excluded=("shelter",), people=True)
     found = find_queries(artifact, np.ones(instance_map.shape, bool), options)
     groups = {"static": (0,), "all": (0,)}
     chairs = [Query(row, frame, "dining chair", groups) for row, frame in ((0, 10), (2, 30))]

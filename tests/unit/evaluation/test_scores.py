@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from egosplat.evaluation.intervals import IntervalOptions
-from egosplat.evaluation.queries import BenchmarkQueries, Query, categories
+from egosplat.evaluation.options import ScoringOptions
+from egosplat.evaluation.queries import Query, categories
 from egosplat.evaluation.scores import QueryScore, Result, score_query, summarise
 
 OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
@@ -15,7 +16,7 @@ OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
 @pytest.fixture
 def queries(instance_map, instances) -> list[Query]:
     """Book (static and dynamic), dining chair, person."""
-    asked = BenchmarkQueries(min_area=0.0, excluded=("shelter",), people=True)
+    asked = ScoringOptions(min_area=0.0, excluded=("shelter",), people=True)
     return [Query(0, 10, name, groups) for name, groups in categories(instance_map, instances, asked)]
 
 

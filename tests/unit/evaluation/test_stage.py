@@ -19,7 +19,6 @@ from egosplat.evaluation import stage
 from egosplat.evaluation.document import finite, write_metrics
 from egosplat.evaluation.queries import GROUPS
 from egosplat.models.suitability import notice
-from egosplat.pipeline.config import stage_keys
 from egosplat.pipeline.validation import schema
 from tests.support.scenes import put
 
@@ -33,9 +32,8 @@ def scored(tmp_path):
 
     def run(folder, method=None, **keys):
         paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
-        defaults = {name: key["default"] for name, key in stage_keys("metrics").items()}
         output = tmp_path / "metrics.json"
-        options = stage.MetricsOptions(**defaults | {"resamples": 50} | keys)
+        options = stage.MetricsOptions(**keys)
         stage.run(**paths, output=output, options=options, title="a/scene", method=method)
         return json.loads(output.read_text())
 
@@ -63,9 +61,8 @@ def test_codes_from_tiles_are_scored_without_features(word_scene, tmp_path):
         shutil.rmtree(folder / f"{name}.zarr")
     put(folder, "tiles", {}, {"clip": clip}, made_from=["frames"])
     put(folder, "language", arrays, facts, made_from=["frames", "poses", "tiles", "splats"])
-    keys = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES if name != "features"}
-    options, output = stage.MetricsOptions(**keys), tmp_path / "metrics.json"
+    options, output = stage.MetricsOptions(), tmp_path / "metrics.json"
     given = {"output": output, "options": options, "title": "a/scene", "method": "LERF"}
     stage.run(**paths, **given, tiles_path=folder / "tiles.zarr")
     found = json.loads(output.read_text())

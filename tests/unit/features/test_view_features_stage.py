@@ -19,14 +19,15 @@ from egosplat.features import view_features_stage as stage
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 
-KEYS = {"min_area": 0.0, "max_views": None, "batch": 4}
+KEYS = {"min_area": 0.0, "max_views": None}
 
 
 @pytest.fixture
-def run(clip_keys):
-    """``run(folder, name=, **changes)``: the verified artifact."""
+def run(clip_keys, monkeypatch):
+    """``run(folder, name=, batch=, **changes)``: the verified artifact."""
 
-    def call(folder: Path, name: str = "view_features.zarr", **changes: object):
+    def call(folder: Path, name: str = "view_features.zarr", batch: int = 4, **changes: object):
+        monkeypatch.setattr(stage, "BATCH", batch)
         stage.run(
             folder / "frames.zarr",
             folder / "instances.zarr",
@@ -83,6 +84,7 @@ def test_batches_run_across_frames_and_change_nothing(scene, run, batch):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
+from egosplat.artifacts import checkpoint
 from egosplat.features import view_features_stage as stage
 
 encode, done = stage.encode, []
@@ -93,7 +95,7 @@ def mortal(clip, crops):
     done.append(1)
     return encode(clip, crops)
 
-stage.encode, stage.CHECKPOINT_S = mortal, 0.0
+stage.encode, stage.BATCH, checkpoint.EVERY_S = mortal, 2, 0.0
 folder = Path(sys.argv[1])
 paths = [folder / f"{name}.zarr" for name in ("frames", "instances", "view_features")]
 stage.run(*paths, stage.ViewFeaturesOptions(**eval(sys.argv[2])))
@@ -103,7 +105,7 @@ stage.run(*paths, stage.ViewFeaturesOptions(**eval(sys.argv[2])))
 def test_a_killed_run_resumes_to_the_same_features(scene, run, clip_keys, capsys):
     folder = scene()
     expected = run(folder, "unbroken.zarr", batch=2).digest
-    keys = KEYS | clip_keys | {"batch": 2}
+    keys = KEYS | clip_keys
     killed = subprocess.run(
         [sys.executable, "-c", KILLED, str(folder), repr(keys)],
         env=os.environ | {"OMP_NUM_THREADS": str(torch.get_num_threads())},
@@ -121,7 +123,7 @@ def test_a_killed_run_resumes_to_the_same_features(scene, run, clip_keys, capsys
 def test_progress_with_other_options_is_not_reused(scene, run, monkeypatch):
     folder = scene()
     expected = run(folder, "fresh.zarr", batch=2).digest
-    monkeypatch.setattr(stage, "CHECKPOINT_S", 0.0)
+    monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
     monkeypatch.setattr(stage.Checkpoint, "remove", lambda self: None)
     run(folder, batch=1)
     assert (folder / ".view_features.zarr.checkpoint" / "state").exists()

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.gaussians import fitting
-from egosplat.gaussians.camera_options import CameraOptions, make_corrections, resolved
+from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolved
 from egosplat.gaussians.corrections import (
     COLUMNS,
     CorrectionOptions,
@@ -31,6 +31,7 @@ from egosplat.gaussians.trainer import ViewSets, resume_and_train, train
 from egosplat.gaussians.training_state import TrainingState
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import make_pose
+from egosplat.pipeline.shared_options import CameraOptions
 from tests.support.gaussian_scene import CAMERA
 
 BOTH = CorrectionOptions(refine_poses=True, compensate_exposure=True)
@@ -300,4 +301,4 @@ def test_auto_follows_the_survey_that_is_given(monkeypatch, tmp_path, found, exp
     options = CameraOptions(refine_poses="auto", compensate_exposure="off")
     done = resolved(options, None if found is None else tmp_path / "survey.json")
     assert done == CameraOptions(refine_poses=expected, compensate_exposure="off")
-    assert done.corrections == CorrectionOptions(refine_poses=expected == "on")
+    assert chosen_corrections(done) == CorrectionOptions(refine_poses=expected == "on")

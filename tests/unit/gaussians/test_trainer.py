@@ -143,7 +143,7 @@ def test_a_persistently_non_finite_loss_stops_training(start):
         state.iteration, state.loss_sum = iteration, torch.tensor(loss)
         record(state)
     state.iteration, state.loss_sum = 60, torch.tensor(math.nan)
-    with pytest.raises(UserError, match="60 .*position_lr"):
+    with pytest.raises(UserError, match="60 .*near_plane"):
         record(state)
 
 

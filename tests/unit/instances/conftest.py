@@ -11,7 +11,6 @@ from scipy import sparse
 from egosplat.geometry import Camera
 from egosplat.instances.lifted_masks import LiftedMasks
 from egosplat.instances.options import InstancesOptions
-from egosplat.pipeline.config import defaults
 from tests.support.scenes import camera_facts, put_scene
 
 SIZE, FRAMES, DISTANCE = 48, 10, 2.0
@@ -22,17 +21,7 @@ COLORS = np.array([[200, 40, 40], [40, 40, 200]], np.uint8)
 
 def options(**changes: object) -> InstancesOptions:
     """The defaults with the source masks, for a short time."""
-    keys = (
-        defaults()["camera"]
-        | defaults()["instances"]
-        | {
-            "near_plane": 0.1,
-            "source": "masks",
-            "iterations": 20,
-            "resolution": SIZE,
-        }
-    )
-    return InstancesOptions(**keys | changes)
+    return InstancesOptions(**{"source": "masks", "iterations": 20, "resolution": SIZE} | changes)
 
 
 def lifted(

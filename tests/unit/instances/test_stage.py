@@ -161,7 +161,7 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):
     """Training of the temporary Gaussians goes on after the last checkpoint."""
     folder = scene()
     whole = run(folder)
-    monkeypatch.setattr("egosplat.instances.geometry._CHECKPOINT_S", 0.0)
+    monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
 
     def killed(*_):
         raise KeyboardInterrupt

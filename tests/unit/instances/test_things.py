@@ -28,10 +28,12 @@ def test_only_what_both_frames_have_seen_is_compared():
     assert things(masks) == [0, 0, 1]
 
 
-def test_too_small_a_common_part_is_no_evidence():
+def test_too_small_a_common_part_is_no_evidence(monkeypatch):
     masks = lifted([TABLE, [0, 10, 11, 12, 13]], [0, 1], [TABLE, [0, 10, 11, 12, 13]])
-    assert things(masks, common=0.5) == [0, 1]
-    assert things(masks, common=0.1) == [0, 0]
+    monkeypatch.setattr("egosplat.instances.merging.COMMON", 0.5)
+    assert things(masks) == [0, 1]
+    monkeypatch.setattr("egosplat.instances.merging.COMMON", 0.1)
+    assert things(masks) == [0, 0]
 
 
 def test_merging_crosses_blocks_of_frames():
@@ -51,20 +53,22 @@ def test_the_order_of_frames_does_not_matter():
         assert len(set(found)) == 3 and [names[tuple(held[place])] for place in order] == found
 
 
-def test_a_mask_that_contradicts_its_track_has_no_vote():
+def test_a_mask_that_contradicts_its_track_has_no_vote(monkeypatch):
     """In one frame the table's track holds the wall: with the source masks it merges with neither."""
     held, frames = [TABLE, TABLE, TABLE, WALL, TABLE], [0, 1, 2, 3, 4]
     masks = lifted(held, frames, [ALL] * 5, instance=[0] * 5)
     assert things(masks, cut=True) == [0, 0, 0, 1, 0]
     whole = lifted(held, frames, [ALL] * 5, instance=[0] * 5)
-    assert things(whole, cut=True, cut_iou=0.0) == [0, 0, 0, -1, 0]
+    monkeypatch.setattr("egosplat.instances.things._CUT_IOU", 0.0)
+    assert things(whole, cut=True) == [0, 0, 0, -1, 0]
 
 
-def test_an_instance_that_others_hold_already_is_dropped():
+def test_an_instance_that_others_hold_already_is_dropped(monkeypatch):
     """Non-maximum suppression in 3D: a mask over half of the table, seen once, is no instance beside it."""
     masks = lifted([TABLE, TABLE, TABLE, TABLE[:2]], [0, 1, 2, 3], [ALL] * 4)
     assert things(masks, merge_iou=0.6) == [0, 0, 0, -1]
-    assert things(masks, merge_iou=0.6, claimed=1.0) == [0, 0, 0, 1]
+    monkeypatch.setattr("egosplat.instances.things._CLAIMED", 1.0)
+    assert things(masks, merge_iou=0.6) == [0, 0, 0, 1]
 
 
 @pytest.mark.parametrize("cut", [False, True])

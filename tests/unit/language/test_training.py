@@ -11,11 +11,12 @@ from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.pixel_weights import Masking
 from egosplat.language.loop import Training, train
-from egosplat.language.training import CodeOptions, PlainCodes, codes_to_render
+from egosplat.language.options import LanguageOptions
+from egosplat.language.training import PlainCodes, codes_to_render
 from egosplat.language.views import select_code_views
 
 CPU = torch.device("cpu")
-OPTIONS = CodeOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
+OPTIONS = LanguageOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from egosplat.pipeline.model_sets import located
 from egosplat.pipeline.published import CATALOGUE, ENCODER, LIBRARIES, named_model
 from egosplat.query.text import encode_phrases
 from egosplat.segments import stage as segments_stage
-from egosplat.segments.options import SegmentsOptions
+from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.transient.network import ENCODER as NETWORK_ENCODER
 from egosplat.transient.network import make_network
 from tests.support.scenes import LEVELS, put
@@ -35,16 +35,9 @@ SAVE = {"SAM2": save_sam2, "OpenCLIP": save_clip, "timm": save_encoder}
 WIDTHS = {"ViT-B-16": 512, "ViT-B-16-quickgelu": 512, "ViT-L-14": 768}
 SAM2 = [one.architecture for one in CATALOGUE if one.library == "SAM2"]
 # Random masks pass these thresholds. Their logits are flat, so that an offset of 1 would leave nothing.
-EVERY_MASK = {
-    "pred_iou_thresh": 0.0,
-    "stability_score_thresh": 0.0,
-    "stability_score_offset": 0.01,
-    "nms_score_thresh": 0.0,
-    "nms_inner_thresh": 0.0,
-    "min_area": 0.0,
-    "min_frames": 1,
-}
+EVERY_MASK = MaskFilter(0.0, 0.0, 0.01, 0.0, nms_inner_thresh=0.0)
 FEW = {"image_size": 128, "points_per_side": 2, "crops_per_side": 1, "max_instances": 2}
+FEW |= {"min_area": 0.0, "min_frames": 1}
 
 
 @pytest.fixture
@@ -67,14 +60,17 @@ def saved(cache: Path, architecture: str) -> Path:
 
 def configured(cache: Path, precision: str, **models: str) -> Config:
     """The configuration of a user who sets ``models.set: published``."""
-    keys = {"set": "published", "cache": str(cache), "device": "cpu", "precision": precision}
-    return located(resolve({"models": keys | models}, PRESETS))
+    keys = {"set": "published", "cache": str(cache)}
+    return located(
+        resolve({"models": keys | models, "run": {"device": "cpu", "precision": precision}}, PRESETS)
+    )
 
 
 @pytest.mark.parametrize("architecture", SAM2)
-def test_sam2_segments_and_tracks(cache, tmp_path, architecture):
+def test_sam2_segments_and_tracks(cache, tmp_path, architecture, monkeypatch):
     """The whole stage: prompts, masks, memory, both directions, merging."""
     saved(cache, architecture)
+    monkeypatch.setitem(MASK_FILTERS, "published", EVERY_MASK)
     rng = np.random.default_rng(0)
     rgb = np.kron(rng.integers(0, 256, (3, 8, 8, 3), np.uint8), np.ones((1, 8, 8, 1), np.uint8))
     frames = put(tmp_path, "frames", {"rgb": rgb, "valid": np.ones((64, 64), bool)}, {"upright": True})
@@ -83,7 +79,7 @@ def test_sam2_segments_and_tracks(cache, tmp_path, architecture):
         assert Path(values["sam2_checkpoint"]).parent == cache
         # The smallest runs both ways; the rest of the code is the same for all.
         for prompting in ("initial_frame", "each_frame") if architecture == SAM2[0] else ("initial_frame",):
-            options = values | EVERY_MASK | FEW | {"prompting": prompting, "track_moving": "never"}
+            options = values | FEW | {"prompting": prompting, "track_moving": "never"}
             output = tmp_path / f"{precision}_{prompting}.zarr"
             segments_stage.run(frames, output, options=SegmentsOptions(**options))
             found = verify(output, SCHEMAS)

@@ -30,7 +30,7 @@ def scene(presets=(), seeds=(), base=None, **knobs):
         ("preset", "paper_scaled", "paper_scaled"),
         ("frames.upright", True, "frames-upright-true"),
         ("segments.image_size", None, "segments-image_size-null"),
-        ("splats.near_plane", -1, "splats-near_plane--1"),
+        ("run.near_plane", -1, "run-near_plane--1"),
     ],
 )
 def test_a_variant_is_named_after_its_setting(knob, value, name):

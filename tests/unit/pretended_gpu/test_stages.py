@@ -17,7 +17,6 @@ from egosplat.instances import geometry
 from egosplat.language import loop
 from egosplat.language import stage as language
 from egosplat.models.sam2_loader import Sam2
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments.tracker import Tracker
 from egosplat.splats import stage as splats
 from egosplat.transient import stage as transient
@@ -27,20 +26,22 @@ from tests.unit.instances.test_stage import run as merge
 from tests.unit.segments.test_tracker import FRAMES, HEIGHT, OPTIONS, WIDTH
 
 CAMERA = {"refine_poses": "off", "compensate_exposure": "off"}
-SPLATS = (
-    defaults()["camera"]
-    | defaults()["splats"]
-    | CAMERA
-    | {"iterations": 20, "max_gaussians": 300, "evaluate_every": 20, "sh_degree": 1, "masking": "none"}
-)
-SPLATS |= {"checkpoint_s": 0}
-TRANSIENT = (
-    defaults()["camera"]
-    | defaults()["transient"]
-    | CAMERA
-    | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 300}
-)
-LANGUAGE = stage_values("language", defaults()) | {"iterations": 12}
+SPLATS = CAMERA | {
+    "iterations": 20,
+    "max_gaussians": 300,
+    "evaluate_every": 20,
+    "sh_degree": 1,
+    "masking": "none",
+}
+TRANSIENT = CAMERA | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 300}
+LANGUAGE = {"iterations": 12}
+
+
+@pytest.fixture(autouse=True)
+def many_checkpoints(monkeypatch):
+    """Each step is saved."""
+    monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
+
 
 # The gradients of the pose and of the gain are copied to the CPU.
 CORRECTED = {"refine_poses": "on", "compensate_exposure": "on"}

@@ -118,7 +118,7 @@ def test_the_whole_scene_is_answered_in_3d(word_scene, query):
 
 def test_what_is_not_there_is_rejected(word_scene, query):
     """A scene of a couch and a cup has no basketball, and nothing is known of untaught words."""
-    status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--min-score", 0.7)
+    status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--set", "min_score=0.7")
     assert status == 0, err
     basketball, spaceship, couch = out.splitlines()[2:5]
     assert "not found: the best match is below 0.70" in basketball
@@ -129,13 +129,13 @@ def test_what_is_not_there_is_rejected(word_scene, query):
 def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, monkeypatch):
     """A least score of 0 refuses nothing, but there may be no thing to name."""
     monkeypatch.setattr(answers, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
-    status, out, err = query(word_scene(), "cup", "--min-score", 0)
+    status, out, err = query(word_scene(), "cup", "--set", "min_score=0")
     assert status == 0, err
     assert columns(out.splitlines()[2]) == ["cup", "0.00", "no Gaussian of the scene has a code"]
 
 
 def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
-    _, out, _ = query(word_scene(), "basketball", "--frame", 1, "--min-score", 0.7)
+    _, out, _ = query(word_scene(), "basketball", "--frame", 1, "--set", "min_score=0.7")
     assert "not found" in out.splitlines()[2]
 
 
@@ -197,7 +197,9 @@ def test_words_with_dollars_are_drawn_as_they_are(word_scene, query):
 def test_keys_of_the_section_are_flags(word_scene, query):
     scores = []
     for temperature in ("10", "1"):
-        _, out, _ = query(word_scene(), "cup", "--temperature", temperature, "--canonical", "[thing]")
+        _, out, _ = query(
+            word_scene(), "cup", "--set", f"temperature={temperature}", "--set", "canonical=[thing]"
+        )
         scores.append(float(columns(out.splitlines()[2])[1]))
     assert scores[0] > scores[1] >= 0.5
 
@@ -217,8 +219,8 @@ def remove(name: str):
         (None, ["cup", "--frame", "3"], "--frame 3: has no pose"),
         (None, ["cup", "--frame", "1", "--pose", "x.json"], "--frame and --pose: give one of them"),
         (None, [" "], "query: is blank"),
-        (None, ["cup", "--canonical", "[]"], "needs at least 1 text"),
-        (None, ["cup", "--canonical", "{a: 1}"], "is not a list of texts"),
+        (None, ["cup", "--set", "canonical=[]"], "query.canonical = "),
+        (None, ["cup", "--set", "canonical={a: 1}"], "query.canonical = "),
         (None, ["cup", "--min-coverage", "1"], "0<x<1"),
         (None, [], "PHRASES"),
     ],

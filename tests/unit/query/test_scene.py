@@ -52,7 +52,7 @@ def test_harmonics_are_used_up_to_the_degree_in_use(scene):
 
 def test_render_settings_come_from_training(scene):
     made = scene()
-    assert made.camera == CAMERA and made.settings == RenderSettings(0.5, "black", True, "auto")
+    assert made.camera == CAMERA and made.settings == RenderSettings(0.5, "black", False, "auto")
     behind = np.diag([-1.0, 1.0, -1.0, 1.0])
     assert (made.picture(CAMERA, behind) == 0).all()
     near = np.eye(4)

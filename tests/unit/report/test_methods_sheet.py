@@ -7,7 +7,6 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
-from egosplat.pipeline.config import stage_keys
 from egosplat.report.sheets.methods_sheet import over_methods, run
 from egosplat.report.sheets.queries_choice import ScoredQuery
 
@@ -17,10 +16,9 @@ NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 def scored(folder, home, method=None):
     """The metrics.json of a method in ``home``, which shares all artifacts with ``folder``."""
     home.mkdir(exist_ok=True, parents=True)
-    keys = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
     output = home / "metrics.json"
-    options = stage.MetricsOptions(**keys)
+    options = stage.MetricsOptions()
     stage.run(**paths, output=output, options=options, title="adt/scene1", method=method)
     return output
 

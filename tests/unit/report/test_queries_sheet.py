@@ -13,7 +13,6 @@ from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.evaluation.scores import iou
-from egosplat.pipeline.config import stage_keys
 from egosplat.report.sheets import queries_asking
 from egosplat.report.sheets.queries_asking import ask_again, open_finished
 from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
@@ -25,10 +24,9 @@ GREEN, RED = (34, 139, 34), (255, 0, 0)
 
 def score(folder: Path, **keys) -> Path:
     """metrics.json of a folder of artifacts; couch and cup are found in frames 1 and 2."""
-    defaults = {name: key["default"] for name, key in stage_keys("metrics").items()} | {"resamples": 50}
     output = folder / "metrics.json"
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
-    options = stage.MetricsOptions(**defaults | keys)
+    options = stage.MetricsOptions(**keys)
     stage.run(**paths, output=output, options=options, title="a/scene", method=None)
     return output
 

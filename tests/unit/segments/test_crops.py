@@ -1,16 +1,13 @@
 """Crops of a frame: where they lie, which of their masks are used, and where these land on the frame."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import torch
 
 from egosplat.models.image_encoder import encode
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import crops, single_frames
 from egosplat.segments.crops import Crop, crops_of
-from egosplat.segments.options import SegmentsOptions
+from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import Candidates, prompt
 from egosplat.segments.single_frames import SingleFrames
 
@@ -77,7 +74,7 @@ def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
     coarse[1, 10:18, 10:18] = True
     fine = np.zeros((1, 40, 40), bool)
     fine[0, 8:16, 8:16] = True
-    merged = crops._merge(candidates(coarse), candidates(fine), 40, SimpleNamespace(box_nms_thresh=0.7))
+    merged = crops._merge(candidates(coarse), candidates(fine), 40, SegmentsOptions())
     assert len(merged) == 2
     assert torch.equal(merged.masks[0], torch.from_numpy(fine[0]))
 
@@ -87,7 +84,7 @@ def test_crops_without_masks_leave_those_of_the_frame():
     coarse = np.zeros((1, 20, 20), bool)
     coarse[0, 4:8, 4:8] = True
     none = candidates(np.zeros((0, 40, 40), bool))
-    merged = crops._merge(candidates(coarse), none, 40, SimpleNamespace(box_nms_thresh=0.7))
+    merged = crops._merge(candidates(coarse), none, 40, SegmentsOptions())
     assert len(merged) == 1 and merged.masks[0].float().mean() == pytest.approx(16 / 400, rel=0.2)
 
 
@@ -102,8 +99,9 @@ def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypat
 
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "encode", recorded)
-    keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 2, "pred_iou_thresh": 0.0}
-    options = SegmentsOptions(**stage_values("segments", defaults()) | keys)
+    keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 2}
+    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(0.0, 0.7, 0.1, 0.2))
+    options = SegmentsOptions(**keys)
     found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, np.ones((96, 128), bool), options).run()
     assert sides == [512, 256, 256, 256, 256] and sam2.video_predictor.image_size == 256
     assert found.labels[0].shape == (3, 96, 128)
@@ -123,8 +121,8 @@ def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "prompt", recorded)
     keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 4}
-    keys |= {"pred_iou_thresh": -1.0, "stability_score_thresh": 0.0, "nms_score_thresh": -1.0}
-    options = SegmentsOptions(**stage_values("segments", defaults()) | keys)
+    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(-1.0, 0.0, 0.1, -1.0))
+    options = SegmentsOptions(**keys)
     found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, valid, options).run()
     assert [len(one) for one in points] == [8, 8, 0, 8, 0]
     assert float(points[0][:, 0].max()) == pytest.approx(0.375)

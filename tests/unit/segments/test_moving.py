@@ -1,7 +1,5 @@
 """Tracks of what moves beside masks of single frames: where they start, which labels win, resuming, the artifact."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -12,38 +10,34 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.compute import choose_compute
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import Sam2
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import stage
 from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.moving import MovingTracker, add_tracks
-from egosplat.segments.options import SegmentsOptions
+from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import Candidates
 from egosplat.segments.single_frames import SingleFrames
 from tests.support.scenes import put
 
-DEFAULT = stage_values("segments", defaults()) | {"prompting": "each_frame", "segmenter": "sam2"}
 OPTIONS = SegmentsOptions(
-    **DEFAULT
-    | {
-        "points_per_side": 4,
-        "pred_iou_thresh": 0.0,
-        "stability_score_thresh": 0.0,
-        "nms_score_thresh": 0.0,
-        "nms_inner_thresh": 0.0,
-        "min_area": 0.001,
-        "key_frame_stride": 2,
-        "merge_iou": 0.9,
-        "min_frames": 1,
-        "max_instances": 3,
-        "lost_track_stride": 2,
-        "threshold": 0.7,
-    }
+    points_per_side=4,
+    min_area=0.001,
+    key_frame_stride=2,
+    merge_iou=0.9,
+    min_frames=1,
+    max_instances=3,
+    lost_track_stride=2,
 )
 FRAMES, HEIGHT, WIDTH = 5, 40, 56
 VALID = np.ones((HEIGHT, WIDTH), bool)
 TRAINING = np.array([0, 1, 3, 4])
 PROMPTED = [0, 3]
+
+
+@pytest.fixture(autouse=True)
+def all_masks(monkeypatch):
+    """No mask is dropped for its quality."""
+    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +89,7 @@ def test_tracks_start_where_something_moves_and_go_both_ways(sam2, images):
 
 def test_a_track_is_lost_where_nothing_moves_and_found_again(sam2, images):
     """The mask of a frame in which it rests is neither labeled nor remembered."""
-    found = tracker(sam2, images, probability(0, 1, 3, 4), replace(OPTIONS, lost_track_stride=1)).run()
+    found = tracker(sam2, images, probability(0, 1, 3, 4), OPTIONS.change(lost_track_stride=1)).run()
     shown = [bool((found.labels[frame] >= 0).any()) for frame in range(FRAMES)]
     assert shown == [True, True, False, True, True]
 
@@ -104,7 +98,7 @@ def test_time_does_not_grow_with_tracks_times_frames(sam2, images, monkeypatch):
     """What is out of view for longer than SAM2's memory is prompted again, as another track; SAM2's tracker goes on."""
     moves = probability(0, 3, 4)
     monkeypatch.setattr(sam2.video_predictor, "max_obj_ptrs_in_encoder", 2)
-    options = replace(OPTIONS, lost_track_stride=1)
+    options = OPTIONS.change(lost_track_stride=1)
     for ends in (True, False):
         monkeypatch.setattr(MovingTracker, "_LOST_TRACKS_END", ends)
         found = tracker(sam2, images, moves, options).moving_tracks(lambda: None)
@@ -135,21 +129,22 @@ def test_a_mask_starts_a_track_by_the_mean_probability_inside_it(sam2, images):
     for precision in ("float32", "bfloat16"):
         of_precision = Sam2(sam2.video_predictor, choose_compute("cpu", precision))
         for threshold, expected in ((0.875, [0]), (0.58, [0, 2]), (0.6, [0]), (0.0, [0, 1, 2])):
-            movers = tracker(of_precision, images, moves, replace(OPTIONS, threshold=threshold))
+            movers = tracker(of_precision, images, moves, OPTIONS.change(threshold=threshold))
             with of_precision.compute.inference():
                 chosen = movers._may_start(0, Candidates(masks, scores, torch.arange(3.0)))
             assert chosen.stability.tolist() == expected, (precision, threshold)
 
 
-def test_few_moving_pixels_are_searched(sam2, images):
-    """A hand is far smaller than what min_uncovered_fraction leaves out; a single pixel is noise."""
+def test_few_moving_pixels_are_searched(sam2, images, monkeypatch):
+    """A hand is far smaller than what _MIN_UNCOVERED leaves out; a single pixel is noise."""
     moves = probability()
     moves[0, 10:15, 14:21] = 1
-    options = replace(OPTIONS, min_uncovered_fraction=0.9, points_per_side=16)
+    monkeypatch.setattr("egosplat.segments.tracker._MIN_UNCOVERED", 0.9)
+    options = OPTIONS.change(points_per_side=16)
     area, least = tracker(sam2, images, moves, options)._search_area(0)
     assert least < area.sum() < 0.02 * area.numel()
     assert tracker(sam2, images, moves, options).run().notes["key_frames"] == [0]
-    assert tracker(sam2, images, moves, replace(options, min_area=0.02)).run().notes["key_frames"] == []
+    assert tracker(sam2, images, moves, options.change(min_area=0.02)).run().notes["key_frames"] == []
 
 
 def test_values_that_are_no_probability_and_invalid_pixels_do_not_move(sam2, images):
@@ -248,7 +243,7 @@ def scene(tmp_path):
 def test_the_square_that_moves_is_tracked_and_the_still_one_is_not(scene, tmp_path):
     """Protects the artifact: the small SAM2 prompts frame 0 alone, and follows the red square through all frames."""
     output = tmp_path / "segments.zarr"
-    keys = DEFAULT | {"key_frame_stride": 4, "threshold": 0.6, "min_frames": 2, "points_per_side": 8}
+    keys = {"key_frame_stride": 4, "threshold": 0.6, "min_frames": 2, "points_per_side": 8}
     stage.run(scene[0], output, SegmentsOptions(**keys), transient_path=scene[1])
     segments = open_artifact(output, SEGMENTS)
     labels, moving = segments.read("labels"), segments.read("instances/moving")
@@ -264,11 +259,11 @@ def test_the_square_that_moves_is_tracked_and_the_still_one_is_not(scene, tmp_pa
 
 def test_without_the_transient_network_nothing_is_tracked(scene, tmp_path):
     """Protects the values of track_moving by hand."""
-    always = SegmentsOptions(**DEFAULT | {"track_moving": "always"})
+    always = SegmentsOptions(track_moving="always")
     with pytest.raises(UserError, match=r"segments\.track_moving = always .* --transient"):
         stage.run(scene[0], tmp_path / "none.zarr", always)
     opened = [
-        stage._open_transient(path, open_artifact(scene[0], stage.FRAMES), SegmentsOptions(**DEFAULT | keys))
+        stage._open_transient(path, open_artifact(scene[0], stage.FRAMES), SegmentsOptions(**keys))
         for path, keys in (
             (None, {}),
             (scene[1], {"track_moving": "never"}),

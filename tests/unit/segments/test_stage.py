@@ -6,7 +6,7 @@ import pytest
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.errors import UserError
-from egosplat.pipeline.config import stage_keys
+from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import stage
 from egosplat.segments.instances import Segmented, Track
 from egosplat.segments.label_maps import LabelMaps
@@ -18,7 +18,7 @@ COUNT, SIDE = 6, 64
 
 @pytest.fixture(scope="module")
 def keys():
-    return {name: key["default"] for name, key in stage_keys("segments").items()}
+    return stage_values("segments", defaults())
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_no_instances_are_an_error_and_write_nothing(frames, tmp_path, keys, mon
     for frame in range(COUNT):
         labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
     monkeypatch.setattr(stage, "segment_video", lambda *_: Segmented(labels, [], [], {}))
-    with pytest.raises(UserError, match="segments.pred_iou_thresh"):
+    with pytest.raises(UserError, match="segments.points_per_side"):
         stage.run(
             frames, tmp_path / "segments.zarr", options=SegmentsOptions(**keys | {"segmenter": "classical"})
         )

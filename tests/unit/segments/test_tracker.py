@@ -1,6 +1,5 @@
 """Tracking of a video with random weights: prompts on key frames, ids and levels, both directions, limits, resuming."""
 
-from dataclasses import replace
 from unittest import mock
 
 import numpy as np
@@ -11,34 +10,26 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.compute import choose_compute
 from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import instances as instances_module
 from egosplat.segments import prompts as prompting
 from egosplat.segments import tracker as tracking
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps
 from egosplat.segments.nms import intersections
-from egosplat.segments.options import LEVELS, SegmentsOptions
+from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import drop_covered, filter_masks, grid_points, match_masks, prompt
 from egosplat.segments.propagation import Group, Propagator, restart
 from egosplat.segments.tracker import Tracker
 
-ALL_MASKS = {
-    "pred_iou_thresh": 0.0,
-    "stability_score_thresh": 0.0,
-    "nms_score_thresh": 0.0,
-    "nms_inner_thresh": 0.0,
-}
-FEW = {"points_per_side": 4, "key_frame_stride": 2, "min_frames": 1, "max_instances": 6, "batch": 4}
-OVERLAPS = {"box_nms_thresh": 0.7, "nms_iou_thresh": 0.8, "merge_iou": 0.9, "cross_level_iou": 0.8}
-OTHERS = {
-    "stability_score_offset": 0.1,
-    "min_area": 0.001,
-    "min_uncovered_fraction": 0.05,
-    "max_covered_new": 0.5,
-}
-OTHERS |= {"prompting": "key_frames", "lost_track_stride": 1}
-OPTIONS = SegmentsOptions(**stage_values("segments", defaults()) | ALL_MASKS | FEW | OVERLAPS | OTHERS)
+FEW = {"points_per_side": 4, "key_frame_stride": 2, "min_frames": 1, "max_instances": 6}
+OTHERS = {"merge_iou": 0.9, "min_area": 0.001, "prompting": "key_frames", "lost_track_stride": 1}
+OPTIONS = SegmentsOptions(**FEW | OTHERS)
 FRAMES, HEIGHT, WIDTH = 4, 40, 56
+
+
+@pytest.fixture(autouse=True)
+def all_masks(monkeypatch):
+    """No mask is dropped for its quality."""
+    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
 
 
 @pytest.fixture(scope="module")
@@ -97,13 +88,13 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
 
 
 def test_prompting_initial_frame_prompts_only_the_first_frame(sam2, images):
-    segmented, _ = tracked(sam2, images, options=replace(OPTIONS, prompting="initial_frame"))
+    segmented, _ = tracked(sam2, images, options=OPTIONS.change(prompting="initial_frame"))
     assert {one.first_frame for one in segmented.instances} == {0} and segmented.notes["key_frames"] == [0]
 
 
 def test_the_number_of_tracked_instances_is_limited(sam2, images):
     for most in (1, 3):
-        segmented, _ = tracked(sam2, images, options=replace(OPTIONS, max_instances=most))
+        segmented, _ = tracked(sam2, images, options=OPTIONS.change(max_instances=most))
         for level in range(len(LEVELS)):
             assert sum(one.level == level for one in segmented.instances) <= most
 
@@ -120,7 +111,7 @@ def test_equal_masks_of_several_levels_are_tracked_once(sam2, images, monkeypatc
     for cross_level_iou in (0.8, 1.01):
         counted = mock.Mock(side_effect=Propagator._track, autospec=Propagator._track)
         with mock.patch.object(Propagator, "_track", lambda self, *a, counted=counted: counted(self, *a)):
-            segmented, _ = tracked(sam2, images, options=replace(OPTIONS, cross_level_iou=cross_level_iou))
+            segmented, _ = tracked(sam2, images, options=OPTIONS.change(cross_level_iou=cross_level_iou))
         steps[cross_level_iou] = counted.call_count
         levels = [[one for one in segmented.instances if one.level == level] for level in range(3)]
         assert len(levels[0]) == len(levels[1]) == len(levels[2]) > 0
@@ -149,9 +140,11 @@ def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, b
     assert one._propagator._searched(whole.groups[1], 3) == ([] if both_levels else [0])
 
 
-def test_batches_do_not_change_what_is_found(sam2, images):
-    one, _ = tracked(sam2, images, options=replace(OPTIONS, batch=1))
-    four, _ = tracked(sam2, images, options=replace(OPTIONS, batch=4))
+def test_batches_do_not_change_what_is_found(sam2, images, monkeypatch):
+    monkeypatch.setattr(tracking, "BATCH", 1)
+    one, _ = tracked(sam2, images)
+    monkeypatch.setattr(tracking, "BATCH", 4)
+    four, _ = tracked(sam2, images)
     assert one.instances == four.instances
     differing = [(one.labels[frame] != four.labels[frame]).mean() for frame in range(FRAMES)]
     assert max(differing) < 0.01, "rounding decides single pixels at most"
@@ -160,7 +153,7 @@ def test_batches_do_not_change_what_is_found(sam2, images):
 @pytest.mark.parametrize("reads", [1, 3, FRAMES, FRAMES + 1])
 def test_a_killed_run_resumes_to_the_same_result(sam2, images, tmp_path, reads):
     """The run is killed after a number of reads, in the forward or backward pass."""
-    options, valid = replace(OPTIONS, lost_track_stride=2), np.ones((HEIGHT, WIDTH), bool)
+    options, valid = OPTIONS.change(lost_track_stride=2), np.ones((HEIGHT, WIDTH), bool)
     expected, asked = tracked(sam2, images, options=options)
     assert len(asked) > reads, "the kill comes before the end"
     left = iter(range(reads))
@@ -223,8 +216,9 @@ def test_checkpoints_append_labels(tmp_path):
         opened().load_state_dict(newest)
 
 
-def test_no_masks_give_no_instance(sam2, images):
-    segmented, _ = tracked(sam2, images, options=replace(OPTIONS, pred_iou_thresh=1.0))
+def test_no_masks_give_no_instance(sam2, images, monkeypatch):
+    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(1.0, 0.0, 0.1, 0.0))
+    segmented, _ = tracked(sam2, images)
     assert segmented.instances == [] and segmented.same == []
     assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
 

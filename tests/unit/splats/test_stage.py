@@ -20,21 +20,10 @@ from egosplat.artifacts.splats import FITTED, TRAINED, camera_poses
 from egosplat.errors import UserError
 from egosplat.gaussians import stored_rows
 from egosplat.gaussians.io import STORED, read_gaussians
-from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
 from tests.support.waiting import wait_for
 
-KEYS = (
-    defaults()["camera"]
-    | defaults()["splats"]
-    | {
-        "masking": "none",
-        "iterations": 40,
-        "max_gaussians": 60,
-        "evaluate_every": 20,
-        "sh_degree": 1,
-    }
-)
+KEYS = {"masking": "none", "iterations": 40, "max_gaussians": 60, "evaluate_every": 20, "sh_degree": 1}
 
 
 def run(folder: Path, name: str = "splats.zarr", survey: Path | None = None, **changes: object):
@@ -115,21 +104,15 @@ def test_a_killed_run_resumes_to_the_same_gaussians(scene, capsys):
     keys = {"iterations": 400, "evaluate_every": 100, "background": "random"}
     expected = run(folder, "unbroken.zarr", **keys).digest
     written = folder / ".splats.zarr.checkpoint" / "state"
-    keys["checkpoint_s"] = 1e-9
-    flags = [
-        f"--{name.replace('_', '-')}={value}"
-        for name, value in (KEYS | keys).items()
-        if value is not None and not isinstance(value, bool)
-    ]
     paths = [f"--{name}={folder / f'{name}.zarr'}" for name in ("frames", "poses")]
     words = [
         sys.executable,
-        "-m",
-        "egosplat.cli",
+        "-c",
+        "from egosplat import cli; from egosplat.artifacts import checkpoint; checkpoint.EVERY_S = 0; cli.main()",
         "splats",
         *paths,
         f"--output={folder / 'splats.zarr'}",
-        *flags,
+        f"--options={json.dumps(KEYS | keys)}",
     ]
     process = subprocess.Popen(
         words,
@@ -149,7 +132,8 @@ def test_a_checkpoint_of_other_options_is_not_resumed(scene, monkeypatch):
     folder = scene()
     expected = run(folder, "fresh.zarr").digest
     monkeypatch.setattr(stage.Checkpoint, "remove", lambda self: None)
-    run(folder, seed=7, checkpoint_s=1e-9)
+    monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
+    run(folder, seed=7)
     assert (folder / ".splats.zarr.checkpoint" / "state").exists()
     assert run(folder).digest == expected
 

@@ -9,11 +9,11 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import open_artifact, recorded_digest
 from egosplat.errors import UserError
-from egosplat.pipeline.config import stage_keys
+from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey import stage
 
-KEYS = {name: key["default"] for name, key in stage_keys("survey").items()}
+KEYS = stage_values("survey", defaults())
 OPTIONS = stage.SurveyOptions(**KEYS)
 
 

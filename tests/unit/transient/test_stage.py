@@ -11,15 +11,10 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.gaussians import stored_rows
-from egosplat.pipeline.config import defaults
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 
-KEYS = (
-    defaults()["camera"]
-    | defaults()["transient"]
-    | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 80}
-)
+KEYS = {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 80}
 
 
 def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, **changes: object):
@@ -108,9 +103,9 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
 
     with monkeypatch.context() as patch, pytest.raises(Stopped):
         patch.setattr(Checkpoint, "save_if_due", stop)
-        run(folder, background="random", checkpoint_s=1e-9)
+        run(folder, background="random")
     # Time between checkpoints is an option, so it must be the same for going on.
-    assert run(folder, background="random", checkpoint_s=1e-9).digest == expected
+    assert run(folder, background="random").digest == expected
     assert "resumes after iteration 10" in capsys.readouterr().err
     assert not (folder / ".transient.zarr.checkpoint").exists()
 

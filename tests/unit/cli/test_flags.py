@@ -1,0 +1,74 @@
+"""Options on the command line: ``--options``, ``--set`` and the lists of keys."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from egosplat.cli import cli
+from egosplat.cli.flags import read_options
+from egosplat.errors import UserError
+from egosplat.pipeline.config import stage_options
+from egosplat.pipeline.options import describe, keys_of
+from egosplat.pipeline.stages import STAGES
+from egosplat.splats.options import SplatsOptions
+
+WITH_KEYS = [stage for stage in STAGES if stage_options(stage)]
+
+
+def splats(*pairs: str, **given: object) -> SplatsOptions:
+    return read_options(SplatsOptions, "splats", given, pairs)
+
+
+def test_a_word_wins_over_the_values_of_the_rule():
+    found = splats("iterations=500", "run.seed=3", "camera.refine_poses=off", iterations=7, sh_degree=1)
+    assert (found.iterations, found.seed, found.refine_poses, found.sh_degree) == (500, 3, "off", 1)
+    assert splats() == SplatsOptions()
+
+
+def test_the_values_of_the_rule_are_the_options():
+    """The JSON of a rule gives back what was written."""
+    given = SplatsOptions(prune_screen_px=20.0, masking="none").as_dict()
+    assert splats(**json.loads(json.dumps(given, sort_keys=True))).as_dict() == given
+
+
+@pytest.mark.parametrize(
+    "pairs, message",
+    [
+        (["iteratons=5"], "'iteratons'.*'iterations'"),
+        (["iterations=big"], "splats.iterations = 'big'.*whole number"),
+        (["seed=-1"], "run.seed = -1.*at least 0"),
+        (["masking=nothing"], "splats.masking = 'nothing'.*'none'"),
+        (["ssim_lambda=.nan"], "splats.ssim_lambda = nan"),
+        (["iterations"], "iterations"),
+        (["iterations=["], "cannot be read"),
+    ],
+)
+def test_a_wrong_word_is_named(pairs, message):
+    with pytest.raises(UserError, match=f"--set.*{message}") as caught:
+        splats(*pairs)
+    assert "\n" not in str(caught.value)
+
+
+def test_options_that_are_no_object_are_refused():
+    with pytest.raises(UserError, match="--options"):
+        read_options(SplatsOptions, "splats", [1], [])
+
+
+@pytest.mark.parametrize("stage", WITH_KEYS)
+def test_help_lists_the_keys_and_help_all_their_readings_too(stage):
+    keys = keys_of(stage_options(stage))
+    for flag, names in (
+        ("--help", [name for name, key in keys.items() if not key.get("reading")]),
+        ("--help-all", list(keys)),
+    ):
+        shown = CliRunner().invoke(cli, [stage.replace("_", "-"), flag]).output
+        found = [line.split()[0] for line in shown.partition("Keys:")[2].splitlines() if line.strip()]
+        assert set(names) <= set(found), flag
+        assert flag == "--help-all" or not {*keys} - {*names} & {*found} & {*keys} - {*names}
+
+
+def test_help_shows_default_limits_and_a_sentence():
+    shown = " ".join(CliRunner().invoke(cli, ["splats", "--help"]).output.split())
+    assert "3000" in shown and "at least 1" in shown
+    assert describe(SplatsOptions, "iterations").split(". ")[0] in shown
