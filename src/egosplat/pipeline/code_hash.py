@@ -28,7 +28,6 @@ NEUTRAL = {
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
     "egosplat.pipeline",
-    "egosplat.pipeline.checked_options",
     "egosplat.pipeline.code_hash",
     "egosplat.pipeline.checked_options",  # the values of options are parameters of the rule
     "egosplat.pipeline.messages",
