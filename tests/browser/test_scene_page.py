@@ -257,8 +257,12 @@ def test_instances_have_colors_and_the_words_are_suggested(scene, clip):
 
 
 def test_cameras_show_where_photographs_were_taken(scene):
-    """A frustum for each frame with a pose, at its place; a click on one stands there, and one at the viewer is hidden."""
+    """A frustum for each frame with a pose, at its place; a click on one stands there, where it is hidden."""
     tab = scene()
+    # Among the cameras none is in view, and the viewer steps back.
+    tab.page.check("#cameras")
+    assert tab.page.evaluate("egosplat.camera.eye[2]") < -0.5
+    tab.page.uncheck("#cameras")
     behind = [1, 0, 0, 0.3, 0, 1, 0, 0, 0, 0, 1, -2.5]
     tab.page.evaluate("pose => egosplat.setView(pose)", behind)
     assert tab.page.evaluate("egosplat.cameraAt(400, 250)") is None

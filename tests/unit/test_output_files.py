@@ -95,7 +95,7 @@ def test_a_command_has_a_name_of_its_own(monkeypatch, capfd, tmp_path, command):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_name_with_another_suffix_is_rejected(monkeypatch, capfd, tmp_path, command):
     status, err = call(monkeypatch, capfd, command, tmp_path, "--output", tmp_path / "x.jpg", "--overwrite")
-    assert status == 2 and f"{tmp_path / 'x.jpg'}: " in err and Path(COMMANDS[command][0]).suffix in err
+    assert status == 2 and f"{tmp_path / 'x.jpg'}: " in err and Path(COMMANDS[command][0]).suffix[1:] in err
 
 
 @pytest.mark.parametrize("name", ["x", "x.png.bak", "x.gz", ".png", "x.", "..", "."])
