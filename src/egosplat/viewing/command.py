@@ -36,8 +36,8 @@ def run(folder: Path, keys: dict[str, Any], host: str, port: int) -> None:
     # Before the page is made, which takes seconds.
     with PageServer(host, port) as server:
         server.offer(*open_page(folder, keys))
-        log(f"{server.address} shows {folder}. Ctrl-C ends it.")
         try:
+            log(f"{server.address} shows {folder}. Ctrl-C ends it.")
             server.serve_forever()
         except KeyboardInterrupt:
             log("ended")

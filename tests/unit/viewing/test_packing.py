@@ -9,10 +9,8 @@ from scipy.cluster.vq import vq
 
 from egosplat.cli import main
 from egosplat.codes.decoder import Decoder
-from egosplat.errors import UserError
 from egosplat.viewing.container import pack, unpack
 from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
-from egosplat.viewing.html import scene_html
 from egosplat.viewing.instances import pack_instances
 from egosplat.viewing.palette import fit_palette, pack_codes
 from egosplat.viewing.visibility import SMALLEST, STEP, pack_visibility, to_bytes
@@ -139,15 +137,6 @@ def test_a_page_escapes_its_title_and_fits_together(tmp_path):
     assert facts["title"] == TITLE and facts["trained_count"] == facts["count"] == 700
     assert arrays["poses"].shape == (4, 3, 4) and facts["frames"] == [0, 1, 2, 4]
     assert set(np.unique(arrays["instance"])) == {1, 2, 3, 4, 5, 6}
-
-
-def test_another_file_is_not_replaced(tmp_path):
-    """The page replaces a page only."""
-    put_page_scene(tmp_path)
-    (tmp_path / "scene.html").write_text("<!DOCTYPE html>mine")
-    with pytest.raises(UserError, match="egosplat page"):
-        write_page(tmp_path)
-    assert scene_html("t", "").count('<meta name="generator" content="egosplat page">') == 1
 
 
 def test_tracks_have_no_place_in_3d(tmp_path):
