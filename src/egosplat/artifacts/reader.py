@@ -214,7 +214,7 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
         return damaged(path, f"is no readable Zarr group ({type(error).__name__})")
 
     with reraise_as(tell):
-        group = zarr.open_group(path.absolute(), mode="r")
+        group = zarr.open_group(path, mode="r")
         attributes = group.attrs.asdict()["egosplat"]
     if not isinstance(attributes, dict) or attributes.get("seal") != seal(attributes):
         raise damaged(path, "its attributes were changed after it was written")
