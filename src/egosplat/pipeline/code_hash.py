@@ -28,7 +28,6 @@ NEUTRAL = {
     "egosplat.pipeline.source_hash",
     "egosplat.errors",
     "egosplat.pipeline",
-    "egosplat.pipeline.checked_options",
     "egosplat.pipeline.code_hash",
     "egosplat.pipeline.messages",
     "egosplat.pipeline.options",

@@ -18,8 +18,7 @@ def scored(folder, home, method=None):
     home.mkdir(exist_ok=True, parents=True)
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
     output = home / "metrics.json"
-    options = stage.MetricsOptions()
-    stage.run(**paths, output=output, options=options, title="adt/scene1", method=method)
+    stage.run(**paths, output=output, options=stage.MetricsOptions(), title="adt/scene1", method=method)
     return output
 
 
