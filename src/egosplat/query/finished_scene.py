@@ -288,7 +288,7 @@ class Scene:
 
         >>> [couch] = scene.ask("couch", most=1)
         >>> seen = scene.show("couch", couch.things[0])
-        >>> bool(seen.mask[:, :48].mean() > seen.mask[:, 48:].mean())  # it is on the left
+        >>> bool(seen.mask[seen.pixel[::-1]])  # a pixel in the middle of the thing
         True
         """
         level = self.levels.index(thing.level)

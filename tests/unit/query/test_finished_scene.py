@@ -1,0 +1,129 @@
+"""The library: a finished scene as one object, and the examples of its documentation."""
+
+import doctest
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import egosplat
+from egosplat.query import finished_scene, opening
+from tests.support.page_scene import put_page_scene
+
+ROOT = Path(__file__).resolve().parents[3]
+NORMALIZED = doctest.NORMALIZE_WHITESPACE
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> Path:
+    """A folder with ``results/adt/scene1``, the scene of the examples."""
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "results/adt/scene1").mkdir(parents=True)
+    put_page_scene(folder / "results/adt/scene1")
+    return folder
+
+
+@pytest.fixture
+def work(results, monkeypatch) -> Path:
+    monkeypatch.chdir(results)
+    for written in ("couch.ply", "scene.spz"):
+        (results / written).unlink(missing_ok=True)
+    shutil.rmtree(results / "splats.zarr", ignore_errors=True)
+    return results
+
+
+def test_the_page_of_the_library_runs_as_it_is(work):
+    failed, tried = doctest.testfile(
+        str(ROOT / "docs/python.md"), module_relative=False, optionflags=NORMALIZED
+    )
+    assert tried > 20 and not failed
+    assert (work / "couch.ply").is_file() and (work / "splats.zarr").is_dir()
+
+
+@pytest.mark.parametrize("module", [finished_scene, opening])
+def test_examples_of_the_functions_run(work, module):
+    globs = {"egosplat": egosplat, "scene": egosplat.open_scene("results/adt/scene1")}
+    failed, tried = doctest.testmod(module, globs=globs, extraglobs=None, optionflags=NORMALIZED)
+    assert tried and not failed
+
+
+def test_opening_reads_no_array_and_writes_nothing(work, monkeypatch):
+    """Only what describes the artifacts is read, from any working directory."""
+    before = sorted(work.rglob("*"))
+    with monkeypatch.context() as patch:
+        patch.setattr("egosplat.artifacts.reader.Artifact.read", None)
+        patch.chdir("/")
+        scene = egosplat.open_scene(work / "results/adt/scene1")
+        assert scene.levels == ["part", "whole"]
+    assert scene.ask("couch")[0].things and sorted(work.rglob("*")) == before
+
+
+def test_a_variant_has_the_answers_of_what_it_shares(work):
+    mine = work / "results/adt/scene1/variants/mine"
+    mine.mkdir(parents=True, exist_ok=True)
+    language = work / "results/adt/scene1/language.zarr"
+    language.rename(mine / "language.zarr")
+    try:
+        [couch] = egosplat.open_scene(mine).ask("couch")
+    finally:
+        (mine / "language.zarr").rename(language)
+    assert couch.things[0].frame == 0
+
+
+def test_things_below_the_limit_are_candidates_alone(work):
+    scene = egosplat.open_scene("results/adt/scene1", min_score=0.985)
+    couch, cup = scene.ask("couch", "cup", "couch")
+    assert couch.things and not couch.refusal and couch.view is None
+    assert cup.candidates and not cup.things and "0.98" in cup.refusal
+    assert all(one.score < 0.985 for one in cup.candidates)
+
+
+def test_a_view_has_pixels_and_no_things(work):
+    scene = egosplat.open_scene("results/adt/scene1")
+    [framed], [posed] = scene.ask("cup", frame=2), scene.ask("cup", pose=scene.poses[2])
+    assert framed.things == () and framed.view.pixel == posed.view.pixel
+    np.testing.assert_array_equal(framed.view.mask, posed.view.mask)
+    [away] = scene.ask("cup", pose=np.diag([-1.0, 1.0, -1.0, 1.0]))
+    assert away.refusal and away.view is None
+
+
+@pytest.mark.parametrize(
+    "call, said",
+    [
+        (lambda scene: scene.ask("cup", frame=3), "frame 3"),
+        (lambda scene: scene.ask("cup", frame=-1), "frame -1"),
+        (lambda scene: scene.ask("cup", frame=1, pose=np.eye(4)), "frame and pose"),
+        (lambda scene: scene.ask("cup", pose=np.zeros((4, 4))), "pose"),
+        (lambda scene: scene.ask("cup", min_scor=0.1), "min_score"),
+        (lambda scene: scene.ask(" "), "blank"),
+        (lambda scene: scene.render(), "frame or a pose"),
+        (lambda scene: scene.artifact("masks"), "masks.zarr"),
+        (lambda scene: scene.export("x.txt"), "x.txt"),
+        (lambda scene: egosplat.open_scene("results/adt/scene9"), "results/adt/scene9/metrics.json"),
+        (lambda scene: egosplat.run_stage("splat"), "splats"),
+        (lambda scene: egosplat.run_stage("splats", frames="f"), "poses, output"),
+        (
+            lambda scene: egosplat.run_stage(
+                "contact_sheet", frames="f", annotations="a", poses="p", output="o", x=1
+            ),
+            "x",
+        ),
+    ],
+)
+def test_a_mistake_is_named(work, call, said):
+    with pytest.raises(egosplat.UserError) as error:
+        call(egosplat.open_scene("results/adt/scene1"))
+    assert said in str(error.value) and str(error.value).count("\n") < 2
+
+
+def test_public_names_are_there_and_come_on_demand():
+    assert all(getattr(egosplat, name) for name in egosplat.__all__) and {*egosplat.__all__} <= {
+        *dir(egosplat)
+    }
+    with pytest.raises(AttributeError):
+        egosplat.nothing
+    heavy = "import egosplat, sys; sys.exit(bool({'numpy', 'torch', 'pydantic', 'zarr'} & {*sys.modules}))"
+    assert subprocess.run([sys.executable, "-c", heavy]).returncode == 0
