@@ -4,6 +4,7 @@ The command line, the checks, the sharing between variants and the rules' paths 
 are the fields of its class of options.
 """
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -430,6 +431,7 @@ def load_module(name: str, value: str) -> ModuleType:
     return import_module(STAGES[name].modules.find(value))
 
 
+@functools.cache  # rules ask for every job
 def code_of(name: str, value: str | None = None) -> str:
     """Hash the code that a stage executes and the versions of its libraries.
 
