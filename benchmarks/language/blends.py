@@ -25,7 +25,7 @@ from egosplat.language.lifting import Lifted, lift
 from egosplat.language.result import Coded
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.query.answer import Asker
-from egosplat.report.sheets.queries_asking import open_asker, open_finished
+from egosplat.report.sheets.queries_asking import evaluation_of, open_scored
 
 MEANS, ONE = "mean of the codes of its pixels", "code of the instance that it shows most"
 RENDERED = {PIXELS: "codes; pixels are decoded", GAUSSIANS: "relevancies of Gaussians"}
@@ -52,12 +52,12 @@ class Asked:
 
 def read(folder: Path) -> tuple[Asked, dict[str, Lifted | Coded]]:
     """Open a finished scene, and give its Gaussians codes in both ways."""
-    sources, learnt = open_finished(folder), read_learnt(folder)
-    scored = read_scored_scene(folder / "metrics.json")
+    learnt, scored = read_learnt(folder), read_scored_scene(folder / "metrics.json")
     options = recorded_options(scored.document["provenance"]["options"])
-    evaluation = sources.evaluation()
-    queries = find_asked_queries(sources.annotations, evaluation.valid, options, evaluation.frames)
-    asker = open_asker(sources, (query.category for query in queries), options)
+    scene = open_scored(folder, options)
+    evaluation = evaluation_of(scene)
+    queries = find_asked_queries(evaluation.annotations, evaluation.valid, options, evaluation.frames)
+    asker = scene.asker(sorted({query.category for query in queries}))
     given = learnt.gaussians, learnt.views, learnt.settings
     ways = {MEANS: lift(*given), ONE: lifted(*given, learnt.targets)}
     return Asked(asker, evaluation, queries, options), ways

@@ -11,7 +11,7 @@ from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.run_queries import run_queries
 from egosplat.evaluation.scores import Result
 from egosplat.pipeline.config import Config, stage_values
-from egosplat.report.sheets.queries_asking import open_asker, open_finished
+from egosplat.report.sheets.queries_asking import evaluation_of, open_scored
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,15 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
     Raises:
         UserError: the scene is not synthetic, was made with another OpenCLIP than the small one, or is not finished.
     """
-    sources = open_finished(folder)
-    if not sources.encoded.facts["clip"]["small"] or sources.annotations.origin != "synthetic":
+    options = recorded_options(stage_values("metrics", config))
+    scene = open_scored(folder, options)
+    if not scene.encoded.facts["clip"]["small"] or scene.origin != "synthetic":
         raise UserError(f"{folder}: the phrases are made for synthetic apartments and the small OpenCLIP")
-    options, evaluation = recorded_options(stage_values("metrics", config)), sources.evaluation()
+    evaluation = evaluation_of(scene)
     questions = _questions(evaluation, config, options)
     of_query = {id(one.query): one for one in questions}
     queries = [one.query for one in questions]
-    asker = open_asker(sources, (query.category for query in queries), options)
+    asker = scene.asker(sorted({query.category for query in queries}))
     answers = run_queries(queries, evaluation, asker, options.hit_region)
     return [Answered(of_query[id(one.query)], one.score.groups["all"]) for one in answers]
 

@@ -1,7 +1,6 @@
 """Scores as they stand in metrics.json."""
 
 OPTIONS = {
-    "confidence": 0.95,
     "hit_region": "box",
     "min_area": 0.001,
     "excluded": ["shelter"],

@@ -22,7 +22,8 @@ def layers(page: str) -> list[tuple[str, ...]]:
 
 def arrows(package: Path) -> Iterator[tuple[str, str, str]]:
     """Each import of one room by another: file, importing room, imported room."""
-    for path in sorted(package.rglob("*.py")):
+    # The package itself names what is public, from any room.
+    for path in sorted(set(package.rglob("*.py")) - {package / "__init__.py"}):
         room = path.relative_to(package).parts[0].removesuffix(".py")
         for name in imports_of(path):
             root, _, below = name.partition(".")

@@ -133,7 +133,7 @@ TEXTS: dict[str, Text] = {
         "{:.0%}",
         "none in float32",
         "{lost} of {views} views have no finite feature",
-        "Set models.precision to float32, or use another models.clip_checkpoint",
+        "Set run.precision to float32, or use another models.clip_checkpoint",
     ),
     "features.outliers": Text(
         "share of the views that disagree with their instance",

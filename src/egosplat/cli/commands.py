@@ -78,9 +78,8 @@ class Commands(click.Group):
     def _about(self, context: click.Context, name: str, width: int) -> str:
         """One line about a command."""
         stage = name.replace("-", "_")
-        text = _SHORT.get(name) or (STAGES[stage].help if stage in STAGES else "")
-        if text:
-            return click.Command(name, help=text).get_short_help_str(width)
+        if text := _SHORT.get(name) or (STAGES[stage].help if stage in STAGES else ""):
+            return text
         command = super().get_command(context, name)
         return command.get_short_help_str(width) if command else ""
 

@@ -19,7 +19,7 @@ FULL = "full"
 STAGE = "metrics"
 
 # Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
-PROTOCOL = ("min_area", "excluded", "people", "hit_region", "confidence")
+PROTOCOL = ("min_area", "excluded", "people", "hit_region")
 
 # Synthetic apartments in ADT format that are only for reporting: no default, threshold or design is chosen
 # with them.
@@ -186,7 +186,7 @@ def read_scored_scene(path: Path) -> ScoredScene:
 
 
 def check_protocol(scenes: Sequence[ScoredScene]) -> None:
-    """Check that all scenes of a dataset were scored with one protocol, and all scenes with one confidence.
+    """Check that all scenes of a dataset were scored with one protocol.
 
     Raises:
         UserError: two files differ.
@@ -194,7 +194,7 @@ def check_protocol(scenes: Sequence[ScoredScene]) -> None:
     for key in PROTOCOL:
         first: dict[str, ScoredScene] = {}
         for scene in scenes:
-            other = first.setdefault("all" if key == "confidence" else scene.dataset, scene)
+            other = first.setdefault(scene.dataset, scene)
             mine, theirs = scene.protocol[key], other.protocol[key]
             if mine != theirs:
                 raise UserError(

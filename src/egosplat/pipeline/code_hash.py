@@ -29,7 +29,6 @@ NEUTRAL = {
     "egosplat.errors",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
-    "egosplat.pipeline.checked_options",  # the values of options are parameters of the rule
     "egosplat.pipeline.messages",
     "egosplat.pipeline.options",
     "egosplat.pipeline.parsed_modules",

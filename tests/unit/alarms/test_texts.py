@@ -7,11 +7,10 @@ import pytest
 
 from egosplat.alarms.limits import LIMITS, Alarm
 from egosplat.alarms.texts import TEXTS, alarm_line, alarm_table, normal_range, warning_lines
-from egosplat.pipeline import config as configuration
 from egosplat.pipeline.code_hash import NEUTRAL
+from egosplat.pipeline.config import section_keys
 
 ROOT = Path(__file__).resolve().parents[3]
-SECTIONS = configuration.schema("config")["properties"]
 
 
 def test_the_page_of_alarms_holds_the_table():
@@ -33,7 +32,7 @@ def test_an_advice_names_keys_and_values_that_exist(key):
         r"\b([a-z_]+)\.([a-z_0-9]+)\b(?: to ([a-z_0-9]+))?", TEXTS[key].advice
     ):
         if name not in ("png", "zarr"):
-            found = SECTIONS[section]["properties"][name]
+            found = section_keys(section)[name]
             assert not value or "enum" not in found or value in found["enum"]
 
 

@@ -20,6 +20,7 @@ from egosplat.evaluation.document import finite, write_metrics
 from egosplat.evaluation.queries import GROUPS
 from egosplat.models.suitability import notice
 from egosplat.pipeline.validation import schema
+from egosplat.query import finished_scene
 from tests.support.scenes import put
 
 KINDS = {"splats": SPLATS, "language": LANGUAGE}
@@ -77,13 +78,13 @@ def test_codes_from_tiles_are_scored_without_features(word_scene, tmp_path):
 
 def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, scored, monkeypatch):
     """Protects the scores from annotations that leak into answers."""
-    encode = stage.encode_texts
+    encode = finished_scene.encode_texts
 
     def exchanged(*given):
         texts = encode(*given)
         return replace(texts, queries=texts.queries.flip(0))
 
-    monkeypatch.setattr(stage, "encode_texts", exchanged)
+    monkeypatch.setattr(finished_scene, "encode_texts", exchanged)
     assert scored(word_scene())["scores"]["all"]["accuracy"] == 0.0
 
 

@@ -16,7 +16,7 @@ from egosplat.query.text import Texts
 SIZE = 48
 CAMERA = Camera(SIZE, SIZE, 40.0, 40.0, SIZE / 2, SIZE / 2)
 IDENTITY = Decoder((8,), np.zeros(0, np.float32))
-OPTIONS = replace(LANGSPLAT, box_filter=6 / SIZE, majority_filter=7 / SIZE)
+OPTIONS = LANGSPLAT.change(box_filter=6 / SIZE, majority_filter=7 / SIZE)
 DIRECTIONS = torch.eye(8)
 TEXTS = Texts(("cup", "couch"), DIRECTIONS[:2], DIRECTIONS[4:])
 """Cup and couch are directions 0 and 1; 3 is the wall, which fits no phrase; 4 to 7 are canonical."""

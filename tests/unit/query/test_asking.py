@@ -42,7 +42,7 @@ def scene() -> QueryScene:
 @pytest.mark.parametrize("resolution", [0, 32])
 def test_things_are_found_at_their_position(scene, resolution):
     texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    options = replace(LANGSPLAT, box_filter=4 / 64, resolution=resolution)
+    options = LANGSPLAT.change(box_filter=4 / 64, resolution=resolution)
     answers = ask(scene, texts, CAMERA, np.eye(4), None, options)
     for answer, place in zip(answers, scene.gaussians.means.numpy(), strict=True):
         assert answer.score > 0.99 and answer.mask.shape == (48, 64)
@@ -72,7 +72,7 @@ def test_the_longer_side_is_brought_down(resolution, size):
 def test_relevancies_of_gaussians_are_rendered(scene, resolution):
     """Decoded pixels and decoded Gaussians agree where a pixel shows one Gaussian."""
     texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    options = replace(LANGSPLAT, box_filter=4 / 64, resolution=resolution)
+    options = LANGSPLAT.change(box_filter=4 / 64, resolution=resolution)
     own = replace(scene, decoded=GAUSSIANS)
     pairs = zip(
         *(list(ask(one, texts, CAMERA, np.eye(4), None, options)) for one in (scene, own)), strict=True
@@ -91,7 +91,7 @@ def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
     texts = Texts(("between",), diagonal, torch.eye(4)[2:3])
     scene.gaussians.means[:, :2] = 0.0
     scene.gaussians.logit_opacities[:] = 0.0
-    options = replace(LANGSPLAT, box_filter=0.0)
+    options = LANGSPLAT.change(box_filter=0.0)
     [blended] = ask(scene, texts, CAMERA, np.eye(4), None, options)
     asker = Asker.of(replace(scene, decoded=GAUSSIANS), texts, options)
     [rendered] = asker.ask(["between"], CAMERA, np.eye(4), None)

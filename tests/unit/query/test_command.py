@@ -15,8 +15,8 @@ from PIL import Image
 from egosplat import cli
 from egosplat.artifacts.poses import length_unit
 from egosplat.models.suitability import notice
-from egosplat.query import answers, command
-from egosplat.query.options import LANGSPLAT
+from egosplat.query import command, finished_scene
+from egosplat.query.opening import open_scene
 from egosplat.query.scene_query import SceneAnswer
 
 
@@ -45,7 +45,7 @@ def unscaled(monkeypatch):
     def pretend():
         with monkeypatch.context() as patch:
             patch.setattr(
-                answers,
+                finished_scene,
                 "length_unit",
                 lambda _: length_unit(SimpleNamespace(facts={"notes": {"scale": "arbitrary"}})),
             )
@@ -128,8 +128,8 @@ def test_what_is_not_there_is_rejected(word_scene, query):
 
 def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, monkeypatch):
     """A least score of 0 refuses nothing, but there may be no thing to name."""
-    monkeypatch.setattr(answers, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
-    status, out, err = query(word_scene(), "cup", "--set", "min_score=0")
+    monkeypatch.setattr(finished_scene, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
+    status, out, err = query(word_scene(), "cup", "--min-score", 0)
     assert status == 0, err
     assert columns(out.splitlines()[2]) == ["cup", "0.00", "no Gaussian of the scene has a code"]
 
@@ -142,9 +142,8 @@ def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
 def test_the_answer_in_words_comes_before_the_picture(word_scene):
     """Words are there in half the time."""
     folder = word_scene()
-    asking = command.Asking(None, None, 1, folder / "query.png")
-    how = {"backend": "auto", "device": "cpu", "precision": "float32"}
-    answers = command.run(folder, ["cup"], asking, LANGSPLAT, **how)
+    scene = open_scene(folder, device="cpu", precision="float32", min_score=0.5)
+    answers = command.run(scene, ["cup"], None, 1, folder / "query.png")
     assert "cup" in next(answers) and not (folder / "query.png").exists()
     assert next(answers).startswith("picture: ") and (folder / "query.png").exists()
 
@@ -194,7 +193,7 @@ def test_words_with_dollars_are_drawn_as_they_are(word_scene, query):
     assert status == 0 and "$\\{1}{$ cup" in said
 
 
-def test_keys_of_the_section_are_flags(word_scene, query):
+def test_keys_of_the_section_are_set_by_name(word_scene, query):
     scores = []
     for temperature in ("10", "1"):
         _, out, _ = query(
@@ -215,13 +214,13 @@ def remove(name: str):
     "change, words, said",
     [
         (remove("language"), ["cup"], "lacks language.zarr. Give the folder of a finished scene"),
-        (None, ["cup", "--frame", "9"], "--frame 9: there are 4 frames, 0 to 3"),
-        (None, ["cup", "--frame", "3"], "--frame 3: has no pose"),
-        (None, ["cup", "--frame", "1", "--pose", "x.json"], "--frame and --pose: give one of them"),
+        (None, ["cup", "--frame", "9"], "frame 9: there are 4 frames, 0 to 3"),
+        (None, ["cup", "--frame", "3"], "frame 3: has no pose"),
+        (None, ["cup", "--frame", "1", "--pose", "x.json"], "frame and pose: give one of them"),
         (None, [" "], "query: is blank"),
-        (None, ["cup", "--set", "canonical=[]"], "query.canonical = "),
-        (None, ["cup", "--set", "canonical={a: 1}"], "query.canonical = "),
-        (None, ["cup", "--min-coverage", "1"], "0<x<1"),
+        (None, ["cup", "--set", "canonical=[]"], "query.canonical"),
+        (None, ["cup", "--set", "min_coverage=1"], "query.min_coverage"),
+        (None, ["cup", "--min-score", "2"], "query.min_score"),
         (None, [], "PHRASES"),
     ],
 )

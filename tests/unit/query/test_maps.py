@@ -1,7 +1,5 @@
 """Relevancy maps that are given read like those that are rendered."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -15,7 +13,7 @@ from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.text import Texts
 
 SIZE = 48
-OPTIONS = replace(LANGSPLAT, box_filter=6 / SIZE, majority_filter=7 / SIZE)
+OPTIONS = LANGSPLAT.change(box_filter=6 / SIZE, majority_filter=7 / SIZE)
 ALL = np.ones((SIZE, SIZE), bool)
 
 
@@ -33,7 +31,7 @@ def test_an_answer_from_codes_is_that_of_its_maps(small):
     directions = torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(3, 4))).float(), dim=1)
     texts = Texts(("cup",), directions[:1], directions[1:])
     valid = disc(SIZE, SIZE, 22.0)
-    options = replace(OPTIONS, min_coverage=0.3)
+    options = OPTIONS.change(min_coverage=0.3)
     view = View(
         codes,
         coverage,

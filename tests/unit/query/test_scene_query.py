@@ -69,10 +69,16 @@ def test_a_scene_without_codes_has_no_answer(index, texts):
     assert answer.things == () and answer.score == 0.0
 
 
+def see(index, thing, texts, valid):
+    """What the camera shows of a couch."""
+    couch = texts.of(["couch"])
+    return view_thing(index.scene, thing.members, thing.level, couch, CAMERA, np.eye(4), valid, LANGSPLAT)
+
+
 def test_a_thing_is_shown_where_it_is(index, texts):
     """Mask, place and relevancy of the couch lie in the left half of the view."""
     (couch,) = ask_scene(index, texts.of(["couch"]), LANGSPLAT, 1)
-    seen = view_thing(index.scene, couch.things[0], texts.of(["couch"]), CAMERA, np.eye(4), None, LANGSPLAT)
+    seen = see(index, couch.things[0], texts, None)
     assert seen.mask[:, :18].mean() > 0.8 and seen.mask[:, 30:].mean() < 0.05
     column, row = seen.pixel
     assert column < 20 and seen.mask[row, column]
@@ -82,5 +88,5 @@ def test_a_thing_is_shown_where_it_is(index, texts):
 def test_masked_pixels_are_in_no_answer(index, texts):
     valid = np.zeros((48, 48), bool)
     (couch,) = ask_scene(index, texts.of(["couch"]), LANGSPLAT, 1)
-    seen = view_thing(index.scene, couch.things[0], texts.of(["couch"]), CAMERA, np.eye(4), valid, LANGSPLAT)
+    seen = see(index, couch.things[0], texts, valid)
     assert not seen.mask.any() and seen.pixel is None and not seen.relevancy.any()

@@ -3,21 +3,23 @@
 import numpy as np
 from PIL import Image
 
-from egosplat.query.answers import DrawnAnswer
+from egosplat.query.answers import Answer, FoundView
+from egosplat.query.command import DrawnAnswer
 from egosplat.query.sheet import draw_answers
+
+REFUSED = DrawnAnswer(Answer("zeppelin", 0.2, refusal="not found: " + "a long reason " * 6))
 
 
 def answer(phrase: str) -> DrawnAnswer:
-    """One that is drawn in grey, without relevancy, all of it in the mask."""
-    grey, nothing = np.full((40, 40, 3), 0.5, np.float32), np.zeros((40, 40), np.float32)
-    pixels = {"picture": grey, "pixel": (20, 20), "relevancy": nothing, "mask": nothing == 0}
-    return DrawnAnswer(phrase, 0.9, level="whole", mask_level="whole", **pixels)
+    """One that is drawn in gray, without relevancy, all of it in the mask."""
+    gray, nothing = np.full((40, 40, 3), 0.5, np.float32), np.zeros((40, 40), np.float32)
+    view = FoundView("whole", (20, 20), None, nothing, nothing == 0, "whole")
+    return DrawnAnswer(Answer(phrase, 0.9, view=view), "", gray, view)
 
 
 def test_a_long_refusal_does_not_widen_a_column(tmp_path):
     """The three pictures of a row are equally wide, whatever is written below."""
-    refused = DrawnAnswer("zeppelin", 0.2, refusal="not found: " + "a long reason " * 6)
-    draw_answers([answer("cup"), refused], "a scene", tmp_path / "page.png")
+    draw_answers([answer("cup"), REFUSED], "a scene", tmp_path / "page.png")
     page = np.asarray(Image.open(tmp_path / "page.png").convert("L")).astype(int)
     # The row of pixels with the most ink crosses the pictures.
     inked = (page < 250)[(page < 250).sum(axis=1).argmax()]
@@ -27,6 +29,6 @@ def test_a_long_refusal_does_not_widen_a_column(tmp_path):
 
 
 def test_a_page_of_rejected_queries_only(tmp_path):
-    draw_answers([DrawnAnswer("zeppelin", 0.2, refusal="not found")], "a scene", tmp_path / "page.png")
+    draw_answers([REFUSED], "a scene", tmp_path / "page.png")
     width, height = Image.open(tmp_path / "page.png").size
     assert width > height

@@ -11,16 +11,16 @@ from egosplat.query.text import untaught_words
 
 @pytest.mark.parametrize("score, refused", [(0.549, True), (0.55, False), (1.0, False), (0.0, True)])
 def test_the_limit_itself_is_an_answer(score, refused):
-    assert (replace(LANGSPLAT, min_score=0.55).refusal(score, []) is not None) is refused
+    assert (LANGSPLAT.change(min_score=0.55).refusal(score, []) is not None) is refused
 
 
 def test_a_word_outside_the_vocabulary_is_rejected_at_any_score():
-    why = replace(LANGSPLAT, min_score=0.55).refusal(1.0, ["elephant", "elephant"])
+    why = LANGSPLAT.change(min_score=0.55).refusal(1.0, ["elephant", "elephant"])
     assert why.count('"elephant"') == 1 and "not trained on" in why
 
 
 def test_a_limit_of_0_refuses_no_score():
-    assert replace(LANGSPLAT, min_score=0.0).refusal(0.0, []) is None
+    assert LANGSPLAT.change(min_score=0.0).refusal(0.0, []) is None
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
-from egosplat.query.viewpoint import file_viewpoint, frame_viewpoint
+from egosplat.query.viewpoint import frame_viewpoint, pose_viewpoint
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_a_frame_is_seen_with_the_pose_that_training_refined(word_scene):
     "frame, said", [(4, "there are 4 frames, 0 to 3"), (3, "has no pose; the nearest .* is 2")]
 )
 def test_invalid_frames_are_rejected(recording, frame, said):
-    with pytest.raises(UserError, match=f"--frame {frame}: {said}"):
+    with pytest.raises(UserError, match=f"^frame {frame}: {said}"):
         frame_viewpoint(*recording, frame)
 
 
@@ -47,7 +47,7 @@ def test_a_pose_file_may_be_in_any_folder(tmp_path):
     pose[:3, 3] = [1.0, 2.0, 3.0]
     path = tmp_path / "here.json"
     path.write_text(json.dumps({"camera_to_world": pose.tolist()}))
-    view = file_viewpoint(path)
+    view = pose_viewpoint(path)
     assert view.name == "here.json" and view.valid is None
     np.testing.assert_array_equal(view.camera_to_world, pose)
 
@@ -71,5 +71,5 @@ def test_files_without_a_pose_are_rejected(tmp_path, text, said):
     path = tmp_path / "pose.json"
     if text is not None:
         path.write_text(text)
-    with pytest.raises(UserError, match=f"--pose .*pose.json: .*{said}"):
-        file_viewpoint(path)
+    with pytest.raises(UserError, match=f"^pose .*pose.json: .*{said}"):
+        pose_viewpoint(path)

@@ -18,8 +18,7 @@ def scored(folder, home, method=None):
     home.mkdir(exist_ok=True, parents=True)
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
     output = home / "metrics.json"
-    options = stage.MetricsOptions()
-    stage.run(**paths, output=output, options=options, title="adt/scene1", method=method)
+    stage.run(**paths, output=output, options=stage.MetricsOptions(), title="adt/scene1", method=method)
     return output
 
 
@@ -37,7 +36,7 @@ def test_a_lost_input_is_named(word_scene, tmp_path):
     folder = word_scene()
     path = scored(folder, folder)
     shutil.rmtree(folder / "poses.zarr")
-    with pytest.raises(UserError, match=r"poses\.zarr: does not exist"):
+    with pytest.raises(UserError, match=r"lacks poses\.zarr"):
         run([path], tmp_path / "page.png", "adt/scene1")
 
 

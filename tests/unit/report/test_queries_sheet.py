@@ -13,8 +13,8 @@ from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.evaluation.scores import iou
-from egosplat.report.sheets import queries_asking
-from egosplat.report.sheets.queries_asking import ask_again, open_finished
+from egosplat.query import finished_scene
+from egosplat.report.sheets.queries_asking import ask_again, open_scored, scoring_options
 from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
 from egosplat.report.sheets.queries_sheet import run, summary
 
@@ -92,11 +92,11 @@ def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right(word_sce
 def test_the_maps_are_those_that_were_scored(word_scene):
     folder = word_scene()
     scored = read_scored_scene(score(folder, resolution=40, canonical=["thing"], box_filter=0.1))
-    sources = open_finished(folder)
+    scene = open_scored(folder, scoring_options(scored))
     queries = scored_queries(scored.document)
-    shown = {one.scored: one for one in ask_again(queries, sources, scored)}
+    shown = {one.scored: one for one in ask_again(queries, scene, scored)}
     assert len(shown) == len(queries) == 4
-    valid = sources.frames.read("valid")
+    valid = scene.valid
     for query, told in zip(queries, scored.document["queries"], strict=True):
         one = shown[query]
         assert list(one.answer.pixel) == told["pixel"] and one.answer.score == told["relevancy"]
@@ -110,7 +110,7 @@ def test_the_maps_are_those_that_were_scored(word_scene):
 def test_without_a_query_the_page_says_so(word_scene, monkeypatch):
     folder = word_scene()
     score(folder, excluded=["couch", "cup"])
-    monkeypatch.setattr(queries_asking, "load_clip_of", None)  # nothing is asked
+    monkeypatch.setattr(finished_scene, "load_clip_of", None)  # nothing is asked
     picture = draw(folder)
     assert picture.shape[0] < 400 and picture.min() < 50
     assert summary(read_scored_scene(folder / "metrics.json")) == (

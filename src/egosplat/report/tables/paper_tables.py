@@ -211,7 +211,7 @@ def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
     """The plain mean over the scenes that have a score, as in the paper's tables, with ``clustered_interval``.
 
     Args:
-        scenes: scenes by name, scored with one confidence (see ``check_protocol``).
+        scenes: scenes by name.
         metric: ``accuracy`` or ``mean_iou``.
         group: one of ``egosplat.evaluation.queries.GROUPS``.
     """
@@ -219,11 +219,10 @@ def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
     scored = {name: values for name, values in clusters.items() if len(values.counts)}
     if not scored:
         return Cell()
-    options = replace(RESAMPLING, confidence=scenes[next(iter(scored))].protocol["confidence"])
     values = list(scored.values())
     return Cell(
         percent=100 * mean_of_scenes(values),
-        interval=scaled(clustered_interval(values, options), 100),
+        interval=scaled(clustered_interval(values, RESAMPLING), 100),
         queries=int(sum(scene.counts.sum() for scene in values)),
         categories=sum(len(scene.counts) for scene in values),
         scenes=tuple(scored),

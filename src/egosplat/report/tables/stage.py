@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from egosplat.alarms.texts import TEXTS, found_text, normal_range
+from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.files import write_text
 from egosplat.progress import log
@@ -71,21 +72,21 @@ def write_page(tables: Sequence[Layout], series: Sequence[Series], pictures: Seq
         generator=COMMAND,
         title=f"EgoSplat's tables{f': measured on {measured_on}' if measured_on else ''}",
         heading="EgoSplat's tables",
-        intro=_intro(measured_on, scenes[0][1].protocol["confidence"] if scenes else None),
+        intro=_intro(measured_on),
         warnings=(),
         sections=sections,
     )
 
 
-def _intro(measured_on: str, confidence: float | None) -> Iterator[str]:
+def _intro(measured_on: str) -> Iterator[str]:
     yield f"Numbers printed in the paper, and numbers measured by egosplat on {measured_on or 'nothing (none yet)'}."
     yield (
         "Compare rows only within a block. Scores on synthetic apartments have a yellow background and are not ranked. In the "
         "other blocks, the best number is red and the second best is teal."
     )
-    if confidence is not None:
+    if measured_on:
         yield (
-            f"Below a measured number is its {100 * confidence:g} % interval; the last rows of a block are the chance level."
+            f"Below a measured number is its {100 * RESAMPLING.confidence:g} % interval; the last rows of a block are the chance level."
         )
     yield "The cost of a measured row is what a scene takes from its frames to its codes, with all that its variants share."
 

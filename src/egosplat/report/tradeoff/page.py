@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import shown
@@ -54,7 +55,7 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
         points: measured points, the scene itself first.
     """
     first = points[0].runs[0]
-    entries = _entries(points, first.protocol["confidence"])
+    entries = _entries(points)
     known = known_points(entries, WALL, ACCURACY)
     for index in find_front([(mean_of(one, WALL), mean_of(one, ACCURACY)) for one in known]):
         known[index]["front"] = True
@@ -65,20 +66,20 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
         "about": points[0].about,
         "notice": first.document["notice"],
         "machines": sorted({name for point in points for run in point.runs for name in _machines(run)}),
-        "confidence": first.protocol["confidence"],
+        "confidence": RESAMPLING.confidence,
         "chance": {answerer: first.document["scores"]["all"][answerer] for answerer in CHANCE},
         "seeds": len(points[0].runs),
         "points": entries,
     }
 
 
-def _entries(points: Sequence[MeasuredPoint], confidence: float) -> list[dict[str, Any]]:
+def _entries(points: Sequence[MeasuredPoint]) -> list[dict[str, Any]]:
     chances = find_chances(points)
 
     def measure_entry(point: MeasuredPoint, measure: Measure) -> dict[str, Any] | None:
         if (sample := point.sample(measure)) is None:
             return None
-        found = estimate_mean(sample, chances[measure], confidence, not measure.more_is_better)
+        found = estimate_mean(sample, chances[measure], RESAMPLING.confidence, not measure.more_is_better)
         return {"runs": list(sample), **asdict(found)}
 
     return [

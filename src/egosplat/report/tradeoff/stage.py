@@ -6,8 +6,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.files import write_json, write_text
-from egosplat.pipeline import config as configuration
-from egosplat.pipeline.validation import read_document
+from egosplat.pipeline.validation import Draft202012Validator, read_document, schema
 from egosplat.progress import log
 from egosplat.report.tradeoff.chart import draw
 from egosplat.report.tradeoff.measured import read_points
@@ -35,7 +34,7 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
     json = output / f"{NAME}.json"
     document = tradeoff_document(read_points(points))
     _write_pages([document], output)
-    configuration.check(document, str(json), against="tradeoff")
+    Draft202012Validator(schema("tradeoff")).validate(document)
     write_json(json, document)
     log(f"{len(points)} points, {document['seeds']} runs each: {output / NAME}.html")
 

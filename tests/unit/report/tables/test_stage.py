@@ -14,7 +14,7 @@ from PIL import Image
 from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import one_line, read_scored_scene
 from egosplat.models.suitability import BRIEF, notice
-from egosplat.pipeline import config as configuration
+from egosplat.pipeline import validation
 from egosplat.report.tables.stage import run
 from tests.support.scores import OPTIONS
 
@@ -86,7 +86,7 @@ def scored(tmp_path):
     """``scored(place, accuracy, ...)``: the path of scores below results."""
 
     def write(place, accuracy=0.5, origin="synthetic", checkpoint="small", options=None, **more) -> Path:
-        schema = configuration.schema("metrics")
+        schema = validation.schema("metrics")
         document = least(schema, schema)
         counts = schema["properties"]["counts"]["properties"]
         document["counts"] = {key: least(part, schema) for key, part in counts.items()}
@@ -343,7 +343,7 @@ MADE = {
 
 def own_run(schema: str = "metrics") -> dict:
     """Entries of a method that egosplat ran itself."""
-    whole = configuration.schema(schema)
+    whole = validation.schema(schema)
     made = least(whole["$defs"]["provenance"], whole)
     artifacts = {name: made | {"digest": "d"} | cost for name, cost in MADE.items()}
     return {"provenance": made | {"stage": "metrics", "options": OPTIONS}, "artifacts": artifacts}
@@ -437,17 +437,15 @@ def test_scores_without_a_table_are_reported(tables, scored, capsys):
     assert not any("synthetic" in set(table.kind) for table in found.values())
 
 
-@pytest.mark.parametrize("key, value", [("confidence", 0.9), ("hit_region", "mask"), ("people", True)])
+@pytest.mark.parametrize("key, value", [("hit_region", "mask"), ("people", True)])
 def test_scores_with_different_options_are_rejected(tables, scored, key, value):
     paths = [scored("adt/scene1"), scored("adt/scene2", options={key: value})]
     with pytest.raises(UserError, match=f"scene2/metrics.json.* metrics.{key} = .?{value}"):
         tables(*paths)
 
 
-def test_datasets_may_differ_in_options_but_not_in_confidence(tables, scored):
+def test_datasets_may_differ_in_options(tables, scored):
     tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"hit_region": "mask"}))
-    with pytest.raises(UserError, match="hoi4d/scene1/metrics.json.* metrics.confidence"):
-        tables(scored("adt/scene1"), scored("hoi4d/scene1", options={"confidence": 0.9}))
 
 
 def test_duplicate_scores_are_rejected(tables, scored):
