@@ -37,8 +37,7 @@ SHORT: dict[str, Any] = {
         "clip_checkpoint": "clip.pt",
     },
     "synthetic": {"size": 1408, "fps": 0.5, "seconds": 24.0},
-    "segments": {key: value for key, value in KEEP_ALL.items() if key not in ("points_per_side", "batch")}
-    | dict.fromkeys(("pred_iou_thresh", "stability_score_thresh", "nms_score_thresh"), 0.0),
+    "segments": {key: value for key, value in KEEP_ALL.items() if key != "points_per_side"},
     "transient": {"iterations": 700, "encoder_weights": None},
     "view_features": {"max_views": 1},
     "features": {"epochs": 2},
@@ -124,13 +123,13 @@ def keys_of(stage: str) -> dict[str, Any]:
 
 
 def _train_transient(scene: Path, output: Path) -> None:
-    keys = keys_of("transient") | {"iterations": ITERATIONS, "checkpoint_s": 1e9}
+    keys = keys_of("transient") | {"iterations": ITERATIONS}
     options = transient.TransientOptions(**keys)
     transient.run(scene / "frames.zarr", scene / "poses.zarr", output, options)
 
 
 def _train_splats(scene: Path, output: Path) -> None:
-    keys = keys_of("splats") | {"iterations": ITERATIONS, "checkpoint_s": 1e9}
+    keys = keys_of("splats") | {"iterations": ITERATIONS}
     paths = {f"{kind}_path": scene / f"{kind}.zarr" for kind in ("masks", "instances", "features")}
     splats.run(scene / "frames.zarr", scene / "poses.zarr", output, splats.SplatsOptions(**keys), **paths)
 

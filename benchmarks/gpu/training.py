@@ -25,7 +25,6 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.geometry import invert
-from egosplat.pipeline.config import defaults
 from egosplat.progress import track
 from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats import stage as splats
@@ -33,11 +32,7 @@ from egosplat.splats import stage as splats
 ITERATIONS, EVALUATE_EVERY = 7000, 500
 
 # The keys of the stage: nothing is masked or corrected, as in gsplat's trainer.
-KEYS = (
-    defaults()["camera"]
-    | defaults()["splats"]
-    | {"refine_poses": "off", "compensate_exposure": "off", "masking": "none"}
-)
+KEYS = splats.SplatsOptions(refine_poses="off", compensate_exposure="off", masking="none").as_dict()
 # More Gaussians than gsplat's trainer makes of these views.
 UNLIMITED = 5_000_000
 

@@ -8,9 +8,10 @@ size, every third one. ``benchmarks/segments`` describes the columns.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,6 @@ from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, find_things, single_masks
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 
@@ -54,6 +54,12 @@ CHANGES: dict[str, dict[str, float]] = {
     "no instances dropped": {"claimed": 1.0},
     "no merging": {"merge_iou": 1.0, "claimed": 1.0},
 }
+# Thresholds that are constants.
+CONSTANTS = {
+    "common": "egosplat.instances.merging.COMMON",
+    "drop_iou": "egosplat.instances.things._DROP_IOU",
+    "claimed": "egosplat.instances.things._CLAIMED",
+}
 COLUMNS = ("scene", "change", "instances", "IoU over time", "switches", "fragments", "held", "CPU-s")
 
 Labels = NDArray[np.int32]
@@ -69,7 +75,7 @@ class Scene:
             open_artifact(folder / "poses.zarr", POSES),
         )
         self.segments = open_artifact(folder / "segments.zarr", SEGMENTS)
-        self.keys = replace(InstancesOptions(**stage_values("instances", defaults())), source="masks")
+        self.keys = InstancesOptions(source="masks")
         kept, _ = kept_frames(frames, folder / "survey.json")
         flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
         training = split_views(*flags).training
@@ -104,7 +110,11 @@ class Scene:
 
     def score_merged(self, values: dict[str, float]) -> VideoScores:
         """Scores of the masks merged with changed thresholds."""
-        return self.score(self.merged(replace(self.keys, **values)))
+        keys = {name: value for name, value in values.items() if name not in CONSTANTS}
+        with ExitStack() as stack:
+            for name in values.keys() & CONSTANTS.keys():
+                stack.enter_context(patch(CONSTANTS[name], values[name]))
+            return self.score(self.merged(self.keys.change(**keys)))
 
     def as_segmented(self) -> Iterator[Labels]:
         """Labels as segments.zarr has them."""

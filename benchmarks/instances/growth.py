@@ -18,7 +18,6 @@ from benchmarks.common import command, markdown, output_of, timed
 from egosplat.instances.lifted_masks import LiftedMasks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.things import find_things, single_masks
-from egosplat.pipeline.config import defaults, stage_values
 
 INSTANCES = 60
 
@@ -62,7 +61,7 @@ def made_up_masks(frames: int, gaussians: int, wrong: int) -> LiftedMasks:
 
 def row_of(frames: int, gaussians: int, wrong: int) -> list[str]:
     """A row of the table, in this process."""
-    keys = InstancesOptions(**stage_values("instances", defaults()))
+    keys = InstancesOptions()
     masks = made_up_masks(frames, gaussians, wrong)
     (_, counts), seconds = timed(find_things, masks, single_masks(masks), masks.weight, keys)
     stay = counts["things"] + counts["claimed"]

@@ -18,7 +18,6 @@ from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.small_sam2.worlds import LEVELS, world_folders
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.progress import log
 from egosplat.segments.classical.segmenter import segment_video
 from egosplat.segments.instances import Segmented, finalize_instances
@@ -51,8 +50,7 @@ COLUMNS = {
 
 def options(method: str) -> SegmentsOptions:
     """The configuration's defaults with the method's own keys over them."""
-    keys = stage_values("segments", defaults())
-    return SegmentsOptions(**keys | {"prompting": "key_frames"} | METHODS[method])
+    return SegmentsOptions(**{"prompting": "key_frames"} | METHODS[method])
 
 
 def segment(world: RenderedWorld, method: str, checkpoint: str) -> tuple[list[np.ndarray], float]:

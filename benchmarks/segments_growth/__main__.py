@@ -18,9 +18,9 @@ import torch
 from benchmarks.common import command, markdown, output_of
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.progress import log
-from egosplat.segments.options import LEVELS, SegmentsOptions
+from egosplat.segments import tracker
+from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.tracker import Tracker
 
 # Frames, and instances of all levels together.
@@ -29,29 +29,22 @@ POINTS = ((12, 60), (24, 60), (48, 60), (96, 60), (24, 15), (24, 120), (24, 240)
 # Keys with which every mask is tracked.
 KEEP_ALL = {
     "points_per_side": 24,
-    "pred_iou_thresh": -1.0,
-    "stability_score_thresh": -1.0,
-    "stability_score_offset": 1.0,
-    "box_nms_thresh": 1.0,
-    "nms_iou_thresh": 1.0,
-    "nms_score_thresh": -1.0,
-    "nms_inner_thresh": 1.0,
     "min_area": 0.0,
     "prompting": "initial_frame",
-    "min_uncovered_fraction": 0.0,
-    "max_covered_new": 1.0,
     "merge_iou": 1.0,
     "min_frames": 1,
     # Each level tracks its own instances, in every frame: the largest possible work.
     "cross_level_iou": 1.01,
     "lost_track_stride": 1,
-    "batch": 32,
 }
+EVERY_MASK = MaskFilter(-1.0, -1.0, 1.0, -1.0, nms_iou_thresh=1.0, nms_inner_thresh=1.0, box_nms_thresh=1.0)
 
 
 def keep_all(**keys: object) -> SegmentsOptions:
-    """The defaults with ``KEEP_ALL`` and then ``keys`` over them."""
-    return SegmentsOptions(**stage_values("segments", defaults()) | KEEP_ALL | keys)
+    """The defaults with ``KEEP_ALL`` and then ``keys`` over them. From now on no mask is dropped in this process."""
+    MASK_FILTERS["small"] = EVERY_MASK
+    tracker._MIN_UNCOVERED, tracker._MAX_COVERED_NEW, tracker.BATCH = 0.0, 1.0, 32
+    return SegmentsOptions(**KEEP_ALL | keys)
 
 
 COLUMNS = (

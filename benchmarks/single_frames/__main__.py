@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from benchmarks.common import command, markdown, timed
 from benchmarks.small_sam2.worlds import LEAST_PIXELS, LEVELS, SIZES, size_class, world_folders
 from egosplat.models.sam2_loader import load_sam2
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.progress import track
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.single_frames import SingleFrames
@@ -29,7 +28,7 @@ def options(setting: str) -> SegmentsOptions:
     """The configuration's defaults under a setting: `KEY=NUMBER`, separated by commas."""
     changed = dict(pair.split("=") for pair in setting.split(",") if pair)
     keys = {name: float(value) if "." in value else int(value) for name, value in changed.items()}
-    return SegmentsOptions(**stage_values("segments", defaults()) | keys)
+    return SegmentsOptions(**keys)
 
 
 def first_frame(world: RenderedWorld) -> tuple[NDArray[np.uint8], NDArray[np.bool_], Labels]:

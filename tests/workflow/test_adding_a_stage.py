@@ -27,7 +27,7 @@ CHECKS = (
     "tests/unit/pipeline/test_config.py::test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options",
     "tests/unit/pipeline/test_config.py::test_every_key_has_a_description_and_a_default",
     "tests/unit/pipeline/test_config.py::test_the_reference_page_is_that_of_the_schema",
-    "tests/unit/test_documentation.py::test_the_readme_lists_the_stages_of_the_pipeline",
+    "tests/unit/test_documentation.py::test_the_architecture_lists_the_stages_of_the_pipeline",
     "tests/unit/pipeline/test_costs.py",
     "tests/workflow/test_profiles.py",
 )
@@ -101,7 +101,7 @@ def checkout(tmp_path: Path) -> Checkout:
 
 def test_a_stage_is_four_files_of_code():
     """The page's number of files does not grow unnoticed; documentation is one row and a generated page."""
-    assert {name for name, _, _ in blocks()} - {"README.md"} == CODE
+    assert {name for name, _, _ in blocks()} - {"docs/architecture.md"} == CODE
     assert len(blocks()) == len(CODE) + 1
 
 

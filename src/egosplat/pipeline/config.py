@@ -71,6 +71,12 @@ def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
     return {key: config[section][key] for section, keys in stage_sections(stage).items() for key in keys}
 
 
+def options_of(stage: str, config: Mapping[str, Any]) -> Options | None:
+    """Make a stage's options from a complete configuration; None for a stage without keys."""
+    options = stage_options(stage)
+    return options and options.model_validate(stage_values(stage, config))
+
+
 def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
     """Check a configuration, and add the defaults of the keys that it lacks.
 

@@ -38,7 +38,7 @@ def test_the_values_of_the_rule_are_the_options():
         (["iteratons=5"], "'iteratons'.*'iterations'"),
         (["iterations=big"], "splats.iterations = 'big'.*whole number"),
         (["seed=-1"], "run.seed = -1.*at least 0"),
-        (["masking=nothing"], "splats.masking = 'nothing'.*'none'"),
+        (["masking=nones"], "splats.masking = 'nones'.*'none'"),
         (["ssim_lambda=.nan"], "splats.ssim_lambda = nan"),
         (["iterations"], "iterations"),
         (["iterations=["], "cannot be read"),
