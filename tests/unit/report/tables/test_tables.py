@@ -139,7 +139,6 @@ def scored(name: str, hits: dict[str, list[bool]], chance: float | None = 0.05) 
     document = {
         "queries": rows,
         "scores": {"all": {"random_pixel": chance, "middle_pixel": chance}},
-        "provenance": {"options": {"confidence": 0.95}},
     }
     return ScoredScene(Path(name), "adt", name, "full", None, "synthetic", (), document)
 
