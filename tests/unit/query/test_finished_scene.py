@@ -124,6 +124,6 @@ def test_public_names_are_there_and_come_on_demand():
         *dir(egosplat)
     }
     with pytest.raises(AttributeError):
-        egosplat.nothing
+        _ = egosplat.nothing
     heavy = "import egosplat, sys; sys.exit(bool({'numpy', 'torch', 'pydantic', 'zarr'} & {*sys.modules}))"
-    assert subprocess.run([sys.executable, "-c", heavy]).returncode == 0
+    assert subprocess.run([sys.executable, "-c", heavy], check=False).returncode == 0
