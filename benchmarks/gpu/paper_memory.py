@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 import yaml
-from egosplat.tables.scored_scenes import read_scored_scene
 
 from benchmarks.common import MIB, ROOT, markdown
 from benchmarks.gpu.main_job import SCENE, cells_of, make, records_of
@@ -16,6 +15,7 @@ from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.segments_growth.__main__ import KEEP_ALL
 from egosplat.artifacts.reader import open_any
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.gaussians.model import Gaussians
 from egosplat.pipeline.config import resolve, stage_values
 from egosplat.progress import log

@@ -6,7 +6,7 @@ import timm
 import torch
 from safetensors.torch import save_file
 
-from egosplat.models.configs import sam2_config_file
+from egosplat.models.configs import clip_folder, sam2_config_file
 from egosplat.models.open_clip_loader import build_model, read_description
 from egosplat.models.sam2_loader import build_predictor
 
@@ -23,9 +23,8 @@ def save_sam2(path: Path, architecture: str = SAM2) -> None:
 
 def save_clip(path: Path, architecture: str = CLIP) -> None:
     """Save OpenCLIP as its authors publish it: the bare tensors."""
-    torch.save(
-        build_model(architecture, read_description(architecture, None)["model_cfg"]).state_dict(), path
-    )
+    description = read_description(architecture, clip_folder(architecture))
+    torch.save(build_model(architecture, description["model_cfg"]).state_dict(), path)
 
 
 def save_encoder(path: Path, architecture: str) -> None:
