@@ -27,7 +27,8 @@ GIB = 2**30
 # Memory of the cards that the paper's authors name.
 CARD_GIB = 24
 
-# Times do not matter here. With random weights SAM2's masks are noise: all are kept, up to the preset's number of instances.
+# Times do not matter here. With random weights most of SAM2's masks are alike, and few are kept: benchmarks/segments_growth
+# measures the memory of many instances.
 SHORT: dict[str, Any] = {
     "preset": "paper",
     "models": {

@@ -17,7 +17,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, timed
+from benchmarks.common import command, markdown, scene_folders, survey_of, timed
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
@@ -77,7 +77,7 @@ class Scene:
         )
         self.segments = open_artifact(folder / "segments.zarr", SEGMENTS)
         self.keys = InstancesOptions(source="masks", iterations=iterations)
-        kept, _ = kept_frames(frames, folder / "survey.json")
+        kept, _ = kept_frames(frames, survey_of(folder))
         flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
         training = split_views(*flags).training
         self.valid = frames.read("valid")
@@ -88,7 +88,6 @@ class Scene:
                 frames,
                 poses,
                 training,
-                lambda row: tracks.pixels(self.segments.row("labels", row)),
                 self.keys,
                 Path(work) / "instances.zarr",
                 "benchmark",

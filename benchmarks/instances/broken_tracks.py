@@ -17,7 +17,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, timed
+from benchmarks.common import command, markdown, scene_folders, survey_of, timed
 from benchmarks.instances.__main__ import FRAME_STEP, PIXEL_STEP, iterations
 from benchmarks.scores import told
 from benchmarks.segments.video_scores import VideoScores, score_level
@@ -105,7 +105,7 @@ class Scene:
         annotated = track(list(self.truth.all_labels()), "reading annotations")
         self.true = [np.where(valid, labels, -1).astype(np.int32) for labels in annotated]
         self.broken = break_tracks(self.true, len(self.truth.names))
-        kept, _ = kept_frames(self.frames, folder / "survey.json")
+        kept, _ = kept_frames(self.frames, survey_of(folder))
         registered = open_artifact(folder / "poses.zarr", POSES).read("registered")
         self.rows = np.flatnonzero(kept & registered)[::FRAME_STEP]
 
@@ -118,7 +118,7 @@ class Scene:
             configuration.resolve({"instances": {"source": source, "iterations": iterations}}, PRESETS),
             **{name: self.folder / f"{name}.zarr" for name in ("frames", "poses")},
             segments=work / "segments.zarr",
-            survey=self.folder / "survey.json",
+            survey=survey_of(self.folder),
             output=work / "instances.zarr",
         )
         found = open_artifact(work / "instances.zarr", INSTANCES)

@@ -12,12 +12,19 @@ from egosplat.models.sam2_loader import build_predictor
 
 SAM2, CLIP = "sam2.1_hiera_b+", "ViT-B-16"
 
+# Of the last weights that make masks: their logits are then far from 0 almost everywhere.
+_STEEP = 50.0
+
 
 def save_sam2(path: Path, architecture: str = SAM2) -> None:
     """Save SAM2 as its authors publish it: below the key ``model``."""
     predictor = build_predictor(sam2_config_file(architecture))
-    # Random weights would call most objects absent.
-    torch.nn.init.constant_(predictor.sam_mask_decoder.pred_obj_score_head.layers[-1].bias, 5.0)
+    decoder = predictor.sam_mask_decoder
+    # Random weights would call most objects absent, and every mask bad and unstable.
+    for head in (decoder.pred_obj_score_head, decoder.iou_prediction_head):
+        torch.nn.init.constant_(head.layers[-1].bias, 5.0)
+    for weights in decoder.output_hypernetworks_mlps:
+        torch.nn.init.normal_(weights.layers[-1].weight, std=_STEEP)
     torch.save({"model": predictor.state_dict()}, path)
 
 
