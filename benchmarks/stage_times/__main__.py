@@ -42,7 +42,7 @@ MAIN_JOB = (
 )
 
 # What the workflow decides for a stage: masks in a scene where something moves.
-DECIDED = {"splats": ("--masking", "refined")}
+DECIDED = {"splats": ("--set", "masking=refined")}
 
 # Flags that the table of scenes gives.
 OF_SCENE = {"--format": "adt"}

@@ -11,11 +11,10 @@ from click.testing import CliRunner
 from benchmarks.colmap import __main__ as colmap
 from benchmarks.language import __main__ as language
 from benchmarks.robustness import __main__ as robustness
-from benchmarks.robustness.scene import Scene
+from benchmarks.robustness.scene import ARTIFACTS, Scene
 from benchmarks.survey.__main__ import survey_of
 from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import title_of
-from tests.conftest import TINY
 from tests.support.tables import cells
 
 NAME = "adt/scene1"
@@ -174,20 +173,33 @@ def test_required(with_variant, survey):
     assert int(row["CPU-s"]) >= int(row["anyway"])  # the survey besides
 
 
-def test_robustness(finished, monkeypatch):
-    """A kill of the last stage, on the scene that is finished already."""
+def test_robustness(finished, tmp_path, monkeypatch):
+    """What is killed and counted. tests/workflow/test_interruption.py kills; here it would take minutes."""
+    killed = []
 
-    def made(folder: Path) -> Scene:
-        scene = Scene(finished.folder).copy(folder)
-        (folder / "small.yaml").write_text(TINY)
-        return scene
+    def kill(scene: Scene, folder: Path, stage: str, victim: str, share: float) -> dict[str, object]:
+        again = scene.copy(folder)
+        again.lose(stage)
+        killed.append((stage, victim, scene.there() - again.there()))
+        return {"resumed": victim == "stage", "s to the end": 2.0}
 
-    monkeypatch.setattr(robustness, "finished_scene", made)
-    done = CliRunner().invoke(robustness.main, ["kills", "--stage", "metrics", "--kills", "1"])
-    assert done.exit_code == 0, done.output
-    row, every = by_column(done.stdout)
-    checks = ("whole or absent after", "resumed", "same scores", "nothing left over", "then nothing to do")
-    assert {row[name] for name in checks} == {"1"} and row["stage"] == "metrics" and every["times"] == "1"
+    monkeypatch.setattr(robustness, "finished_scene", lambda _: Scene(finished.folder))
+    monkeypatch.setattr(robustness, "kill", kill)
+    said = CliRunner().invoke(robustness.main, ["kills", "--stage", "features"], catch_exceptions=False)
+    lost = {"features", "language", "metrics"}
+    assert killed == [("features", victim, lost) for victim in ("stage", "stage", "Snakemake")]
+    row, _ = by_column(said.stdout)
+    assert (row["times"], row["resumed"], row["s to the end"]) == ("3", "2", "2")
+
+
+def test_robustness_plans_its_scene(tmp_path):
+    """The configuration and the command of the small scene are valid."""
+    scene = Scene(tmp_path / "small")
+    scene.folder.mkdir()
+    scene.prepare()
+    assert scene.start("--dry-run").wait() == 0, scene.said()
+    planned = set(re.findall(r"^(?:rule|checkpoint) (\w+):", scene.said(), re.MULTILINE))
+    assert {"synthetic", "survey", "segments", "features", "metrics"} <= planned <= set(ARTIFACTS)
 
 
 def test_survey(survey, tmp_path):

@@ -5,9 +5,12 @@ import re
 from collections import Counter
 
 import pytest
+from click.testing import CliRunner
 
+from benchmarks.tradeoff import __main__ as benchmark
 from egosplat.pipeline.config import defaults
 from egosplat.pipeline.stages import ARTIFACTS, OF_OTHERS
+from tests.support.tables import cells
 
 SCENE = "results/adt/scene1"
 DIMS = defaults()["features"]["dims"]
@@ -78,5 +81,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     costs = [cost for stage in small["stages"].values() for name, cost in stage.items() if name != "disk_mb"]
     assert costs and None not in costs
     assert planned(workdir, narrow) == {}
+    table = CliRunner().invoke(benchmark.main, [str(workdir.folder / SCENE)], catch_exceptions=False)
+    assert [row[0].strip("*") for row in cells(table.stdout)[1:]] == ["the scene", "features.dims=4"]
     workdir.edit("report/tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
     assert planned(workdir, narrow) == {"tradeoff": 1}

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.common import ROOT, cpu_seconds_of
-from benchmarks.stage_times.__main__ import Checkout, input_flags, row
+from benchmarks.stage_times.__main__ import DECIDED, Checkout, input_flags, row
 from egosplat.errors import UserError
 
 BUSY = "import time\nwhile time.process_time() < {}: pass"
@@ -34,6 +34,13 @@ def test_a_stage_gets_the_files_of_the_scene_that_its_command_asks_for(tmp_path:
         *("--poses", str(tmp_path / "poses.zarr")),
         *("--survey", str(tmp_path / "survey.json")),
     ]
+
+
+def test_what_the_workflow_decides_is_a_valid_option() -> None:
+    """The stage ends because its files are missing, not because of what is set."""
+    for stage, words in DECIDED.items():
+        with pytest.raises(UserError, match="Missing option '--frames'"):
+            Checkout(ROOT).seconds(stage, *words, "--output", "x.zarr")
 
 
 def test_a_checkout_without_a_stage_has_no_flags_and_no_ratio() -> None:
