@@ -124,6 +124,6 @@ def test_public_names_are_there_and_come_on_demand():
         *dir(egosplat)
     }
     with pytest.raises(AttributeError):
-        egosplat.nothing
+        getattr(egosplat, "nothing")  # noqa: B009
     heavy = "import egosplat, sys; sys.exit(bool({'numpy', 'torch', 'pydantic', 'zarr'} & {*sys.modules}))"
-    assert subprocess.run([sys.executable, "-c", heavy]).returncode == 0
+    subprocess.run([sys.executable, "-c", heavy], check=True)
