@@ -16,7 +16,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, timed
+from benchmarks.common import command, markdown, scene_folders, time_call
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
@@ -146,7 +146,7 @@ def main(folders: tuple[Path, ...]) -> None:
         scene, name = Scene(folder), title_of(folder)
         rows.append(row_of(name, "segments.zarr", scene.score(scene.as_segmented()), None))
         for change, values in CHANGES.items():
-            scores, seconds = timed(scene.score_merged, values)
+            scores, seconds = time_call(scene.score_merged, values)
             rows.append(row_of(name, change, scores, seconds))
             log(f"{name}, {change}: IoU {scores.iou:.3f}")
     print(markdown(COLUMNS, rows, words=2))

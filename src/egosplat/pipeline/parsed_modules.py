@@ -38,7 +38,7 @@ class ParsedModule:
 
 
 @functools.cache
-def parsed(name: str, path: Path) -> ParsedModule:
+def parse_module(name: str, path: Path) -> ParsedModule:
     """Parse the module ``name``, or read what was kept of a module with the same name and content."""
     source = path.read_bytes()
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]

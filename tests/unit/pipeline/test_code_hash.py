@@ -24,7 +24,7 @@ FILES = {
 CACHED = (
     fingerprint._folder,
     fingerprint._find,
-    parsed_modules.parsed,
+    parsed_modules.parse_module,
     fingerprint._sources_hash,
     fingerprint._texts_hash,
 )
