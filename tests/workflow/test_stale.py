@@ -193,7 +193,7 @@ def test_files_of_a_hoi4d_sequence_rerun_the_stages_that_read_them(one_scene, tm
     (masks := sequence / "2Dseg/mask").mkdir(parents=True)
     for number in range(12):
         Image.new("RGB", (64, 48), (128, 0, 0)).save(masks / f"{number:05d}.png")
-    workdir = one_scene("hoi4d", sequence, "frames: {resolution: 32, evaluation_frames: 3}")
+    workdir = one_scene("hoi4d", sequence, "frames.resolution=32 frames.evaluation_frames=3")
     annotations = "results/mine/scene/annotations.zarr"
     workdir.run(annotations)
     assert workdir.stale(annotations) == set()
