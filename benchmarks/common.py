@@ -57,7 +57,7 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]], words: in
     return "\n".join(f"| {' | '.join(map(str, row))} |" for row in [columns, marks, *rows])
 
 
-def timed(call: Callable[..., T], *arguments: Any) -> tuple[T, float]:
+def time_call(call: Callable[..., T], *arguments: Any) -> tuple[T, float]:
     """The result of a call, and its processor time over all threads [s]."""
     start = time.process_time()
     return call(*arguments), time.process_time() - start

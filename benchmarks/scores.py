@@ -26,7 +26,7 @@ METHOD = (
 )
 
 
-def told(cell: Cell) -> str:
+def format_score(cell: Cell) -> str:
     """A score in percent with its interval; a single category has none."""
     if cell.percent is None:
         return "-"
@@ -85,7 +85,7 @@ def differences(results: Sequence[tuple[str, tuple[int, float], tuple[int, float
     return Paired(cluster(hits, categories), cluster(ious, categories), hits.count(1), hits.count(-1))
 
 
-def paired(one: ScoredScene, other: ScoredScene) -> Paired:
+def pair_answers(one: ScoredScene, other: ScoredScene) -> Paired:
     """Compare two scored scenes over the queries that both have."""
     mine, theirs = _answers(one), _answers(other)
     return differences([(query[1], mine[query], theirs[query]) for query in mine if query in theirs])

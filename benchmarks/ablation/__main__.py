@@ -18,11 +18,11 @@ from benchmarks.scores import (
     METHOD,
     SCORES,
     accuracy_difference,
+    format_score,
     iou_difference,
-    paired,
+    pair_answers,
     psnr,
     queries_of,
-    told,
 )
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, check_protocol, read_scored_scene
 from egosplat.pipeline.scene_folder import title_of
@@ -67,7 +67,7 @@ def _row(
     name: str, variant: str, cells: Sequence[Cell], chance: Sequence[Cell], psnrs: Sequence[float]
 ) -> list[str]:
     """A table row from cells of ``SCORES``, cells of ``CHANCE`` and PSNR over all and static pixels."""
-    accuracy, *others = map(told, cells)
+    accuracy, *others = map(format_score, cells)
     counts = [str(cells[0].queries), str(cells[0].categories)]
     chances = [number(cell.percent) for cell in chance]
     return [name, variant, *counts, accuracy, *chances, *others, *(f"{value:.2f}" for value in psnrs)]
@@ -101,7 +101,7 @@ def differences(scenes: Scenes) -> str:
     columns = ("compared", "queries", "found by the first only", "by the second only", "accuracy", "mIoU")
     rows = []
     for one, other in COMPARED:
-        pairs = [paired(variants[one], variants[other]) for variants in scenes.values()]
+        pairs = [pair_answers(variants[one], variants[other]) for variants in scenes.values()]
         only = [sum(pair.gained for pair in pairs), sum(pair.lost for pair in pairs)]
         measured = [accuracy_difference(pairs), iou_difference(pairs)]
         rows.append([f"{one} against {other}", queries_of(pairs), *only, *measured])

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from benchmarks.common import ROOT, markdown
-from benchmarks.scores import METHOD, SCORES, psnr, told
+from benchmarks.scores import METHOD, SCORES, format_score, psnr
 from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
@@ -120,6 +120,6 @@ def scores(scenes: Mapping[str, ScoredScene]) -> str:
     rows = []
     for name, scene in scenes.items():
         cells = [scene.cell(*score) for score in SCORES]
-        rows.append([name, cells[0].queries, *map(told, cells), f"{psnr(scene, 'static'):.2f}"])
+        rows.append([name, cells[0].queries, *map(format_score, cells), f"{psnr(scene, 'static'):.2f}"])
     columns = ["run", "queries", "accuracy", "static", "movable", "mIoU", "PSNR, static [dB]"]
     return markdown(columns, rows)

@@ -17,7 +17,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, survey_of, timed
+from benchmarks.common import command, markdown, scene_folders, survey_of, time_call
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
@@ -157,7 +157,7 @@ def main(folders: tuple[Path, ...], iterations: int, changes: tuple[str, ...]) -
         scene, name = Scene(folder, iterations), title_of(folder)
         rows.append(row_of(name, "segments.zarr", scene.score(scene.as_segmented()), None))
         for change in changes or CHANGES:
-            scores, seconds = timed(scene.score_merged, CHANGES[change])
+            scores, seconds = time_call(scene.score_merged, CHANGES[change])
             rows.append(row_of(name, change, scores, seconds))
             log(f"{name}, {change}: IoU {scores.iou:.3f}")
     print(markdown(COLUMNS, rows, words=2))

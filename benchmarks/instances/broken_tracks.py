@@ -17,9 +17,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, survey_of, timed
+from benchmarks.common import command, markdown, scene_folders, survey_of, time_call
 from benchmarks.instances.__main__ import FRAME_STEP, PIXEL_STEP, iterations
-from benchmarks.scores import told
+from benchmarks.scores import format_score
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import Truth, read_truth
 from benchmarks.true_instances.__main__ import PRESETS, run, score, write_instances
@@ -135,7 +135,7 @@ class Scene:
         frames, instances = self.folder / "frames.zarr", work / "instances.zarr"
         run("view_features", config, frames=frames, instances=instances, output=work / "view_features.zarr")
         scored = score(self.folder, work, "average")
-        return [told(scored.cell(name, "all")) for name in ("accuracy", "mean_iou")]
+        return [format_score(scored.cell(name, "all")) for name in ("accuracy", "mean_iou")]
 
 
 def rows_of(folder: Path, queries: bool, iterations: int) -> Iterator[list[object]]:
@@ -145,7 +145,7 @@ def rows_of(folder: Path, queries: bool, iterations: int) -> Iterator[list[objec
     cases |= {"broken": (scene.broken, "tracks"), "broken, merged in 3D": (scene.broken, "both")}
     for name, (tracks, source) in cases.items():
         with TemporaryDirectory() as work:
-            found, seconds = timed(partial(scene.merge, tracks, source, iterations, Path(work)))
+            found, seconds = time_call(partial(scene.merge, tracks, source, iterations, Path(work)))
             asked = scene.query(Path(work)) if queries else []
         yield [*cells(scene, name, found), f"{seconds:.0f}", *asked]
         if source == "both":

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from benchmarks.common import command, markdown, output_of, timed
+from benchmarks.common import command, markdown, output_of, time_call
 from egosplat.instances.lifted_masks import LiftedMasks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.things import find_things, single_masks
@@ -63,7 +63,7 @@ def row_of(frames: int, gaussians: int, wrong: int) -> list[str]:
     """A row of the table, in this process."""
     keys = InstancesOptions()
     masks = made_up_masks(frames, gaussians, wrong)
-    (_, counts), seconds = timed(find_things, masks, single_masks(masks), masks.weight, keys)
+    (_, counts), seconds = time_call(find_things, masks, single_masks(masks), masks.weight, keys)
     stay = counts["things"] + counts["claimed"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     numbers = (frames, gaussians, counts["masks"], stay, counts["things"])

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from benchmarks.common import command, markdown, output_of, scene_folders, timed
+from benchmarks.common import command, markdown, output_of, scene_folders, time_call
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
@@ -149,10 +149,10 @@ def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
 def measure(folder: Path, way: str, iterations: int) -> dict[str, object]:
     """Measure one way in this process."""
     scene = read(folder)
-    found, seconds = timed(lift, scene.gaussians, scene.views, scene.settings)
+    found, seconds = time_call(lift, scene.gaussians, scene.views, scene.settings)
     code = found.code
     if way != MEANS:
-        code, seconds = timed(codes, scene, way, iterations)
+        code, seconds = time_call(codes, scene, way, iterations)
     return {"seconds": seconds, "peak_mb": peak_memory_mb(), "cosines": cosines(scene, code, found.share)}
 
 

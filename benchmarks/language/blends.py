@@ -20,7 +20,7 @@ from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query
 from egosplat.evaluation.run_queries import run_queries
 from egosplat.evaluation.scored_scenes import read_scored_scene
-from egosplat.language.dominant import lifted
+from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.result import Coded
 from egosplat.pipeline.scene_folder import title_of
@@ -59,7 +59,7 @@ def read(folder: Path) -> tuple[Asked, dict[str, Lifted | Coded]]:
     queries = find_asked_queries(evaluation.annotations, evaluation.valid, options, evaluation.frames)
     asker = scene.asker(sorted({query.category for query in queries}))
     given = learnt.gaussians, learnt.views, learnt.settings
-    ways = {MEANS: lift(*given), ONE: lifted(*given, learnt.targets)}
+    ways = {MEANS: lift(*given), ONE: lift_instances(*given, learnt.targets)}
     return Asked(asker, evaluation, queries, options), ways
 
 

@@ -20,7 +20,7 @@ from benchmarks.common import command, markdown, scene_folders
 from benchmarks.open_vocabulary.answering import Answered, answer_scene
 from benchmarks.open_vocabulary.phrases import KINDS, LEFT_OUT_PAIR, NAME
 from benchmarks.open_vocabulary.questions import TARGETS, TOLD_APART
-from benchmarks.scores import METHOD, Paired, accuracy_difference, differences, told
+from benchmarks.scores import METHOD, Paired, accuracy_difference, differences, format_score
 from egosplat.doctor.inputs import read_configuration
 from egosplat.evaluation.intervals import (
     RESAMPLING,
@@ -94,9 +94,9 @@ def row(targets: str, kind: str, scenes: Scenes, names: Scenes) -> list[str]:
         str(len(every)),
         str(len({one.question.query.category for one in every})),
         str(hit.categories),
-        told(hit),
+        format_score(hit),
         *(f"{100 * mean_of_scenes(values(scenes, name)):.1f}" for name in ("random_hit", "middle_hit")),
-        told(score(scenes, "iou")),
+        format_score(score(scenes, "iou")),
         "" if kind == NAME else accuracy_difference(compared),
     ]
 

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from benchmarks.common import MIB, command, markdown, output_of, timed
+from benchmarks.common import MIB, command, markdown, output_of, time_call
 from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.small_sam2.segmenters import image_predictor
 from egosplat.artifacts.usage import machine, peak_memory_mb
@@ -43,14 +43,14 @@ Rows = Iterator[list[str]]
 
 def measure_sam2(path: Path, architecture: str) -> Rows:
     """Rows of SAM2: loading, encoding an image, a point prompt."""
-    sam2, seconds = timed(lambda: load_sam2(architecture, str(path), "cpu", "float32"))
+    sam2, seconds = time_call(lambda: load_sam2(architecture, str(path), "cpu", "float32"))
     model, predictor = sam2.video_predictor, image_predictor(sam2)
     yield row("loading", [seconds], path, f"SAM2 {architecture}", model)
     image = np.random.default_rng(0).integers(0, 256, (*FRAME, 3), dtype=np.uint8)
     with sam2.compute.inference():
-        seconds = [timed(predictor.set_image, image)[1] for _ in range(2)]
+        seconds = [time_call(predictor.set_image, image)[1] for _ in range(2)]
         yield row(f"an image, resized to {model.image_size}x{model.image_size}", seconds, path)
-        asked = [timed(predictor.predict, *POINT) for _ in range(2)]
+        asked = [time_call(predictor.predict, *POINT) for _ in range(2)]
     yield row("a point in it", [seconds for _, seconds in asked], path)
     check(asked[0][0][0].shape == (3, *FRAME), "the masks do not have the image's size")
     check_equal(model, torch.load(path, weights_only=True)["model"])
@@ -58,7 +58,7 @@ def measure_sam2(path: Path, architecture: str) -> Rows:
 
 def measure_clip(path: Path, architecture: str) -> Rows:
     """Rows of OpenCLIP: loading, encoding an image, encoding a text."""
-    clip, seconds = timed(lambda: load_open_clip(architecture, str(path), "cpu", "float32"))
+    clip, seconds = time_call(lambda: load_open_clip(architecture, str(path), "cpu", "float32"))
     yield row("loading", [seconds], path, f"OpenCLIP {architecture}", clip.model)
     image = torch.rand(1, 3, *clip.preprocessing.image_size)
     calls: dict[str, Callable[[], Tensor]] = {
@@ -68,7 +68,7 @@ def measure_clip(path: Path, architecture: str) -> Rows:
     shapes = set()
     for what, call in calls.items():
         with clip.compute.inference():
-            encoded = [timed(call) for _ in range(2)]
+            encoded = [time_call(call) for _ in range(2)]
         yield row(what, [seconds for _, seconds in encoded], path)
         shapes.add(encoded[0][0].shape)
     check(len(shapes) == 1, "features of image and text differ in shape")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import command, markdown, scene_folders
-from benchmarks.scores import METHOD, SCORES, chance, psnr, seconds, told
+from benchmarks.scores import METHOD, SCORES, chance, format_score, psnr, seconds
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.report.tables.paper_tables import average
@@ -48,10 +48,10 @@ def table(scenes: Mapping[str, ScoredScene]) -> str:
     rows = []
     for name, scene in scenes.items():
         cells = [scene.cell(*score) for score in SCORES]
-        rows.append([name, cells[0].queries, *map(told, cells), *values([scene])])
+        rows.append([name, cells[0].queries, *map(format_score, cells), *values([scene])])
     cells = [average(scenes, *score) for score in SCORES]
     return markdown(
-        COLUMNS, [*rows, ["mean", cells[0].queries, *map(told, cells), *values([*scenes.values()])]]
+        COLUMNS, [*rows, ["mean", cells[0].queries, *map(format_score, cells), *values([*scenes.values()])]]
     )
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 
 from benchmarks.common import command, markdown, scene_folders
-from benchmarks.scores import METHOD, accuracy_difference, iou_difference, paired, psnr, seconds
+from benchmarks.scores import METHOD, accuracy_difference, iou_difference, pair_answers, psnr, seconds
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.evaluation.scored_scenes import read_scored_scene
@@ -27,7 +27,7 @@ def row(folder: Path) -> dict[str, object]:
     own, anyway = (read_scored_scene(folder / below / "metrics.json") for below in ("", "variants/anyway"))
     survey = read_survey(folder / "survey.json")
     facts = open_artifact(folder / "instances.zarr", INSTANCES).facts
-    pair = paired(own, anyway)
+    pair = pair_answers(own, anyway)
     took, would = seconds(own) + survey["provenance"]["cpu_s"], seconds(anyway)
     return {
         "scene": title_of(folder),

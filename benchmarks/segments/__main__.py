@@ -13,7 +13,7 @@ import click
 import numpy as np
 import pandas as pd
 
-from benchmarks.common import command, markdown, timed
+from benchmarks.common import command, markdown, time_call
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.small_sam2.worlds import LEVELS, world_folders
 from egosplat.artifacts.usage import peak_memory_mb
@@ -66,7 +66,7 @@ def segment(world: RenderedWorld, method: str, checkpoint: str) -> tuple[list[np
             found = Tracker(sam2, lambda frame: np.array(images[frame]), len(images), valid, keys).run()
         return final_labels(found, keys.min_frames)
 
-    labels, seconds = timed(run)
+    labels, seconds = time_call(run)
     return labels, seconds / len(images)
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, timed
+from benchmarks.common import command, markdown, time_call
 from benchmarks.small_sam2.worlds import LEAST_PIXELS, LEVELS, SIZES, size_class, world_folders
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import track
@@ -62,7 +62,7 @@ def measure(worlds: list[RenderedWorld], setting: str, checkpoint: str) -> tuple
     for world in track(worlds, f"segmenting with {setting or 'the defaults'}", unit="world"):
         image, valid, truth = first_frame(world)
         frames = SingleFrames(sam2, lambda _, one=image: one, np.array([0]), 1, valid, keys)
-        found, taken = timed(frames.run)
+        found, taken = time_call(frames.run)
         masks, seconds = masks + len(found.instances), seconds + taken
         rows += [
             (name, *one)

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from benchmarks.common import command, markdown, timed
+from benchmarks.common import command, markdown, time_call
 from benchmarks.small_sam2.scores import Row, score_film, score_points
 from benchmarks.small_sam2.segmenters import ClassicalSegmenter, Segmenter, small_sam2
 from benchmarks.small_sam2.worlds import LEVELS, SIZES, film, stills, world_folders
@@ -56,10 +56,10 @@ def measure(task: Task) -> list[Row]:
     rng = np.random.default_rng([task.number, 7])
     rows = []
     for still in stills(world, max(1, world.rgb.shape[1] // task.stills), rng):
-        scored, seconds = timed(score_points, segmenter, still)
+        scored, seconds = time_call(score_points, segmenter, still)
         rows += [*scored, ("CPU time [ms], points", "all", 1000 * seconds)]
     clip = film(world, task.tracks, rng)
-    scored, seconds = timed(score_film, segmenter, clip)
+    scored, seconds = time_call(score_film, segmenter, clip)
     frames = clip.masks.shape[0] * clip.masks.shape[1]
     return [*rows, *scored, ("CPU time [ms], a frame of a track", "all", 1000 * seconds / frames)]
 

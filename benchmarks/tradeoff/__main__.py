@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from benchmarks.common import command, markdown, scene_folders
-from benchmarks.scores import METHOD, accuracy_difference, chance, iou_difference, paired, told
+from benchmarks.scores import METHOD, accuracy_difference, chance, format_score, iou_difference, pair_answers
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.files import read_json
 from egosplat.pipeline.scene_folder import title_of
@@ -48,13 +48,13 @@ def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[st
             for folder in scenes
         }
         check_protocol([*scenes.values(), *scored.values()])
-        pairs = [paired(scored[folder], scene) for folder, scene in scenes.items()]
+        pairs = [pair_answers(scored[folder], scene) for folder, scene in scenes.items()]
         compared = [accuracy_difference(pairs), iou_difference(pairs)]
     named = {title_of(folder): one for folder, one in scored.items()}
     return [
         f"**{point['label']}**" if point["front"] else point["label"],
         *(mean(point, one) for one in COSTS),
-        *(told(average(named, score, "all")) for score in ("accuracy", "mean_iou")),
+        *(format_score(average(named, score, "all")) for score in ("accuracy", "mean_iou")),
         mean(point, PSNR),
         *compared,
     ]

@@ -22,10 +22,10 @@ from benchmarks.scores import (
     SCORES,
     accuracy_difference,
     chance,
+    format_score,
     iou_difference,
-    paired,
+    pair_answers,
     queries_of,
-    told,
 )
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts import provenance
@@ -119,9 +119,9 @@ def main(folders: tuple[Path, ...]) -> None:
         found = by_truth(folder)
         for target, one in found.items():
             cells = [one.cell(*score) for score in SCORES]
-            rows.append([title_of(folder), "true", target, cells[0].queries, *map(told, cells)])
+            rows.append([title_of(folder), "true", target, cells[0].queries, *map(format_score, cells)])
         scenes.append(found["average"])
-        pairs.append(paired(found["average"], found["view"]))
+        pairs.append(pair_answers(found["average"], found["view"]))
     click.echo(
         "# Consistent features with true tracks\n\n`python -m benchmarks.true_instances`. Accuracy and mIoU in percent. "
         f"{METHOD} {chance(scenes)}\n\n{markdown(COLUMNS, rows, words=3)}\n"

@@ -16,7 +16,7 @@ from benchmarks.scores import (
     accuracy_difference,
     chance,
     iou_difference,
-    paired,
+    pair_answers,
     queries_of,
     seconds,
 )
@@ -47,7 +47,7 @@ def row(folder: Path, variant: str, scene: ScoredScene) -> tuple[list[str], Pair
     """The row of one variant of one scene, and its paired differences."""
     own = read_scored_scene(folder / "variants" / variant / "metrics.json")
     check_protocol([scene, own])
-    pair = paired(own, scene)
+    pair = pair_answers(own, scene)
     cells = [title_of(folder), variant, str(queries_of([pair]))]
     cells += [f"{seconds(scene):.0f}", f"{seconds(own):.0f}"]
     cells += [percent(scene, "accuracy"), percent(own, "accuracy"), accuracy_difference([pair])]

@@ -18,7 +18,7 @@ def pixel_grid(height: int, width: int) -> Floats:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2).astype(np.float32)
 
 
-def padded(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def pad(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """(h, w) -> the image extended to the right and below to the minimum side of ``find_flow``."""
     height, width = image.shape
     missing = max(0, _MIN_SIDE - height), max(0, _MIN_SIDE - width)

@@ -143,7 +143,7 @@ def open_foreign(path: Path, schema: Schema, attributes: Mapping[str, Any], page
     Raises:
         ArtifactError: the group is absent or damaged, or has another layout.
     """
-    from egosplat.pipeline.validation import StrictValidator, explained
+    from egosplat.pipeline.validation import Draft202012Validator, explain
 
     def blame(path: Path, what: str) -> ArtifactError:
         return ArtifactError(f"{path}: {what}; see {page}")
@@ -153,8 +153,8 @@ def open_foreign(path: Path, schema: Schema, attributes: Mapping[str, Any], page
     with reraise_as(lambda error: blame(path, f"is no readable Zarr group ({type(error).__name__})")):
         group = zarr.open_group(path, mode="r")
         facts = group.attrs.asdict()
-    for error in StrictValidator(attributes).iter_errors(facts):
-        raise blame(path, f"attribute {explained(error)}")
+    for error in Draft202012Validator(attributes).iter_errors(facts):
+        raise blame(path, f"attribute {explain(error)}")
     _check_arrays(path, schema, group, "safe", blame)
     # Facts of a foreign group are not sealed, so they belong to the digest.
     content = f"{digest_of(path)}\n{json.dumps(facts, sort_keys=True)}"

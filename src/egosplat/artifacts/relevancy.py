@@ -32,7 +32,7 @@ _TEXTS = {
     "minItems": 1,
     "items": {"type": "string", "pattern": r"(?s)\s*\S.*", "allowed": "a name"},
 }
-_NAME = {"type": "string", "pattern": r"\s*\S.*", "allowed": "a name on one line", "maxLength": 60}
+_NAME = {"type": "string", "pattern": r"\A\s*\S.*\Z", "allowed": "a name on one line", "maxLength": 60}
 # JSON schema of the group's attributes: the method's name, the names of the levels, and the text of each
 # query.
 ATTRIBUTES = {

@@ -1,4 +1,4 @@
-"""Method ``granular``: the distillation of GAGS (Peng et al. 2024). One code for three levels, which the training weighs."""
+"""Method ``train_granular``: the distillation of GAGS (Peng et al. 2024). One code for three levels, which the training weighs."""
 
 import torch
 from torch import Tensor, nn
@@ -34,7 +34,7 @@ ENTROPY, VARIANCE = (0.001, 0.002), 0.1
 _STRIDE, _SMOOTHED = 2, 5
 
 
-def granular(
+def train_granular(
     gaussians: Gaussians,
     views: CodeViews,
     settings: RenderSettings,
@@ -154,4 +154,4 @@ def _grid(width: int, height: int) -> Tensor:
     return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1)
 
 
-METHOD = Method(granular, masks="{} in place of SAM")
+METHOD = Method(train_granular, masks="{} in place of SAM")

@@ -24,7 +24,7 @@ _PRIMES = (1, 2_654_435_761, 805_459_861)
 _START = 1e-4
 
 
-def contracted(points: Tensor) -> Tensor:
+def contract(points: Tensor) -> Tensor:
     """(..., 3) points -> [0, 1]: the unit ball as it is, all beyond it in a shell around it."""
     # Divided by the largest number first, so that no square overflows.
     largest = points.abs().amax(dim=-1, keepdim=True).clamp(min=1.0)

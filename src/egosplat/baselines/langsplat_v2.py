@@ -1,4 +1,4 @@
-"""Method ``sparse``: LangSplatV2 (Li et al., NeurIPS 2025). A code is a mixture of four words of a codebook."""
+"""Method ``train_mixtures``: LangSplatV2 (Li et al., NeurIPS 2025). A code is a mixture of four words of a codebook."""
 
 import numpy as np
 import torch
@@ -31,7 +31,7 @@ _ITERATIONS = 10_000
 _ROUNDS = 20
 
 
-def sparse(
+def train_mixtures(
     gaussians: Gaussians,
     views: CodeViews,
     settings: RenderSettings,
@@ -119,4 +119,4 @@ class SparseCodes(Trainee):
         return Decoder(tuple(words.shape), values.numpy())
 
 
-METHOD = Method(sparse, masks="{} in place of SAM")
+METHOD = Method(train_mixtures, masks="{} in place of SAM")

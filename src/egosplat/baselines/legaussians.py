@@ -1,4 +1,4 @@
-"""Method ``quantized``: LEGaussians (Shi et al., CVPR 2024). Dense features become indices into a codebook."""
+"""Method ``train_indices``: LEGaussians (Shi et al., CVPR 2024). Dense features become indices into a codebook."""
 
 import math
 
@@ -15,7 +15,7 @@ from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.language.lifting import everywhere, shares
+from egosplat.language.lifting import evaluate_everywhere, shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
@@ -45,7 +45,7 @@ _POOL = 2**17
 _MOST_UNCERTAIN = 1 - 1e-6
 
 
-def quantized(
+def train_indices(
     gaussians: Gaussians,
     views: CodeViews,
     settings: RenderSettings,
@@ -63,7 +63,7 @@ def quantized(
     codes = QuantizedCodes(pixels, tiles, options.seed)
     total = codes.first_phase + options.iterations
     curve = train(codes, len(views), total, options.seed, checkpoint)
-    share = shares(gaussians, views, settings, everywhere(views))
+    share = shares(gaussians, views, settings, evaluate_everywhere(views))
     stands_in = (
         *tiles.stands_in,
         *fewer_iterations(options.iterations, _ITERATIONS),
@@ -189,4 +189,4 @@ class QuantizedCodes(Trainee):
         return smoothing(self.code[chosen], predicted, self.uncertainty[chosen].sigmoid())
 
 
-METHOD = Method(quantized, (TILES,), open_tile_views)
+METHOD = Method(train_indices, (TILES,), open_tile_views)

@@ -1,4 +1,4 @@
-"""Method ``field``: LERF (Kerr et al., ICCV 2023). A field of features by position and scale, over the Gaussians' surfaces."""
+"""Method ``train_field``: LERF (Kerr et al., ICCV 2023). A field of features by position and scale, over the Gaussians' surfaces."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from torch.nn import functional as F
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.tiles import TILES
 from egosplat.baselines.decoders import Layers, described
-from egosplat.baselines.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contracted, exponential
+from egosplat.baselines.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract, exponential
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.centers import median_depths
@@ -19,7 +19,7 @@ from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import invert
-from egosplat.language.lifting import everywhere, shares
+from egosplat.language.lifting import evaluate_everywhere, shares
 from egosplat.language.loop import Step, Trainee, train
 from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
@@ -51,7 +51,7 @@ SCALES = 8
 CHANNELS = 32
 
 
-def field(
+def train_field(
     gaussians: Gaussians,
     views: CodeViews,
     settings: RenderSettings,
@@ -69,8 +69,8 @@ def field(
     trained = Field(pixels, tiles, options.seed)
     curve = train(trained, len(views), options.iterations, options.seed, checkpoint)
     scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=gaussians.means.device)
-    code, decoder = baked(trained, gaussians.means, scales, CHANNELS)
-    share = shares(gaussians, views, settings, everywhere(views))
+    code, decoder = evaluate_at_centers(trained, gaussians.means, scales, CHANNELS)
+    share = shares(gaussians, views, settings, evaluate_everywhere(views))
     weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
     stands_in = (
         tiles.stands_in[0] + weight,
@@ -151,7 +151,7 @@ class Field(Trainee):
 
     def forward(self, points: Tensor, scale: Tensor) -> Tensor:
         """Return (P, D) features of unit norm at (P, 3) points [m] and (P,) scales."""
-        return self._features(self.grid(contracted(self.world.local(points))), scale)
+        return self._features(self.grid(contract(self.world.local(points))), scale)
 
     def loss(self, step: Step) -> Tensor:
         """Return the loss of the features, and of the regulariser, of the rays of one view."""
@@ -166,7 +166,7 @@ class Field(Trainee):
         frame, camera = self._pixels.frame(step.view), self._pixels.views.camera
         wanted = self._tiles.between(frame, pixels, number, part)
         scale = (number + part) / (len(self._tiles.scales) - 1)
-        hashed = self.grid(contracted(self.world.local(points)))
+        hashed = self.grid(contract(self.world.local(points)))
         sigma = input_scale(scale, distance / self.world.unit, camera.height, camera.fy).to(hashed)
         loss = feature_loss(self._features(hashed, sigma), wanted.to(hashed))
         if self.regulariser is None:
@@ -195,7 +195,9 @@ class Field(Trainee):
 
 
 @torch.no_grad()
-def baked(trained: Field, means: Tensor, scales: Tensor, channels: int) -> tuple[Tensor, Decoder]:
+def evaluate_at_centers(
+    trained: Field, means: Tensor, scales: Tensor, channels: int
+) -> tuple[Tensor, Decoder]:
     """Evaluate a field at the centers of Gaussians, as codes of a linear basis.
 
     Args:
@@ -220,4 +222,4 @@ def baked(trained: Field, means: Tensor, scales: Tensor, channels: int) -> tuple
     return code, Decoder((basis.shape[1], basis.shape[0]), values)
 
 
-METHOD = Method(field, (TILES,), open_tile_views)
+METHOD = Method(train_field, (TILES,), open_tile_views)

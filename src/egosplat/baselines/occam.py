@@ -13,7 +13,7 @@ from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
 
-def centered(
+def average_at_centers(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
 ) -> Coded:
     """Method ``center``: ``f_g = sum_v w F(u_g) / sum_v w`` with the feature F and the weight w at the center's pixel u_g.
@@ -39,4 +39,4 @@ def centered(
     return Coded(code, known.float(), targets.levels)
 
 
-METHOD = Method(centered, masks="{} in place of SAM")
+METHOD = Method(average_at_centers, masks="{} in place of SAM")

@@ -25,10 +25,10 @@ BORDER = 10 / 648
 TOLERANCE = 0.05
 
 
-def projected(
+def project_views(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
 ) -> Coded:
-    """Method ``projected``: the mean feature of the pixels that show a Gaussian's center, over views, at one level.
+    """Method ``project_views``: the mean feature of the pixels that show a Gaussian's center, over views, at one level.
 
     A pixel's feature is the sum of those of all masks that cover it, as a unit vector, or 0 without a mask. The mean is not
     normalized, and opacities play no part.
@@ -62,4 +62,4 @@ def pixel_features(codes: Tensor) -> Tensor:
     return normalize(codes.sum(dim=0).T, dim=-1)
 
 
-METHOD = Method(projected, masks="{} + OpenCLIP features in place of OpenSeg")
+METHOD = Method(project_views, masks="{} + OpenCLIP features in place of OpenSeg")

@@ -25,7 +25,7 @@ from egosplat.rasterize.view import composite_sparse
 SHARPENING, AGREEMENT = 1.2, 0.8
 
 
-def clustered(
+def lift_clusters(
     gaussians: Gaussians,
     views: CodeViews,
     settings: RenderSettings,
@@ -33,7 +33,7 @@ def clustered(
     options: LanguageOptions,
     *_: object,
 ) -> Coded:
-    """Method ``clustered``: lifted codes; those of a cluster become the mean code of the masks that agree with it.
+    """Method ``lift_clusters``: lifted codes; those of a cluster become the mean code of the masks that agree with it.
 
     Each level is clustered by itself. Gaussians in no cluster, or in one that no mask agrees with, keep their lifted
     code.
@@ -42,7 +42,7 @@ def clustered(
         UserError: scikit-learn is not installed.
     """
     check_installed()
-    sharp = sharpened(gaussians)
+    sharp = sharpen(gaussians)
     found = lift(sharp, views, settings)
     levels = zip(found.code.unbind(1), found.share.unbind(1), strict=True)
     labels = torch.stack([clusters_of(code, share, options.seed) for code, share in levels], dim=1)
@@ -57,7 +57,7 @@ def clustered(
     return Coded(code, found.share, targets.levels, stands_in=tuple(stands_in))
 
 
-def sharpened(gaussians: Gaussians) -> Gaussians:
+def sharpen(gaussians: Gaussians) -> Gaussians:
     """The Gaussians with opacities nearer to 0 and 1; 0, 1/2 and 1 stay."""
     return replace(gaussians, logit_opacities=SHARPENING * gaussians.logit_opacities)
 
@@ -117,4 +117,4 @@ def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Te
     return names[agrees], cluster[agrees] - 1
 
 
-METHOD = Method(clustered, masks="{} in place of SAM")
+METHOD = Method(lift_clusters, masks="{} in place of SAM")

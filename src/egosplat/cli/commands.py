@@ -210,7 +210,7 @@ def models(
 ) -> None:
     """List the checkpoints that the configuration needs: place, license, size, SHA-256, and whether they are there."""
     from egosplat.doctor.inputs import read_configuration, read_configurations
-    from egosplat.models.needed import catalogue, listing, needed
+    from egosplat.models.needed import catalogue, find_needed, listing
 
     context.obj = (configfile, config)
     if context.invoked_subcommand:
@@ -220,7 +220,7 @@ def models(
     files = (
         catalogue(read_configuration(configfile, config)[0])
         if every
-        else needed(read_configurations(configfile, config))
+        else find_needed(read_configurations(configfile, config))
     )
     click.echo(listing(files, options))
 
@@ -239,14 +239,14 @@ def download(
     mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
     """
     from egosplat.doctor.inputs import read_configuration, read_configurations
-    from egosplat.models.needed import catalogue, needed
+    from egosplat.models.needed import catalogue, find_needed
     from egosplat.models.needed import download as fetch
 
     files, options = (*context.obj[0], *configfile), (*context.obj[1], *config)
     if names:
         wanted = catalogue(read_configuration(files, options)[0], names)
     else:
-        wanted = needed(read_configurations(files, options))
+        wanted = find_needed(read_configurations(files, options))
     for line in fetch(wanted):
         click.echo(line)
 

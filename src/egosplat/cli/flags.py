@@ -10,7 +10,7 @@ import click
 from egosplat.errors import UserError
 from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.config import parse_value
-from egosplat.pipeline.messages import described, shortened, shown
+from egosplat.pipeline.messages import describe_value, shorten, shown
 from egosplat.pipeline.options import Options, describe, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
 from egosplat.pipeline.validation import schema
@@ -136,7 +136,7 @@ class KeysCommand(click.Command):
 def _about(text: str, key: dict[str, Any], whole: bool) -> str:
     """Describe a key: what it is, its default, and what is allowed."""
     sentence = text if whole else first_sentence(text)
-    return f"{sentence} [default: {shown(key['default'])}; {described(key)}]"
+    return f"{sentence} [default: {shown(key['default'])}; {describe_value(key)}]"
 
 
 def first_sentence(text: str) -> str:
@@ -161,7 +161,7 @@ def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[s
         UserError: a key is unknown or has a forbidden value; names the first one.
     """
     if not isinstance(given, dict):
-        raise UserError(f"--options: {shortened(given)} is no JSON object")
+        raise UserError(f"--options: {shorten(given)} is no JSON object")
     names = {
         name: f"{section}.{name}" for section, part in sections_of(options, own).items() for name in part
     }
@@ -170,8 +170,8 @@ def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[s
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not (equals and key):
-            raise UserError(f"--set: {shortened(pair)} is not of the form key=value, as in iterations=500")
-        values[short.get(key, key)] = parse_value(value, f"--set {shortened(pair)}")
+            raise UserError(f"--set: {shorten(pair)} is not of the form key=value, as in iterations=500")
+        values[short.get(key, key)] = parse_value(value, f"--set {shorten(pair)}")
     return make_options(options, values, "--set" if pairs else "--options", names)
 
 

@@ -11,7 +11,7 @@ from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
-from egosplat.pipeline.model_sets import located
+from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.variants import variant_config
@@ -146,7 +146,7 @@ def _presets() -> Path:
 
 def model_findings(config: Config) -> Iterator[Finding]:
     """The architecture and checkpoint of each model, and the device that runs them. Checkpoints are read."""
-    config = located(config)
+    config = locate_checkpoints(config)
     yield from (_model(model, config) for model in (SAM2, CLIP))
     if weights := config["transient"]["encoder_weights"]:
         yield _encoder(Path(weights).expanduser())

@@ -12,7 +12,7 @@ from egosplat.pipeline.survey_file import read_survey
 Options = TypeVar("Options", bound=CameraOptions)
 
 
-def resolved(options: Options, survey_path: Path | None) -> Options:
+def resolve_camera(options: Options, survey_path: Path | None) -> Options:
     """Replace ``auto`` by the decision of the survey, or by ``off`` without one. The workflow gives no ``auto``.
 
     Raises:
@@ -24,7 +24,7 @@ def resolved(options: Options, survey_path: Path | None) -> Options:
 
 
 def chosen_corrections(options: CameraOptions) -> CorrectionOptions:
-    """Which corrections are optimized, once ``options`` are ``resolved``."""
+    """Which corrections are optimized, once ``options`` are ``resolve_camera``."""
     return CorrectionOptions(options.refine_poses == "on", options.compensate_exposure == "on")
 
 

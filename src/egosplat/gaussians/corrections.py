@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.gaussians.exposure import photographed
+from egosplat.gaussians.exposure import simulate_photograph
 from egosplat.gaussians.initialization import in_picture
 from egosplat.gaussians.rigid import corrected
 from egosplat.gaussians.training_views import Views
@@ -97,7 +97,7 @@ class Corrections:
             return image
         # Copied to a GPU together: each copy waits for it on the way back.
         tone = self._leaf[LOG_GAIN.start :].to(image)
-        return photographed(image, tone[:-1], picture, tone[-1:])
+        return simulate_photograph(image, tone[:-1], picture, tone[-1:])
 
     @torch.no_grad()
     def step(self, index: int, iteration: int) -> None:

@@ -19,7 +19,7 @@ _MIDDLE = 0.5
 _LEAST_LOG_GAIN = -1000.0
 
 
-def exposed(image: Tensor, log_gain: Tensor, compression: Tensor | None = None) -> Tensor:
+def apply_exposure(image: Tensor, log_gain: Tensor, compression: Tensor | None = None) -> Tensor:
     """Multiply the colors of an (H, W, 3 + F) image by the gains of (3,) logarithms; features stay.
 
     Args:
@@ -29,7 +29,7 @@ def exposed(image: Tensor, log_gain: Tensor, compression: Tensor | None = None) 
     return _expose(image, log_gain, compression, None)
 
 
-def photographed(
+def simulate_photograph(
     image: Tensor, log_gain: Tensor, picture: Tensor, compression: Tensor | None = None
 ) -> Tensor:
     """Expose an (H, W, 3 + F) image for the comparison with an (H, W, 3) photograph.

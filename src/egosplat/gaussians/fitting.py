@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from egosplat.gaussians.corrections import LOG_GAIN, POSE, Corrections, adam, learning_rates
-from egosplat.gaussians.exposure import SATURATED, photographed
+from egosplat.gaussians.exposure import SATURATED, simulate_photograph
 from egosplat.gaussians.loss import l1_ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
@@ -84,7 +84,7 @@ class _Photograph:
     def loss(self, values: Tensor) -> Tensor:
         """Loss of a correction, that of training."""
         picture, weight = self.views.picture(self.index), self.views.weight(self.index)
-        image = photographed(self.render(values), values[LOG_GAIN], picture, self.views.compression)
+        image = simulate_photograph(self.render(values), values[LOG_GAIN], picture, self.views.compression)
         return l1_ssim(image, picture, weight, _SSIM_LAMBDA)
 
     @torch.no_grad()

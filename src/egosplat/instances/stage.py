@@ -17,7 +17,7 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.writer import create
-from egosplat.gaussians.camera_options import resolved
+from egosplat.gaussians.camera_options import resolve_camera
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry
 from egosplat.instances.lifted_masks import MaskLifter
@@ -56,7 +56,7 @@ def run(
     segments = open_artifact(segments_path, SEGMENTS)
     check_made_from(poses, frames, axes=("frame",))
     check_made_from(segments, frames, axes=("frame", "height", "width"))
-    options = resolved(options, survey_path)
+    options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
     record = provenance.begin_from("instances", options.as_dict() | by_survey, (frames, poses, segments))
     if options.source == AUTO:

@@ -17,10 +17,10 @@ from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
 
-def lifted(
+def lift_instances(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
 ) -> Coded:
-    """Method ``lifted``: the code of the instance with the largest share of the Gaussian's weight, at each level.
+    """Method ``lift_instances``: the code of the instance with the largest share of the Gaussian's weight, at each level.
 
     A weight is alpha times transmittance times 1 - M at the pixel that holds the Gaussian's center, summed over all views. A mean
     of the codes of two instances would decode to a feature of neither, and pixels around the center may show the neighbors.
@@ -61,4 +61,4 @@ def instance_votes(
     return votes, seen
 
 
-METHOD = Method(lifted)
+METHOD = Method(lift_instances)

@@ -13,7 +13,7 @@ from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 
 
-def joint(
+def copy_joint_codes(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, levels: Sequence[str], stored: NDArray
 ) -> Coded:
     """Take codes unnormalized, as training rendered them (docs/method.md#code-norm); lifting gives the shares.
@@ -26,4 +26,4 @@ def joint(
     return Coded(code, share, list(levels))
 
 
-METHOD = Method(joint)
+METHOD = Method(copy_joint_codes)

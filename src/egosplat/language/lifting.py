@@ -80,7 +80,7 @@ def shares(
     return lift(gaussians, replace(views, targets=without_codes), settings).share
 
 
-def everywhere(views: CodeViews) -> Callable[[int], Tensor]:
+def evaluate_everywhere(views: CodeViews) -> Callable[[int], Tensor]:
     """For ``shares``: one level, which every pixel has."""
     shape = (1, views.camera.height, views.camera.width)
     return lambda _: torch.ones(shape, dtype=torch.bool, device=views.device)

@@ -25,7 +25,7 @@ _ITERATIONS = 30_000
 _FIRST_NORM = 0.1
 
 
-def trained(
+def train_codes(
     gaussians: Gaussians,
     views: CodeViews,
     settings: RenderSettings,
@@ -33,7 +33,7 @@ def trained(
     options: LanguageOptions,
     checkpoint: Checkpoint,
 ) -> Coded:
-    """Method ``trained``: codes by gradient descent, from the last checkpoint if there is one; shares of ``shares``.
+    """Method ``train_codes``: codes by gradient descent, from the last checkpoint if there is one; shares of ``shares``.
 
     Raises:
         UserError: training diverges.
@@ -93,4 +93,4 @@ def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
     return torch.nn.functional.normalize(code, dim=-1) if normalize_codes else code
 
 
-METHOD = Method(trained, masks="{} in place of SAM")
+METHOD = Method(train_codes, masks="{} in place of SAM")

@@ -11,7 +11,7 @@ from egosplat.models.checkpoints import CLIP, SAM2, content_hash
 from egosplat.models.configs import SMALL
 from egosplat.models.download import OfflineError, fetch, stored_digest, write_digest
 from egosplat.models.suitability import configured_checkpoints
-from egosplat.pipeline.model_sets import located
+from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.published import CATALOGUE, PublishedModel, model_of_file, named_model
 from egosplat.progress import log
 
@@ -46,14 +46,14 @@ class Needed:
         return "bundled with egosplat" if self.path in SMALL_FILES.values() else "your own file"
 
 
-def needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
+def find_needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
     """List the checkpoints that any of several configurations needs, each once.
 
     Raises:
         UserError: there is no published checkpoint of a configured architecture.
     """
     found: dict[Path, Needed] = {}
-    for config in map(located, configs):
+    for config in map(locate_checkpoints, configs):
         named = {f"models.{key}": value for key, value in configured_checkpoints(config).items()}
         named["transient.encoder_weights"] = config["transient"]["encoder_weights"]
         for key, value in named.items():

@@ -10,7 +10,7 @@ import importlib.util
 from importlib import metadata
 from pathlib import Path
 
-from egosplat.pipeline.parsed_modules import keep_parsed, parsed
+from egosplat.pipeline.parsed_modules import keep_parsed, parse_module
 from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 
 # The packages whose modules count.
@@ -52,7 +52,7 @@ def code_hash(*modules: str, libraries: tuple[str, ...] = ()) -> str:
     digest = hashlib.sha256()
     folders = {}
     for name, path in modules_of(*modules).items():
-        digest.update(f"{name}\0{parsed(name, path).tree_hash}\0".encode())
+        digest.update(f"{name}\0{parse_module(name, path).tree_hash}\0".encode())
         # Compiled kernels, and scripts and templates of pages, are executed code, too.
         if path.name != "__init__.py":
             folders[path.parent] = None
@@ -79,7 +79,7 @@ def modules_of(*modules: str) -> dict[str, Path]:
         if (path := _find(name)) is None:
             continue
         found[name] = path
-        todo.extend(parsed(name, path).imports)
+        todo.extend(parse_module(name, path).imports)
         # Importing a module runs its parent packages.
         todo.extend(name.rsplit(".", level)[0] for level in range(1, name.count(".") + 1))
     return dict(sorted(found.items()))

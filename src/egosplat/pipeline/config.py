@@ -10,8 +10,8 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.general_options import VARIANTS, GeneralOptions
-from egosplat.pipeline.messages import not_allowed, shortened, shown, unknown_key
-from egosplat.pipeline.model_sets import DEFAULTS, set_of, switched
+from egosplat.pipeline.messages import not_allowed, shorten, shown, unknown_key
+from egosplat.pipeline.model_sets import DEFAULTS, set_of, switch_models
 from egosplat.pipeline.options import Options, convert, keys_of, sections_of
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
@@ -178,7 +178,7 @@ def overlaid(config: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
 
     If they choose another set of models, defaults that belong to the models change with it.
     """
-    return merge(switched(config, above), above)
+    return merge(switch_models(config, above), above)
 
 
 def _only(config: Mapping[str, Any], given: Mapping[str, Any]) -> Config:
@@ -218,11 +218,11 @@ def parse_options(text: str, where: str) -> Config:
         section, dot, name = key.partition(".")
         if not (equals and dot and section and name):
             raise UserError(
-                f"{where}: option {shortened(word)} is not of the form section.key=value, as in frames.stride=2"
+                f"{where}: option {shorten(word)} is not of the form section.key=value, as in frames.stride=2"
             )
         if name in options.setdefault(section, {}):
-            raise UserError(f"{where}: option {shortened(key)} is set twice; remove one")
-        options[section][name] = parse_value(value, f"{where}: option {shortened(word)}")
+            raise UserError(f"{where}: option {shorten(key)} is set twice; remove one")
+        options[section][name] = parse_value(value, f"{where}: option {shorten(word)}")
     return options
 
 

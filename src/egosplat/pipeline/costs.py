@@ -82,7 +82,7 @@ COSTS: dict[str, Cost] = {
     ),
     "view_features": Cost(730, {"features": 16.1, "megapixels": 38}, {"frames": 0.0011}),
     "view_features_published": Cost(2020, {"features": 16.1, "megapixels": 38}, {"frames": 0.5}),
-    "features": Cost(760, {"features": 53.2}, {"frames": 0.002}),
+    "features": Cost(760, {"features": 53.2}, {"features": 0.5}),
     "transient": Cost(
         1000,
         {"video": 3, "megapixels": 700, "gaussians": 530},

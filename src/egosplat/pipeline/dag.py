@@ -79,7 +79,7 @@ def follows_survey(stage: str) -> bool:
     return stage == "segments" or "camera" in stage_sections(stage)
 
 
-def decided(config: Config, survey: Survey) -> Config:
+def decide(config: Config, survey: Survey) -> Config:
     """Replace ``auto`` in a configuration by the survey's decisions."""
     masking, chosen = survey["motion"]["masking"], {}
     if masks_by_survey(config):
@@ -143,7 +143,7 @@ def training_frames(stage: str, config: Config, survey: Survey) -> str:
     if stage != "splats":
         return survey["views"]["digest"]
     # In a static scene the Gaussians may train on all frames: another list of frames changes nothing.
-    chosen = frames_of_gaussians(survey, decided(config, survey)["splats"]["masking"])
+    chosen = frames_of_gaussians(survey, decide(config, survey)["splats"]["masking"])
     return ALL_FRAMES if chosen is None else chosen[1]
 
 

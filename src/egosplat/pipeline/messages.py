@@ -142,8 +142,8 @@ def refusal(
 
 def not_allowed(key: str, value: object, why: str) -> str:
     """Say that a value is not allowed, and why."""
-    key = key if key.isprintable() and len(key) <= _LONGEST else shortened(key)
-    return f"{key or 'value'} = {shortened(value)} is not allowed: {why}"
+    key = key if key.isprintable() and len(key) <= _LONGEST else shorten(key)
+    return f"{key or 'value'} = {shorten(value)} is not allowed: {why}"
 
 
 def unknown_key(section: str, key: object, known: Sequence[str]) -> str:
@@ -162,7 +162,7 @@ def unknown_key(section: str, key: object, known: Sequence[str]) -> str:
         advice = f"did you mean {near[0]!r}?"
     else:
         advice = f"known keys: {', '.join(known)}"
-    return f"unknown key {shortened(full)}; {advice}"
+    return f"unknown key {shorten(full)}; {advice}"
 
 
 def allowed(part: Mapping[str, Any], value: object) -> str:
@@ -170,11 +170,11 @@ def allowed(part: Mapping[str, Any], value: object) -> str:
     words, kinds = choices(part), kinds_of(part)
     if words and not kinds:
         near = difflib.get_close_matches(str(value), words, n=1)
-        return described(part) + (f" (did you mean {near[0]!r}?)" if near else "")
-    return ", ".join([f"must be {described(part)}", *_hint(kinds, value)])
+        return describe_value(part) + (f" (did you mean {near[0]!r}?)" if near else "")
+    return ", ".join([f"must be {describe_value(part)}", *_hint(kinds, value)])
 
 
-def described(part: Mapping[str, Any]) -> str:
+def describe_value(part: Mapping[str, Any]) -> str:
     """Describe the values that a JSON schema of one key allows."""
     words, kinds = choices(part), kinds_of(part)
     if words and not kinds:
@@ -203,7 +203,7 @@ def limits_of(part: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def shortened(value: object) -> str:
+def shorten(value: object) -> str:
     """Format a value on one line, cut to ``_LONGEST`` characters."""
     text = repr(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

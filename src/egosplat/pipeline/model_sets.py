@@ -37,7 +37,7 @@ def set_of(config: Mapping[str, Any]) -> str | None:
     return models.get("set") if isinstance(models, Mapping) else None
 
 
-def switched(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+def switch_models(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Replace the defaults of a configuration's set of models by those of another set.
 
     A value that differs from the default of its own set was set by somebody, and stays.
@@ -57,7 +57,7 @@ def switched(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, A
     return found
 
 
-def located(config: Mapping[str, Any]) -> dict[str, Any]:
+def locate_checkpoints(config: Mapping[str, Any]) -> dict[str, Any]:
     """Replace ``published`` in a complete configuration by the path of the file in ``models.cache``.
 
     Raises:

@@ -38,7 +38,7 @@ class ParsedModule:
 
 
 @functools.cache
-def parsed(name: str, path: Path) -> ParsedModule:
+def parse_module(name: str, path: Path) -> ParsedModule:
     """Parse the module ``name``, or read what was kept of a module with the same name and content."""
     source = path.read_bytes()
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
@@ -135,7 +135,11 @@ def _append(node: Any, parts: list[str]) -> None:
         parts.append(f"{type(node).__name__}(")
         for key, value in ast.iter_fields(node):
             if key == "body" and isinstance(node, DOCUMENTED):
-                value = [item for item in value if not _is_bare_text(item) and not _is_key(item, node)]
+                value = [
+                    item
+                    for item in value
+                    if not (_is_bare_text(item) or _is_key(item, node) or _holds_keys(item))
+                ]
             if value is not None and value != []:
                 parts.append(key)
                 _append(value, parts)
@@ -193,6 +197,15 @@ def _is_key(item: ast.stmt, node: ast.AST) -> bool:
         return False
     names = (base.id for base in node.bases if isinstance(base, ast.Name))
     return any(name.endswith("Options") for name in names)
+
+
+def _holds_keys(item: ast.stmt) -> bool:
+    """Whether a statement is a class of options with keys alone: other stages of the room do not see a new one."""
+    return (
+        isinstance(item, ast.ClassDef)
+        and any(isinstance(base, ast.Name) and base.id.endswith("Options") for base in item.bases)
+        and all(_is_bare_text(one) or _is_key(one, item) for one in item.body)
+    )
 
 
 def _is_bare_text(node: ast.AST) -> bool:

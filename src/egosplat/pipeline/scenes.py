@@ -10,8 +10,8 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.model_sets import located
-from egosplat.pipeline.validation import Draft202012Validator, explained, schema
+from egosplat.pipeline.model_sets import locate_checkpoints
+from egosplat.pipeline.validation import Draft202012Validator, explain, schema
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 PAPER_DATASETS = ("adt", "hoi4d")
@@ -65,7 +65,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     for number, row in rows:
         where = f"{path}, line {number}"
         for error in Draft202012Validator(schema("scenes")).iter_errors(row):
-            raise UserError(f"{where}: {explained(error)}")
+            raise UserError(f"{where}: {explain(error)}")
         key = (row["dataset"], row["scene"])
         if key in scenes:
             raise UserError(f"{where}: scene {'/'.join(key)} is in the table twice; remove or rename one")
@@ -176,7 +176,7 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
     options = configuration.parse_options(row["options"], where)
     own = configuration.overlaid(configuration.of_format(config, row["format"]), options)
     own = configuration.validate(own, where)
-    located(own)  # ends here if the catalogue has no checkpoint of an architecture
+    locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     root = config["data_root"].get(row["dataset"])
     filmed = row["format"] == "adt" and "seed" in options.get("synthetic", {})
     by_name = row["recording"] == NO_RECORDING

@@ -34,7 +34,7 @@ def _absent(name: str) -> Iterator[None]:
 with _absent("rfc3987_syntax"):
     from jsonschema import Draft202012Validator, ValidationError
 
-__all__ = ["Draft202012Validator", "ValidationError", "explained", "read_document", "schema"]
+__all__ = ["Draft202012Validator", "ValidationError", "explain", "read_document", "schema"]
 
 
 @functools.cache
@@ -65,7 +65,7 @@ def read_document(path: Path, name: str) -> dict[str, Any]:
             f"{path}: has format {found!r}; this version of egosplat reads format {version}.\n{again}"
         )
     for error in Draft202012Validator(schema(name)).iter_errors(document):
-        raise UserError(f"{path}: {explained(error)}.\n{again}")
+        raise UserError(f"{path}: {explain(error)}.\n{again}")
     return document
 
 
@@ -73,7 +73,7 @@ def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is no number of JSON")
 
 
-def explained(error: ValidationError) -> str:
+def explain(error: ValidationError) -> str:
     """Describe an error in one line: the key, its value, and what is allowed."""
     key = ".".join(str(part) for part in error.absolute_path)
     match error.validator:

@@ -7,7 +7,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import inputs_of
-from egosplat.pipeline.model_sets import located
+from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
@@ -75,7 +75,7 @@ def scene_config(scene: Scene, variant: str | None) -> Config:
     Raises:
         UserError: as ``variant_config``; or a published checkpoint is not in the catalogue.
     """
-    return located(variant_config(scene.config, variant, scene.name) if variant else scene.config)
+    return locate_checkpoints(variant_config(scene.config, variant, scene.name) if variant else scene.config)
 
 
 def method_of(base: Config, name: str, where: str) -> str | None:

@@ -19,7 +19,7 @@ from egosplat.artifacts.writer import create
 from egosplat.codes.joint_objective import JointLanguage, initial_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
-from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolved
+from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.initialization import scene_extent
@@ -71,7 +71,7 @@ def run(
             cannot run, or training diverges.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
-    options = resolved(options, survey_path)
+    options = resolve_camera(options, survey_path)
     kept, by_survey = frames_for_gaussians(frames, survey_path, options.masking)
     masking = open_masking(options.masking, frames, transient_path=transient_path, masks_path=masks_path)
     language_inputs = (

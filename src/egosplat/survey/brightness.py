@@ -42,7 +42,7 @@ class Light:
     vignetting: Array
 
 
-def equalized(image: Gray, wanted: Gray, found: Gray) -> Gray:
+def equalize(image: Gray, wanted: Gray, found: Gray) -> Gray:
     """An image with its brightness changed by a gain and an offset.
 
     Args:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import Array
 from egosplat.optical_flow import pixel_grid
-from egosplat.survey.matching import PATCH, Match, mean_of_patch, sampled
+from egosplat.survey.matching import PATCH, Match, mean_of_patch, sample
 from egosplat.survey.regions import Labels, large_regions
 from egosplat.survey.rigid import (
     View,
@@ -18,7 +18,7 @@ from egosplat.survey.rigid import (
     robust_scale,
     static_residual,
     static_segment,
-    turned,
+    turn,
 )
 
 Bools = NDArray[np.bool_]
@@ -109,7 +109,7 @@ def _matched_better(match: Match, view: View, correction: Array, moving: Bools, 
         slice(max(0, where.min() - PATCH), where.max() + PATCH + 1) for where in np.nonzero(large)
     )
     everywhere = pixel_grid(*moving.shape).astype(np.float64) + 0.5
-    second = sampled(match.second, turned(view.intrinsics, everywhere, -correction[:3]) - 0.5)
+    second = sample(match.second, turn(view.intrinsics, everywhere, -correction[:3]) - 0.5)
     pixels, first = everywhere[rows, columns], match.first[rows, columns]
     segment = static_segment(view, pixels, correction)
     length = np.linalg.norm(segment[large[rows, columns]], axis=-1).max()
@@ -126,4 +126,4 @@ def _matched_better(match: Match, view: View, correction: Array, moving: Bools, 
 
 def _difference(first: Gray, second: Gray, targets: Array) -> Floats:
     """(h, w) float32 mean difference of each pixel's patch from the patch at its target [gray levels]."""
-    return mean_of_patch(cv2.absdiff(first, sampled(second, targets - 0.5)))
+    return mean_of_patch(cv2.absdiff(first, sample(second, targets - 0.5)))

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
-from egosplat.optical_flow import find_flow, is_consistent, padded, pixel_grid
-from egosplat.survey.brightness import Light, compare_light, equalized
+from egosplat.optical_flow import find_flow, is_consistent, pad, pixel_grid
+from egosplat.survey.brightness import Light, compare_light, equalize
 from egosplat.survey.epipolar import rotation_homography
 
 Bools = NDArray[np.bool_]
@@ -67,17 +67,17 @@ def match_images(
     common = valid & ahead & (_warp(valid.astype(np.uint8), homography) > 0)
     # The border of the common view is blanked in both images, so that it is an edge without motion.
     first = np.where(common, first, np.uint8(_BLANK))
-    aligned = np.where(common, equalized(rotated, first[common], rotated[common]), np.uint8(_BLANK))
+    aligned = np.where(common, equalize(rotated, first[common], rotated[common]), np.uint8(_BLANK))
     forward, backward = _flow(first, aligned), _flow(aligned, first)
     consistent = is_consistent(forward, backward, _MAX_FLOW_ERROR)
     measured = consistent & _eroded(common, _MARGIN)
     # Now that surfaces are matched, their brightness is compared without what only one image shows.
-    matched = moved(rotated, forward)
+    matched = move(rotated, forward)
     light = compare_light(first, matched, measured, _radii(forward, homography))
-    aligned = np.where(common, equalized(rotated, first[measured], matched[measured]), np.uint8(_BLANK))
-    difference = mean_of_patch(cv2.absdiff(first, moved(aligned, forward)))
+    aligned = np.where(common, equalize(rotated, first[measured], matched[measured]), np.uint8(_BLANK))
+    difference = mean_of_patch(cv2.absdiff(first, move(aligned, forward)))
     noise = max(_MIN_NOISE, float(np.quantile(difference[measured], _BEST))) if measured.any() else _MIN_NOISE
-    structure = np.minimum(texture(first), moved(texture(aligned), forward))
+    structure = np.minimum(texture(first), move(texture(aligned), forward))
     error = noise / (PATCH * np.sqrt(np.maximum(structure, 1e-12)))
     return Match(first, aligned, forward, measured, error, noise, light)
 
@@ -96,12 +96,12 @@ def mean_of_patch(image: NDArray) -> Floats:
     return cv2.blur(image.astype(np.float32), (PATCH, PATCH))
 
 
-def moved(image: NDArray, flow: NDArray[np.floating]) -> NDArray:
+def move(image: NDArray, flow: NDArray[np.floating]) -> NDArray:
     """(h, w) image at the targets of (h, w, 2) flow."""
-    return sampled(image, pixel_grid(*image.shape) + flow)
+    return sample(image, pixel_grid(*image.shape) + flow)
 
 
-def sampled(image: NDArray, places: NDArray[np.floating]) -> NDArray:
+def sample(image: NDArray, places: NDArray[np.floating]) -> NDArray:
     """The image at (h, w, 2) places [px, pixel centers at integers as in OpenCV]."""
     return cv2.remap(
         image, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -110,7 +110,7 @@ def sampled(image: NDArray, places: NDArray[np.floating]) -> NDArray:
 
 def _flow(source: Gray, target: Gray) -> Floats:
     height, width = source.shape
-    return find_flow(padded(source), padded(target))[:height, :width]
+    return find_flow(pad(source), pad(target))[:height, :width]
 
 
 def _warp(image: Gray, homography: Array) -> Gray:

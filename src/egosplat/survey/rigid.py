@@ -65,7 +65,7 @@ def static_residual(view: View, pixels: Array, flow: NDArray[np.floating], corre
 def corrected_flow(view: View, pixels: Array, flow: NDArray[np.floating], correction: Array) -> Array:
     """(..., 2) flow to the second image with its corrected orientation [px]."""
     ends = np.asarray(pixels, np.float64) + flow
-    return turned(view.intrinsics, ends, correction[:3]) - pixels
+    return turn(view.intrinsics, ends, correction[:3]) - pixels
 
 
 def static_segment(view: View, pixels: Array, correction: Array) -> Array:
@@ -79,7 +79,7 @@ def static_segment(view: View, pixels: Array, correction: Array) -> Array:
     return max_static_flow(pixels, epipole, view.min_depth)
 
 
-def turned(intrinsics: Array, pixels: Array, rotation: Array) -> Array:
+def turn(intrinsics: Array, pixels: Array, rotation: Array) -> Array:
     """(..., 2) pixels after their rays turn by a small rotation vector, exact to its third power [px]."""
     focal, center = intrinsics[[0, 1], [0, 1]], intrinsics[:2, 2]
     x, y = np.moveaxis((np.asarray(pixels, np.float64) - center) / focal, -1, 0)

@@ -1,6 +1,5 @@
 """The loss that trains H and temporary Gaussians together (the paper's initialization stage)."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -13,7 +12,6 @@ from torch import Tensor
 from egosplat.gaussians.loss import l2
 from egosplat.gaussians.objective import Objective
 from egosplat.gaussians.training_views import Views
-from egosplat.transient.graphed import graphed
 from egosplat.transient.network import TransientNet
 from egosplat.transient.residual_scale import ResidualScale
 
@@ -62,7 +60,6 @@ class InitialObjective(Objective):
         self._adam = torch.optim.Adam(self._weights, lr=options.lr, fused=device.type in ("cpu", "cuda"))
         self._probability = torch.zeros(options.iterations, device=device)
         self._iteration = 0
-        self._graph: Callable[[Tensor], Tensor] | None = None
         self.residuals = ResidualScale(device)
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
@@ -73,7 +70,7 @@ class InitialObjective(Objective):
         self._measure(image.detach() - picture, views, index)
         if self._warming_up:
             return factor * l2(image, picture, views.valid)
-        probability = self._predicted(picture)
+        probability = self.net(picture, *picture.shape[:2])
         self._probability[self._iteration - 1] = probability.detach().mean()
         # Not detached: L_init trains H through this weight.
         static = 1.0 - probability
@@ -81,14 +78,6 @@ class InitialObjective(Objective):
         # For a constant residual e of a pixel, the optimum is M = 0 if e < penalty, else 1
         # (docs/method.md#transient-loss). H only approaches it, depending on learning rate and iterations.
         return factor * l2(image, picture, weight) + self._penalty(index) * probability.mean()
-
-    def _predicted(self, picture: Tensor) -> Tensor:
-        """(H, W) probability of a picture; all have the size of the first one."""
-        if not picture.is_cuda:
-            return self.net(picture, *picture.shape[:2])
-        if self._graph is None:
-            self._graph = graphed(self.net, picture)
-        return self._graph(picture)
 
     def step(self) -> None:
         """Update H, except during warm-up and if a gradient is not finite."""

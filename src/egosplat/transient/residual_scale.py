@@ -51,7 +51,7 @@ class ResidualScale:
         # NaN instead of a selection, whose unknown size would make the CPU wait for a GPU.
         residual = torch.where(counts, residual, torch.nan)
         self.scale[index] = residual.nanmedian()
-        self._stands_out[index] = packed(residual > STANDS_OUT * self.scale[index].clamp_min(LEAST_SCALE))
+        self._stands_out[index] = pack(residual > STANDS_OUT * self.scale[index].clamp_min(LEAST_SCALE))
         self._measured.add(index)
 
     def stands_out(self, index: int) -> NDArray[np.bool_]:
@@ -85,7 +85,7 @@ class ResidualScale:
         self._measured = set(state["measured"])
 
 
-def packed(flags: Tensor) -> Tensor:
+def pack(flags: Tensor) -> Tensor:
     """(H, W) bool as (ceil(H W / 8),) uint8 on the same device, in the order of ``numpy.packbits``."""
     bits = torch.nn.functional.pad(flags.flatten().to(torch.uint8), (0, -flags.numel() % 8)).reshape(-1, 8)
     places = torch.arange(7, -1, -1, dtype=torch.uint8, device=flags.device)

@@ -19,7 +19,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
-from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolved
+from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.options import TrainingOptions
@@ -57,7 +57,7 @@ def run(
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
-    options = resolved(options, survey_path)
+    options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
     weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
     net = make_network(options.input_size, lies_on_its_side(frames), weights, options.seed)

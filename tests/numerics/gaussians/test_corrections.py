@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.gaussians.camera_options import make_corrections
 from egosplat.gaussians.corrections import COLUMNS, CorrectionOptions, applied
-from egosplat.gaussians.exposure import exposed
+from egosplat.gaussians.exposure import apply_exposure
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import l1_ssim
@@ -78,7 +78,7 @@ def test_one_frame(brightness):
 def test_gains(gain):
     log_gain = torch.full((3,), gain, dtype=torch.float64).log().requires_grad_()
     image = torch.rand(24, 24, 3, generator=torch.Generator().manual_seed(0)).requires_grad_()
-    loss = l1_ssim(exposed(image, log_gain), torch.full((24, 24, 3), 0.5), None, 0.2)
+    loss = l1_ssim(apply_exposure(image, log_gain), torch.full((24, 24, 3), 0.5), None, 0.2)
     loss.backward()
     assert bool(loss.isfinite())
     assert bool(image.grad.isfinite().all()) and bool(log_gain.grad.isfinite().all())
@@ -97,7 +97,7 @@ def test_compression(color, log_gain, compression):
         torch.full(shape, value, requires_grad=True)
         for shape, value in (((2, 2, 3), color), ((3,), log_gain), ((1,), compression))
     ]
-    found = exposed(*leaves)
+    found = apply_exposure(*leaves)
     assert bool(found.isfinite().all()) and bool((found >= 0).all())
     found.mean().backward()
     assert all(bool(leaf.grad.isfinite().all()) for leaf in leaves)

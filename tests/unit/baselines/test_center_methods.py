@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.baselines.occam import centered
-from egosplat.baselines.semantic_gaussians import EVERY, pixel_features, projected
+from egosplat.baselines.occam import average_at_centers
+from egosplat.baselines.semantic_gaussians import EVERY, pixel_features, project_views
 from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking
@@ -81,11 +81,11 @@ def plane(z: float, x: float = 0.0, opacity: float = 0.98) -> Gaussians:
 def test_a_hidden_plane_gets_nothing_and_without_the_depth_test_the_front_s_feature(monkeypatch):
     front, rear = plane(2.0), plane(4.0)
     both = Gaussians.concatenate([front, rear])
-    code, share = code_of(projected, both, painted(left=RIGHT))
+    code, share = code_of(project_views, both, painted(left=RIGHT))
     assert bool((share[: front.count] == 1).all()) and bool((share[front.count :] == 0).all())
     assert not code[front.count :].any()
     monkeypatch.setattr("egosplat.baselines.semantic_gaussians.TOLERANCE", 1e9)
-    code, share = code_of(projected, both, painted(left=RIGHT))
+    code, share = code_of(project_views, both, painted(left=RIGHT))
     torch.testing.assert_close(code[:, 0], torch.tensor(RIGHT).expand(both.count, 2))
 
 
@@ -94,7 +94,7 @@ def test_every_fifth_view_is_projected():
     targets = painted(frames=12, left=[0.0, 0.0], right=[0.0, 0.0])
     targets.codes[[0, 5, 10], :, 0] = 1.0
     targets.codes[[1, 4, 6, 11], :, 1] = 1.0
-    code, _ = code_of(projected, plane(2.0), targets)
+    code, _ = code_of(project_views, plane(2.0), targets)
     assert EVERY == 5
     torch.testing.assert_close(code[:, 0], torch.tensor([1.0, 0.0]).expand(len(code), 2))
 
@@ -108,14 +108,14 @@ def test_views_without_a_mask_shorten_the_mean_and_do_not_turn_it():
     """Two of three views show a mask: the mean of two unit features and a 0 is not normalized."""
     targets = painted(frames=11, left=LEFT, right=LEFT)
     targets.codes[10] = 0.0
-    code, share = code_of(projected, plane(2.0), targets)
+    code, share = code_of(project_views, plane(2.0), targets)
     torch.testing.assert_close(code[:, 0], torch.tensor([2 / 3, 0.0]).expand(len(code), 2))
     assert bool((share == 1).all())
 
 
 @pytest.mark.parametrize("opacity, seen", [(0.4, 0.0), (0.9, 1.0)])
 def test_a_lone_gaussian_without_a_median_depth_is_not_seen(opacity, seen):
-    _, share = code_of(projected, blobs([[0.1, 0.0, 2.0]], [opacity]), painted())
+    _, share = code_of(project_views, blobs([[0.1, 0.0, 2.0]], [opacity]), painted())
     assert float(share) == seen
 
 
@@ -123,11 +123,11 @@ def test_a_lone_gaussian_without_a_median_depth_is_not_seen(opacity, seen):
 def test_the_depth_test_is_5_percent_of_the_surface_s_depth(behind, seen):
     """A faint Gaussian behind a strong one, whose depth is the median."""
     pair = blobs([[0.1, 0.0, 2.0], [0.1 * (1 + behind), 0.0, 2.0 * (1 + behind)]], [0.9, 0.3])
-    _, share = code_of(projected, pair, painted())
+    _, share = code_of(project_views, pair, painted())
     assert share[:, 0].tolist() == [1.0, seen]
 
 
-@pytest.mark.parametrize("method", [projected, centered])
+@pytest.mark.parametrize("method", [project_views, average_at_centers])
 def test_gaussians_behind_the_camera_and_outside_the_image_get_no_code(method):
     lost = blobs([[0.0, 0.0, -2.0], [5.0, 0.0, 2.0], [0.1, 0.0, 2.0]], [0.9] * 3)
     code, share = code_of(method, lost, painted())
@@ -137,14 +137,16 @@ def test_gaussians_behind_the_camera_and_outside_the_image_get_no_code(method):
 def test_a_gaussian_near_the_border_is_not_seen():
     """10 of 648 pixels are 0.99 px here: the outermost column and row do not count."""
     x = [(column + 0.5 - 32.0) / 60.0 * 2.0 for column in (0, 1, 62, 63)]
-    _, share = code_of(projected, blobs([[each, 0.0, 2.0] for each in x], [0.9] * 4, size=0.02), painted())
+    _, share = code_of(
+        project_views, blobs([[each, 0.0, 2.0] for each in x], [0.9] * 4, size=0.02), painted()
+    )
     assert share[:, 0].tolist() == [0.0, 1.0, 1.0, 0.0]
 
 
 def test_a_gaussian_across_two_segments_takes_the_one_at_its_center_and_lifting_mixes():
     large = blobs([[0.05, 0.0, 2.0]], [0.9], size=0.3)
     targets = painted()
-    code, _ = code_of(centered, large, targets)
+    code, _ = code_of(average_at_centers, large, targets)
     torch.testing.assert_close(code[0, 0], torch.tensor(RIGHT))
     mixed = lift(large, look(targets), SETTINGS).code[0, 0]
     assert float(mixed.min()) > 0.3
@@ -157,7 +159,7 @@ def test_occam_s_mean_is_weighted_by_what_each_view_shows_at_the_center():
     beyond[2, 3] = 3.0
     targets = painted(frames=2)
     targets.codes[0, 0], targets.codes[1, 0] = (torch.tensor(one)[:, None, None] for one in (LEFT, RIGHT))
-    code, share = code_of(centered, pair, targets, look(targets, np.stack([np.eye(4), beyond])))
+    code, share = code_of(average_at_centers, pair, targets, look(targets, np.stack([np.eye(4), beyond])))
     torch.testing.assert_close(code[1, 0], torch.tensor([1 / 3, 2 / 3]), atol=0.01, rtol=0)
     torch.testing.assert_close(code[0, 0], torch.tensor(LEFT))
     assert share[:, 0].tolist() == [1.0, 1.0]
@@ -167,12 +169,12 @@ def test_views_without_a_mask_at_the_center_do_not_count_in_occam_s_mean():
     targets = painted(frames=2, levels=2, left=RIGHT)
     targets.codes[1, 0] = 0.0
     targets.codes[:, 1] = 0.0
-    code, share = code_of(centered, blobs([[0.1, 0.0, 2.0]], [0.9]), targets)
+    code, share = code_of(average_at_centers, blobs([[0.1, 0.0, 2.0]], [0.9]), targets)
     torch.testing.assert_close(code[0], torch.tensor([RIGHT, [0.0, 0.0]]))
     assert share.tolist() == [[1.0, 0.0]]
 
 
-@pytest.mark.parametrize("method", [projected, centered])
+@pytest.mark.parametrize("method", [project_views, average_at_centers])
 def test_pixels_outside_the_lens_circle_do_not_count(method):
     targets = painted()
     views = look(targets)
@@ -184,7 +186,7 @@ def test_pixels_outside_the_lens_circle_do_not_count(method):
     assert share[:, 0].tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize("method", [projected, centered])
+@pytest.mark.parametrize("method", [project_views, average_at_centers])
 def test_two_flat_squares_get_their_features(method):
     """A plane whose left half is one thing and whose right half another, seen in two views."""
     left, right = plane(2.0, x=-0.45), plane(2.0, x=0.45)

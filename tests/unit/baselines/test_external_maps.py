@@ -21,7 +21,7 @@ from egosplat.pipeline.validation import schema
 from tests.support.scenes import put
 
 HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4
-DOC = Path(__file__).parents[3] / "docs" / "external_methods.md"
+DOC = Path(__file__).parents[3] / "docs" / "methods.md"
 OF_EGOSPLAT = {
     "training_frames",
     "instances",

@@ -9,11 +9,11 @@ from egosplat.baselines.hash_grid import (
     FEATURES,
     RESOLUTIONS,
     HashGrid,
-    contracted,
+    contract,
     corners,
     exponential,
 )
-from egosplat.baselines.lerf import baked, feature_loss, input_scale, world_of
+from egosplat.baselines.lerf import evaluate_at_centers, feature_loss, input_scale, world_of
 from egosplat.codes.decoder import decode
 
 
@@ -42,7 +42,7 @@ def test_the_scale_doubles_with_the_distance():
 
 def test_contraction_of_far_points():
     points = torch.tensor([[2.0, 0, 0], [0.5, 0, 0], [0, 0, 0], [0, 1e30, 0]])
-    found = contracted(points)
+    found = contract(points)
     torch.testing.assert_close(found[:3, 0], torch.tensor([0.875, 0.625, 0.5]))
     assert float(found[3, 1]) == pytest.approx(1.0) and bool(found.isfinite().all())
 
@@ -90,7 +90,7 @@ def test_baked_codes_decode_to_the_field():
 
     means = torch.randn(200, 3, generator=torch.Generator().manual_seed(1))
     scales = torch.tensor([0.0, 0.7, 1.5])
-    code, decoder = baked(field, means, scales, 3)
+    code, decoder = evaluate_at_centers(field, means, scales, 3)
     assert code.shape == (200, 3, 3)
     for level, scale in enumerate(scales):
         wanted = field(means, scale.expand(200))

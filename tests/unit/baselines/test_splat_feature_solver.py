@@ -6,7 +6,7 @@ import torch
 
 from egosplat.baselines import clusters
 from egosplat.baselines.clusters import clusters_of, principal_components
-from egosplat.baselines.splat_feature_solver import SHARPENING, agreeing, clustered, mask_means, sharpened
+from egosplat.baselines.splat_feature_solver import SHARPENING, agreeing, lift_clusters, mask_means, sharpen
 from egosplat.codes.targets import Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
@@ -65,7 +65,7 @@ def look_at(masks: Masks):
 
 def coded(gaussians: Gaussians, masks: Masks, **changes: object):
     options = LanguageOptions(**stage_values("language", defaults()) | {"method": "clustered"} | changes)
-    return clustered(gaussians, look_at(masks), SETTINGS, masks, options)
+    return lift_clusters(gaussians, look_at(masks), SETTINGS, masks, options)
 
 
 def test_two_flat_squares_get_their_features():
@@ -104,7 +104,7 @@ def test_gaussians_of_a_cluster_that_no_mask_agrees_with_keep_their_lifted_code(
     masks.painted[0, 0, : CAMERA.height // 2, LEFT_HALF] = 2
     masks.painted[1, 0] = -1
     found = coded(gaussians, masks)
-    kept = lift(sharpened(gaussians), look_at(masks), SETTINGS)
+    kept = lift(sharpen(gaussians), look_at(masks), SETTINGS)
     assert torch.equal(found.code[~right], kept.code[~right]) and torch.equal(found.share, kept.share)
 
 
@@ -120,14 +120,14 @@ def test_masks_without_a_code_do_not_count():
 def test_a_missing_library_is_reported_before_anything_is_computed(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(UserError, match=r"egosplat\[clusters\]"):
-        clustered(None, None, None, None, None)
+        lift_clusters(None, None, None, None, None)
 
 
 def test_without_clusters_codes_are_those_of_lifting_with_sharpened_opacities(monkeypatch):
     monkeypatch.setattr(clusters, "LEAST", 1000)
     gaussians, _ = halves()
     masks = Masks([(LEFT, RIGHT)] * 2)
-    kept = lift(sharpened(gaussians), look_at(masks), SETTINGS)
+    kept = lift(sharpen(gaussians), look_at(masks), SETTINGS)
     found = coded(gaussians, masks)
     assert torch.equal(found.code, kept.code) and torch.equal(found.share, kept.share)
 
@@ -154,7 +154,7 @@ def test_pixels_that_do_not_count_are_no_part_of_the_overlap():
 
 def test_sharpening_scales_logits_and_is_finite_at_opacities_0_and_1():
     row = blobs([[0.1 * x, 0.0, 2.0 + 0.1 * x] for x in range(5)], [0.0, 0.3, 0.5, 0.8, 1.0])
-    sharp = sharpened(row).opacities
+    sharp = sharpen(row).opacities
     assert sharp[[0, 2, 4]].tolist() == [0.0, 0.5, 1.0]
     assert float(sharp[1]) < 0.3 and float(sharp[3]) > 0.8
     torch.testing.assert_close(torch.logit(sharp[3]), SHARPENING * torch.logit(torch.tensor(0.8)))
@@ -165,7 +165,7 @@ def test_sharpening_scales_logits_and_is_finite_at_opacities_0_and_1():
 
 def test_sharpened_opacities_weaken_what_a_faint_gaussian_hides():
     """The rear one is seen through the front one: the sharper the front, the less it mixes into the mean."""
-    assert float(sharpened(blobs([[0.0, 0.0, 2.0]], [0.2])).opacities) == pytest.approx(
+    assert float(sharpen(blobs([[0.0, 0.0, 2.0]], [0.2])).opacities) == pytest.approx(
         1 / (1 + 4**SHARPENING), abs=1e-6
     )
 

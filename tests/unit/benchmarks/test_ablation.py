@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from benchmarks.ablation.__main__ import COMPARED, VARIANTS, differences, table
-from benchmarks.scores import accuracy_difference, iou_difference, paired, queries_of
+from benchmarks.scores import accuracy_difference, iou_difference, pair_answers, queries_of
 from egosplat.evaluation.scored_scenes import ScoredScene
 
 OPTIONS = {"options": {"confidence": 0.95}}
@@ -77,7 +77,7 @@ def test_one_thing_seen_in_many_frames_is_one_difference():
     theirs = answered(
         *(("cup", False, 0.5) for _ in range(10)), *((f"thing {n}", True, 0.5) for n in range(9))
     )
-    pair = paired(mine, theirs)
+    pair = pair_answers(mine, theirs)
     assert (queries_of([pair]), pair.gained, pair.lost, len(pair.hits.counts)) == (19, 10, 0, 10)
     told = accuracy_difference([pair])
     assert told.startswith("+52.6 (+0.0 to ") and told.endswith("p = 0.002")
@@ -85,5 +85,5 @@ def test_one_thing_seen_in_many_frames_is_one_difference():
 
 
 def test_a_single_category_has_a_difference_without_an_interval():
-    pair = paired(answered(("cup", True, 0.5)), answered(("cup", False, 0.1)))
+    pair = pair_answers(answered(("cup", True, 0.5)), answered(("cup", False, 0.1)))
     assert accuracy_difference([pair]) == "+100.0 (fewer than two categories), p = 1"

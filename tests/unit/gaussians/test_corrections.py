@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.gaussians import fitting
-from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolved
+from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolve_camera
 from egosplat.gaussians.corrections import (
     COLUMNS,
     CorrectionOptions,
@@ -20,7 +20,7 @@ from egosplat.gaussians.corrections import (
     predicts,
 )
 from egosplat.gaussians.evaluation import evaluate
-from egosplat.gaussians.exposure import exposed, photographed
+from egosplat.gaussians.exposure import apply_exposure, simulate_photograph
 from egosplat.gaussians.fitting import _Photograph
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.objective import L1Ssim
@@ -209,7 +209,7 @@ def test_no_correction_is_made_where_both_keys_are_off(start, pictures, camera_t
 def test_gains_change_colors_and_not_features():
     """Protects the codes of joint training from the exposure."""
     image = torch.rand(3, 4, 5)
-    found = exposed(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
+    found = apply_exposure(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
     torch.testing.assert_close(found[..., :3], image[..., :3] * torch.tensor([2.0, 0.5, 1.0]))
     assert torch.equal(found[..., 3:], image[..., 3:])
 
@@ -219,7 +219,7 @@ def test_highlights_gain_less(start, camera_to_world, pictures):
     ramp = torch.linspace(0.05, 1.0, 64).reshape(8, 8, 1).expand(8, 8, 3)
     truth = torch.tensor([0.4])
     gains = torch.tensor([0.3, -0.3])[:, None].expand(2, 3)
-    photographs = [exposed(ramp, gain, truth) for gain in gains]
+    photographs = [apply_exposure(ramp, gain, truth) for gain in gains]
     torch.testing.assert_close(photographs[0][-1, -1], torch.full((3,), math.exp(0.3 * 1.1 / 1.4)))
     views = views_of(pictures, camera_to_world, 0, 1)
     corrections = make_corrections(CorrectionOptions(compensate_exposure=True), start, views, 0.1, 1500)
@@ -239,7 +239,7 @@ def test_a_saturated_color_asks_for_no_less_light():
     picture = torch.tensor([1.0, 0.99, 0.5]).expand(2, 2, 3)
     for value, expected in ((0.4, [0.8, 0.8, 0.8]), (0.8, [1.0, 0.99, 1.6])):
         image = torch.full((2, 2, 5), value, requires_grad=True)
-        found = photographed(image, torch.full((3,), math.log(2.0)), picture)
+        found = simulate_photograph(image, torch.full((3,), math.log(2.0)), picture)
         torch.testing.assert_close(found[..., :3], torch.tensor(expected).expand(2, 2, 3))
         assert torch.equal(found[..., 3:], image[..., 3:])
         (gradient,) = torch.autograd.grad(found[..., :3].sum(), image)
@@ -267,7 +267,7 @@ def test_gradients_of_the_exposure_are_those_of_its_formula(features):
     weights = torch.rand(image.shape, generator=generator, dtype=torch.float64)
     values = image, torch.tensor([0.0, -0.3, 0.1]).double(), torch.tensor([0.7]).double()
     results = []
-    for function in (photographed, _photographed_step_by_step):
+    for function in (simulate_photograph, _photographed_step_by_step):
         image, log_gain, compression = leaves = [value.clone().requires_grad_() for value in values]
         found = function(image, log_gain, picture, compression)
         results.append([found, *torch.autograd.grad((weights * found).sum(), leaves)])
@@ -299,6 +299,6 @@ def test_auto_follows_the_survey_that_is_given(monkeypatch, tmp_path, found, exp
     document = {"camera": {"refine_poses": found, "compensate_exposure": not found}}
     monkeypatch.setattr("egosplat.gaussians.camera_options.read_survey", lambda path: document)
     options = CameraOptions(refine_poses="auto", compensate_exposure="off")
-    done = resolved(options, None if found is None else tmp_path / "survey.json")
+    done = resolve_camera(options, None if found is None else tmp_path / "survey.json")
     assert done == CameraOptions(refine_poses=expected, compensate_exposure="off")
     assert chosen_corrections(done) == CorrectionOptions(refine_poses=expected == "on")

@@ -10,7 +10,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.gaussians.render import view_of
-from egosplat.language.dominant import instance_votes, lifted
+from egosplat.language.dominant import instance_votes, lift_instances
 from egosplat.language.views import select_code_views
 from egosplat.rasterize.view import composite
 from tests.unit.language.conftest import CODES
@@ -59,7 +59,7 @@ def test_votes_are_rendering_weights_at_centers(wall, settings, prepared, masked
 def test_each_gaussian_has_the_code_of_one_instance(wall, settings, prepared):
     """A Gaussian on the border of two instances has the code of the larger part, not a mean."""
     views, targets = prepared()
-    found = lifted(wall, views, settings, targets)
+    found = lift_instances(wall, views, settings, targets)
     votes, _ = instance_votes(wall, views, settings, targets)
     assert found.decoded == GAUSSIANS and found.levels == ["part", "whole"]
     shown = found.share[:, 1] > 0
@@ -76,7 +76,7 @@ def test_gaussians_in_no_view_get_no_code(wall, settings, prepared):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
     views, targets = prepared()
-    found = lifted(Gaussians.concatenate([wall, behind]), views, settings, targets)
+    found = lift_instances(Gaussians.concatenate([wall, behind]), views, settings, targets)
     assert not found.share[-3:].any() and not found.code[-3:].any()
     assert bool(found.code.isfinite().all())
 
@@ -89,6 +89,6 @@ def test_views_that_stand_alone_are_averaged(prepared):
 def test_an_instance_without_views_has_no_code(wall, settings, prepared):
     rows = [(instance, frame) for instance in (0, 1) for frame in (0, 1, 3, 4)]
     views, targets = prepared(target="view", rows=rows)
-    found = lifted(wall, views, settings, targets)
+    found = lift_instances(wall, views, settings, targets)
     assert not found.share[:, 0].any() and not found.code[:, 0].any()
     assert float(found.share[:, 1].max()) == pytest.approx(1.0)

@@ -15,7 +15,7 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES, scale_name
-from egosplat.baselines.lerf import Field, baked
+from egosplat.baselines.lerf import Field, evaluate_at_centers
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.baselines.tile_views import TileViews
 from egosplat.baselines.tiles import pyramid
@@ -314,7 +314,7 @@ def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene,
     trained = Field(pixels, scene.tiles, 0)
     train(trained, len(scene.views), 60, 0, Checkpoint(tmp_path / "language.zarr", "key", 1e9))
     scales = torch.tensor([0.0, 0.5])
-    code, decoder = baked(trained, scene.gaussians.means, scales, 6)
+    code, decoder = evaluate_at_centers(trained, scene.gaussians.means, scales, 6)
     pose = camera_to_world[HELD_OUT]
     share = torch.ones(code.shape[:2])
     found = render_codes(scene.gaussians, code, share, scene.views.camera, pose, scene.settings)

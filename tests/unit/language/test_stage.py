@@ -93,7 +93,7 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatc
 
         return lifting
 
-    monkeypatch.setattr(dominant, "METHOD", Method(watched(dominant.lifted)))
+    monkeypatch.setattr(dominant, "METHOD", Method(watched(dominant.lift_instances)))
     monkeypatch.setattr(joint, "lift", watched(joint.lift))
     folder = scene()
     train(folder, refine_poses="on", compensate_exposure="on", language=language)
@@ -123,7 +123,7 @@ def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_w
     own = Decoder((3, 4), np.arange(16, dtype=np.float32), ("none",), unit_input=True)
 
     def learned(gaussians, views, settings, targets, options, checkpoint):
-        plain = dominant.lifted(gaussians, views, settings, targets)
+        plain = dominant.lift_instances(gaussians, views, settings, targets)
         return Coded(plain.code, plain.share, plain.levels, own, stands_in=("sand in place of water",))
 
     folder = scene()

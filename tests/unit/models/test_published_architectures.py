@@ -19,7 +19,7 @@ from egosplat.compute import choose_compute
 from egosplat.features import view_features_stage
 from egosplat.models.open_clip_loader import build_model, load_open_clip, read_description
 from egosplat.pipeline.config import Config, resolve, stage_values
-from egosplat.pipeline.model_sets import located
+from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.published import CATALOGUE, ENCODER, LIBRARIES, named_model
 from egosplat.query.text import encode_phrases
 from egosplat.segments import stage as segments_stage
@@ -61,7 +61,7 @@ def saved(cache: Path, architecture: str) -> Path:
 def configured(cache: Path, precision: str, **models: str) -> Config:
     """The configuration of a user who sets ``models.set: published``."""
     keys = {"set": "published", "cache": str(cache)}
-    return located(
+    return locate_checkpoints(
         resolve({"models": keys | models, "run": {"device": "cpu", "precision": precision}}, PRESETS)
     )
 

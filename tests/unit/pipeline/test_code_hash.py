@@ -24,7 +24,7 @@ FILES = {
 CACHED = (
     fingerprint._folder,
     fingerprint._find,
-    parsed_modules.parsed,
+    parsed_modules.parse_module,
     fingerprint._sources_hash,
     fingerprint._texts_hash,
 )
@@ -118,6 +118,7 @@ class HelperOptions(Options):
         ("Count = 3000", "Natural = 3000\n    seed: int = 0", True),
         ("2 *", "3 *", False),
         ("(Options)", "", False),
+        ("class Helper", "class OtherOptions(Options):\n    size: int = 1\n\n\nclass Helper", True),
     ],
 )
 def test_of_options_the_keys_do_not_count(package, old, new, same):

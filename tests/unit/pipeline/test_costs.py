@@ -10,6 +10,8 @@ from egosplat.gaussians.stored_rows import IN_MEMORY
 from egosplat.pipeline import costs
 from egosplat.pipeline.config import defaults, merge, resolve
 from egosplat.pipeline.costs import COSTS, Sizes, cost_of, gpus, memory_mb, minutes, runtime_min
+from egosplat.pipeline.dag import inputs_of
+from egosplat.pipeline.stages import STAGES as STAGES_BY_NAME
 
 ROOT = Path(__file__).resolve().parents[3]
 STAGES = ("segments", "view_features", "features", "transient", "splats", "language", "metrics")
@@ -72,6 +74,15 @@ def test_memory_is_no_less_than_was_measured(tmp_path, stage):
         assert least <= memory_mb(stage, config, inputs, 1) <= 1.4 * least
         assert memory_mb(stage, config, inputs, 1) % 100 == 0
         assert 10 < runtime_min(stage, config, inputs, 1) <= 24 * 60
+
+
+@pytest.mark.parametrize("stage", MEASURED_MB)
+def test_a_job_knows_its_sizes_from_its_own_inputs(tmp_path, stage):
+    """What a stage does not read must not be asked of it; a plan would end there."""
+    scene(tmp_path)
+    inputs = [str(tmp_path / STAGES_BY_NAME[name].output) for name in inputs_of(stage, defaults())]
+    made = [path for path in inputs if Path(path).exists() or "frames" in path]
+    assert memory_mb(stage, defaults(), made, 1) > 0 and runtime_min(stage, defaults(), made, 1) > 0
 
 
 def test_each_rule_that_asks_by_the_table_has_a_row():

@@ -8,7 +8,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge, section_keys, validate
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
-    decided,
+    decide,
     default_pages,
     follows_survey,
     input_flags,
@@ -155,19 +155,19 @@ def test_segments_need_to_know_what_moves_where_only_that_is_tracked(keys, expec
 def test_the_survey_decides_whether_what_moves_is_tracked(masking, expected):
     """Protects the decision, also where splats.masking is set, and a value that is set."""
     config = merge(SINGLE_FRAMES, {"splats": {"masking": "none"}})
-    found = decided(config, survey(masking))
+    found = decide(config, survey(masking))
     assert found["segments"]["track_moving"] == expected and found["splats"]["masking"] == "none"
     assert ("transient" in optional_inputs_of("segments", found)) == (expected == "always")
     assert json.loads(options_json("segments", found))["track_moving"] == expected
     for value in ("always", "never"):
         own = merge(config, {"segments": {"track_moving": value}})
-        assert decided(own, survey(masking)) == own and not survey_decides(own)
+        assert decide(own, survey(masking)) == own and not survey_decides(own)
 
 
 @pytest.mark.parametrize("masking", ["none", "refined"])
 def test_the_survey_decides_masking_where_it_is_auto(masking):
     """Protects the decision, and the inputs and flags that follow from it."""
-    found = decided(BASE, survey(masking))
+    found = decide(BASE, survey(masking))
     assert found["splats"]["masking"] == masking and BASE["splats"]["masking"] == "auto"
     assert ("masks" in optional_inputs_of("splats", found)) == (masking == "refined")
     assert json.loads(options_json("splats", found))["masking"] == masking
@@ -179,18 +179,18 @@ def test_the_survey_decides_what_is_corrected_where_it_is_auto(stage):
     auto = merge(TRACKS, {"camera": BASE["camera"], "splats": {"masking": "none"}})
     assert inputs_of(stage, auto)[-1] == "survey" and "survey" not in inputs_of(stage, merge(auto, OFF))
     assert "survey" not in optional_inputs_of(stage, auto) and "survey" not in inputs_of("masks", auto)
-    found = decided(auto, survey("none"))
+    found = decide(auto, survey("none"))
     assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"} and follows_survey(stage)
     assert found["camera"].items() <= json.loads(options_json(stage, found)).items()
     assert survey_decides(auto) and not survey_decides(merge(auto, OFF))
     by_hand = merge(auto, {"camera": {"refine_poses": "off", "compensate_exposure": "on"}})
-    assert decided(by_hand, survey("none")) == by_hand
+    assert decide(by_hand, survey("none")) == by_hand
 
 
 def test_an_explicit_masking_wins_over_the_survey():
     """Protects the order of precedence."""
     config = merge(TRACKS, {"splats": {"masking": "initial"}})
-    assert decided(config, survey("refined")) == config
+    assert decide(config, survey("refined")) == config
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.pipeline import config
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.model_sets import DEFAULTS, located
+from egosplat.pipeline.model_sets import DEFAULTS, locate_checkpoints
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.published import CATALOGUE, LIBRARIES, model_of_file, named_model
 from egosplat.pipeline.scenes import Scene, read_scenes
@@ -111,7 +111,7 @@ def test_exactly_the_stages_with_a_key_of_the_set_change():
     own = {
         stage
         for stage in STAGES
-        if config.stage_values(stage, small) != config.stage_values(stage, located(published))
+        if config.stage_values(stage, small) != config.stage_values(stage, locate_checkpoints(published))
     }
     assert own == {"transient", "segments", "tiles", "view_features", "features", "metrics", "scene_page"}
     reached = {stage for stage in STAGES if reaches(stage, small, published)}
@@ -130,7 +130,9 @@ def test_published_checkpoints_are_files_of_the_cache(tmp_path):
     encoder = "/data/models/mobilenetv3_small_050.lamb_in1k.safetensors"
     assert found["transient"]["encoder_weights"] == encoder
     for spelling in ("sam2.1_hiera_l", "configs/sam2.1/sam2.1_hiera_l.yaml"):
-        large = located(resolved(models=keys | {"sam2_config": spelling, "clip_model": "ViT-B-16-quickgelu"}))
+        large = locate_checkpoints(
+            resolved(models=keys | {"sam2_config": spelling, "clip_model": "ViT-B-16-quickgelu"})
+        )
         assert large["models"]["sam2_checkpoint"] == "/data/models/sam2.1_hiera_large.pt"
         assert large["models"]["clip_checkpoint"] == "/data/models/ViT-B-16-quickgelu.dfn2b.bin"
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from egosplat.pipeline import parsed_modules
-from egosplat.pipeline.parsed_modules import keep_parsed, parsed
+from egosplat.pipeline.parsed_modules import keep_parsed, parse_module
 
 SOURCE = "import pkg.first\n\ndef run():\n    from . import second\n"
 
@@ -13,7 +13,7 @@ SOURCE = "import pkg.first\n\ndef run():\n    from . import second\n"
 def forget() -> None:
     """Forget everything but the file."""
     parsed_modules._kept.cache_clear()
-    parsed.cache_clear()
+    parse_module.cache_clear()
 
 
 @pytest.fixture
@@ -28,27 +28,27 @@ def module(tmp_path, monkeypatch):
 
 
 def test_a_kept_module_is_not_parsed_again(module, monkeypatch):
-    first = parsed("pkg.stage", module)
+    first = parse_module("pkg.stage", module)
     assert first.imports == ("pkg.first", "pkg", "pkg.second")
     keep_parsed()
     forget()
     monkeypatch.setattr(parsed_modules.ast, "parse", lambda _: pytest.fail("parsed again"))
-    assert parsed("pkg.stage", module) == first
+    assert parse_module("pkg.stage", module) == first
 
 
 def test_an_edited_module_is_parsed_again(module):
-    first = parsed("pkg.stage", module)
+    first = parse_module("pkg.stage", module)
     keep_parsed()
     forget()
     module.write_text(SOURCE + "X = 1\n")
-    assert parsed("pkg.stage", module).tree_hash != first.tree_hash
+    assert parse_module("pkg.stage", module).tree_hash != first.tree_hash
 
 
 def test_the_same_text_in_another_package_imports_other_modules(module):
-    parsed("pkg.stage", module)
+    parse_module("pkg.stage", module)
     keep_parsed()
     forget()
-    assert "other.second" in parsed("other.stage", module).imports
+    assert "other.second" in parse_module("other.stage", module).imports
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"a": 1}', '{"a": ["hash", [1]]}', '{"a": []}'])
@@ -56,7 +56,7 @@ def test_a_damaged_file_is_replaced(module, text):
     file = parsed_modules._file()
     file.parent.mkdir(parents=True)
     file.write_text(text)
-    first = parsed("pkg.stage", module)
+    first = parse_module("pkg.stage", module)
     keep_parsed()
     assert [first.tree_hash, [*first.imports]] in json.loads(file.read_text()).values()
 
@@ -65,8 +65,8 @@ def test_the_file_holds_the_latest_modules(module, monkeypatch):
     monkeypatch.setattr(parsed_modules, "MOST_MODULES", 2)
     for text in ("A = 1", "A = 2", "A = 3"):
         module.write_text(text)
-        parsed.cache_clear()
-        latest = parsed("pkg.stage", module)
+        parse_module.cache_clear()
+        latest = parse_module("pkg.stage", module)
         keep_parsed()
     kept = json.loads(parsed_modules._file().read_text())
     assert len(kept) == 2 and [*kept.values()][-1] == [latest.tree_hash, []]
@@ -74,7 +74,7 @@ def test_the_file_holds_the_latest_modules(module, monkeypatch):
 
 def test_without_a_folder_to_write_in_modules_are_parsed_each_time(module, monkeypatch):
     (module.parent / "cache").write_text("a file in place of the folder")
-    first = parsed("pkg.stage", module)
+    first = parse_module("pkg.stage", module)
     keep_parsed()
     forget()
-    assert parsed("pkg.stage", module) == first
+    assert parse_module("pkg.stage", module) == first

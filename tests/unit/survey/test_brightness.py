@@ -5,7 +5,7 @@ import pytest
 
 from egosplat.survey.brightness import (
     compare_light,
-    equalized,
+    equalize,
     exposure_changes,
     exposure_curve,
     exposure_range,
@@ -58,11 +58,11 @@ def test_vignetting_is_not_exposure():
 def test_brightness_is_equalized(gain, offset):
     first = exposed(0)
     second = np.clip(gain * first + offset, 0, 255).astype(np.uint8)
-    found = equalized(second, first.ravel(), second.ravel())
+    found = equalize(second, first.ravel(), second.ravel())
     assert found.dtype == np.uint8 and np.isfinite(found).all()
     if gain:
         assert np.abs(found.astype(float) - first).mean() < 3
-    assert (equalized(second, first[:0, 0], second[:0, 0]) == second).all()
+    assert (equalize(second, first[:0, 0], second[:0, 0]) == second).all()
 
 
 def test_the_curve_is_summed_along_chains_of_pairs():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.geometry import Camera
-from egosplat.survey.rigid import View, fit_correction, robust_scale, static_residual, turned
+from egosplat.survey.rigid import View, fit_correction, robust_scale, static_residual, turn
 
 K = Camera(200, 200, 150.0, 150.0, 100.0, 100.0).matrix
 VIEW = View(K, np.array([0.2, 0.0, 0.05]), 2.0, 0.5)
@@ -18,7 +18,7 @@ def seen(view: View, correction: np.ndarray, seed: int = 0) -> tuple[np.ndarray,
     position = view.position + view.depth * correction[3:]
     rays = np.concatenate([pixels, np.ones((600, 1))], axis=1) @ np.linalg.inv(K).T * depth - position
     ends = rays @ K.T
-    return pixels, turned(K, ends[:, :2] / ends[:, 2:], -correction[:3]) - pixels + rng.normal(
+    return pixels, turn(K, ends[:, :2] / ends[:, 2:], -correction[:3]) - pixels + rng.normal(
         0, 0.05, (600, 2)
     )
 
@@ -71,4 +71,4 @@ def test_without_pixels_nothing_is_corrected():
 
 @pytest.mark.parametrize("angle", [0.2, np.pi / 2, np.pi])
 def test_pixels_stay_finite_at_any_turn(angle):
-    assert np.isfinite(turned(K, np.array([[0.0, 0.0], [100.0, 100.0]]), np.array([0.0, angle, 0.0]))).all()
+    assert np.isfinite(turn(K, np.array([[0.0, 0.0], [100.0, 100.0]]), np.array([0.0, angle, 0.0]))).all()

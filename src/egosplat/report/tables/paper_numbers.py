@@ -89,7 +89,7 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
 }
 
 
-def printed(table: str, scene: str, method: str, metric: str, group: str) -> float:
+def find_printed(table: str, scene: str, method: str, metric: str, group: str) -> float:
     """A printed number [%].
 
     Args:

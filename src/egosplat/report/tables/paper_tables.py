@@ -8,7 +8,7 @@ from string import ascii_lowercase
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
 from egosplat.evaluation.scored_scenes import CHANCE, FULL, UNTOUCHED, Cell, Cost, ScoredScene
 from egosplat.report.tables.paper_layouts import LAYOUTS, scenes_of
-from egosplat.report.tables.paper_numbers import PAPER_NOTES, printed
+from egosplat.report.tables.paper_numbers import PAPER_NOTES, find_printed
 from egosplat.report.tables.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
 from egosplat.report.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
 
@@ -60,7 +60,7 @@ def _printed_rows(layout: Layout, notes: Sequence[Note]) -> Iterator[Row]:
             method,
             name,
             steps,
-            tuple(Cell(printed(layout.numbers, *key)) for key in keys),
+            tuple(Cell(find_printed(layout.numbers, *key)) for key in keys),
             checkpoints="the paper's",
             variant=line if steps else "",
             marks=tuple(next((note.mark for note in notes if key in note.cells), "") for key in keys),

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.optical_flow import find_flow, is_consistent, padded, pixel_grid
+from egosplat.optical_flow import find_flow, is_consistent, pad, pixel_grid
 from egosplat.segments.classical.options import ClassicalOptions
 from egosplat.segments.classical.working_image import resize_to_side
 
@@ -84,7 +84,7 @@ def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[
     height, width = source.shape
     # Remove the camera's motion, a homography, first: a turning head moves pixels further than the search
     # finds among repeating textures.
-    source, target = padded(source), padded(target)
+    source, target = pad(source), pad(target)
     start = pixel_grid(*source.shape)
     moved = move(start, motion)
     target = cv2.remap(target, moved, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

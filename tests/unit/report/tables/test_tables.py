@@ -6,7 +6,7 @@ import pytest
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene
-from egosplat.report.tables.paper_numbers import METHODS, SCENES, printed
+from egosplat.report.tables.paper_numbers import METHODS, SCENES, find_printed
 from egosplat.report.tables.paper_tables import average, average_chance, paper_tables
 from egosplat.report.tables.table import PRINTED, SYNTHETIC, Row, number, ranks
 
@@ -45,16 +45,16 @@ def test_numbers_are_formatted_as_the_paper_formats_them():
     ],
 )
 def test_paper_numbers_are_those_printed(key, percent):
-    assert printed(*key) == percent
+    assert find_printed(*key) == percent
 
 
 def test_paper_rows_in_two_tables_are_equal():
     for metric in ("accuracy", "mean_iou"):
         for group in ("static", "dynamic", "all"):
-            assert printed("adt-ablation", "average", "full", metric, group) == printed(
+            assert find_printed("adt-ablation", "average", "full", metric, group) == find_printed(
                 "adt", "average", "EgoSplat", metric, group
             )
-            assert printed("adt-transient", "scene1", "refined", metric, group) == printed(
+            assert find_printed("adt-transient", "scene1", "refined", metric, group) == find_printed(
                 "adt", "scene1", "EgoSplat", metric, group
             )
 
@@ -74,8 +74,8 @@ def test_printed_averages_are_means_but_for_those_with_a_note():
         for method in METHODS
         for group in ("static", "dynamic", "all")
         if abs(
-            sum(printed("adt", scene, method, metric, group) for scene in SCENES["adt"]) / 5
-            - printed("adt", "average", method, metric, group)
+            sum(find_printed("adt", scene, method, metric, group) for scene in SCENES["adt"]) / 5
+            - find_printed("adt", "average", method, metric, group)
         )
         > 0.1
     }

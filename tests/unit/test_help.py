@@ -1,0 +1,28 @@
+"""The front of the command line: commands by group, few flags first."""
+
+import pytest
+from click.testing import CliRunner
+
+from egosplat.cli import cli
+
+
+def said(*words: str) -> str:
+    done = CliRunner(env={"COLUMNS": "80"}).invoke(cli, words)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_commands_are_listed_by_group_on_one_line_each():
+    text = said("--help")
+    groups = [text.index(title) for title in ("Ask and look:", "Set up:", "Stages")]
+    assert groups == sorted(groups) and text.index("  query ") < text.index("  doctor ") < text.index(
+        "  splats "
+    )
+    assert max(map(len, text.splitlines())) <= 80 and "..." not in text[groups[0] :]
+
+
+@pytest.mark.parametrize("command", ["query", "page", "view", "export", "movie"])
+def test_readings_of_the_paper_stand_behind_help_all(command):
+    short, whole = said(command, "--help"), said(command, "--help-all")
+    assert "--min-score" in short and "--help-all" in short and "temperature" not in short
+    assert "temperature" in whole and "canonical" in whole
