@@ -45,6 +45,12 @@ scene_folders = click.argument(
 )
 
 
+def survey_of(folder: Path) -> Path | None:
+    """The survey of a scene; None if the scene was made without one."""
+    path = folder / "survey.json"
+    return path if path.exists() else None
+
+
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
     """A Markdown table. The first ``words`` columns are aligned to the left, the others to the right."""
     marks = ["---"] * words + ["---:"] * (len(columns) - words)

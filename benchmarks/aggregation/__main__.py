@@ -36,7 +36,6 @@ DIMS = {"linear": (1, 2, 3, 4, 6, 8, 12, 16, 24, 32), "autoencoder": (3, 4, 8, 1
 # The true name must be among this many nearest ones.
 TOPS = (1, 5)
 
-TRIALS = 5
 K = 3.0
 
 
@@ -65,13 +64,13 @@ class Naming:
         return self.hits(aggregate(features, thing, count, method, K).feature, self.truth).mean(axis=1)
 
 
-def accuracies(naming: Naming, kind: str) -> NDArray[np.float64]:
+def accuracies(naming: Naming, kind: str, trials: int) -> NDArray[np.float64]:
     """(methods, shares, tops) accuracies with one kind of wrong views, means over the trials."""
     found = np.zeros((len(METHODS), len(SHARES), len(TOPS)))
     for column, share in enumerate(track(SHARES, f"corrupting: {kind}", unit="share")):
-        for trial in range(TRIALS):
+        for trial in range(trials):
             features = corrupted(naming.tracks, kind, share, np.random.default_rng([trial, column]))
-            found[:, column] += [naming.accuracy(features, method) / TRIALS for method in METHODS]
+            found[:, column] += [naming.accuracy(features, method) / trials for method in METHODS]
     return found
 
 
@@ -100,7 +99,7 @@ def compressed(naming: Naming, epochs: int) -> Iterator[list[object]]:
         yield [kind, dims, *(f"{mean:.3f}" for mean in means)]
 
 
-def introduction(naming: Naming, model: str) -> str:
+def introduction(naming: Naming, model: str, trials: int) -> str:
     """Title and first lines of the page."""
     tracks = naming.tracks
     views = np.bincount(tracks.thing)
@@ -108,7 +107,7 @@ def introduction(naming: Naming, model: str) -> str:
         f"# Aggregation and compression of features\n\n`python -m benchmarks.aggregation`: {len(tracks.name)} objects of "
         f"{len(np.unique(tracks.world))} held-out worlds with {views.min()} to {views.max()} views (mean {views.mean():.1f}), "
         f"OpenCLIP {model}. Accuracy is the share of objects named right among {len(naming.texts)} names, with the true one "
-        f"nearest / among the {TOPS[1]} nearest, mean of {TRIALS} trials."
+        f"nearest / among the {TOPS[1]} nearest, mean of {trials} trials."
     )
 
 
@@ -117,14 +116,15 @@ def introduction(naming: Naming, model: str) -> str:
 @click.option("--clip-model", default="small", show_default=True)
 @click.option("--clip-checkpoint", default="small", show_default=True)
 @click.option("--epochs", default=100, show_default=True, help="Of the autoencoders.")
-def main(worlds: Path, clip_model: str, clip_checkpoint: str, epochs: int) -> None:
+@click.option("--trials", default=5, show_default=True, help="Draws of wrong views.")
+def main(worlds: Path, clip_model: str, clip_checkpoint: str, epochs: int, trials: int) -> None:
     """Print the tables."""
     clip = load_open_clip(clip_model, clip_checkpoint, "cpu", "float32")
     films = [read_world(folder) for folder in world_folders(worlds)]
     naming = Naming(find_tracks(films, set(CATEGORY_UIDS), clip), clip)
-    click.echo(introduction(naming, clip_model))
+    click.echo(introduction(naming, clip_model, trials))
     for kind, about in KINDS.items():
-        found = accuracies(naming, kind)
+        found = accuracies(naming, kind, trials)
         rows = [
             [f"{share:.0%}", *(" / ".join(f"{value:.3f}" for value in each) for each in found[:, column])]
             for column, share in enumerate(SHARES)

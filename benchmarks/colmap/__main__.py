@@ -19,9 +19,9 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults
 from egosplat.pipeline.scene_folder import title_of
-from egosplat.poses.stage import PosesOptions, run
+from egosplat.poses.options import PosesOptions
+from egosplat.poses.stage import run
 
 COLUMNS = (
     "scene",
@@ -51,8 +51,7 @@ def row(folder: Path) -> list[str]:
     with tempfile.TemporaryDirectory() as work:
         output = Path(work) / "poses.zarr"
         try:
-            options = PosesOptions(**defaults()["poses"] | {"method": "colmap"})
-            run(folder, folder / "frames.zarr", output, options)
+            run(folder, folder / "frames.zarr", output, PosesOptions(method="colmap"))
             found = _errors(open_artifact(output, POSES), truth)
         except UserError as error:
             found = [str(error), "", "", ""]

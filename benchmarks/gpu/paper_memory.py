@@ -8,7 +8,6 @@ from typing import Any
 
 import torch
 import yaml
-from egosplat.tables.scored_scenes import read_scored_scene
 
 from benchmarks.common import MIB, ROOT, markdown
 from benchmarks.gpu.main_job import SCENE, cells_of, make, records_of
@@ -16,6 +15,7 @@ from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.segments_growth.__main__ import KEEP_ALL
 from egosplat.artifacts.reader import open_any
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.gaussians.model import Gaussians
 from egosplat.pipeline.config import resolve, stage_values
 from egosplat.progress import log
@@ -27,7 +27,8 @@ GIB = 2**30
 # Memory of the cards that the paper's authors name.
 CARD_GIB = 24
 
-# Times do not matter here. With random weights SAM2's masks are noise: all are kept, up to the preset's number of instances.
+# Times do not matter here. With random weights most of SAM2's masks are alike, and few are kept: benchmarks/segments_growth
+# measures the memory of many instances.
 SHORT: dict[str, Any] = {
     "preset": "paper",
     "models": {

@@ -28,11 +28,12 @@ from egosplat.geometry import invert
 from egosplat.progress import track
 from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats import stage as splats
+from egosplat.splats.options import SplatsOptions
 
 ITERATIONS, EVALUATE_EVERY = 7000, 500
 
-# The keys of the stage: nothing is masked or corrected, as in gsplat's trainer.
-KEYS = splats.SplatsOptions(refine_poses="off", compensate_exposure="off", masking="none").as_dict()
+# Of the stage: nothing is masked or corrected, as in gsplat's trainer.
+OPTIONS = SplatsOptions(refine_poses="off", compensate_exposure="off", masking="none")
 # More Gaussians than gsplat's trainer makes of these views.
 UNLIMITED = 5_000_000
 
@@ -76,7 +77,7 @@ def report(gsplat: ModuleType, scene: Path, work: Path, iterations: int = ITERAT
     frames, poses = scene / "frames.zarr", scene / "poses.zarr"
     every = min(EVALUATE_EVERY, iterations)
     limited = {"iterations": iterations, "evaluate_every": every}
-    most = KEYS["max_gaussians"]
+    most = OPTIONS.max_gaussians
     curves = {
         f"egosplat, at most {most:,} Gaussians": of_stage(frames, poses, work / "limited.zarr", limited),
         "egosplat, no limit": of_stage(
@@ -114,7 +115,7 @@ def table(curves: Mapping[str, Curve]) -> str:
 
 def of_stage(frames: Path, poses: Path, output: Path, changed: Mapping[str, Any]) -> Curve:
     """Run the stage ``splats`` with changed keys."""
-    splats.run(frames, poses, output, splats.SplatsOptions(**KEYS | changed))
+    splats.run(frames, poses, output, OPTIONS.change(**changed))
     artifact = open_artifact(output, SPLATS)
     return Curve(
         artifact.facts["iteration"],
@@ -135,14 +136,17 @@ def of_gsplat(
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     flags = frames.read("train"), frames.read("evaluation"), poses.read("registered")
     split = split_views(*flags)
-    device = training_device(KEYS["backend"])
+    device = training_device(OPTIONS.backend)
     views, held_out = (
         read_views(frames, poses, chosen, device) for chosen in (split.training, split.held_out)
     )
     start = starting_gaussians(
         poses,
         views,
-        **{key: KEYS[key] for key in ("max_points", "densify_init", "near_plane", "seed")},
+        max_points=OPTIONS.max_points,
+        densify_init=OPTIONS.densify_init,
+        near_plane=OPTIONS.near_plane,
+        seed=OPTIONS.seed,
         sh_degree=MAX_SH_DEGREE,
     )
     return GsplatTraining(rasterize, views, start, iterations).run(held_out, every)
@@ -189,9 +193,9 @@ class GsplatTraining:
 
     def run(self, held_out: Views, every: int) -> Curve:
         """Train, and evaluate after each ``every`` iterations."""
-        settings = RenderSettings(KEYS["near_plane"], "black", antialiased=False, backend=KEYS["backend"])
+        settings = RenderSettings(OPTIONS.near_plane, "black", antialiased=False, backend=OPTIONS.backend)
         seconds, psnr, spent = [], [], 0.0
-        generator = torch.Generator().manual_seed(KEYS["seed"])
+        generator = torch.Generator().manual_seed(OPTIONS.seed)
         began = time.perf_counter()
         order: list[int] = []
         for step in track(range(self._iterations), "gsplat's trainer"):
@@ -220,7 +224,7 @@ class GsplatTraining:
             Ks=self._matrix,
             width=camera.width,
             height=camera.height,
-            near_plane=KEYS["near_plane"],
+            near_plane=OPTIONS.near_plane,
             sh_degree=_sh_degree(step),
             packed=False,
         )

@@ -13,10 +13,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, time_call
+from benchmarks.common import command, markdown, scene_folders, survey_of, time_call
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.frames import FRAMES
@@ -68,15 +69,15 @@ Labels = NDArray[np.int32]
 class Scene:
     """A scene with masks of single frames, lifted onto temporary Gaussians."""
 
-    def __init__(self, folder: Path) -> None:
-        """Read the artifacts in ``folder``, and lift the masks."""
+    def __init__(self, folder: Path, iterations: int) -> None:
+        """Read the artifacts in ``folder``, and lift the masks onto Gaussians of so many iterations."""
         frames, poses = (
             open_artifact(folder / "frames.zarr", FRAMES),
             open_artifact(folder / "poses.zarr", POSES),
         )
         self.segments = open_artifact(folder / "segments.zarr", SEGMENTS)
-        self.keys = InstancesOptions(source="masks")
-        kept, _ = kept_frames(frames, folder / "survey.json")
+        self.keys = InstancesOptions(source="masks", iterations=iterations)
+        kept, _ = kept_frames(frames, survey_of(folder))
         flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
         training = split_views(*flags).training
         self.valid = frames.read("valid")
@@ -87,7 +88,6 @@ class Scene:
                 frames,
                 poses,
                 training,
-                lambda row: tracks.pixels(self.segments.row("labels", row)),
                 self.keys,
                 Path(work) / "instances.zarr",
                 "benchmark",
@@ -131,6 +131,15 @@ class Scene:
             yield np.where(self.valid, shown[0], -1)
 
 
+# Decorator: training length of the Gaussians that masks are merged on, as ``iterations``.
+iterations = click.option(
+    "--iterations",
+    default=InstancesOptions().iterations,
+    show_default=True,
+    help="Of the Gaussians that masks are merged on.",
+)
+
+
 def row_of(scene: str, change: str, scores: VideoScores, seconds: float | None) -> list[str]:
     """A row of the table."""
     numbers = (f"{scores.iou:.3f}", f"{scores.switches:.2f}", f"{scores.fragments:.2f}", f"{scores.held:.2f}")
@@ -139,14 +148,16 @@ def row_of(scene: str, change: str, scores: VideoScores, seconds: float | None) 
 
 @command(__doc__)
 @scene_folders
-def main(folders: tuple[Path, ...]) -> None:
+@iterations
+@click.option("--change", "changes", multiple=True, type=click.Choice(list(CHANGES)), help="Only these.")
+def main(folders: tuple[Path, ...], iterations: int, changes: tuple[str, ...]) -> None:
     """Measure and print the table."""
     rows = []
     for folder in folders:
-        scene, name = Scene(folder), title_of(folder)
+        scene, name = Scene(folder, iterations), title_of(folder)
         rows.append(row_of(name, "segments.zarr", scene.score(scene.as_segmented()), None))
-        for change, values in CHANGES.items():
-            scores, seconds = time_call(scene.score_merged, values)
+        for change in changes or CHANGES:
+            scores, seconds = time_call(scene.score_merged, CHANGES[change])
             rows.append(row_of(name, change, scores, seconds))
             log(f"{name}, {change}: IoU {scores.iou:.3f}")
     print(markdown(COLUMNS, rows, words=2))

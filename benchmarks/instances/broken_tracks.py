@@ -17,8 +17,8 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import command, markdown, scene_folders, time_call
-from benchmarks.instances.__main__ import FRAME_STEP, PIXEL_STEP
+from benchmarks.common import command, markdown, scene_folders, survey_of, time_call
+from benchmarks.instances.__main__ import FRAME_STEP, PIXEL_STEP, iterations
 from benchmarks.scores import format_score
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import Truth, read_truth
@@ -105,20 +105,20 @@ class Scene:
         annotated = track(list(self.truth.all_labels()), "reading annotations")
         self.true = [np.where(valid, labels, -1).astype(np.int32) for labels in annotated]
         self.broken = break_tracks(self.true, len(self.truth.names))
-        kept, _ = kept_frames(self.frames, folder / "survey.json")
+        kept, _ = kept_frames(self.frames, survey_of(folder))
         registered = open_artifact(folder / "poses.zarr", POSES).read("registered")
         self.rows = np.flatnonzero(kept & registered)[::FRAME_STEP]
 
-    def merge(self, tracks: list[Labels], source: str, work: Path) -> list[Labels]:
+    def merge(self, tracks: list[Labels], source: str, iterations: int, work: Path) -> list[Labels]:
         """Labels of the stage ``instances`` for these tracks, which it writes into ``work`` with its input."""
         pieces = -(-len(tracks) // CUT_EVERY) if tracks is self.broken else 1
         write_segments(work / "segments.zarr", self.frames, tracks, np.tile(self.truth.moves, pieces))
         run(
             "instances",
-            configuration.resolve({"instances": {"source": source}}, PRESETS),
+            configuration.resolve({"instances": {"source": source, "iterations": iterations}}, PRESETS),
             **{name: self.folder / f"{name}.zarr" for name in ("frames", "poses")},
             segments=work / "segments.zarr",
-            survey=self.folder / "survey.json",
+            survey=survey_of(self.folder),
             output=work / "instances.zarr",
         )
         found = open_artifact(work / "instances.zarr", INSTANCES)
@@ -138,14 +138,14 @@ class Scene:
         return [format_score(scored.cell(name, "all")) for name in ("accuracy", "mean_iou")]
 
 
-def rows_of(folder: Path, queries: bool) -> Iterator[list[object]]:
+def rows_of(folder: Path, queries: bool, iterations: int) -> Iterator[list[object]]:
     """The table's rows of a scene."""
     scene = Scene(folder)
     cases = {"true": (scene.true, "tracks"), "true, merged in 3D": (scene.true, "both")}
     cases |= {"broken": (scene.broken, "tracks"), "broken, merged in 3D": (scene.broken, "both")}
     for name, (tracks, source) in cases.items():
         with TemporaryDirectory() as work:
-            found, seconds = time_call(partial(scene.merge, tracks, source, Path(work)))
+            found, seconds = time_call(partial(scene.merge, tracks, source, iterations, Path(work)))
             asked = scene.query(Path(work)) if queries else []
         yield [*cells(scene, name, found), f"{seconds:.0f}", *asked]
         if source == "both":
@@ -168,9 +168,10 @@ def cells(scene: Scene, name: str, found: list[Labels]) -> list[str]:
 @command(__doc__)
 @scene_folders
 @click.option("--queries", is_flag=True, help="Ask the scene's queries, too.")
-def main(folders: tuple[Path, ...], queries: bool) -> None:
+@iterations
+def main(folders: tuple[Path, ...], queries: bool, iterations: int) -> None:
     """Print the table."""
-    rows = [row for folder in folders for row in rows_of(folder, queries)]
+    rows = [row for folder in folders for row in rows_of(folder, queries, iterations)]
     print(markdown(COLUMNS + (QUERIED if queries else ()), rows, words=2))
 
 

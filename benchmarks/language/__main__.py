@@ -39,7 +39,6 @@ from egosplat.language.loop import train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.training import PlainCodes
 from egosplat.language.views import CodeViews, select_code_views
-from egosplat.pipeline.config import defaults
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 
@@ -111,10 +110,7 @@ def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], T
 
 def trained(scene: Scene, views: CodeViews, levels: int, iterations: int) -> Tensor:
     """Codes trained by gradients."""
-    keys = defaults()["language"]
-    options = LanguageOptions(
-        iterations=iterations, lr=keys["lr"], normalize_codes=keys["normalize_codes"], seed=keys["seed"]
-    )
+    options = LanguageOptions(iterations=iterations)
     found = PlainCodes(scene.gaussians, views, scene.settings, (levels, scene.targets.channels), options)
     with TemporaryDirectory() as folder:
         train(found, len(views), iterations, options.seed, Checkpoint(Path(folder) / "x", "", 1e9))

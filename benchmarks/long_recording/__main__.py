@@ -1,22 +1,22 @@
-"""Measure the memory of ``splats`` and ``transient`` on a long recording, without filming one.
+"""Memory of ``splats`` and ``transient`` on a long recording, without filming one.
 
-The recording is synthetic: each picture is one random color with a few random squares, which compresses to a few kilobytes. Memory
+    python -m benchmarks.long_recording FOLDER
+
+FOLDER takes the recording, 0.1 GB at 3,600 frames. It is synthetic: each picture is one random color with a few random squares, which compresses to a few kilobytes. Memory
 does not depend on what pictures show. Each stage runs in a process of its own.
 """
 
-import argparse
 import resource
-import subprocess
-import sys
 import time
 from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from unittest import mock
 
+import click
 import numpy as np
 
-from benchmarks.common import markdown
+from benchmarks.common import command, markdown, output_of
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
@@ -25,7 +25,6 @@ from egosplat.artifacts.reader import Artifact, recorded_digest
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.writer import Writer, create
 from egosplat.geometry import Camera
-from egosplat.pipeline.config import defaults
 
 GIB = 2**30
 FRAME_NS = 100_000_000
@@ -33,54 +32,50 @@ POINTS = 20_000
 STAGES = ("splats", "transient")
 
 
-def main() -> None:
+@command(__doc__)
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.option("--frames", default=3600, show_default=True)
+@click.option("--size", default=1408, show_default=True, help="Side of a picture [px].")
+@click.option("--iterations", default=50, show_default=True)
+@click.option("--stage", type=click.Choice(STAGES), help="Run this stage only, in this process.")
+def main(folder: Path, frames: int, size: int, iterations: int, stage: str | None) -> None:
     """Write the recording, run both stages, print a table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.long_recording", description=__doc__)
-    parser.add_argument("folder", type=Path, help="where the recording is written; 0.1 GB at 3,600 frames")
-    parser.add_argument("--frames", type=int, default=3600)
-    parser.add_argument("--size", type=int, default=1408, help="side of a picture [px]")
-    parser.add_argument("--iterations", type=int, default=50)
-    parser.add_argument("--stage", choices=STAGES, help="run this stage only, in this process")
-    given = parser.parse_args()
-    if given.stage:
-        run(given.stage, given.folder, given.size, given.iterations)
+    if not (folder / "poses.zarr").exists():
+        write_recording(folder, frames, size)
+    if stage:
+        run(stage, folder, size, iterations)
         return
-    if not (given.folder / "poses.zarr").exists():
-        write_recording(given.folder, given.frames, given.size)
-    rows = [measured(stage, given) for stage in STAGES]
-    print(markdown(["stage", "frames", "side [px]", "iterations", "memory [GiB]", "time [s]"], rows))
+    rows = [row(one, folder, frames, size, iterations) for one in STAGES]
+    click.echo(markdown(["stage", "frames", "side [px]", "iterations", "memory [GiB]", "time [s]"], rows))
 
 
-def measured(stage: str, given: argparse.Namespace) -> list[object]:
-    """Run one stage in another process; returns a row of the table."""
-    command = [sys.executable, "-m", "benchmarks.long_recording", str(given.folder), "--stage", stage]
-    command += ["--size", str(given.size), "--iterations", str(given.iterations)]
+def row(stage: str, folder: Path, frames: int, size: int, iterations: int) -> list[object]:
+    """A row of the table: one stage, run in a process of its own."""
     started = time.perf_counter()
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    seconds = time.perf_counter() - started
-    return [stage, given.frames, given.size, given.iterations, done.stdout.split()[-1], f"{seconds:.0f}"]
+    words = ("--stage", stage, "--size", size, "--iterations", iterations)
+    said = output_of("benchmarks.long_recording", folder.resolve(), *words)
+    return [stage, frames, size, iterations, said.split()[-1], f"{time.perf_counter() - started:.0f}"]
 
 
 def run(stage: str, folder: Path, size: int, iterations: int) -> None:
     """Run one stage at the full size of the pictures; prints the peak of its memory [GiB]."""
-    off = {"refine_poses": "off", "compensate_exposure": "off", "iterations": iterations}
-    keys = defaults()["camera"] | defaults()[stage] | off
+    keys = {"refine_poses": "off", "compensate_exposure": "off", "iterations": iterations}
     frames, poses, output = (folder / f"{name}.zarr" for name in ("frames", "poses", stage))
     if stage == "splats":
-        from egosplat.splats.stage import SplatsOptions
+        from egosplat.splats.options import SplatsOptions
         from egosplat.splats.stage import run as train
 
         keys |= {"masking": "refined", "evaluate_every": iterations, "max_gaussians": POINTS}
         train(frames, poses, output, SplatsOptions(**keys), masks_path=folder / "masks.zarr")
     else:
         from egosplat.transient import stage as transient
+        from egosplat.transient.options import TransientOptions
 
         keys |= {"resolution": size, "max_gaussians": POINTS}
-        options = transient.TransientOptions(**keys)
         # Predictions are written frame by frame; they take hours here and no memory.
         with mock.patch.object(transient, "_put_probability", _no_prediction):
-            transient.run(frames, poses, output, options)
-    print(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f}")
+            transient.run(frames, poses, output, TransientOptions(**keys))
+    click.echo(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f}")
 
 
 def _no_prediction(artifact: Writer, frames: Artifact, *rest: object) -> float:

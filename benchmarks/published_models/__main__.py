@@ -41,11 +41,11 @@ COLUMNS = (
 Rows = Iterator[list[str]]
 
 
-def measure_sam2(path: Path) -> Rows:
+def measure_sam2(path: Path, architecture: str) -> Rows:
     """Rows of SAM2: loading, encoding an image, a point prompt."""
-    sam2, seconds = time_call(lambda: load_sam2(SAM2, str(path), "cpu", "float32"))
+    sam2, seconds = time_call(lambda: load_sam2(architecture, str(path), "cpu", "float32"))
     model, predictor = sam2.video_predictor, image_predictor(sam2)
-    yield row("loading", [seconds], path, f"SAM2 {SAM2}", model)
+    yield row("loading", [seconds], path, f"SAM2 {architecture}", model)
     image = np.random.default_rng(0).integers(0, 256, (*FRAME, 3), dtype=np.uint8)
     with sam2.compute.inference():
         seconds = [time_call(predictor.set_image, image)[1] for _ in range(2)]
@@ -56,20 +56,22 @@ def measure_sam2(path: Path) -> Rows:
     check_equal(model, torch.load(path, weights_only=True)["model"])
 
 
-def measure_clip(path: Path) -> Rows:
+def measure_clip(path: Path, architecture: str) -> Rows:
     """Rows of OpenCLIP: loading, encoding an image, encoding a text."""
-    clip, seconds = time_call(lambda: load_open_clip(CLIP, str(path), "cpu", "float32"))
-    yield row("loading", [seconds], path, f"OpenCLIP {CLIP}", clip.model)
+    clip, seconds = time_call(lambda: load_open_clip(architecture, str(path), "cpu", "float32"))
+    yield row("loading", [seconds], path, f"OpenCLIP {architecture}", clip.model)
     image = torch.rand(1, 3, *clip.preprocessing.image_size)
     calls: dict[str, Callable[[], Tensor]] = {
         f"an image of {'x'.join(map(str, image.shape[2:]))}": lambda: clip.model.encode_image(image),
         "a text": lambda: clip.model.encode_text(clip.tokenizer(["a red chair"])),
     }
+    shapes = set()
     for what, call in calls.items():
         with clip.compute.inference():
             encoded = [time_call(call) for _ in range(2)]
         yield row(what, [seconds for _, seconds in encoded], path)
-        check(encoded[0][0].shape == (1, 512), "the features do not have 512 dimensions")
+        shapes.add(encoded[0][0].shape)
+    check(len(shapes) == 1, "features of image and text differ in shape")
     check_equal(clip.model, torch.load(path, weights_only=True))
 
 
@@ -103,22 +105,26 @@ FILE = (click.Choice(list(MODELS)), click.Path(path_type=Path))
 
 
 @command(__doc__)
+@click.option("--sam2", default=SAM2, show_default=True, help="Architecture, as models.sam2_config.")
+@click.option("--clip", default=CLIP, show_default=True, help="Architecture, as models.clip_model.")
 @click.option("--save", type=FILE, hidden=True)
 @click.option("--measure", type=FILE, hidden=True)
-def main(save: tuple[str, Path] | None, measure: tuple[str, Path] | None) -> None:
-    """Print the table; with an option, save or measure one model in this process."""
+def main(sam2: str, clip: str, save: tuple[str, Path] | None, measure: tuple[str, Path] | None) -> None:
+    """Print the table; with a hidden option, save or measure one model in this process."""
+    architectures = {"sam2": sam2, "clip": clip}
     if save:
-        MODELS[save[0]][0](save[1])
+        MODELS[save[0]][0](save[1], architectures[save[0]])
         return
     if measure:
-        click.echo(json.dumps(list(MODELS[measure[0]][1](measure[1]))))
+        click.echo(json.dumps(list(MODELS[measure[0]][1](measure[1], architectures[measure[0]]))))
         return
+    chosen = ("--sam2", sam2, "--clip", clip)
     rows: list[list[str]] = []
     with tempfile.TemporaryDirectory() as folder:
         for name in MODELS:
             path = Path(folder) / f"{name}.pt"
-            output_of("benchmarks.published_models", "--save", name, path)
-            rows += json.loads(output_of("benchmarks.published_models", "--measure", name, path))
+            output_of("benchmarks.published_models", *chosen, "--save", name, path)
+            rows += json.loads(output_of("benchmarks.published_models", *chosen, "--measure", name, path))
     click.echo(
         "# The published architectures\n\nWith random weights, saved, loaded by path (equal to the last bit), one frame: "
         f"`python -m benchmarks.published_models`, float32. Processor time on {machine()}, "

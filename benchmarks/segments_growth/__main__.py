@@ -19,8 +19,7 @@ from benchmarks.common import command, markdown, output_of
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
-from egosplat.segments import tracker
-from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter, SegmentsOptions
+from egosplat.segments.options import LEVELS, MaskFilter, SegmentsOptions
 from egosplat.segments.tracker import Tracker
 
 # Frames, and instances of all levels together.
@@ -40,11 +39,13 @@ KEEP_ALL = {
 EVERY_MASK = MaskFilter(-1.0, -1.0, 1.0, -1.0, nms_iou_thresh=1.0, nms_inner_thresh=1.0, box_nms_thresh=1.0)
 
 
-def keep_all(**keys: object) -> SegmentsOptions:
-    """The defaults with ``KEEP_ALL`` and then ``keys`` over them. From now on no mask is dropped in this process."""
-    MASK_FILTERS["small"] = EVERY_MASK
-    tracker._MIN_UNCOVERED, tracker._MAX_COVERED_NEW, tracker.BATCH = 0.0, 1.0, 32
-    return SegmentsOptions(**KEEP_ALL | keys)
+class KeepAll(SegmentsOptions):
+    """Options that drop no mask."""
+
+    @property
+    def mask_filter(self) -> MaskFilter:
+        """Keeps every mask."""
+        return EVERY_MASK
 
 
 COLUMNS = (
@@ -65,7 +66,7 @@ def measure(
     images = [rng.integers(256, size=(size, size, 3), dtype=np.uint8) for _ in range(4)]
     sam2 = load_sam2(config, checkpoint, device, "auto")
     before = peak_memory_mb()
-    options = keep_all(max_instances=instances // len(LEVELS))
+    options = KeepAll(**KEEP_ALL, max_instances=instances // len(LEVELS))
     valid = np.ones((size, size), bool)
     began = time.perf_counter()
     found = Tracker(sam2, lambda frame: images[frame % 4], frames, valid, options).run()

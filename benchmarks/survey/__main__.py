@@ -15,9 +15,10 @@ from typing import Any
 import click
 import numpy as np
 
-from benchmarks.common import command, markdown, output_of
+from benchmarks.common import command, markdown
 from egosplat.evaluation.presence import separation
 from egosplat.evaluation.scored_scenes import UNTOUCHED
+from egosplat.pipeline.running import run_stage
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.survey.decisions import LEAST_SHARE
 
@@ -29,8 +30,7 @@ def survey_of(folder: Path) -> dict[str, Any]:
     """Read or make the survey of a scene."""
     path = folder / "survey.json"
     if not path.exists():
-        inputs = ("--frames", folder / "frames.zarr", "--poses", folder / "poses.zarr")
-        output_of("egosplat.cli", "survey", *inputs, "--output", path)
+        run_stage("survey", frames=folder / "frames.zarr", poses=folder / "poses.zarr", output=path)
     return json.loads(path.read_text())
 
 

@@ -16,7 +16,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import ROOT, command, markdown, scene_folders
+from benchmarks.common import ROOT, command, markdown, scene_folders, survey_of
 from benchmarks.scores import (
     METHOD,
     SCORES,
@@ -83,7 +83,7 @@ def score(folder: Path, work: Path, target: str) -> ScoredScene:
         **{name: own[name] for name in ("frames", "poses", "splats")},
         instances=work / "instances.zarr",
         features=made["features"],
-        survey=folder / "survey.json",
+        survey=survey_of(folder),
         transient=None,
         masks=folder / "masks.zarr" if masking == "refined" else None,
         output=made["language"],

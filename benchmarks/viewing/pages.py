@@ -37,7 +37,7 @@ def measured(scene: Path, output: Path, most: int, words: Sequence[str]) -> list
     """Make the page of a scene with at most ``most`` Gaussians, open it, ask it; returns a row of the table."""
     command = [sys.executable, "-m", "egosplat.cli", "page", str(scene), "--output", str(output)]
     begun = time.perf_counter()
-    subprocess.run([*command, "--max-gaussians", str(most)], check=True, stdout=sys.stderr)
+    subprocess.run([*command, "--set", f"max_gaussians={most}"], check=True, stdout=sys.stderr)
     made = time.perf_counter() - begun
     with open_tab() as page:
         page.goto(output.resolve().as_uri())

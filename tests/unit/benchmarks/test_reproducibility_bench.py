@@ -4,7 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from benchmarks.reproducibility import __main__ as reproducibility
+from benchmarks.reproducibility import chain
 from benchmarks.reproducibility.chain import INPUTS, file_of
 from benchmarks.reproducibility.comparing import differences
 from benchmarks.reproducibility.limits import AVX2, LIMITS, choices
@@ -46,3 +49,18 @@ def test_every_limit_is_set_on_the_whole_chain(monkeypatch):
     alone = [limit for limit in LIMITS if len(limit.variables) == 1 and limit.name != "kernels generic"]
     assert AVX2.items() >= {item for limit in alone for item in limit.variables.items()}
     assert set(choices()) == {"kernels", "NumPy", "OpenBLAS", "OpenCV", "PyTorch", "threads"}
+
+
+def test_stages_run_again_give_the_same(tmp_path, monkeypatch):
+    """The first two stages: the chain calls them as they are called today."""
+    few = {name: INPUTS[name] for name in ("synthetic", "frames")}
+    for module in (chain, reproducibility):
+        monkeypatch.setattr(module, "INPUTS", few)
+    film = {"size": 64, "fps": 2.0, "seconds": 2.0, "objects": 16}
+    monkeypatch.setattr(chain, "SMALL", {"synthetic": film, "frames": {"resolution": 32}})
+    for name in ("reference", "again"):
+        words = ["--work", str(tmp_path), "--only", name]
+        done = CliRunner().invoke(reproducibility.main, words, catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+    (again,) = [limit for limit in LIMITS if limit.name == "again"]
+    assert reproducibility.compared(tmp_path, again) == {"synthetic": [], "frames": []}

@@ -139,6 +139,34 @@ def test_a_failed_job_ends_the_benchmark(tmp_path, monkeypatch):
         main_job.run(tmp_path)
 
 
+def test_memory_is_measured_by_number_of_gaussians(scene, gpu, monkeypatch):
+    """Both stages start with as many copies as are asked for; the law is a line through the first and the last."""
+    for module, _ in paper_memory.STAGES.values():
+        monkeypatch.setattr(module, "training_device", lambda backend: DEVICE)
+    for name in ("empty_cache", "reset_peak_memory_stats"):
+        monkeypatch.setattr(torch.cuda, name, lambda: None)
+    # 1,000 bytes for each Gaussian of the stage that is measured, and 2 MiB.
+    counts = iter([100, 200] * 2)
+    monkeypatch.setattr(torch.cuda, "max_memory_allocated", lambda: 1000 * next(counts) + 2 * 2**20)
+    monkeypatch.setattr(torch.cuda, "max_memory_reserved", lambda: 0)
+    monkeypatch.setattr(paper_memory, "COUNTS", (100, 200))
+    monkeypatch.setattr(paper_memory, "ITERATIONS", 2)
+    off = {"refine_poses": "off", "compensate_exposure": "off"}
+    small = {"transient": {"resolution": 32, "input_size": 64}, "splats": {"masking": "none"}, "camera": off}
+    monkeypatch.setattr(paper_memory, "SHORT", small)
+    folder = scene()
+    page = paper_memory.training(folder, folder)
+    for stage in paper_memory.STAGES:
+        assert f"`{stage}`: 1.00 kB a Gaussian and 2 MiB" in page
+
+
+def test_the_short_run_of_the_paper_is_a_valid_configuration():
+    """And is the paper's but for its length."""
+    keys = paper_memory.keys_of("segments")
+    assert keys["prompting"] == "initial_frame" and keys["set"] == "published"
+    assert paper_memory.keys_of("splats")["iterations"] == 300
+
+
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_without_a_gpu_the_command_says_so(tmp_path):
     done = CliRunner().invoke(benchmark.main, [str(tmp_path / "work")])

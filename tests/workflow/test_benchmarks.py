@@ -1,0 +1,229 @@
+"""Benchmarks that read finished scenes run whole on a tiny one."""
+
+import json
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.colmap import __main__ as colmap
+from benchmarks.language import __main__ as language
+from benchmarks.robustness import __main__ as robustness
+from benchmarks.robustness.scene import Scene
+from benchmarks.survey.__main__ import survey_of
+from egosplat.errors import UserError
+from egosplat.pipeline.scene_folder import title_of
+from tests.conftest import TINY
+from tests.support.tables import cells
+
+NAME = "adt/scene1"
+
+
+@pytest.fixture
+def scene(finished) -> Path:
+    """The finished scene."""
+    return finished.folder / "results" / NAME
+
+
+@pytest.fixture
+def with_variant(scene, tmp_path):
+    """Make a scene with a variant that has the scores and the Gaussians of the scene."""
+
+    def make(*names: str) -> Path:
+        folder = linked(scene, tmp_path / "results" / NAME)
+        for name in names:
+            variant = folder / "variants" / name
+            variant.mkdir(parents=True)
+            (variant / "splats.zarr").symlink_to(scene / "splats.zarr")
+            (variant / "metrics.json").write_text(json.dumps(recorded(scene) | {"scene": title_of(variant)}))
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def survey(finished, tmp_path_factory) -> dict:
+    """The survey of the scene, which the tiny main job does without."""
+    folder = linked(finished.folder / "results" / NAME, tmp_path_factory.mktemp("surveyed"))
+    return survey_of(folder)
+
+
+def linked(scene: Path, folder: Path) -> Path:
+    """A folder with links to everything in a scene, to which files can be added."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in scene.iterdir():
+        (folder / path.name).symlink_to(path)
+    return folder
+
+
+def run(name: str, *words: object) -> str:
+    """What ``python -m benchmarks.NAME`` prints."""
+    command = import_module(f"benchmarks.{name}").main
+    done = CliRunner().invoke(command, [*map(str, words)], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def by_column(text: str) -> list[dict[str, str]]:
+    """The rows of the first table by its headings."""
+    headings, *rows = cells(text)
+    return [dict(zip(headings, row, strict=True)) for row in rows if len(row) == len(headings)]
+
+
+def recorded(scene: Path) -> dict:
+    """The scene's scores."""
+    return json.loads((scene / "metrics.json").read_text())
+
+
+def test_ablation(with_variant):
+    said = run("ablation.__main__", with_variant("baseline", "no_masks", "network_masks"))
+    rows = cells(said)
+    assert [row[1] for row in rows[1:5]] == ["baseline", "no_masks", "network_masks", "full"]
+    (compared,) = [row for row in rows if row[0] == "full against baseline"]
+    assert compared[2:4] == ["0", "0"]
+
+
+def test_colmap(scene, monkeypatch):
+    """A trajectory, or the reason why COLMAP finds none in such small frames."""
+    (row,) = by_column(run("colmap.__main__", scene))
+    assert (row["scene"], row["frames"], row["size"]) == (NAME, "12", "96x96")
+
+    def fail(*_: object) -> None:
+        raise UserError("no pair of frames matches")
+
+    monkeypatch.setattr(colmap, "run", fail)
+    assert "no pair of frames matches" in run("colmap.__main__", scene)
+
+
+def test_corrections(with_variant):
+    """The same Gaussians with and without corrections, on the same recording."""
+    rows = by_column(run("corrections.__main__", with_variant("corrected")))
+    assert [row["corrections"] for row in rows] == ["off", "on"]
+    assert rows[0]["PSNR"] == rows[1]["PSNR"] and rows[0]["brighter"] == "+0.00"
+    assert rows[0]["pose error"] == "0.0 mm, 0.00°"
+
+
+def test_instances(scene):
+    words = ("--iterations", 20, "--change", "defaults", "--change", "no merging")
+    rows = by_column(run("instances.__main__", scene, *words))
+    assert [row["change"] for row in rows] == ["segments.zarr", "defaults", "no merging"]
+    count = [int(row["instances"]) for row in rows]
+    assert 0 < count[1] < count[2]
+
+
+def test_broken_tracks(scene):
+    rows = by_column(run("instances.broken_tracks", scene, "--iterations", 20))
+    assert [row["tracks"] for row in rows[:2]] == ["true", "true, merged in 3D"]
+    assert rows[0]["IoU over time"] == "1.000"
+    assert float(rows[1]["IoU over time"]) > 0
+
+
+@pytest.mark.parametrize("way", language.WAYS)
+def test_language(scene, way):
+    found = json.loads(run("language.__main__", scene, "--iterations", 2, "--way", way))
+    assert len(found["cosines"]) == 3 and all(-1 <= cosine <= 1 for cosine in found["cosines"])
+    assert found["seconds"] > 0 and found["peak_mb"] > 0
+
+
+def test_blends(scene):
+    rows = by_column(run("language.blends", scene))
+    assert len(rows) == 4 and {row["queries"] for row in rows} == {
+        str(recorded(scene)["scores"]["all"]["count"])
+    }
+    # The default way gives the scores of the scene.
+    accuracy = recorded(scene)["scores"]["all"]["accuracy"]
+    assert f"{100 * accuracy:.1f}" in {row["accuracy"] for row in rows}
+
+
+def test_open_vocabulary(scene):
+    said = run("open_vocabulary.__main__", scene, "--configfile", scene.parents[2] / "tiny.yaml")
+    rows = by_column(said)
+    assert int(rows[0]["queries"]) == recorded(scene)["scores"]["all"]["count"]
+
+
+def test_presence(scene, tmp_path):
+    said = run("presence.__main__", scene, "--picture", tmp_path / "curve.png")
+    queries = recorded(scene)["presence"]["queries"]
+    assert f"{sum(row['present'] for row in queries)} present things" in said
+    assert (tmp_path / "curve.png").stat().st_size > 0
+
+
+def test_real_camera(scene):
+    one, mean = by_column(run("real_camera.__main__", scene))
+    assert one["scene"] == NAME and mean["scene"] == "mean"
+    assert one["queries"] == mean["queries"] == str(recorded(scene)["scores"]["all"]["count"])
+    assert one["PSNR, static"] == f"{recorded(scene)['rendering']['static']['psnr']:.2f}"
+
+
+def test_still_masks(with_variant, survey):
+    folder = with_variant()
+    (folder / "survey.json").write_text(json.dumps(survey))
+    (row,) = by_column(run("real_camera.still_masks", folder))
+    assert row["probability that something moves"] == f"{survey['motion']['probability']:.2f}"
+    assert re.fullmatch(r"\d+ of \d+", row["instances masked"]) and 0 < float(row["pixels masked"][:-1]) < 100
+
+
+def test_required(with_variant, survey):
+    folder = with_variant("anyway")
+    (folder / "survey.json").write_text(json.dumps(survey))
+    (row,) = by_column(run("required.__main__", folder))
+    assert row["frames left out"] == f"{len(survey['views']['left_out'])} of 12"
+    assert row["scene"] == NAME and row["static PSNR"] == "+0.00"
+    assert int(row["CPU-s"]) >= int(row["anyway"])  # the survey besides
+
+
+def test_robustness(finished, monkeypatch):
+    """A kill of the last stage, on the scene that is finished already."""
+
+    def made(folder: Path) -> Scene:
+        scene = Scene(finished.folder).copy(folder)
+        (folder / "small.yaml").write_text(TINY)
+        return scene
+
+    monkeypatch.setattr(robustness, "finished_scene", made)
+    done = CliRunner().invoke(robustness.main, ["kills", "--stage", "metrics", "--kills", "1"])
+    assert done.exit_code == 0, done.output
+    row, every = by_column(done.stdout)
+    checks = ("whole or absent after", "resumed", "same scores", "nothing left over", "then nothing to do")
+    assert {row[name] for name in checks} == {"1"} and row["stage"] == "metrics" and every["times"] == "1"
+
+
+def test_survey(survey, tmp_path):
+    """A still scene, and one in which a hundredth of the pixels moves."""
+    for name, share in (("scene1", 0.0), ("scene2", 0.01)):
+        (tmp_path / "results/adt" / name).mkdir(parents=True)
+        changed = survey | {"motion": survey["motion"] | {"share": share}}
+        (tmp_path / "results/adt" / name / "survey.json").write_text(json.dumps(changed))
+    still, moving = (tmp_path / "results/adt" / name for name in ("scene1", "scene2"))
+    rows = cells(run("survey.__main__", moving, "--still", still))
+    assert ["tuning", "1", "1", "1.000"] in rows
+    assert {row[0]: row[1] for row in rows if "/" in row[0]} == {"adt/scene1": "no", "adt/scene2": "yes"}
+
+
+def test_training(scene):
+    (row,) = by_column(run("training.__main__", scene))
+    assert (
+        row["iterations"] == "40" and row["held out"] == "3" and row["Gaussians (at most)"] == "2,000 (2,000)"
+    )
+
+
+def test_transient(scene):
+    rows = by_column(run("transient.__main__", scene))
+    kinds = {row["masks"]: row for row in rows if row["scene"] == "all"}
+    assert set(kinds) == {"network alone", "true instances", "instances.zarr"}
+    assert 0 <= float(kinds["network alone"]["IoU"]) <= 1
+
+
+def test_true_instances(scene):
+    said = run("true_instances.__main__", scene)
+    rows = by_column(said)
+    assert [row["supervision"] for row in rows] == ["view", "average"]
+    assert {row["queries"] for row in rows} == {str(recorded(scene)["scores"]["all"]["count"])}
+
+
+def test_variants(with_variant):
+    _, row, every = cells(run("variants.__main__", with_variant("no_masks"), "--variant", "no_masks"))
+    assert row[:2] == [NAME, "no_masks"] and every[0] == "all" and row[2] == every[2]
+    assert row[7].startswith("+0.0") and row[5] == row[6]
