@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, time_call
 from benchmarks.small_sam2.worlds import LEAST_PIXELS, LEVELS, SIZES, size_class, world_folders
+from egosplat.cli.flags import read_options
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import track
 from egosplat.segments.options import SegmentsOptions
@@ -25,10 +26,12 @@ Labels = NDArray[np.int32]
 
 
 def options(setting: str) -> SegmentsOptions:
-    """The configuration's defaults under a setting: `KEY=NUMBER`, separated by commas."""
-    changed = dict(pair.split("=") for pair in setting.split(",") if pair)
-    keys = {name: float(value) if "." in value else int(value) for name, value in changed.items()}
-    return SegmentsOptions(**keys)
+    """The configuration's defaults under a setting: `KEY=VALUE`, separated by commas.
+
+    Raises:
+        UserError: there is no such key, or it has a forbidden value.
+    """
+    return read_options(SegmentsOptions, "segments", {}, filter(None, setting.split(",")))
 
 
 def first_frame(world: RenderedWorld) -> tuple[NDArray[np.uint8], NDArray[np.bool_], Labels]:

@@ -79,7 +79,7 @@ def decided_config(wildcards):
     config = config_of(wildcards)
     if not dag.survey_decides(config):
         return config
-    return dag.decided(config, survey_named(*names_of(wildcards)))
+    return dag.decide(config, survey_named(*names_of(wildcards)))
 
 
 def required_paths(stage, wildcards):

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from benchmarks.single_frames.__main__ import best_ious, options
-from egosplat.pipeline.config import defaults, stage_values
+from egosplat.errors import UserError
 from egosplat.segments.options import SegmentsOptions
 
 
 def test_a_setting_changes_its_keys_alone():
-    """Numbers keep their type; no setting is the defaults."""
-    keys = stage_values("segments", defaults())
-    assert options("") == SegmentsOptions(**keys)
-    changed = options("crops_per_side=3,pred_iou_thresh=0.5")
-    assert changed == SegmentsOptions(**keys | {"crops_per_side": 3, "pred_iou_thresh": 0.5})
+    """Numbers keep their type; no setting is the defaults; a key that is gone is named."""
+    assert options("") == SegmentsOptions()
+    assert options("crops_per_side=3,min_area=0.5") == SegmentsOptions(crops_per_side=3, min_area=0.5)
+    with pytest.raises(UserError, match="pred_iou_thresh"):
+        options("pred_iou_thresh=0.5")
 
 
 def test_the_best_mask_of_any_level_counts():
