@@ -25,6 +25,8 @@ class Hub:
         for name in ("http_proxy", "https_proxy", "all_proxy", "HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"):
             self._environment.delenv(name, raising=False)
         self._environment.setenv("HF_ENDPOINT", self.address)
+        # The library reads its variables when it is imported, which an earlier test may have done.
+        self._environment.setattr("huggingface_hub.constants.HF_HUB_DISABLE_TELEMETRY", True)
         threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
         return self
 

@@ -272,6 +272,8 @@ def main() -> None:
     # torch reads it on import. Waiting threads that spin take cores from working ones: on two shared cores training was
     # 3 to 7 times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    # huggingface_hub reads it on import. A download asks for its file and for nothing else.
+    os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")
     end_with_snakemake()
     show_log()
     try:

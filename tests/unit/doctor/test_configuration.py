@@ -22,17 +22,17 @@ def test_defaults_hold_without_a_file(folder):
 def test_options_override_files_and_later_files_earlier_ones(folder):
     """The order of precedence is that of Snakemake."""
     (folder / "config").mkdir()
-    (folder / "config/config.yaml").write_text("preset: fast\nsplats: {iterations: 1, seed: 1}\n")
+    (folder / "config/config.yaml").write_text("preset: fast\nsplats: {iterations: 1}\nrun: {seed: 1}\n")
     for name, seed in (("a", 2), ("b", 3)):
-        (folder / f"{name}.yaml").write_text(f"splats: {{seed: {seed}, max_points: {seed}}}")
+        (folder / f"{name}.yaml").write_text(f"run: {{seed: {seed}}}\nsplats: {{max_points: {seed}}}")
     files = [folder / "a.yaml", folder / "b.yaml"]
     config, sources = read_configuration(files, ["splats={max_points: 9}", "preset=paper"])
     assert config["preset"] == "paper" and config["synthetic"]["size"] == 1408
-    assert {key: config["splats"][key] for key in ("iterations", "seed", "max_points")} == {
+    assert {key: config["splats"][key] for key in ("iterations", "max_points")} == {
         "iterations": 1,
-        "seed": 3,
         "max_points": 9,
     }
+    assert config["run"]["seed"] == 3
     assert sources == ["config/config.yaml", *map(str, files), "splats={max_points: 9}", "preset=paper"]
 
 
@@ -66,7 +66,7 @@ def test_a_malformed_option_is_an_error(folder, option):
 def test_keys_of_a_section_may_be_written_with_a_dot(folder, options, section, key, value):
     """section.key=value is short for section={key: value}."""
     config, _ = read_configuration([], options)
-    assert config[section][key] == value and config["splats"]["seed"] == 0
+    assert config[section][key] == value and config["run"]["seed"] == 0
 
 
 def test_an_unknown_key_of_a_section_is_named(folder):

@@ -1,7 +1,5 @@
 """Training of codes converges, resumes identically, and reports divergence."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 
@@ -37,7 +35,9 @@ def codes(wall, views, settings):
     """``codes(lr, normalize)``: new codes of two levels."""
 
     def make(lr: float = 0.05, normalize: bool = False) -> PlainCodes:
-        return PlainCodes(wall, views, settings, (2, 3), replace(OPTIONS, lr=lr, normalize_codes=normalize))
+        return PlainCodes(
+            wall, views, settings, (2, 3), OPTIONS.model_copy(update={"lr": lr, "normalize_codes": normalize})
+        )
 
     return make
 

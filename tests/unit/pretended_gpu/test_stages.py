@@ -33,7 +33,7 @@ SPLATS = CAMERA | {
     "sh_degree": 1,
     "masking": "none",
 }
-TRANSIENT = CAMERA | {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 300}
+TRANSIENT = CAMERA | {"iterations": 12, "input_size": 64, "resolution": 32, "max_gaussians": 300}
 LANGUAGE = {"iterations": 12}
 
 
@@ -84,7 +84,7 @@ def train(folder: Path, name: str = "splats.zarr", **changes: object) -> Artifac
     ("changes", "limit"),
     [
         ({}, 2),
-        ({"background": "random", "antialiased": True}, 2),
+        ({"background": "random"}, 2),
         ({"masking": "refined", "language": "joint", "ssim_lambda": 0.0}, 2),
         ({"masking": "initial", "evaluate_every": 10, "sh_degree": 3, **CORRECTED}, 4),
     ],

@@ -14,7 +14,7 @@ from egosplat.gaussians import stored_rows
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 
-KEYS = {"iterations": 12, "input_size": 64, "resolution": 24, "max_gaussians": 80}
+KEYS = {"iterations": 12, "input_size": 64, "resolution": 32, "max_gaussians": 80}
 
 
 def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, **changes: object):
@@ -31,7 +31,7 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
         "frames.zarr",
         "poses.zarr",
     }
-    assert transient.facts["views"] == 4 and transient.facts["working_size"] == [24, 24]
+    assert transient.facts["views"] == 4 and transient.facts["working_size"] == [32, 32]
     assert transient.read("curve/iteration").tolist() == [10, 12]
     probability = transient.read("probability")
     assert probability.shape == (6, 32, 32) and ((probability >= 0) & (probability <= 1)).all()
@@ -103,8 +103,8 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
 
     with monkeypatch.context() as patch, pytest.raises(Stopped):
         patch.setattr(Checkpoint, "save_if_due", stop)
+        patch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
         run(folder, background="random")
-    # Time between checkpoints is an option, so it must be the same for going on.
     assert run(folder, background="random").digest == expected
     assert "resumes after iteration 10" in capsys.readouterr().err
     assert not (folder / ".transient.zarr.checkpoint").exists()

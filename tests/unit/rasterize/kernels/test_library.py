@@ -174,7 +174,7 @@ def test_a_damaged_library_is_reported(folder):
 def test_the_package_imports_without_kernels(tmp_path):
     """A copy of the code without libraries can be imported and reports why the kernels are missing."""
     ignored = shutil.ignore_patterns("__pycache__", "*.so")
-    shutil.copytree(HERE.parent, tmp_path / "egosplat", ignore=ignored)
+    shutil.copytree(HERE.parents[1], tmp_path / "egosplat", ignore=ignored)
     code = "from egosplat.rasterize.kernels.library import why_not; print(why_not())"
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
