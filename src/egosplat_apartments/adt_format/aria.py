@@ -100,7 +100,7 @@ def calibration_json(size: int) -> str:
     # Without it the reader assumes the 2880-pixel sensor, which it reduces to 1408 and 704 pixels only.
     document = json.loads(device_calibration_to_json_string(device_calibration(size)))
     document |= {
-        "AlgorithmName": "egosplat_apartments",
+        "AlgorithmName": "egosplat.synthetic",
         "AlgorithmVersion": "1",
         "CalibrationSource": "Synthetic",
         "Serial": DEVICE_SERIAL,
