@@ -73,7 +73,7 @@ def test_colmap_is_not_begun_on_a_full_disk(small_disk, finished, tmp_path, monk
     left.mkdir()
     small_disk.leave(2**24)
     scene = finished.folder / SCENE
-    words = ["--recording", scene / "recording", "--frames", scene / "frames.zarr", "--method", "colmap"]
+    words = ["--recording", scene / "recording", "--frames", scene / "frames.zarr", "--set", "method=colmap"]
     words += ["--output", tmp_path / "poses.zarr"]
     monkeypatch.setattr("sys.argv", ["egosplat", "poses", *map(str, words)])
     with pytest.raises(SystemExit):

@@ -43,7 +43,7 @@ def test_a_finished_run_has_nothing_to_do(workdir):
 @pytest.mark.parametrize(
     "config, expected",
     [
-        ("poses: {max_gap_ms: 40.0}", AFTER_POSES),
+        ("poses: {trajectory: ground_truth}", AFTER_POSES),
         ("poses: {method: colmap}", AFTER_POSES),
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
         ("instances: {source: both}", AFTER_INSTANCES),
@@ -61,7 +61,7 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet", *AFTER_QUERIES}),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
-        ("poses: {max_gap_ms: 50.0}", set()),  # the default, written out
+        ("poses: {trajectory: closed_loop}", set()),  # the default, written out
         ("data_root: {hoi4d: /nowhere}", set()),
         ("scenes: config/../config/scenes.tsv", set()),
     ],
@@ -242,7 +242,7 @@ def test_a_new_room_reruns_nothing(workdir):
 def test_after_an_edit_only_that_stage_runs_and_then_nothing(workdir):
     workdir.edit("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses")
     output = workdir.run(POSES)
-    assert set(re.findall(r"^\[\d+/\d+\] (\w+): ", output, re.MULTILINE)) == {"poses"}
+    assert set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, re.MULTILINE)) == {"poses"}
     assert workdir.stale(POSES) == set()
 
 
@@ -270,9 +270,12 @@ transient: {encoder_weights: null}
     "config, expected",
     [
         ("models: {set: published}", AFTER_SEGMENTS | AFTER_TRANSIENT),
-        # Keys of the user win, so only the keys of queries follow the set.
-        (SMALL_AGAIN, {*AFTER_QUERIES, "scene_page"}),
-        (SMALL_AGAIN.replace("clip_model: small, clip_checkpoint: small", "cache: elsewhere"), AFTER_VIEWS),
+        # Keys of the user win; SAM2's filters and the keys of queries follow the set.
+        (SMALL_AGAIN, AFTER_SEGMENTS),
+        (
+            SMALL_AGAIN.replace("clip_model: small, clip_checkpoint: small", "cache: elsewhere"),
+            AFTER_SEGMENTS,
+        ),
     ],
 )
 def test_another_set_of_models_reruns_what_uses_its_keys(unchanged, config, expected):

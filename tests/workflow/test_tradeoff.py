@@ -39,13 +39,13 @@ def planned(workdir, config: str) -> Counter[str]:
             points(features__dims=[4], splats__iterations=[30]),
             {"features": 1, "splats": 1, "language": 2, "metrics": 2, "tradeoff": 1},
         ),
-        # Of the seed: its features, transient, masks, splats, language; of each point with it, what both reach.
+        # Of the seed: its instances and what follows; of each point with it, what both reach.
         (
             points(seeds=[1], features__dims=[4], segments__points_per_side=[4]),
             {
                 "segments": 1,
-                "instances": 1,
-                "view_features": 1,
+                "instances": 3,
+                "view_features": 3,
                 "features": 5,
                 "transient": 1,
                 "masks": 3,

@@ -147,8 +147,8 @@ def _no_pose_message(
         return f"{rows.path}: there is no frame to find a pose for"
     if device.in_gaps:
         return (
-            f"{rows.path}: every frame lies between rows more than {max_gap_ms:g} ms apart: raise "
-            "poses.max_gap_ms"
+            f"{rows.path}: every frame lies between rows more than {max_gap_ms:g} ms apart, too far to interpolate: "
+            "download the file again, or choose the other trajectory with poses.trajectory"
         )
     first, last = (time * 1e-9 for time in (rows.timestamp_ns[0], rows.timestamp_ns[-1]))
     return (

@@ -189,8 +189,8 @@ def test_a_model_with_too_few_images_is_rejected_with_its_size(walk_images: Imag
 
 
 @pytest.mark.parametrize("strategy, advised", [("exhaustive", False), ("sequential", True)])
-def test_a_larger_overlap_is_advised_for_sequential_matching_only(strategy, advised):
-    assert ("poses.overlap" in too_few_message({0, 1, 2}, [], 9, 0.5, strategy)) == advised
+def test_exhaustive_matching_is_advised_for_sequential_matching_only(strategy, advised):
+    assert ("poses.matching=exhaustive" in too_few_message({0, 1, 2}, [], 9, 0.5, strategy)) == advised
 
 
 def test_a_second_model_is_reported_with_its_frames():
