@@ -12,8 +12,8 @@ from egosplat.errors import UserError
 from egosplat.export.ply import point_columns, write_ply
 from egosplat.gaussians.io import read_gaussians
 from egosplat.progress import log
+from egosplat.query.instances import instances_of_gaussians
 from egosplat.report.sheets.instances_sheet import palette
-from egosplat.viewing.instances import pack_instances
 
 # Color of points without an instance.
 _GREY = 96
@@ -28,18 +28,17 @@ def export_instances(scene: Path, output: Path) -> None:
     A point has the color of its instance at the coarsest level. Points without one are gray.
 
     Raises:
-        UserError: an artifact is missing or damaged, the instances are tracks, or ``output`` exists and is no export.
+        UserError: an artifact is missing or damaged, or the instances are tracks.
     """
     splats, instances = map(open_artifact, locate(scene, "splats", "instances"), (SPLATS, INSTANCES))
     gaussians = read_gaussians(splats)
     on_surface = gaussians.opacities >= _LEAST_OPACITY
     xyz = gaussians.select(on_surface).means.numpy()
-    packed = pack_instances(instances, xyz)
-    if not packed:
+    owner = instances_of_gaussians(instances, xyz)
+    if owner is None:
         raise UserError(
             f"{scene}: its instances are tracks, which have no place in 3D; set instances.source to masks or both"
         )
-    owner = packed["instance"].astype(np.int32) - 1
     levels = instances.facts["levels"]
     colors = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8)
     coarsest = owner[-1]

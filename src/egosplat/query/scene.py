@@ -105,11 +105,7 @@ def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend
     Raises:
         UserError: the backend cannot run.
     """
-    return with_codes(read_trained_scene(splats, backend), language, features)
-
-
-def with_codes(trained: TrainedScene, language: Artifact, features: Artifact) -> QueryScene:
-    """Add the codes and the decoder to a trained scene; arguments as in ``read_scene``."""
+    trained = read_trained_scene(splats, backend)
     device = trained.gaussians.means.device
     return QueryScene(
         **vars(trained),

@@ -106,21 +106,10 @@ def ask_scene(index: SceneIndex, texts: Texts, options: QueryOptions, most: int)
     for batch in texts.in_batches(max(1, _NUMBERS_AT_ONCE // max(1, levels * count))):
         found = scene.relevancy(batch, options.temperature).cpu().numpy()
         for phrase, relevancy in zip(batch.phrases, found, strict=True):
-            yield answer_from_relevancy(index, phrase, relevancy, options, most)
-
-
-def answer_from_relevancy(
-    index: SceneIndex, phrase: str, relevancy: NDArray[np.float32], options: QueryOptions, most: int
-) -> SceneAnswer:
-    """Answer one query from the relevancy of each Gaussian.
-
-    Args:
-        relevancy: (L, N) float32 in 0..1.
-        options: ``segmentation_threshold`` and ``box_filter`` are used.
-        most: maximum number of things in the answer.
-    """
-    threshold, box_side = options.segmentation_threshold, options.box_filter
-    return SceneAnswer(phrase, tuple(find_things(index.surface, relevancy, threshold, box_side, most)))
+            things = find_things(
+                index.surface, relevancy, options.segmentation_threshold, options.box_filter, most
+            )
+            yield SceneAnswer(phrase, tuple(things))
 
 
 def _surface(scene: QueryScene, shares: NDArray[np.float32]) -> Surface:
