@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -60,13 +61,16 @@ def find_regions(labels: Labels, count: int) -> Regions:
     return Regions(seen.astype(np.int32), area[seen].astype(np.int32), box[seen])
 
 
-def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32]) -> Pixels:
+def cut_crop(
+    rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32], *, hull: bool = False
+) -> Pixels:
     """Cut the square around an instance's bounding box, black outside its mask.
 
     Args:
         rgb: (H, W, 3) uint8.
         labels: (H, W) at the instance's level.
         box: (4,) x0, y0, x1, y1 [px].
+        hull: black outside the convex hull of the mask instead.
 
     Returns:
         (S, S, 3) uint8, S the longer side of the box. The box is centered, half a pixel up or left if the sides
@@ -74,13 +78,24 @@ def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32])
     """
     x0, y0, x1, y1 = (int(value) for value in box)
     # Black outside the mask, as in LangSplat: the crop is S_i ⊙ I of the paper.
-    inside = rgb[y0:y1, x0:x1] * (labels[y0:y1, x0:x1, None] == instance)
+    mask = labels[y0:y1, x0:x1] == instance
+    inside = rgb[y0:y1, x0:x1] * (fill_hull(mask) if hull else mask)[..., None]
     height, width = inside.shape[:2]
     side = max(height, width)
     top, left = (side - height) // 2, (side - width) // 2
     square = np.zeros((side, side, 3), np.uint8)
     square[top : top + height, left : left + width] = inside
     return square
+
+
+def fill_hull(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Fill the convex hull of the pixels of an (H, W) mask; without a pixel, the hull is empty."""
+    rows, columns = np.nonzero(mask)
+    filled = np.zeros(mask.shape, np.uint8)
+    if len(rows):
+        hull = cv2.convexHull(np.stack([columns, rows], axis=1).astype(np.int32))
+        cv2.fillConvexPoly(filled, hull, 1)
+    return filled > 0
 
 
 def resize(crop: Pixels, size: tuple[int, int], interpolation: str) -> Pixels:
@@ -196,12 +211,13 @@ def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
 
 
 def cut_crops(
-    frames: Artifact, instances: Artifact, views: InstanceViews, wanted: Preprocessing
+    frames: Artifact, instances: Artifact, views: InstanceViews, wanted: Preprocessing, *, hull: bool
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield the upright (H, W, 3) uint8 crop of each view at the model's size; holds one frame at a time.
 
     Args:
         views: in the order ``by_frame``.
+        hull: as in ``cut_crop``.
     """
     level = instances.read("instances/level")
     turned = lies_on_its_side(frames)
@@ -210,7 +226,7 @@ def cut_crops(
         # Each frame is decompressed once, because the views are in the order of the frames.
         if frame != at:
             rgb, labels, at = frames.row("rgb", frame), instances.row("labels", frame), frame
-        crop = cut_crop(rgb, labels[level[instance]], instance, box)
+        crop = cut_crop(rgb, labels[level[instance]], instance, box, hull=hull)
         # CLIP is not invariant to rotation, and Aria's first generation films sideways (docs/method.md#upright).
         yield resize(np.rot90(crop, -1) if turned else crop, wanted.image_size, wanted.interpolation)
 

@@ -15,6 +15,10 @@ class ViewFeaturesOptions(ClipOptions, DeviceOptions):
     """Smallest mask that is encoded, as a fraction of the frame (docs/method.md#smallest-view). 0 encodes instances
     of any size. Tiny crops carry little information and cost as much as large ones."""
 
+    cut: Literal["mask", "hull"] = "mask"
+    """What a crop shows. mask: the pixels of the mask, as in the paper. hull: those of its convex hull, which fills
+    what SAM2 leaves out."""
+
     max_views: Count | None = None
     """Largest number of encoded views per instance, evenly spaced over its frames. null encodes all. Fewer take
     proportionally less time; the remaining frames then use the consistent feature alone."""
