@@ -71,14 +71,10 @@ class CodeTargets:
         """(R, C) codes of all views of all instances that have a feature."""
         return self._code[self._named[self._instance]]
 
-    def instance_codes(self) -> NDArray[np.float32]:
-        """(I, C) code of each instance, 0 without views: the consistent one, or the mean of views that are alone."""
-        if not self._views_alone:
-            return self._common
-        sums = np.zeros(self._common.shape)
-        np.add.at(sums, self._instance, self._code)
-        count = np.bincount(self._instance, minlength=len(sums))
-        return (sums / np.maximum(count, 1)[:, None]).astype(np.float32)
+    def code_rows(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Return the (R + I, C) codes of R views, then the consistent ones of I instances, and the instance of each."""
+        codes = np.concatenate([self._code, self._common])
+        return codes, np.concatenate([self._instance, np.arange(len(self._common))]).astype(np.int64)
 
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""
@@ -102,10 +98,16 @@ class CodeTargets:
         codes, known = self.of_labels(frame, self.labels(frame)[:, pixels[:, 1], pixels[:, 0]])
         return Targets(codes.movedim(-1, 1), known)
 
-    def instances_at(self, frame: int, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the (L, P) instance with a target at some pixels of a frame, -1 for none; arguments as of ``at``."""
+    def rows_at(self, frame: int, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the (L, P) row of ``code_rows`` that is the target at some pixels of a frame, -1 for none.
+
+        Arguments as of ``at``. It is the view's row, or the instance's where it has no view in the frame.
+        """
         found = self.labels(frame)[:, pixels[:, 1], pixels[:, 0]].cpu().numpy()
-        return np.where(np.append(self._usable_in(frame), False)[found], found, -1)
+        rows: NDArray[np.int64] = len(self._code) + np.arange(len(self._common))
+        views = np.flatnonzero(self._frame == frame)
+        rows[self._instance[views]] = views
+        return np.append(np.where(self._usable_in(frame), rows, -1), -1)[found]
 
     def labels(self, frame: int) -> Tensor:
         """(L, H, W) int64 instance of each pixel of a frame, -1 for none."""

@@ -20,45 +20,77 @@ from egosplat.progress import track
 def lift_instances(
     gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
 ) -> Coded:
-    """Method ``lift_instances``: the code of the instance with the largest share of the Gaussian's weight, at each level.
+    """Method ``lift_instances``: at each level, the code of the instance with the largest share of the Gaussian's weight.
 
-    A weight is alpha times transmittance times 1 - M at the pixel that holds the Gaussian's center, summed over all views. A mean
-    of the codes of two instances would decode to a feature of neither, and pixels around the center may show the neighbors.
+    A weight is alpha times transmittance times 1 - M at the pixel that holds the Gaussian's center. The code is the mean of
+    the instance's targets by the weights in their views. A mean of the codes of two instances would decode to a feature of
+    neither, and pixels around the center may show the neighbors.
     """
-    votes, seen = instance_votes(gaussians, views, settings, targets)
-    codes, shape = targets.instance_codes(), (gaussians.count, len(targets.levels))
+    votes, seen = target_votes(gaussians, views, settings, targets)
+    codes, instance = targets.code_rows()
+    shape = (gaussians.count, len(targets.levels))
     code, known = np.zeros((*shape, targets.channels), np.float32), np.zeros(shape, np.float32)
     for level in range(shape[1]):
-        owners = np.flatnonzero(targets.level == level)
-        own = votes[:, owners]
-        known[:, level] = own.sum(axis=1)
-        code[:, level] = codes[owners[own.argmax(axis=1)]]
+        rows = np.flatnonzero(targets.level[instance] == level)
+        code[:, level], known[:, level] = mean_of_dominant(votes[:, rows], instance[rows], codes[rows])
     share = labeled_share(torch.from_numpy(known), torch.from_numpy(seen)[:, None])
     code = torch.where(share[..., None] > 0, torch.from_numpy(code), 0.0)
     return Coded(code.to(views.device), share.to(views.device), targets.levels, decoded=GAUSSIANS)
 
 
-def instance_votes(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets
-) -> tuple[sparse.csr_array, NDArray[np.float32]]:
-    """Sum the compositing weights of each Gaussian at its center over all views, by instance.
+def mean_of_dominant(
+    votes: sparse.csr_array, instance: NDArray[np.int64], codes: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Average the codes of each Gaussian's dominant instance.
+
+    Args:
+        votes: (N, R) weights of N Gaussians on R targets.
+        instance: (R,) instance of each target.
+        codes: (R, C).
 
     Returns:
-        (N, I) sparse float32 weights in the pixels of each instance with a code, and (N,) in all pixels [px].
+        (N, C) mean codes by weight, 0 without votes, and (N,) float32 votes for all instances.
     """
-    shape = (gaussians.count, len(targets.level))
-    votes, seen = sparse.csr_array(shape, dtype=np.float32), np.zeros(gaussians.count, np.float32)
+    names, column = np.unique(instance, return_inverse=True)
+    member = sparse.csr_array(
+        (np.ones(len(column), np.float32), (np.arange(len(column)), column)), shape=(len(column), len(names))
+    )
+    if not len(names):
+        return np.zeros((votes.shape[0], codes.shape[1]), np.float32), np.zeros(votes.shape[0], np.float32)
+    by_instance = votes @ member
+    best = by_instance.argmax(axis=1)
+    entries = votes.tocoo()
+    row, target = entries.coords
+    mine = column[target] == best[row]
+    kept = sparse.csr_array((entries.data[mine], (row[mine], target[mine])), shape=votes.shape)
+    total = kept.sum(axis=1)
+    inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
+    return (kept @ codes) * inverse[:, None], by_instance.sum(axis=1)
+
+
+def target_votes(
+    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets
+) -> tuple[sparse.csr_array, NDArray[np.float32]]:
+    """Sum the compositing weights of each Gaussian at its center over all views, by target.
+
+    Returns:
+        (N, R) sparse float32 weights in the pixels of each of R targets, see ``CodeTargets.code_rows``; and (N,) in all
+        pixels [px].
+    """
+    shape = (gaussians.count, len(targets.code_rows()[1]))
+    seen = np.zeros(gaussians.count, np.float32)
+    weights, places = [], []
     for index in track(range(len(views)), "lifting", unit="view"):
         pose = views.camera_to_world[index]
         centers = look_at_centers(gaussians, views.camera, pose, settings, median=False)
         weight = centers.weight * views.weight_at(index, centers.pixel)
         # Each Gaussian has one pixel in a view.
         seen[centers.gaussian] += weight
-        owner = targets.instances_at(int(views.frame[index]), centers.pixel)
-        level, place = np.nonzero((owner >= 0) & (weight > 0))
-        where = centers.gaussian[place], owner[level, place]
-        votes = votes + sparse.csr_array((weight[place], where), shape)
-    return votes, seen
+        rows = targets.rows_at(int(views.frame[index]), centers.pixel)
+        level, place = np.nonzero((rows >= 0) & (weight > 0))
+        weights.append(weight[place])
+        places.append(np.stack([centers.gaussian[place], rows[level, place]]))
+    return sparse.csr_array((np.concatenate(weights), np.concatenate(places, axis=1)), shape=shape), seen
 
 
 METHOD = Method(lift_instances)
