@@ -94,14 +94,15 @@ def clean_phrase(phrase: str) -> str:
 
 
 def untaught_words(clip: OpenClip, phrase: str) -> list[str]:
-    """Words of a phrase that the model was not trained on, in order; the whole phrase if it holds no word.
+    """Words of a phrase that the model was not trained on, in order; all that it reads if that holds no word.
 
     A model that lists no vocabulary knows every word, which has letters or digits of any script.
     """
     # What the model was not trained on has a feature of arbitrary direction, so its relevancy is meaningless.
-    words = re.findall(r"[^\W_]+", clip.tokenizer.clean_fn(clean_phrase(phrase)).lower())
+    read = clip.tokenizer.clean_fn(clean_phrase(phrase)).lower()
+    words = re.findall(r"[^\W_]+", read)
     if not words:
-        return [phrase]
+        return [read]
     return [] if clip.words is None else [word for word in words if word not in clip.words]
 
 
