@@ -182,7 +182,9 @@ def test_shown_scores_never_contradict_the_verdict(scene):
     tab = scene()
     least = tab.page.evaluate("egosplat.scene.facts.query.min_score")
     assert tab.page.evaluate(shown, least) == f"{least:.2f}"
-    assert float(tab.page.evaluate(shown, least - 1e-6)) < least <= float(tab.page.evaluate(shown, least + 1e-6))
+    assert (
+        float(tab.page.evaluate(shown, least - 1e-6)) < least <= float(tab.page.evaluate(shown, least + 1e-6))
+    )
     assert tab.page.evaluate(shown, least - 0.1) == f"{least - 0.1:.2f}"
 
 

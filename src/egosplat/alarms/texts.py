@@ -263,9 +263,7 @@ class _Beyond:
 def found_text(alarm: Alarm) -> str:
     """What was found, as a sentence on the figures of an alarm."""
     # JSON has no NaN; a file holds null in its place.
-    figures: dict[str, Any] = {
-        name: math.nan if one is None else one for name, one in alarm.figures.items()
-    }
+    figures: dict[str, Any] = {name: math.nan if one is None else one for name, one in alarm.figures.items()}
     if alarm.key in LIMITS:
         figures["value"] = _Beyond(float(figures["value"]), LIMITS[alarm.key])
     return TEXTS[alarm.key].found.format(**figures)

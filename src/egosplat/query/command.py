@@ -96,7 +96,11 @@ Table = tuple[tuple[str, ...], list[tuple[str, ...]], list[Answer]]
 def _scene_table(scene: Scene, answers: Iterable[Answer]) -> Table:
     columns = ("query", "score", "level", f"center [{scene.unit}]", f"size [{scene.unit}]", "frame")
     every = list(answers)
-    return columns, [row for answer in every for row in _scene_rows(answer, scene.options)], every[:MOST_DRAWN]
+    return (
+        columns,
+        [row for answer in every for row in _scene_rows(answer, scene.options)],
+        every[:MOST_DRAWN],
+    )
 
 
 def _scene_rows(answer: Answer, options: QueryOptions) -> list[tuple[str, ...]]:

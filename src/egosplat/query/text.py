@@ -16,6 +16,7 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.pipeline.making import make_command
 
 # Start and end of every text.
 _SPECIAL_TOKENS = 2
@@ -111,7 +112,10 @@ def _check(clip: OpenClip, phrase: str) -> None:
         raise UserError("query: is blank; describe the object in a few words")
     if any(unicodedata.category(letter) == _NO_TEXT for letter in phrase):
         raise UserError(f"query {phrase[:80]!r}: is not UTF-8; describe the object in words")
-    tokens, limit = len(clip.tokenizer.encode(clean_phrase(phrase))), clip.tokenizer.context_length - _SPECIAL_TOKENS
+    tokens, limit = (
+        len(clip.tokenizer.encode(clean_phrase(phrase))),
+        clip.tokenizer.context_length - _SPECIAL_TOKENS,
+    )
     if tokens > limit:
         raise UserError(f"query {phrase[:80]!r}: has {tokens} tokens, the model reads {limit}; shorten it")
 
@@ -151,6 +155,6 @@ def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, p
         raise UserError(
             f"{features.path}: was made with another OpenCLIP ({made_with['model']}, {made_with['checkpoint']}, "
             f"hash {made_with['hash']}) than {model}, {checkpoint} (hash {found}).\n"
-            f"Restore that checkpoint, or rebuild the features: snakemake --cores 2 {features.path}"
+            f"Restore that checkpoint, or rebuild the features: {make_command(features.path)}"
         )
     return load_open_clip(model, checkpoint, device, precision)

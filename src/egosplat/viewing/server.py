@@ -82,7 +82,6 @@ class PageServer(ThreadingTCPServer):
         encoder = f"encode?token={self.token}&phrase=" if encode else None
         self.page, self.encode = served_html(page, encoder).encode(), encode
 
-
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that leaves before its answer."""
         if not isinstance(sys.exception(), OSError):

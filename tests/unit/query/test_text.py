@@ -46,7 +46,15 @@ def test_invalid_phrases_are_reported(clip, phrase, reason):
 
 @pytest.mark.parametrize(
     "phrase",
-    ["cha\u200bir", "chair\ufeff", " chair\n", "\x00chair\x07", "\u202echair", "ch\u00adair", "\u2066chair\u2069"],
+    [
+        "cha\u200bir",
+        "chair\ufeff",
+        " chair\n",
+        "\x00chair\x07",
+        "\u202echair",
+        "ch\u00adair",
+        "\u2066chair\u2069",
+    ],
 )
 def test_characters_that_nobody_sees_change_nothing(clip, phrase):
     """Zero-width, control and direction characters, and soft hyphens."""

@@ -42,7 +42,26 @@ def test_the_small_model_knows_its_own_words(clip, phrase, words):
     assert untaught_words(clip, phrase) == words
 
 
-SYMBOLS = ["::", "%", "¿", "©", "™", "😀", "👩\u200d🚀", "...", "---", "_", '"', "$", "\u0308", "&amp;", "&#37;", "<>", "☃ ★", "、。"]
+SYMBOLS = [
+    "::",
+    "%",
+    "¿",
+    "©",
+    "™",
+    "😀",
+    "👩\u200d🚀",
+    "...",
+    "---",
+    "_",
+    '"',
+    "$",
+    "\u0308",
+    "&amp;",
+    "&#37;",
+    "<>",
+    "☃ ★",
+    "、。",
+]
 
 
 @pytest.mark.parametrize("words", [None, frozenset({"chair"})])

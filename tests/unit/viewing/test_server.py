@@ -87,12 +87,28 @@ EMBEDDED = "Sec-Fetch-Site: cross-site"
 @pytest.mark.parametrize(
     ("target", "headers", "status"),
     [
-        *(("/", [f"Host: {host}"], 200) for host in ("localhost.", "127.0.0.1.:80", "  127.0.0.1\t", "127.0.0.1")),
+        *(
+            ("/", [f"Host: {host}"], 200)
+            for host in ("localhost.", "127.0.0.1.:80", "  127.0.0.1\t", "127.0.0.1")
+        ),
         *(
             ("/", [f"Host: {host}"], 403)
             for host in (
-                *("evil@127.0.0.1", "evil.example:80@127.0.0.1", "127.0.0.1/evil", "127.0.0.1?evil", "127.0.0.1#evil"),
-                *("127.0.0.1:port", "127.0.0.1:-1", "127.0.0.1:", "local\thost", "localhost..", "127.0.0.1, evil"),
+                *(
+                    "evil@127.0.0.1",
+                    "evil.example:80@127.0.0.1",
+                    "127.0.0.1/evil",
+                    "127.0.0.1?evil",
+                    "127.0.0.1#evil",
+                ),
+                *(
+                    "127.0.0.1:port",
+                    "127.0.0.1:-1",
+                    "127.0.0.1:",
+                    "local\thost",
+                    "localhost..",
+                    "127.0.0.1, evil",
+                ),
                 *("[127.0.0.1]", "[::1]", "[::1%lo]", "127.1", "2130706433", "l\xf6calhost", "a" * 60000),
             )
         ),
@@ -107,7 +123,10 @@ EMBEDDED = "Sec-Fetch-Site: cross-site"
         ("/", [HOST, EMBEDDED, "Sec-Fetch-Mode: navigate"], 200),
         *((target, [HOST], 403) for target in ("http://127.0.0.1:1/", "http://[/", "encode?phrase=x", "*")),
         *((target, [HOST], 404) for target in ("/../../etc/passwd", "/%2e%2e/etc/passwd", "//etc/passwd")),
-        *((target, [HOST], 404) for target in ("/encode/", "/%65ncode?phrase=x", "/;x", "/%00", "/\\evil", "/[")),
+        *(
+            (target, [HOST], 404)
+            for target in ("/encode/", "/%65ncode?phrase=x", "/;x", "/%00", "/\\evil", "/[")
+        ),
         ("/" + "a" * 70000, [HOST], 414),
         ("/", [HOST, "X: " + "a" * 70000], 431),
     ],
@@ -141,7 +160,13 @@ def test_the_address_of_ipv6_is_in_brackets(serve):
     except UserError:
         pytest.skip("no IPv6 here")
     assert urlsplit(server.address).hostname == "::1" and not server.token
-    for host, status in (("[::1]:1", b"200"), ("[::1]", b"200"), ("localhost", b"200"), ("::1", b"403"), ("[::1", b"403")):
+    for host, status in (
+        ("[::1]:1", b"200"),
+        ("[::1]", b"200"),
+        ("localhost", b"200"),
+        ("::1", b"403"),
+        ("[::1", b"403"),
+    ):
         with socket.create_connection(("::1", server.server_address[1]), timeout=30) as connection:
             connection.sendall(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
             assert connection.makefile("rb").readline().split()[1] == status
@@ -157,7 +182,11 @@ def test_other_computers_need_the_token(serve):
     status, page = ask(server, f"/?{address.query}")
     assert status == 200 and f"encode?token={server.token}&amp;phrase=" in page
     assert ask(server, "/encode?phrase=x")[0] == 403
-    for elsewhere in ({"Referer": server.address}, {"Cookie": address.query}, {"Authorization": server.token}):
+    for elsewhere in (
+        {"Referer": server.address},
+        {"Cookie": address.query},
+        {"Authorization": server.token},
+    ):
         assert ask(server, **elsewhere)[0] == 403
     assert ask(server, f"/?{address.query}&token=x")[0] == 403
     assert ask(server, f"/?{address.query}", Host="evil.example")[0] == 403
