@@ -16,7 +16,6 @@ from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
-from egosplat.errors import UserError
 from egosplat.export.ply import ply_bytes, point_columns
 from egosplat.files import atomic_directory
 from egosplat.geometry import Camera, invert
@@ -61,10 +60,8 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
         write_cameras: ``write_nerfstudio`` or ``write_colmap``.
 
     Raises:
-        UserError: an artifact is missing or damaged, or ``output`` exists.
+        UserError: an artifact is missing or damaged.
     """
-    if output.exists():
-        raise UserError(f"{output}: is there already; give another --output, or remove it first")
     *paths, found = locate(scene, "frames", "poses", "splats", "masks")
     frames, poses, splats = map(open_artifact, paths, (FRAMES, POSES, SPLATS))
     masks = open_artifact(found, MASKS) if found.exists() else None

@@ -16,7 +16,7 @@ def make_command(path: Path, flag: str = "") -> str:
     """
     place = path.as_posix()
     if (found := _RESULT.search(place)) is None:
-        return "the command that made it"
+        return "run its command again"
     root = Path(place[: found.start(1)])
     command = f"snakemake --cores 2 {flag}{shlex.quote(found[1])}"
     return command if root.absolute() == Path.cwd() else f"cd {shlex.quote(str(root))} && {command}"

@@ -79,7 +79,7 @@ def test_a_word_that_no_rule_makes_gets_its_mend(word, meant):
         ("/else where/results/a/b/x.json", "cd '/else where' && snakemake --cores 2 results/a/b/x.json"),
         ("/results/a/b/x.json", "cd / && snakemake --cores 2 results/a/b/x.json"),
         (f"{Path.cwd()}/results/a/b/x.json", "snakemake --cores 2 results/a/b/x.json"),
-        ("/elsewhere/x.json", "the command that made it"),
+        ("/elsewhere/x.json", "run its command again"),
     ],
 )
 def test_a_result_is_made_from_any_working_directory(place, command):
