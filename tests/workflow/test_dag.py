@@ -2,6 +2,8 @@
 
 import re
 
+import pytest
+
 EVALUATION = {"all", "contact_sheet", "metrics", "queries_sheet", "tables", "story", "tradeoff"}
 """Rules that may read annotations. Every other rule counts as training."""
 

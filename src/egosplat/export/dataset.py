@@ -1,4 +1,4 @@
-"""Write frames, cameras and points as a data set for other programs: nerfstudio's ``transforms.json``, COLMAP's text files."""
+"""Write frames, cameras and points as a data set for other programs: nerfstudio's ``transforms.json``, COLMAP's model."""
 
 import json
 from collections.abc import Callable
@@ -122,7 +122,7 @@ def write_nerfstudio(data: DataSet, folder: Path) -> None:
 
 
 def write_colmap(data: DataSet, folder: Path) -> None:
-    """Write a COLMAP model as text to ``sparse/0``. Its points belong to no images."""
+    """Write a COLMAP model to ``sparse/0``, binary and as text. Its points belong to no images."""
     camera = data.camera
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
@@ -142,3 +142,5 @@ def write_colmap(data: DataSet, folder: Path) -> None:
     place = folder / "sparse" / "0"
     place.mkdir(parents=True)
     model.write_text(place)
+    # What most programs read first. The text reader that gsplat uses ends at the empty line of an image without points.
+    model.write_binary(place)
