@@ -82,7 +82,9 @@ class QueryOptions(MapOptions):
                 return "not found: the query holds no word"
             words = ", ".join(f'"{word}"' for word in dict.fromkeys(untaught))
             return f"not found: the OpenCLIP checkpoint was not trained on {words}"
-        return f"not found: the best match is below {self.min_score:g}" if score < self.min_score else None
+        # All its digits, two at least: a rounded limit would contradict the verdict.
+        least = max(f"{self.min_score:.2f}", f"{self.min_score:g}", key=len)
+        return f"not found: the best match is below {least}" if score < self.min_score else None
 
     def shown(self, score: float) -> str:
         """A score with two decimals, on its side of ``min_score``."""

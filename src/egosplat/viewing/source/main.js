@@ -224,7 +224,7 @@ class Page {
     $("level").value = String(best?.level ?? this.showing.level);
     $("instances").checked = false;
     this.show({ relevancy, level: best?.level ?? this.showing.level, instances: false });
-    const none = best ? `not found: the best match is below ${min_score}` : "no Gaussian of the scene has a code";
+    const none = best ? `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}` : "no Gaussian of the scene has a code";
     return this.tell(phrase, { things: fitting, score: best?.score ?? 0, why: fitting.length ? null : none });
   }
 
