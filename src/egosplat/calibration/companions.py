@@ -1,6 +1,8 @@
 """The files that accompany a plain recording, and those of its known poses. The workflow imports this module, so it stays light."""
 
 import os
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -63,10 +65,7 @@ def model_files(folder: Path) -> list[Path]:
 
 def transforms_files(path: Path) -> list[Path]:
     """A ``transforms.json``, and the file with its points if it names one."""
-    try:
-        points = points_path(path, read_json(path))
-    except (OSError, ValueError):
-        points = None
+    points = points_path(path, _document(path))
     return [path] if points is None else [path, points]
 
 
@@ -74,3 +73,66 @@ def points_path(path: Path, document: Any) -> Path | None:
     """The PLY file that the document of a ``transforms.json`` at ``path`` names; None if it names none."""
     name = document.get("ply_file_path") if isinstance(document, dict) else None
     return path.parent / name if isinstance(name, str) else None
+
+
+def mask_files(recording: Path, wanted: str) -> list[Path]:
+    """The masks of single pictures that a recording's ``transforms.json`` names."""
+    if "transforms" not in present_known_poses(recording, wanted):
+        return []
+    path = companion_path(recording, KNOWN_POSES["transforms"])
+    return [path.parent / name for name in dict.fromkeys(_texts(_document(path), "mask_path"))]
+
+
+def picture_folders(recording: Path, wanted: str) -> list[Path]:
+    """The folders with the pictures of a folder's recording: those that its known poses name, or the folder itself."""
+    names = [name for kind in present_known_poses(recording, wanted) for name in _names(recording, kind)]
+    named = (os.path.normpath((recording / name.replace("\\", "/")).parent) for name in names)
+    root = os.path.normpath(recording)
+    inside = (folder for folder in map(Path, dict.fromkeys(named)) if folder.is_relative_to(root))
+    return [folder for folder in inside if folder.is_dir()] or [recording]
+
+
+def _names(recording: Path, kind: str) -> list[str]:
+    """The names of pictures in a file with known poses; none of a damaged one, whose reader reports it."""
+    path = companion_path(recording, KNOWN_POSES[kind])
+    if kind == "transforms":
+        return _texts(_document(path), "file_path")
+    (images,) = [file for file in model_files(path) if file.stem == "images"] or [None]
+    try:
+        return [] if images is None else [*(_text_names if images.suffix == ".txt" else _binary_names)(images)]
+    except (OSError, ValueError, IndexError, struct.error):
+        return []
+
+
+def _binary_names(path: Path) -> Iterator[str]:
+    """The names in COLMAP's ``images.bin``: after 64 bytes of numbers, before 24 for each point."""
+    content = path.read_bytes()
+    (count,) = struct.unpack_from("<Q", content)
+    position = 8
+    for _ in range(count):
+        end = content.index(b"\0", position + 64)
+        yield content[position + 64 : end].decode()
+        position = end + 9 + 24 * struct.unpack_from("<Q", content, end + 1)[0]
+
+
+def _text_names(path: Path) -> Iterator[str]:
+    """The names in COLMAP's ``images.txt``: the tenth word of every second line, spaces included."""
+    lines = iter(path.read_text(encoding="utf-8").splitlines())
+    for line in lines:
+        if line.strip() and not line.startswith("#"):
+            yield line.split(maxsplit=9)[9].strip()
+            next(lines, None)
+
+
+def _document(path: Path) -> Any:
+    try:
+        return read_json(path)
+    except (OSError, ValueError):
+        return None
+
+
+def _texts(document: Any, key: str) -> list[str]:
+    """The texts of a key in the frames of a ``transforms.json``."""
+    frames = document.get("frames") if isinstance(document, dict) else None
+    given = [frame.get(key) for frame in (frames if isinstance(frames, list) else []) if isinstance(frame, dict)]
+    return [text for text in given if isinstance(text, str) and text]

@@ -26,7 +26,8 @@ from egosplat.progress import format_ranges, log
 def known_poses(
     recording: Path,
     kind: str,
-    lens: Lens,
+    lenses: list[Lens],
+    pinhole: Camera,
     pictures: Sequence[str],
     camera: Camera,
     *,
@@ -37,7 +38,8 @@ def known_poses(
 
     Args:
         kind: of the file, a key of ``KNOWN_POSES``.
-        lens: that the frames were rectified from.
+        lenses: that the frames were rectified from.
+        pinhole: of the full-size rectified pictures.
         pictures: name of each frame's picture.
         camera: of the frames.
         min_registered: required fraction of frames with a pose, 0 to 1.
@@ -51,8 +53,8 @@ def known_poses(
         UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
     """
     path = companion_path(recording, KNOWN_POSES[kind])
-    contents = read_known_poses(recording, kind, lens.width, lens.height)
-    if contents.lens != lens:
+    contents = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
+    if contents.lenses != lenses:
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
     row = match_pictures(contents.names, pictures, path).row
     registered = row >= 0
@@ -61,7 +63,9 @@ def known_poses(
     camera_to_world = unregistered(len(pictures))
     camera_to_world[registered] = contents.camera_to_world[row[registered]]
     camera_to_world[registered, :3, 3] *= scale
-    kept = _kept_points(contents, camera.width / lens.width)
+    kept = _kept_points(contents, camera.width / pinhole.width)
+    if lost := int((~np.isfinite(contents.points).all(axis=1)).sum()):
+        log(f"{path}: leaves out {lost} of {len(contents.points)} points, which are not finite")
     notes = {
         "source": "known",
         "file": path.name,

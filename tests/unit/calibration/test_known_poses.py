@@ -30,7 +30,7 @@ def test_a_colmap_model_is_read_as_it_is(pictures, model, colmap_folder, suffix)
     colmap_folder.mkdir()
     (model.write_binary if suffix == ".bin" else model.write_text)(colmap_folder)
     contents = read_known_poses(pictures, "colmap", *SIZE)
-    assert contents.lens == Lens("RADIAL", WIDTH, HEIGHT, (60.0, 31.0, 25.0, 0.05, -0.01))
+    assert contents.lenses == [Lens("RADIAL", WIDTH, HEIGHT, (60.0, 31.0, 25.0, 0.05, -0.01))]
     assert sorted(contents.names) == [f"{number}.png" for number in range(1, 7)]
     for name, pose in zip(contents.names, contents.camera_to_world, strict=True):
         np.testing.assert_allclose(pose, true_pose(model, name), atol=1e-12)
@@ -41,7 +41,7 @@ def test_a_transforms_file_is_turned_from_opengl(pictures, model, transforms):
     """The axes: a picture's y points up and its z backward in the file."""
     transforms(applied_transform=[[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], applied_scale=0.5)
     contents = read_known_poses(pictures, "transforms", *SIZE)
-    assert contents.lens == Lens("OPENCV", WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, 0.05, -0.01, 0.0, 0.0))
+    assert contents.lenses == [Lens("OPENCV", WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, 0.05, -0.01, 0.0, 0.0))]
     for name, pose in zip(contents.names, contents.camera_to_world, strict=True):
         np.testing.assert_allclose(pose, true_pose(model, Path(name).name), atol=1e-12)
     assert contents.notes["applied_scale"] == 0.5 and len(contents.notes["applied_transform"]) == 3
@@ -59,14 +59,14 @@ def test_a_transforms_file_is_turned_from_opengl(pictures, model, transforms):
 def test_lenses_of_transforms_files(pictures, transforms, changes, lens):
     """Spellings of other tools are read, not guessed."""
     transforms(**changes)
-    found = read_known_poses(pictures, "transforms", *SIZE).lens
-    assert found == Lens(lens[0], WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, *lens[1]))
+    found = read_known_poses(pictures, "transforms", *SIZE).lenses
+    assert found == [Lens(lens[0], WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, *lens[1]))]
 
 
 def test_a_field_of_view_gives_the_focal_length(pictures, transforms):
     """Blender's files have an angle alone."""
     transforms(fl_x=None, fl_y=None, cx=None, cy=None, camera_angle_x=np.pi / 2)
-    assert read_known_poses(pictures, "transforms", *SIZE).lens.params[:4] == pytest.approx((32, 32, 32, 24))
+    assert read_known_poses(pictures, "transforms", *SIZE).lenses[0].params[:4] == pytest.approx((32, 32, 32, 24))
 
 
 @pytest.mark.parametrize("binary", [True, False])
