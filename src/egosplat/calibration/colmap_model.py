@@ -8,12 +8,11 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.calibration.companions import MODEL_FILES, MODEL_SUFFIXES, model_files
+from egosplat.calibration.companions import MODEL_FILES, MODEL_SUFFIXES, model_files, text_names
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import invert, make_pose
-
 
 # A quaternion that was written with few digits.
 _MAX_LENGTH_ERROR = 1e-3
@@ -87,10 +86,25 @@ def _read(folder: Path, suffix: str) -> pycolmap.Reconstruction:
         for name in MODEL_FILES:
             (Path(scratch) / f"{name}{suffix}").symlink_to((folder / f"{name}{suffix}").absolute())
         try:
-            return pycolmap.Reconstruction(scratch)
+            model = pycolmap.Reconstruction(scratch)
         except (ValueError, IndexError, RuntimeError, OSError) as error:
             reason = str(error).replace(f"{scratch}/", "").partition("\n")[0][-200:]
             raise UserError(f"{folder}: not a readable COLMAP model ({reason}). Export it again.") from error
+    if suffix == ".txt":
+        _check_names(folder / "images.txt")
+    return model
+
+
+def _check_names(path: Path) -> None:
+    """Check that no name has a space: COLMAP reads it to the first one.
+
+    Raises:
+        UserError: one has.
+    """
+    if broken := next((name for name in text_names(path) if " " in name), None):
+        raise UserError(
+            f"{path}: {broken}: the text format holds no names with spaces. Export the model as .bin."
+        )
 
 
 def _check_whole(path: Path) -> None:

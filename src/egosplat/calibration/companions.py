@@ -99,7 +99,7 @@ def _names(recording: Path, kind: str) -> list[str]:
         return _texts(_document(path), "file_path")
     (images,) = [file for file in model_files(path) if file.stem == "images"] or [None]
     try:
-        return [] if images is None else [*(_text_names if images.suffix == ".txt" else _binary_names)(images)]
+        return [] if images is None else [*(text_names if images.suffix == ".txt" else _binary_names)(images)]
     except (OSError, ValueError, IndexError, struct.error):
         return []
 
@@ -115,7 +115,7 @@ def _binary_names(path: Path) -> Iterator[str]:
         position = end + 9 + 24 * struct.unpack_from("<Q", content, end + 1)[0]
 
 
-def _text_names(path: Path) -> Iterator[str]:
+def text_names(path: Path) -> Iterator[str]:
     """The names in COLMAP's ``images.txt``: the tenth word of every second line, spaces included."""
     lines = iter(path.read_text(encoding="utf-8").splitlines())
     for line in lines:
@@ -134,5 +134,7 @@ def _document(path: Path) -> Any:
 def _texts(document: Any, key: str) -> list[str]:
     """The texts of a key in the frames of a ``transforms.json``."""
     frames = document.get("frames") if isinstance(document, dict) else None
-    given = [frame.get(key) for frame in (frames if isinstance(frames, list) else []) if isinstance(frame, dict)]
+    given = [
+        frame.get(key) for frame in (frames if isinstance(frames, list) else []) if isinstance(frame, dict)
+    ]
     return [text for text in given if isinstance(text, str) and text]

@@ -24,8 +24,9 @@ _MAX_NAMES = 3
 # still tells a pixel from the next.
 _MOST, _MAX_REACH = 0.9, 1e4
 # Not every end after a dot is an extension: ``frame.0001``.
-_EXTENSIONS = frozenset(
-    (".png .jpg .jpeg .webp .tif .tiff .bmp .gif .heic .heif .avif .jxl .dng .cr2 .cr3 .nef .arw .raf .exr .tga .ppm").split()
+_EXTENSIONS = (
+    *(".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jxl", ".exr", ".ppm"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"),
 )
 
 
@@ -89,10 +90,11 @@ def _check_positions(centers: NDArray[np.float64], wheres: Sequence[str]) -> Non
         UserError: they are not.
     """
     away = np.linalg.norm(centers - np.median(centers, axis=0), axis=1)
-    spread, farthest = float(np.quantile(away, _MOST)), int(np.linalg.norm(centers, axis=1).argmax())
+    spread = float(np.quantile(away, _MOST, method="lower"))
+    farthest = int(np.linalg.norm(centers, axis=1).argmax())
     reach = float(np.linalg.norm(centers[farthest]))
     # Cameras at one place have no spread.
-    if spread > 0 and reach > _MAX_REACH * spread:
+    if reach > _MAX_REACH * (spread or 1.0):
         raise UserError(
             f"{wheres[farthest]}: {reach:.3g} from the origin, but most cameras lie within {spread:.3g} of each other. "
             "Remove the pose, or subtract an offset from all positions and points."
@@ -138,7 +140,9 @@ def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
     """
     for name in names:
         if (number_of(name) or 0) >= count:
-            raise UserError(f"{path}: {name}: the video has the frames 0 to {count - 1}. Do the numbers begin at 1?")
+            raise UserError(
+                f"{path}: {name}: the video has the frames 0 to {count - 1}. Do the numbers begin at 1?"
+            )
 
 
 def number_of(name: str) -> int | None:
@@ -160,7 +164,9 @@ def _place(
     ]
     found = shorter[:1] or endings.get(parts, [])
     if len(found) > 1:
-        raise UserError(f"{path}: {name} is both {pictures[found[0]]} and {pictures[found[1]]}; name its folder.")
+        raise UserError(
+            f"{path}: {name} is both {pictures[found[0]]} and {pictures[found[1]]}; name its folder."
+        )
     return found[0] if found else None
 
 

@@ -223,9 +223,7 @@ class Rectifier:
         return labels[rows, columns]
 
 
-def _source_positions(
-    lens: Lens, target: Camera
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _source_positions(lens: Lens, target: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Column and row, (H, W) float32 [px, pixel centers at integers as in OpenCV], of each pixel of the pinhole camera."""
     camera = lens.colmap()
     positions = np.empty((target.height, target.width, 2), np.float32)

@@ -33,7 +33,14 @@ _READ = ("frames", "applied_transform", "applied_scale", "ply_file_path")
 _READ_OF_FRAME = ("file_path", "transform_matrix", "mask_path")
 # What changes the meaning of pixels or poses and is not read; a number of 0 or false changes nothing.
 _REFUSED = (
-    *("transform_matrix_start", "transform_matrix_end", "from_mitsuba", "latlong", "equirectangular", "orthographic"),
+    *(
+        "transform_matrix_start",
+        "transform_matrix_end",
+        "from_mitsuba",
+        "latlong",
+        "equirectangular",
+        "orthographic",
+    ),
     *("ftheta_p0", "ftheta_p1", "ftheta_p2", "ftheta_p3", "ftheta_p4", "k5", "k6", "omega", "skew"),
 )
 # Camera axes of OpenGL (x right, y up, z backward) to those of OpenCV.
@@ -115,22 +122,26 @@ def _pose(value: Any, where: str) -> NDArray[np.float64]:
 def _check_refused(entries: Mapping[str, Any], where: str) -> None:
     for key in _REFUSED:
         if entries.get(key):
-            raise UserError(f"{where}: {key} is not supported: render or undistort to a plain camera, then remove it.")
+            raise UserError(
+                f"{where}: {key} is not supported: render or undistort to a plain camera, then remove it."
+            )
 
 
 def _unread(document: Mapping[str, Any]) -> list[str]:
     """The keys of the file and of its frames that are neither read nor refused."""
     keys = [key for key in document if key not in (*_CAMERA, *_READ, *_REFUSED)]
     known = (*_CAMERA, *_READ_OF_FRAME, *_REFUSED)
-    return [*dict.fromkeys([*keys, *(key for frame in document["frames"] for key in frame if key not in known)])]
+    return [
+        *dict.fromkeys([*keys, *(key for frame in document["frames"] for key in frame if key not in known)])
+    ]
 
 
 def _masks(document: Mapping[str, Any], path: Path) -> list[Path | None]:
     """The mask of each frame; none if no frame has one."""
     names = [frame.get("mask_path") for frame in document["frames"]]
-    for name in names:
-        if name is not None and not (isinstance(name, str) and name):
-            raise UserError(f"{path}: mask_path {str(name)[:40]} is not the name of a picture.")
+    for name in filter(lambda name: name is not None, names):
+        if not (isinstance(name, str) and name and (path.parent / name).is_file()):
+            raise UserError(f"{path}: mask_path {str(name)[:200]} is not the name of a picture beside it.")
     return [None if name is None else path.parent / name for name in names] if any(names) else []
 
 
@@ -179,7 +190,9 @@ def _in_colmap_order(
             raise UserError(f"{where}: p1 and p2 are not supported for camera_model {model}.")
         return model, width, height, (*pinhole, k1, k2, k3, k4)
     if k4:
-        raise UserError(f"{where}: k4 is not supported for camera_model {model}; use OPENCV_FISHEYE or k1 to k3.")
+        raise UserError(
+            f"{where}: k4 is not supported for camera_model {model}; use OPENCV_FISHEYE or k1 to k3."
+        )
     if k3:
         return "FULL_OPENCV", width, height, (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
     return "OPENCV", width, height, (*pinhole, k1, k2, p1, p2)
@@ -197,7 +210,9 @@ def _distortion(
         raise UserError(f"{where}: distortion_params is not a list of {count} numbers, as {model} has.")
     values = [_number(value, "distortion_params", where) for value in given]
     if any(single) and values != single:
-        raise UserError(f"{where}: has distortion_params and {', '.join(_DISTORTION)}; remove one of the two.")
+        raise UserError(
+            f"{where}: has distortion_params and {', '.join(_DISTORTION)}; remove one of the two."
+        )
     return values
 
 

@@ -34,6 +34,7 @@ class ImageFolder:
     Attributes:
         paths: the images.
         names: their paths from the folder.
+        turned: whether EXIF orientation is applied.
         sizes: width and height of each [px].
         width, height: the most common size [px].
         timestamp_ns: (N,) int64: image number times ``INTERVAL_NS``.
@@ -49,7 +50,7 @@ class ImageFolder:
         Raises:
             UserError: there is no image, one is unreadable, or two share a name.
         """
-        self.path, self._turned = path, turned
+        self.path, self.turned = path, turned
         folders = folders or [path]
         listed = [image for each in folders for image in sorted(list_pictures(each), key=natural_key)]
         others = _other_formats(folders)
@@ -58,14 +59,19 @@ class ImageFolder:
         if others:
             log(f"{path}: ignores {others}")
         _check_names(listed)
-        self._list([_Header.read(image, turned) for image in listed])
+        self._list([_Header.read(image) for image in listed])
 
     def _list(self, headers: "list[_Header]") -> None:
         self._headers = headers
-        self.paths, self.sizes = [one.path for one in headers], [one.size for one in headers]
+        self.paths, self.sizes = [one.path for one in headers], [one.shown(self.turned) for one in headers]
         self.names = [os.path.relpath(image, self.path) for image in self.paths]
         (self.width, self.height), _ = Counter(self.sizes).most_common(1)[0]
         self.timestamp_ns = np.arange(len(headers), dtype=np.int64) * INTERVAL_NS
+
+    def turn(self) -> None:
+        """Apply EXIF orientation from now on."""
+        self.turned = True
+        self.keep(np.arange(len(self.paths)))
 
     def keep(self, places: NDArray[np.int64]) -> None:
         """Keep the images at these places alone, at their times."""
@@ -102,7 +108,7 @@ class ImageFolder:
             UserError: an image cannot be decoded.
         """
         for frame in frames:
-            yield read_rgb(self.paths[frame], turned=self._turned)
+            yield read_rgb(self.paths[frame], turned=self.turned)
 
     def read_opaque(self, frame: int) -> NDArray[np.bool_]:
         """(height, width) bool: pixels of an image without any transparency.
@@ -111,10 +117,12 @@ class ImageFolder:
             UserError: the image cannot be decoded, or no pixel is opaque.
         """
         path = self.paths[frame]
-        with _opened(path, self._turned) as image:
+        with _opened(path, self.turned) as image:
             opaque = np.array(image.convert("RGBA"))[..., 3] == 255
         if not opaque.any():
-            raise UserError(f"{path}: no pixel is opaque. Remove its alpha channel: magick mogrify -alpha off {path.name}")
+            raise UserError(
+                f"{path}: no pixel is opaque. Remove its alpha channel: magick mogrify -alpha off {path.name}"
+            )
         return opaque
 
 
@@ -153,14 +161,14 @@ def read_rgb(path: Path, *, turned: bool = True) -> NDArray[np.uint8]:
         return np.array(image.convert("RGB"))
 
 
-def read_mask(path: Path, width: int, height: int, *, turned: bool) -> NDArray[np.bool_]:
+def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     """Read a mask: (height, width) bool, True where the image is not black.
 
     Raises:
         UserError: the mask is missing, unreadable, or has another size than the pictures.
     """
     black = _BLACK_OF_JPEG if path.suffix.lower() in (".jpg", ".jpeg") else 0
-    mask = (read_rgb(path, turned=turned) > black).any(axis=2)
+    mask = (read_rgb(path) > black).any(axis=2)
     if mask.shape != (height, width):
         raise UserError(f"{path}: {mask.shape[1]}x{mask.shape[0]} px, but the frames are {width}x{height}.")
     return mask
@@ -177,7 +185,7 @@ def read_valid(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     # A broken link is not a missing file: reading it reports the error.
     if not os.path.lexists(path):
         return np.ones((height, width), dtype=bool)
-    mask = read_mask(path, width, height, turned=True)
+    mask = read_mask(path, width, height)
     if not mask.any():
         raise UserError(f"{path}: all black, so no pixel is left. White pixels show the scene.")
     return mask
@@ -205,7 +213,7 @@ def _check_names(images: list[Path]) -> None:
 
 @dataclass(frozen=True)
 class _Header:
-    """What the head of an image's file says: size as shown [px], EXIF orientation, whether it has an alpha channel."""
+    """What the head of an image's file says: size as stored [px], EXIF orientation, whether it has an alpha channel."""
 
     path: Path
     size: tuple[int, int]
@@ -213,7 +221,7 @@ class _Header:
     alpha: bool
 
     @classmethod
-    def read(cls, path: Path, turned: bool) -> "_Header":
+    def read(cls, path: Path) -> "_Header":
         """Read a header without decoding the image.
 
         Raises:
@@ -222,7 +230,10 @@ class _Header:
         try:
             with Image.open(path) as image:
                 orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
-                size = image.size[::-1] if turned and orientation in _TRANSPOSED else image.size
-                return cls(path, size, orientation, image.has_transparency_data)
+                return cls(path, image.size, orientation, image.has_transparency_data)
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             raise UserError(f"{path}: not a readable image ({error}).") from error
+
+    def shown(self, turned: bool) -> tuple[int, int]:
+        """Width and height [px] as the image is read."""
+        return self.size[::-1] if turned and self.orientation in _TRANSPOSED else self.size

@@ -37,11 +37,13 @@ class Originals:
 
     Attributes:
         known_poses: kind of the known poses, or None.
+        turned: whether EXIF orientation was applied.
         lenses: the lens of each frame, by its time; empty if they are not rectified.
         pinhole: camera of the rectified full-size pictures; None if they are not rectified.
     """
 
     known_poses: str | None = None
+    turned: bool = True
     lenses: Mapping[int, Lens] = field(default_factory=dict)
     pinhole: Camera | None = None
 
@@ -53,6 +55,7 @@ class Originals:
         pinhole = facts.get("pinhole")
         return cls(
             facts.get("known_poses"),
+            facts.get("turned", True),
             {time: lenses[index] for time, index in of_frame} if lenses else {},
             Camera(**pinhole) if pinhole else None,
         )

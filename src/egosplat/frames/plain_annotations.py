@@ -67,6 +67,8 @@ class PlainAnnotations:
         self._camera = camera
         self._originals = originals
         source = open_source(path, originals.known_poses)
+        if isinstance(source, ImageFolder) and originals.turned:
+            source.turn()
         self._sizes = _size_of_timestamp(source)
         self._pngs = _png_of_timestamp(folder, source)
         self._index_of_id = np.full(_MAX_ID + 1, _UNKNOWN_ID, dtype=np.int32)
@@ -160,7 +162,9 @@ def _png_of_timestamp(folder: Path, source: Video | ImageFolder) -> dict[int, Pa
     else:
         numbers = {image.stem: number for number, image in enumerate(source.paths)}
         if len(numbers) < len(source.paths):
-            raise UserError(f"{folder}: pictures of several folders share names, so annotations cannot tell them apart.")
+            raise UserError(
+                f"{folder}: pictures of several folders share names, so annotations cannot tell them apart."
+            )
     pngs: dict[int, Path] = {}
     for path in list_masks(folder):
         is_number = path.stem.isascii() and path.stem.isdigit()

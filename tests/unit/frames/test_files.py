@@ -23,7 +23,9 @@ OPTIONS = {"resolution": 32, "focal": 460.0, "upright": True, "stride": 1, "star
 
 def files_of(stage: str, format: str, recording: Path) -> list[Path]:
     found = (
-        frames_files(format, recording, "auto") if stage == "frames" else annotations_files(format, recording, "auto")
+        frames_files(format, recording, "auto")
+        if stage == "frames"
+        else annotations_files(format, recording, "auto")
     )
     return [*found, *pictures_of(stage, format, recording, "auto")]
 
@@ -115,7 +117,11 @@ def test_the_digest_follows_an_overwritten_picture_and_no_other_file(images):
     pictures = pictures_of("frames", "plain", images, "auto")
     first = digest_of_files(pictures)
     (images / "notes.txt").touch()
-    assert digest_of_files(pictures_of("frames", "plain", images, "auto")) == first == digest_of_files(pictures[::-1])
+    assert (
+        digest_of_files(pictures_of("frames", "plain", images, "auto"))
+        == first
+        == digest_of_files(pictures[::-1])
+    )
     folder, before = images.stat(), (images / "3.png").stat()
     (images / "3.png").write_bytes(bytes(before.st_size))  # of the same size
     os.utime(images, ns=(folder.st_atime_ns, folder.st_mtime_ns))
