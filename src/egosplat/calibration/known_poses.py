@@ -1,5 +1,6 @@
 """Known poses of a plain recording: a COLMAP model folder, or a nerfstudio ``transforms.json`` (docs/recordings.md)."""
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.calibration.colmap_model import read_model
-from egosplat.calibration.companions import KNOWN_POSES, companion_path, present_known_poses
+from egosplat.calibration.companions import KNOWN_POSES, known_poses_path, present_known_poses
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
@@ -25,7 +26,22 @@ _MAX_NAMES = 3
 _MOST, _MAX_REACH = 0.9, 1e4
 # Not every end after a dot is an extension: ``frame.0001``.
 _EXTENSIONS = (
-    *(".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jxl", ".exr", ".ppm"),
+    *(
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".webp",
+        ".tif",
+        ".tiff",
+        ".bmp",
+        ".gif",
+        ".heic",
+        ".heif",
+        ".avif",
+        ".jxl",
+        ".exr",
+        ".ppm",
+    ),
     *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"),
 )
 
@@ -54,10 +70,11 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
     """
     present = present_known_poses(recording, wanted)
     if wanted in KNOWN_POSES and not present:
-        path = companion_path(recording, KNOWN_POSES[wanted])
+        path = known_poses_path(recording, wanted)
         raise UserError(f"{path}: not found, but frames.known_poses is {wanted}.")
     if len(present) > 1:
-        names = " and ".join(companion_path(recording, KNOWN_POSES[kind]).name for kind in present)
+        folder = recording if recording.is_dir() else recording.parent
+        names = " and ".join(os.path.relpath(known_poses_path(recording, kind), folder) for kind in present)
         raise UserError(f"{recording}: has {names}. Choose with frames.known_poses={' or '.join(present)}.")
     return present[0] if present else None
 
@@ -72,7 +89,7 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
     Raises:
         UserError: the file is damaged, a camera is not supported, or a pose is not rigid or far from all others.
     """
-    path = companion_path(recording, KNOWN_POSES[kind])
+    path = known_poses_path(recording, kind)
     contents = read_model(path) if kind == "colmap" else read_transforms(path, width, height)
     for index, lens in enumerate(contents.lenses):
         first = contents.names[int((contents.lens_of == index).argmax())]

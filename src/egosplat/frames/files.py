@@ -9,7 +9,13 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from egosplat.calibration.companions import companion_path, known_pose_files, mask_files, picture_folders
+from egosplat.calibration.companions import (
+    PICTURES,
+    companion_path,
+    known_pose_files,
+    mask_files,
+    picture_folders,
+)
 from egosplat.errors import UserError
 from egosplat.frames.recording_files import ANNOTATIONS, METADATA, is_annotated
 
@@ -31,8 +37,6 @@ CAMERA_FILE, VALID_MASK = "camera.json", "valid.png"
 
 # The table of instances in the folder of a plain recording's annotations.
 INSTANCES_TABLE = "instances.tsv"
-
-_PICTURES = (".png", ".jpg", ".jpeg")
 
 _PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
 _SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
@@ -102,7 +106,7 @@ def find_segmentation(folder: Path) -> Path | None:
 
 def list_pictures(folder: Path) -> list[Path]:
     """The pictures of a plain recording, in no order."""
-    files = [path for path in folder.iterdir() if path.suffix.lower() in _PICTURES and path.name[0] != "."]
+    files = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != "."]
     return [path for path in files if path.name != VALID_MASK and path.is_file()]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.calibration.companions import KNOWN_POSES, companion_path
+from egosplat.calibration.companions import companion_path, known_poses_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.known_poses import (
     Match,
@@ -70,11 +70,9 @@ def calibrate(path: Path, kind: str | None, source: Video | ImageFolder) -> Cali
     calibrated = os.path.lexists(file)
     if kind is None:
         return Calibration([read_camera_file(file, source.width, source.height)] if calibrated else [])
-    known = companion_path(path, KNOWN_POSES[kind])
+    known = known_poses_path(path, kind)
     if calibrated:
-        raise UserError(
-            f"{file}: {known.name} has a camera, too. Remove one, or set frames.known_poses=none."
-        )
+        raise UserError(f"{file}: {known} has a camera, too. Remove one, or set frames.known_poses=none.")
     contents = read_known_poses(path, kind, source.width, source.height)
     if isinstance(source, Video):
         check_numbers(contents.names, len(source.timestamp_ns), known)
@@ -114,9 +112,7 @@ def _settle_orientation(
         if source.turned
         else "as stored, as COLMAP reads them"
     )
-    log(
-        f"{path.name}: {source.oriented} pictures beside {known.name} have an EXIF orientation: they are read {how}"
-    )
+    log(f"{path.name}: {source.oriented} pictures of {known} have an EXIF orientation: they are read {how}")
 
 
 def _misfits(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.calibration.companions import KNOWN_POSES, companion_path
+from egosplat.calibration.companions import known_poses_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
@@ -52,7 +52,7 @@ def known_poses(
     Raises:
         UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
     """
-    path = companion_path(recording, KNOWN_POSES[kind])
+    path = known_poses_path(recording, kind)
     contents = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
     if contents.lenses != lenses:
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
@@ -68,7 +68,7 @@ def known_poses(
         log(f"{path}: leaves out {lost} of {len(contents.points)} points, which are not finite")
     notes = {
         "source": "known",
-        "file": path.name,
+        "file": str(path.relative_to(recording.parent)),
         "frames": len(pictures),
         "registered": int(registered.sum()),
         "points": int(kept.sum()),
