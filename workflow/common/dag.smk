@@ -238,9 +238,7 @@ def digest_of_pictures(stage):
         if scene.synthetic:
             return "none"
         known = config_of(wildcards)["frames"]["known_poses"]
-        return digest_of_files(
-            pictures_of(stage, scene.format, scene.recording, known)
-        )
+        return digest_of_files(pictures_of(stage, scene.format, scene.recording, known))
 
     return digest
 

@@ -250,6 +250,8 @@ def read_camera_file(path: Path, width: int, height: int) -> Lens:
         raise UserError(
             f"{path}: not an object with the numbers {', '.join(_KEYS)} ({repr(error)[:200]})."
         ) from error
+    if other := [key for key in entries if key not in (*_KEYS, *_DISTORTION)]:
+        raise UserError(f"{path}: {', '.join(other)[:200]}: not read; it has {', '.join((*_KEYS, *_DISTORTION))}.")
     if (numbers[0], numbers[1]) != (width, height):
         raise UserError(f"{path}: for {numbers[0]:g}x{numbers[1]:g} px, but the frames are {width}x{height}.")
     return Lens("OPENCV", width, height, (*numbers[2:], *distortion)).check(str(path))

@@ -127,6 +127,7 @@ def test_a_companion_calibration_is_used(images, video, kind):
         (json.dumps(CALIBRATION | {"fx": 10**400}), "not an object with the numbers .*too large"),
         (json.dumps(CALIBRATION | {"fx": -1}), "fx, fy must be positive"),
         (json.dumps(CALIBRATION | {"cx": float("nan")}), r"\(cx, cy\) inside the image"),
+        (json.dumps(CALIBRATION | {"k3": 0.1, "model": "fisheye"}), "k3, model: not read"),
         (json.dumps(CALIBRATION | {"width": 65}), "for 65x48 px, but the frames are 64x48"),
     ],
 )
