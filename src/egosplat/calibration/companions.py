@@ -111,7 +111,9 @@ def _named_folders(recording: Path, root: Path, names: list[str]) -> list[Path]:
     """The folders of a recording to which names lead from ``root``."""
     named = (os.path.normpath((root / name.replace("\\", "/")).parent) for name in names)
     folders = map(Path, dict.fromkeys(named))
-    return [each for each in folders if each.is_relative_to(os.path.normpath(recording)) and each.is_dir()]
+    return [
+        each for each in folders if each.is_relative_to(os.path.normpath(recording)) and os.path.isdir(each)
+    ]
 
 
 def _has_pictures(folder: Path) -> bool:

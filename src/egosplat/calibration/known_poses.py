@@ -106,10 +106,11 @@ def _check_positions(centers: NDArray[np.float64], wheres: Sequence[str]) -> Non
     Raises:
         UserError: they are not.
     """
-    away = np.linalg.norm(centers - np.median(centers, axis=0), axis=1)
+    # The largest coordinate stands for the length, whose square may overflow.
+    away = np.abs(centers - np.median(centers, axis=0)).max(axis=1)
     spread = float(np.quantile(away, _MOST, method="lower"))
-    farthest = int(np.linalg.norm(centers, axis=1).argmax())
-    reach = float(np.linalg.norm(centers[farthest]))
+    farthest = int(np.abs(centers).max(axis=1).argmax())
+    reach = float(np.abs(centers[farthest]).max())
     # Cameras at one place have no spread.
     if reach > _MAX_REACH * (spread or 1.0):
         raise UserError(

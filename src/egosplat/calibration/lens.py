@@ -177,6 +177,9 @@ def shared_pinhole(lenses: Sequence[Lens], share: Sequence[int]) -> Camera:
 
     Args:
         share: number of pictures of each lens; the focal length is the median one of the pictures.
+
+    Raises:
+        UserError: they share less than a pixel.
     """
     if len(lenses) == 1:
         return lenses[0].pinhole
@@ -184,6 +187,10 @@ def shared_pinhole(lenses: Sequence[Lens], share: Sequence[int]) -> Camera:
     left, top, right, bottom = *views[:, :2].max(axis=0).tolist(), *views[:, 2:].min(axis=0).tolist()
     focal = float(np.median(np.repeat([lens.pinhole.fx for lens in lenses], share)))
     width, height = math.floor((right - left) * focal), math.floor((bottom - top) * focal)
+    if min(width, height) < 1:
+        raise UserError(
+            f"the {len(lenses)} cameras of the known poses share no view: make a scene of the pictures of each."
+        )
     return Camera(width, height, focal, focal, -left * focal, -top * focal)
 
 
@@ -251,7 +258,9 @@ def read_camera_file(path: Path, width: int, height: int) -> Lens:
             f"{path}: not an object with the numbers {', '.join(_KEYS)} ({repr(error)[:200]})."
         ) from error
     if other := [key for key in entries if key not in (*_KEYS, *_DISTORTION)]:
-        raise UserError(f"{path}: {', '.join(other)[:200]}: not read; it has {', '.join((*_KEYS, *_DISTORTION))}.")
+        raise UserError(
+            f"{path}: {', '.join(other)[:200]}: not read; it has {', '.join((*_KEYS, *_DISTORTION))}."
+        )
     if (numbers[0], numbers[1]) != (width, height):
         raise UserError(f"{path}: for {numbers[0]:g}x{numbers[1]:g} px, but the frames are {width}x{height}.")
     return Lens("OPENCV", width, height, (*numbers[2:], *distortion)).check(str(path))

@@ -1,6 +1,7 @@
 """Read a ``transforms.json`` of nerfstudio or instant-ngp: OpenGL camera axes, a camera for all or each, points, masks."""
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,8 @@ _REFUSED = (
     ),
     *("ftheta_p0", "ftheta_p1", "ftheta_p2", "ftheta_p3", "ftheta_p4", "k5", "k6", "omega", "skew"),
 )
+# pycolmap counts pixels in 32 bits.
+_MAX_SIDE = 2**31
 # Camera axes of OpenGL (x right, y up, z backward) to those of OpenCV.
 _OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
 
@@ -140,7 +143,7 @@ def _masks(document: Mapping[str, Any], path: Path) -> list[Path | None]:
     """The mask of each frame; none if no frame has one."""
     names = [frame.get("mask_path") for frame in document["frames"]]
     for name in filter(lambda name: name is not None, names):
-        if not (isinstance(name, str) and name and (path.parent / name).is_file()):
+        if not (isinstance(name, str) and name and os.path.isfile(path.parent / name)):
             raise UserError(f"{path}: mask_path {str(name)[:200]} is not the name of a picture beside it.")
     return [None if name is None else path.parent / name for name in names] if any(names) else []
 
@@ -166,7 +169,7 @@ def _lens(entries: Mapping[str, Any], where: str, width: int, height: int) -> Le
         )
     numbers = {key: _number(entries[key], key, where) for key in _NUMBERS if key in entries}
     w, h = numbers.get("w", width), numbers.get("h", height)
-    if w != int(w) or h != int(h):
+    if not (1 <= w == int(w) < _MAX_SIDE and 1 <= h == int(h) < _MAX_SIDE):
         raise UserError(f"{where}: w and h are {w:g} and {h:g}, not whole numbers of pixels.")
     focal = _focal_lengths(numbers, w, h, where)
     pinhole = (*focal, numbers.get("cx", w / 2), numbers.get("cy", h / 2))

@@ -243,6 +243,12 @@ MIRRORED = np.diag([-1.0, 1.0, 1.0, 1.0]).tolist()
         ({"k1": float("nan")}, "k1 is nan"),
         ({"k4": 0.1}, "k4 is not supported"),
         ({"w": 64.5}, "w and h are 64.5"),
+        ({"w": -1}, "w and h are -1"),
+        ({"h": 1e300}, "w and h are 64 and 1e"),
+        (
+            {"frames": frame(transform_matrix=[[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0]])},
+            "1e.300 from the origin",
+        ),
         ({"fl_x": -60.0}, "fx, fy must be positive"),
         ({"cx": 100.0}, r"\(cx, cy\) inside"),
         (

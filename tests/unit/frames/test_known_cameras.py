@@ -158,6 +158,19 @@ def test_two_cameras_become_one_that_both_see(tmp_path):
         np.testing.assert_allclose(shown[..., 1], 128 + 200 * (y - target.cy) / target.fy, atol=1.5)
 
 
+def test_cameras_without_a_common_view_are_named():
+    """A telephoto lens of less than a pixel of the others."""
+    lenses = [Lens("PINHOLE", 64, 48, (focal, focal, 32.0, 24.0)) for focal in (60.0, 60.0, 1e6)]
+    with pytest.raises(UserError, match="3 cameras of the known poses share no view"):
+        shared_pinhole(lenses, [1, 1, 1])
+
+
+def test_names_that_are_no_path_match_no_picture(folder):
+    """No traceback of the file system's."""
+    write_transforms(folder, ["a/" * 3000 + "1.png", "\0.png"])
+    assert PlainRecording(folder, **OPTIONS).capture.facts["pictures"] == NAMES
+
+
 def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
     """hloc's model of two phones: every picture from its own camera, and its annotation with it."""
     recording, names = tmp_path / "recording", ["a.png", "b.png", "c.png"]
