@@ -76,11 +76,19 @@ TEXTS: dict[str, Text] = {
         "The poses are inexact. Check the calibration, rolling shutter and motion blur",
     ),
     "poses.parallax": Text(
-        "angle under which the median point sees all known poses; COLMAP itself rejects a still camera",
+        "angle under which the median point sees all cameras; poses of COLMAP and of files",
         "{:g}°",
-        "COLMAP drops points that are seen under a smaller angle: their depth is unknown",
-        "the median point sees all cameras within {value:.2g}°: the camera stands still",
-        "No depth follows from such poses. Move the camera",
+        "PARALLAX_REASON",
+        "the median point sees all cameras within {value:.2g}°: the camera hardly moves, and depth cannot be told",
+        "Record with a camera that walks around, at least a tenth of the way to what it shows",
+    ),
+    "poses.points": Text(
+        "points of COLMAP or of a file of poses, for each frame with a pose",
+        "{:g}",
+        "POINTS_REASON",
+        "the scene has {points} points, {value:.1f} for each frame",
+        "The Gaussians start from few places. Move the camera farther, record sharper or better lit frames, or raise "
+        "frames.resolution; neighbors that show the same (frames.stride) add none",
     ),
     "poses.models": Text(
         "number of COLMAP's models, which share too few frames to be joined",
