@@ -49,12 +49,13 @@ def check_camera_moves(project: Project) -> None:
     shares = [share_that_stays(*pair) for pair in itertools.combinations(found, 2)]
     told = [share for share in shares if share is not None]
     still = [share for share in told if share >= _MIN_SHARE]
-    if len(told) < len(shares) / 2 or len(still) < _STILL_PAIRS * len(told) or not told:
+    if not told or len(told) < len(shares) / 2 or len(still) < _STILL_PAIRS * len(told):
         return
     raise UserError(
-        f"the camera stands still: {np.median(told):.0%} of the features stay in place in {len(still)} of {len(told)} pairs "
-        "of frames spread over the recording. A fixed camera shows no depth, and what moves before it is no scene: "
-        "masks do not help\nRecord with a camera that moves, or take the part in which it does (frames.start_s, frames.end_s)"
+        f"the camera stands still: {np.median(told):.0%} of the features stay in place in {len(still)} of {len(told)} "
+        "pairs of frames spread over the recording. A fixed camera shows no depth, and what moves before it is no "
+        "scene: masks do not help\n"
+        "Record with a camera that moves, or take the part in which it does (frames.start_s, frames.end_s)"
     )
 
 
