@@ -82,3 +82,17 @@ def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
     if not length > _MIN_MEAN_UP:
         raise UserError("the frames have no common upward direction: turn them upright first")
     return mean / length
+
+
+def find_parallax(centers: NDArray[np.float64], points: NDArray[np.float64]) -> float | None:
+    """Angle under which the median point sees all cameras [deg]; alarm ``poses.parallax`` if it is small.
+
+    Args:
+        centers: (N, 3) camera centers in the world, N >= 1.
+        points: (P, 3) points of the scene; none: 0 for cameras at one place, else None.
+    """
+    extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
+    if not len(points):
+        return None if extent > 0 else 0.0
+    away = float(np.median(np.linalg.norm(points - centers.mean(axis=0), axis=1)))
+    return float(np.degrees(np.arctan2(extent, away)))
