@@ -25,6 +25,7 @@ settings.register_profile(
 settings.load_profile("numerics")
 
 AREAS = {
+    "artifacts": "Artifacts",
     "rasterize": "Rasterizer",
     "instances": "Instances merged in 3D",
     "features": "Consistent features and compression",

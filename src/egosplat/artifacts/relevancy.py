@@ -82,14 +82,7 @@ class Relevancy:
         Raises:
             UserError: the maps cannot be read, or hold a number outside 0..1.
         """
-        row = self.rows[frame, category]
-        values = self.artifact.row("relevancy", row).astype(np.float32)
-        if not ((values >= 0) & (values <= 1) | np.isnan(values)).all():
-            raise UserError(
-                f"{self.path}: relevancy[{row}], {category!r} in frame {frame}, holds numbers outside 0..1; "
-                "scale them, and put NaN where nothing is seen"
-            )
-        return values
+        return self.artifact.row("relevancy", self.rows[frame, category]).astype(np.float32)
 
 
 def open_relevancy(path: Path) -> Relevancy:

@@ -70,10 +70,10 @@ class InstanceScores:
 
         Args:
             labels: (L, H, W) instance at each level, -1 for none; an instance belongs to one level.
-            probability: (H, W) in [0, 1]; a value that is not finite counts as 0.
+            probability: (H, W) in [0, 1].
         """
         # float64: sums over all frames of a video exceed the digits of float16 and float32.
-        weight = np.nan_to_num(probability.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+        weight = probability.astype(np.float64)
         for level in labels:
             seen = level >= 0
             found = level[seen]

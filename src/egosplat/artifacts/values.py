@@ -1,5 +1,6 @@
 """Which numbers an array of an artifact may hold: its schema says so, its writer and its reader check it."""
 
+import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -44,7 +45,8 @@ class Values:
             return ""
         most = min(self.most, sizes[self.below] - 1) if self.below in sizes else self.most
         if not self._are_within(values, most):
-            bad = ~((values >= self.least) & (values <= most)) & ~(self.nan & np.isnan(values))
+            numbers = values.astype(np.float64)
+            bad = ~((numbers >= self.least) & (numbers <= most)) & ~(self.nan & np.isnan(numbers))
             return _told(f"must be {self._range(most)}", bad, values)
         if self.form is not None and not (good := self.form[1](values)).all():
             return f"must be {self.form[0]}, and {np.sum(~good):,} of {np.size(good):,} are not"
@@ -53,8 +55,8 @@ class Values:
     def _are_within(self, values: NDArray[Any], most: float) -> bool:
         # Two reductions need no memory and are several times as fast as a test of each number. NaN compares as false.
         lowest, highest = (np.fmin, np.fmax) if self.nan else (np.minimum, np.maximum)
-        low, high = lowest.reduce(values, axis=None), highest.reduce(values, axis=None)
-        return bool((low >= self.least and high <= most) or (self.nan and np.isnan(low)))
+        low, high = (each.reduce(values, axis=None).item() for each in (lowest, highest))
+        return (low >= self.least and high <= most) or (self.nan and math.isnan(low))
 
     def _range(self, most: float) -> str:
         if most < _LARGEST:

@@ -82,7 +82,7 @@ class Writer:
         self._raise(name, allowed.find_fault(values, {}))
         # Labels are written before the instances are counted.
         if allowed.below is not None and values.size:
-            self._highest[name] = max(int(values.max()), self._highest.get(name, 0))
+            self._highest[name] = max(int(values.max()), self._highest.get(name, -1))
 
     def _raise(self, name: str, fault: str) -> None:
         if fault:
