@@ -204,12 +204,11 @@ def _check_depths(poses: Artifact, xyz: Points, views: Views, near_plane: float)
     spread = float(np.ptp(views.camera_to_world[:, :3, 3], axis=0).max())
     known = poses.facts["notes"].get("source") == "known"
     depth = float(np.median(depths)) if len(depths) else spread
-    advice = f"Set run.near_plane={depth / 20:.1g}" if depth < FAR_PLANE else "Move nearer"
+    remedies = [f"set run.near_plane={depth / 20:.1g}"] if depth <= FAR_PLANE else []
     if known:
-        advice = (
-            f"Set poses.meters_per_unit to the meters of one unit of {poses.facts['notes']['file']}, or "
-            + advice
-        )
+        file = poses.facts["notes"]["file"]
+        remedies.insert(0, f"set poses.meters_per_unit to the meters of one unit of {file}")
+    advice = f"To repair it, {', or '.join(remedies) or 'scale the poses and points'}"
     if len(depths) and np.mean((depths >= near_plane) & (depths <= FAR_PLANE)) < 0.5:
         raise UserError(
             f"{poses.path}: the median depth of its points is {depth:.2g}; Gaussians are rendered from run.near_plane = "
