@@ -35,6 +35,8 @@ AREAS = {
     "survey": "Survey",
     "camera": "Camera of synthetic recordings",
     "gaussians": "Training",
+    "models": "SAM2 and OpenCLIP",
+    "chain": "Whole scenes",
 }
 """By the folder of the tests; the table's order."""
 
