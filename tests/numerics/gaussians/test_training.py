@@ -261,7 +261,7 @@ def test_units(scene, run, measured):
 def test_units_that_the_renderer_does_not_reach(scene, run, left, unit, known):
     notes = {"notes": {"source": "known", "file": "transforms.json", "scale": "arbitrary"}} if known else {}
     folder = scene(facts=notes, **in_unit(unit))
-    keys = ["run.near_plane = 0.1 ", *(["poses.meters_per_unit"] if known else [])]
+    keys = ["run.near_plane = 0.1", *(["poses.meters_per_unit"] if known else [])]
     with pytest.raises(UserError, match=".*\n?.*".join(keys)):
         run(folder)
     if known and unit < 1:
