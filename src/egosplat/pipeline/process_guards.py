@@ -20,7 +20,7 @@ def end_with_snakemake() -> None:
     """Exit when the parent Snakemake dies, so that a restart does not run the stage twice. Watches in a thread."""
     # Exiting loses nothing: unfinished outputs are not yet in place, and long stages have checkpoints.
     number = os.environ.get(STARTED_BY, "")
-    if number.isdigit():
+    if number.isdecimal():
         threading.Thread(target=_watch, args=(int(number),), daemon=True).start()
 
 

@@ -75,7 +75,8 @@ def run(
     )
     objective = InitialObjective(net, initial_options(options), views.device)
     training = training_options(options)
-    extent, near_plane = scene_extent(views.camera_to_world), options.near_plane
+    near_plane = options.near_plane
+    extent = scene_extent(views.camera_to_world, near_plane)
     corrections = make_corrections(chosen_corrections(options), start, views, near_plane, options.iterations)
     state = TrainingState(start, training, extent, objective, corrections)
     checkpoint = Checkpoint(output, provenance.key_of(record))
