@@ -16,6 +16,8 @@ from egosplat.errors import UserError, is_out_of_memory
 from egosplat.models.checkpoints import ModelSpec
 from egosplat.pipeline.messages import shorten
 
+_AGAIN = "Download or copy it again"
+
 # Most names of a checkpoint in a message.
 _NAMED = 3
 
@@ -73,21 +75,21 @@ def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, m
 
     Raises:
         UserError: tensors are missing, unexpected or of another shape, as in a checkpoint of another architecture, or
-            hold NaN or infinity.
+            hold NaN, infinity or whole numbers.
     """
-    if differences := _differences(module.state_dict(), tensors):
+    own = module.state_dict()
+    if differences := _differences(own, tensors):
         raise UserError(
             f"{path}: has another architecture than models.{model.config_key}: {differences}.\n"
             f"Set models.{model.config_key} to the architecture of this checkpoint, or models."
             f"{model.checkpoint_key} to a checkpoint of that architecture"
         )
-    if broken := next((name for name, value in tensors.items() if not _is_finite(value)), None):
-        raise UserError(f"{path}: tensor {broken} holds NaN or infinity. Download or copy it again")
+    for name, value in tensors.items():
+        if own[name].is_floating_point() and not value.is_floating_point():
+            raise UserError(f"{path}: tensor {name} holds {value.dtype}, not numbers with a fraction. {_AGAIN}")
+        if not value.isfinite().all():
+            raise UserError(f"{path}: tensor {name} holds NaN or infinity. {_AGAIN}")
     module.load_state_dict(tensors)
-
-
-def _is_finite(value: Tensor) -> bool:
-    return not value.is_floating_point() or bool(value.isfinite().all())
 
 
 def _read_safetensors(path: Path) -> dict[str, Tensor]:
@@ -131,7 +133,7 @@ def _damaged(path: Path) -> UserError:
     size = path.stat().st_size
     return UserError(
         f"{path}: is no complete checkpoint: its {size:,} bytes are damaged, truncated or another format. "
-        "Download or copy it again"
+        f"{_AGAIN}"
     )
 
 

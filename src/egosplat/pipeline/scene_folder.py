@@ -1,10 +1,10 @@
 """Check of a finished scene's folder, before anything in it is opened."""
 
-import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
 from egosplat.errors import UserError
+from egosplat.pipeline.make_command import make_command
 from egosplat.pipeline.scenes import requested_targets
 from egosplat.pipeline.variant_folders import shared_with
 
@@ -45,4 +45,4 @@ def _advice(folder: Path) -> str:
     if not found:
         return f"Give the folder of a finished scene, such as {EXAMPLE}"
     what = "scene" if found[0].variant is None else "variant"
-    return f"Make the {what}: snakemake --cores 2 {shlex.quote(f'{folder}/metrics.json')}"
+    return f"Make the {what}: {make_command(folder / 'metrics.json')}"

@@ -16,6 +16,7 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.pipeline.make_command import make_command
 
 # Start and end of every text.
 _SPECIAL_TOKENS = 2
@@ -139,6 +140,6 @@ def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, p
         raise UserError(
             f"{features.path}: was made with another OpenCLIP ({made_with['model']}, {made_with['checkpoint']}, "
             f"hash {made_with['hash']}) than {model}, {checkpoint} (hash {found}).\n"
-            f"Restore that checkpoint, or rebuild the features: snakemake --cores 2 {features.path}"
+            f"Restore that checkpoint, or rebuild the features: {make_command(features.path)}"
         )
     return load_open_clip(model, checkpoint, device, precision)
