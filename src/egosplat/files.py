@@ -98,6 +98,11 @@ def write_json(path: Path, document: Any) -> None:
     write_text(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
+def expand_home(path: str) -> Path:
+    """Get a path with ``~`` as the home folder; it stays where no user of that name has one."""
+    return Path(os.path.expanduser(path))
+
+
 def user_cache() -> Path:
     """The user's folder of what egosplat can make again: below ``XDG_CACHE_HOME``, or ``~/.cache``."""
     root = os.environ.get("XDG_CACHE_HOME")

@@ -7,6 +7,7 @@ from pathlib import Path
 import egosplat
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError, user_message
+from egosplat.files import expand_home
 from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
@@ -149,7 +150,7 @@ def model_findings(config: Config) -> Iterator[Finding]:
     config = locate_checkpoints(config)
     yield from (_model(model, config) for model in (SAM2, CLIP))
     if weights := config["transient"]["encoder_weights"]:
-        yield _encoder(Path(weights).expanduser())
+        yield _encoder(expand_home(weights))
     yield _compute(config)
 
 

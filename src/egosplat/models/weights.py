@@ -86,7 +86,9 @@ def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, m
         )
     for name, value in tensors.items():
         if own[name].is_floating_point() and not value.is_floating_point():
-            raise UserError(f"{path}: tensor {name} holds {value.dtype}, not numbers with a fraction. {_AGAIN}")
+            raise UserError(
+                f"{path}: tensor {name} holds {value.dtype}, not numbers with a fraction. {_AGAIN}"
+            )
         if not value.isfinite().all():
             raise UserError(f"{path}: tensor {name} holds NaN or infinity. {_AGAIN}")
     module.load_state_dict(tensors)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.files import read_user_text
+from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.validation import Draft202012Validator, explain, schema
@@ -77,7 +77,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
 
 def table_of(config: configuration.Config) -> Path:
     """Get the path of the table of scenes that a configuration names. ``~`` is the home folder."""
-    return Path(os.path.expanduser(config["scenes"]))
+    return expand_home(config["scenes"])
 
 
 def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
@@ -226,4 +226,4 @@ def _recording(given: str, root: str | None, where: str) -> Path:
     """Get the path of a row's recording. ``~`` is the home folder."""
     if _ADDRESS.match(given):
         raise UserError(f"{where}: recording {given[:80]}: is a URL; download it and give the file's path")
-    return Path(os.path.expanduser(root or ".")) / os.path.expanduser(given)
+    return expand_home(root or ".") / expand_home(given)
