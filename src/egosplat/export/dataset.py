@@ -10,7 +10,7 @@ import pycolmap
 from numpy.typing import NDArray
 from PIL import Image
 
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
@@ -88,13 +88,14 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
 def _write_images(folder: Path, data: DataSet, frames: Artifact, masks: Artifact | None) -> None:
     (folder / "images").mkdir()
     valid = frames.read("valid")
-    hidden = masks is not None or not valid.all()
+    hidden = masks is not None or frames.has("masked") or not valid.all()
     if hidden:
         (folder / "masks").mkdir()
     for index, frame in enumerate(track(data.frame, "writing images")):
         Image.fromarray(frames.row("rgb", int(frame))).save(folder / "images" / data.image(index))
         if hidden:
-            shown = valid if masks is None else valid & ~masks.row("refined", int(frame))
+            shown = shown_pixels(frames, int(frame), valid)
+            shown = shown if masks is None else shown & ~masks.row("refined", int(frame))
             Image.fromarray(shown.astype(np.uint8) * 255).save(folder / "masks" / data.image(index))
 
 
