@@ -22,6 +22,20 @@ from egosplat.errors import reraise_as
 Blame = Callable[[Path, str], ArtifactError]
 
 
+class _Attributes(dict[str, Any]):
+    """Attributes of an artifact; one that is missing, as in an artifact of an older egosplat, is an ``ArtifactError``."""
+
+    def __init__(self, values: Mapping[str, Any], path: Path) -> None:
+        self.path = path
+        super().__init__(
+            (key, _Attributes(value, path) if isinstance(value, dict) else value)
+            for key, value in values.items()
+        )
+
+    def __missing__(self, key: str) -> Any:
+        raise damaged(self.path, f"its attributes lack {key!r}")
+
+
 class Artifact:
     """A checked, read-only artifact; made by ``open_artifact``, ``open_any`` or ``open_foreign``."""
 
@@ -139,7 +153,8 @@ def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes:
         raise ArtifactError(f"{path}: holds {found!r}, not {schema.name!r}. Give the {schema.name} artifact.")
     version = attributes["format_version"]
     if version != schema.version:
-        hint = "Update egosplat" if version > schema.version else f"Rebuild it: {rebuild_command(path)}"
+        newer = isinstance(version, int) and version > schema.version
+        hint = "Update egosplat" if newer else f"Rebuild it: {rebuild_command(path)}"
         raise ArtifactError(
             f"{path}: has format version {version}, this is version {schema.version}. {hint}."
         )
@@ -235,7 +250,7 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
         attributes = group.attrs.asdict()["egosplat"]
     if not isinstance(attributes, dict) or attributes.get("seal") != seal(attributes):
         raise damaged(path, "its attributes were changed after it was written")
-    return group, attributes
+    return group, _Attributes(attributes, path)
 
 
 def _check_arrays(

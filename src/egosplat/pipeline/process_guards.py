@@ -1,6 +1,7 @@
 """Guards of a run's processes: stages exit with their Snakemake, and stale locks are removed."""
 
 import fcntl
+import getpass
 import os
 import shutil
 import threading
@@ -78,6 +79,14 @@ def _taken(handle: int, kind: int) -> bool:
     except OSError:
         return False
     return True
+
+
+def name_user() -> None:
+    """Name the user by number where the system has no name, as in a container: Snakemake asks for one when it starts."""
+    try:
+        getpass.getuser()
+    except (KeyError, OSError):
+        os.environ["USER"] = str(os.getuid())
 
 
 def check_cores(cores: int | None, nodes: int | None) -> None:
