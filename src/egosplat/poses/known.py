@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.calibration.colmap.mapping import accept_advice
-from egosplat.calibration.companions import known_poses_path
+from egosplat.calibration.companions import accept_advice, known_poses_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens

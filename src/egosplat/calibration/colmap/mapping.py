@@ -1,6 +1,5 @@
 """COLMAP's third step: incremental mapping, and the choice of the model."""
 
-import math
 import time
 from collections.abc import Iterator
 
@@ -9,6 +8,7 @@ import pycolmap
 from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.joining import Joined, join_models
 from egosplat.calibration.colmap.matching import MatchingResult
+from egosplat.calibration.companions import accept_advice
 from egosplat.errors import UserError
 from egosplat.progress import format_ranges, log
 
@@ -16,8 +16,6 @@ MIN_IMAGES = 3
 # A model with fewer points is noise, not a scene.
 MIN_POINTS = 50
 
-# Registering fewer frames is no loss to accept: most of the recording would be missing.
-_LEAST_ADVISED = 0.5
 _SECONDS_BETWEEN_LINES = 5.0
 
 
@@ -172,13 +170,6 @@ def too_few_message(
         accept_advice(len(registered), frames),
     ]
     return f"{problem}\n{', or '.join(filter(None, advice))}"
-
-
-def accept_advice(registered: int, frames: int) -> str:
-    """How to accept the loss of frames without a pose; empty if most of them have none."""
-    # Rounded down, so that the suggested value accepts this model.
-    share = math.floor(100 * registered / frames) / 100
-    return f"accept the loss: poses.min_registered={share:g}" if share >= _LEAST_ADVISED else ""
 
 
 def _no_model_message(matches: MatchingResult) -> str:
