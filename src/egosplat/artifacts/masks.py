@@ -1,6 +1,7 @@
 """Schema of ``masks.zarr``: the transient instances, and the pixels that training masks."""
 
 from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.values import SHARE
 
 # Why nothing is masked, in the fact ``withheld``.
 BY_NETWORK, BY_INSTANCES = "probability", "instances"
@@ -22,12 +23,14 @@ MASKS = Schema(
             "float32",
             "0..1",
             "mean probability over all pixels of the instance in the training frames; 0 without any pixel",
+            values=SHARE,
         ),
         "instances/stands_out": Field(
             ("instance",),
             "float32",
             "0..1",
             "share of the instance's pixels that stand out (transient.zarr), in training frames where this was measured",
+            values=SHARE,
         ),
         "instances/transient": Field(
             ("instance",),

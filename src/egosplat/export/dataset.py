@@ -1,4 +1,4 @@
-"""Write frames, cameras and points as a data set for other programs: nerfstudio's ``transforms.json``, COLMAP's text files."""
+"""Write frames, cameras and points as a data set for other programs: nerfstudio's ``transforms.json``, COLMAP's model."""
 
 import json
 from collections.abc import Callable
@@ -16,7 +16,6 @@ from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
-from egosplat.errors import UserError
 from egosplat.export.ply import ply_bytes, point_columns
 from egosplat.files import atomic_directory
 from egosplat.geometry import Camera, invert
@@ -61,10 +60,8 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
         write_cameras: ``write_nerfstudio`` or ``write_colmap``.
 
     Raises:
-        UserError: an artifact is missing or damaged, or ``output`` exists.
+        UserError: an artifact is missing or damaged.
     """
-    if output.exists():
-        raise UserError(f"{output}: is there already; give another --output, or remove it first")
     *paths, found = locate(scene, "frames", "poses", "splats", "masks")
     frames, poses, splats = map(open_artifact, paths, (FRAMES, POSES, SPLATS))
     masks = open_artifact(found, MASKS) if found.exists() else None
@@ -126,7 +123,7 @@ def write_nerfstudio(data: DataSet, folder: Path) -> None:
 
 
 def write_colmap(data: DataSet, folder: Path) -> None:
-    """Write a COLMAP model as text to ``sparse/0``. Its points belong to no images."""
+    """Write a COLMAP model to ``sparse/0``, binary and as text. Its points belong to no images."""
     camera = data.camera
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
@@ -146,3 +143,5 @@ def write_colmap(data: DataSet, folder: Path) -> None:
     place = folder / "sparse" / "0"
     place.mkdir(parents=True)
     model.write_text(place)
+    # What most programs read first. The text reader that gsplat uses ends at the empty line of an image without points.
+    model.write_binary(place)

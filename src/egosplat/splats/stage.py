@@ -99,7 +99,7 @@ def run(
         # Codes of all levels are features of the Gaussians, so their gradients reach the geometry, too.
         start = replace(start, features=initial_codes(start.count, targets, start.means.device))
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    extent = scene_extent(view_sets.training.camera_to_world)
+    extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
     corrections = make_corrections(
         chosen_corrections(options), start, view_sets.training, options.near_plane, options.iterations
     )

@@ -148,7 +148,7 @@ def _find(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> 
     for frame in track(rows, "scoring instances", total=len(rows)):
         labels, probability = instances.row("labels", frame), transient.row("probability", frame)
         by_probability.add(labels, probability)
-        total += float(np.nan_to_num(probability.astype(np.float64), nan=0.0).mean())
+        total += float(probability.astype(np.float64).mean())
         if measured[frame]:
             outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
     return _Found(by_probability, outstanding, total / max(len(rows), 1))
