@@ -14,7 +14,8 @@ MASKS = Schema(
             ("frame", "height", "width"),
             "bool",
             "-",
-            "pixels of a transient instance, of any level that is asked for, where the network calls them transient",
+            "pixels of a transient instance, of any level that is asked for, where the network calls them transient, "
+            "and of regions that the network is sure of for several frames",
             by_row=True,
         ),
         "instances/score": Field(

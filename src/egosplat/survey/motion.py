@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert
+from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey.brightness import exposure_changes
 from egosplat.survey.detection import detect_motion
 from egosplat.survey.epipolar import rotation_homography
 from egosplat.survey.matching import match_images
 from egosplat.survey.pairs import Pairs, choose_pairs, choose_revisits
-from egosplat.survey.regions import Labels, landing, lasting_regions, meetings
 from egosplat.survey.rigid import View
 from egosplat.survey.views import depth_quantile, median_depths, visible_depths
 

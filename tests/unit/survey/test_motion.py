@@ -12,7 +12,7 @@ from egosplat.survey.detection import PairMotion, detect_motion
 from egosplat.survey.matching import match_images
 from egosplat.survey.motion import measure_motion
 from egosplat.survey.pairs import choose_pairs, choose_revisits
-from egosplat.survey.regions import landing, large_regions, lasting_regions, meetings
+from egosplat.moving_regions import landing, large_regions, lasting_regions, meetings
 from egosplat.survey.rigid import View
 
 SECOND = 1_000_000_000
