@@ -8,11 +8,11 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.geometry import make_pose
+from egosplat.moving_regions import landing, large_regions, lasting_regions, meetings
 from egosplat.survey.detection import PairMotion, detect_motion
 from egosplat.survey.matching import match_images
 from egosplat.survey.motion import measure_motion
 from egosplat.survey.pairs import choose_pairs, choose_revisits
-from egosplat.moving_regions import landing, large_regions, lasting_regions, meetings
 from egosplat.survey.rigid import View
 
 SECOND = 1_000_000_000
