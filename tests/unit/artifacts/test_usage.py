@@ -58,3 +58,29 @@ def test_a_processor_without_a_name_is_named_by_its_architecture(tmp_path):
     assert usage._processor(tmp_path / "absent")
     (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: Some CPU\n")
     assert usage._processor(tmp_path / "cpuinfo") == "Some CPU"
+
+
+def test_the_commit_is_that_of_tracked_files_alone(tmp_path):
+    """An installation inside somebody's repository has no commit; a file besides makes a checkout unclean."""
+
+    def git(*words: str) -> str:
+        own = ("-c", "user.name=x", "-c", "user.email=x@x")
+        return subprocess.check_output(["git", *own, *words], cwd=tmp_path, text=True).strip()
+
+    def checkout(folder: str) -> dict:
+        return usage.checkout.__wrapped__(tmp_path / folder)
+
+    nothing = {"commit": None, "clean": None}
+    for folder in ("src", "installed"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "code.py").write_text("")
+    assert checkout("src") == nothing
+    git("init", "--quiet")
+    git("add", "src")
+    git("commit", "--quiet", "--message", "first")
+    assert checkout("installed") == nothing
+    assert checkout("src") == {"commit": git("rev-parse", "HEAD"), "clean": False}
+    (tmp_path / ".git" / "info" / "exclude").write_text("installed")
+    assert checkout("src")["clean"] is True
+    (tmp_path / "src" / "code.py").write_text("changed")
+    assert checkout("src")["clean"] is False
