@@ -1,7 +1,7 @@
 """Scores, their intervals and paired differences, computed from rows."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 
@@ -33,7 +33,9 @@ def by_scene(rows: pd.DataFrame, column: str, group_by: str = "category") -> lis
 def figure(
     scenes: list[Clusters], scale: float, form: str, unit: str, least: float = 0.0, most: float = 1.0
 ) -> str:
-    """The mean over scenes with its interval, such as ``77 % (68 to 85)``."""
+    """The mean over scenes with its interval, such as ``77 % (68 to 85)``; - for nothing."""
+    if not scenes:
+        return "-"
     interval = clustered_interval(scenes, RESAMPLING, least=least, most=most)
     bounds = "" if interval is None else f" ({scale * interval.low:{form}} to {scale * interval.high:{form}})"
     return f"{scale * mean_of_scenes(scenes):{form}}{unit}{bounds}"
@@ -46,7 +48,7 @@ def score(rows: Rows, setting: str, name: str, group: str = "all") -> str:
 
 
 def difference(rows: Rows, one: str, other: str, name: str, group: str = "all") -> str:
-    """Mean difference of two settings on the same queries, in percentage points, with its interval; accuracy also with McNemar's p."""
+    """Mean difference of two settings on the same queries, in points, with its interval; accuracy also with McNemar's p."""
     column = SCORES[name][0]
     paired = pair(rows, one, other, column, group)
     told = figure(by_scene(paired, "difference"), 100, "+.1f", "", least=-1.0)
@@ -70,7 +72,7 @@ def psnr(rows: Rows, setting: str, group: str = "all") -> str:
 
 
 def presence(rows: Rows, setting: str, what: str) -> str:
-    """Share of whole-scene queries: of present things ``answered`` or rightly (``right``), of absent things answered (``absent``)."""
+    """Share of whole-scene queries: present things ``answered``, rightly (``right``); ``absent`` things answered."""
     asked = rows.of("presence", setting, present=int(what != "absent"))
     # An answer that no frame could verify is not right.
     right = asked["right"].astype(float).fillna(0) if what == "right" else 1.0
@@ -123,12 +125,12 @@ def score_table(rows: Rows) -> str:
     return markdown((*columns, "absent: answered", "CPU-min"), table)
 
 
-def difference_table(rows: Rows) -> str:
-    """A row for each setting against the default."""
+def difference_table(rows: Rows, more: Sequence[tuple[str, str]] = ()) -> str:
+    """A row for the default against each other setting, and for more pairs."""
+    pairs = [*((FULL, name) for name in rows.settings if name != FULL), *more]
     table = [
-        [f"{name} against {FULL}", *(difference(rows, name, FULL, one) for one in SCORES)]
-        for name in rows.settings
-        if name != FULL
+        [f"{one} against {other}", *(difference(rows, one, other, name) for name in SCORES)]
+        for one, other in pairs
     ]
     return markdown(("compared", "accuracy", "mIoU"), table)
 
@@ -142,7 +144,7 @@ def chance_line(rows: Rows) -> str:
 TABLES: Mapping[str, Callable[[Rows], str]] = {
     "scores": score_table,
     "differences": difference_table,
-    "chance": chance_line,
+    "blind": chance_line,
 }
 
 FIGURES: Mapping[str, Callable[..., str]] = {

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,8 +14,8 @@ import pandas as pd
 from benchmarks.common import ROOT
 from egosplat.artifacts import usage
 from egosplat.errors import UserError
+from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
-from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.variants import variant_folder
 
 LEDGER = ROOT / "benchmarks" / "ledger"
@@ -57,31 +57,28 @@ class Rows:
         """The rows of a setting whose columns have the given values.
 
         Raises:
-            UserError: there is no such setting.
+            UserError: there is no such setting or group.
         """
-        if setting not in self.settings:
-            raise UserError(
-                f"{self.about['name']}: has no setting {setting!r}; has {', '.join(self.settings)}"
-            )
+        for what, value, known in (
+            ("setting", setting, self.settings),
+            ("group", equal.get("group", "all"), GROUPS),
+        ):
+            if value not in known:
+                raise UserError(f"{self.about['name']}: has no {what} {value!r}; has {', '.join(known)}")
         rows = self.tables[table].query("setting == @setting")
         for column, value in equal.items():
             rows = rows[rows[column] == value]
         return rows
 
 
-def read_scenes(
-    folders: Mapping[str, Path], settings: Mapping[str, str | None]
-) -> dict[str, list[ScoredScene]]:
-    """Scored scenes by setting, from the scenes' folders by name and the settings' variants, None for the scene's own.
+def read_scenes(folders: Sequence[Path], settings: Mapping[str, str | None]) -> dict[str, list[ScoredScene]]:
+    """Scored scenes by setting, from the scenes' folders and the settings' variants, None for the scene's own.
 
     Raises:
         UserError: a file is missing, or scenes were queried or scored by different settings.
     """
     found = {
-        setting: [
-            read_scored_scene(folder / variant_folder(variant) / "metrics.json")
-            for folder in folders.values()
-        ]
+        setting: [read_scored_scene(folder / variant_folder(variant) / "metrics.json") for folder in folders]
         for setting, variant in settings.items()
     }
     check_protocol([one for scenes in found.values() for one in scenes])
@@ -152,14 +149,18 @@ def read_source(name: str) -> Rows:
     return read_rows(own if own.exists() else ROOT / "benchmarks" / name / "rows")
 
 
-def print_page(
-    topic: str, folders: tuple[Path, ...], settings: Mapping[str, str | None], rows: Path | None
+def collect_page(
+    topic: str, folders: Sequence[Path], settings: Mapping[str, str | None], rows: Path | None
 ) -> Rows:
-    """Read scored scenes, keep their rows where asked, and print what they were measured with."""
-    found = collect(topic, read_scenes({title_of(folder): folder for folder in folders}, settings))
+    """Rows of scored scenes in their folders; writes them where asked, and prints what they were measured with.
+
+    Raises:
+        UserError: see ``read_scenes`` and ``write_rows``.
+    """
+    found = collect(topic, read_scenes(folders, settings))
     if rows is not None:
         write_rows(rows, found)
-    print(stamp(found.about), end="\n\n")
+    click.echo(f"{stamp(found.about)}\n")
     return found
 
 

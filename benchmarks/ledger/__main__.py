@@ -4,8 +4,8 @@
     python -m benchmarks.ledger TEXT --release   # the same, with more settings
     python -m benchmarks.ledger --report         # every table and interval from the rows
 
-A run needs a clean checkout, and the same commit to its end: take a worktree of its own. The same command goes on after an interruption.
-A text is run once. Commit its folder.
+A run needs a clean checkout of one commit to its end: take a worktree of its own. The same command goes on after an
+interruption. A text is run once. Commit its folder.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import FULL, ScoredScene
 from egosplat.pipeline.variants import variant_folder
 
-# Variant of each setting, None for the scene's own. Each takes one that the workflow knows, or one of CONFIGURATION.
+# Variant of each setting, None for the scene's own: one that the workflow knows, or one of CONFIGURATION.
 SETTINGS: dict[str, str | None] = {
     FULL: None,
     **{name: name for name in ("draft", "occam", "baseline", "no_masks", "network_masks")},
@@ -44,7 +44,7 @@ CONFIGURATION: dict[str, Any] = {"synthetic": {"camera": "real"}}
 
 APARTMENTS = 5
 
-# Seeds below the first are those of the table of scenes, of benchmarks, tests and training (training/small_models/worlds.py).
+# Smaller seeds are those of the table of scenes, benchmarks, tests and training (training/small_models/worlds.py).
 FIRST_SEED, LAST_SEED = 10_000_000, 999_999_999
 
 # Where scenes are made: ignored by git, a folder for each text and commit.
@@ -107,7 +107,7 @@ def scores_of(seeds: Collection[int], settings: Mapping[str, str | None]) -> Ite
 
 
 def snakemake(folder: Path, cores: int, targets: Collection[str], *more: str) -> int:
-    """Make targets in the folder of a run; returns the exit status. Snakemake shows each job and the share that is done."""
+    """Make targets in the folder of a run; returns the exit status. Snakemake shows the progress."""
     words = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "workflow/Snakefile")]
     words += ["--cores", str(cores), "--rerun-incomplete", *more, "--", *targets]
     return subprocess.run(words, cwd=folder, check=False, stdout=sys.stderr).returncode
@@ -144,8 +144,7 @@ def run(text: str, release: bool, cores: int) -> Path:
         raise UserError(
             f"{folder}: a job failed (exit {status}); see above. The same command goes on from there"
         )
-    scenes = {name_of(seed): folder / "results/ledger" / name_of(seed) for seed in seeds}
-    found = read_scenes(scenes, settings)
+    found = read_scenes([folder / "results/ledger" / name_of(seed) for seed in seeds], settings)
     check_commit([one for own in found.values() for one in own], commit)
     told = {
         "text": text,
