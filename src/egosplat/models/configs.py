@@ -6,8 +6,6 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-import yaml
-
 from egosplat.errors import UserError
 
 # The configuration's value for the packaged models.
@@ -49,24 +47,6 @@ def sam2_config_file(config: str) -> Path:
     if os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
         return path
     raise UserError(f"models.sam2_config = {config!r} is neither a file nor {_one_of(name, published)}")
-
-
-def sam2_side(config: str) -> int:
-    """Side of the square to which a SAM2 architecture resizes images [px].
-
-    Raises:
-        UserError: as ``sam2_config_file``; or the file has no valid ``model.image_size``.
-    """
-    file = sam2_config_file(config)
-    try:
-        side = yaml.safe_load(file.read_text())["model"]["image_size"]
-    except (yaml.YAMLError, KeyError, OSError, RecursionError, TypeError, ValueError):
-        side = None
-    if not isinstance(side, int):
-        raise UserError(
-            f"{file}: has no model.image_size. See the configurations of the package sam2 for an example"
-        )
-    return side
 
 
 def sam2_configs() -> dict[str, Path]:

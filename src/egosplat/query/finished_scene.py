@@ -217,7 +217,7 @@ class Scene:
         >>> cup.view.mask.shape
         (96, 96)
         """
-        options = self.options.changed(**keys)
+        options = self.options.change_keys(**keys)
         return list(self.answers(phrases, most, self.viewpoint(frame, pose), options))
 
     def answers(

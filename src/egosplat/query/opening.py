@@ -29,7 +29,7 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
     (['part', 'whole'], 5, 700)
     """
     folder = Path(folder)
-    options = (options or AskingOptions()).changed(**keys)
+    options = (options or AskingOptions()).change_keys(**keys)
     return scene_of(open_artifacts(folder), options, folder)
 
 

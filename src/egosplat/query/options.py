@@ -85,7 +85,7 @@ class QueryOptions(MapOptions):
 class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
     """Everything that an answer depends on beside the scene."""
 
-    def changed(self, **keys: Any) -> Self:
+    def change_keys(self, **keys: Any) -> Self:
         """Make a copy with other values for some keys.
 
         Raises:

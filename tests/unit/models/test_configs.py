@@ -3,7 +3,7 @@
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.models.configs import clip_config_files, clip_folder, sam2_config_file, sam2_configs, sam2_side
+from egosplat.models.configs import clip_config_files, clip_folder, sam2_config_file, sam2_configs
 
 
 @pytest.mark.parametrize(
@@ -67,16 +67,3 @@ def test_an_unknown_open_clip_is_reported(model, message):
 def test_a_folder_without_description_is_reported(tmp_path):
     with pytest.raises(UserError, match="models.clip_model: .*open_clip_config.json"):
         clip_folder(str(tmp_path))
-
-
-@pytest.mark.parametrize(("config", "side"), [("small", 320), ("sam2.1_hiera_b+", 1024)])
-def test_sam2_side_is_read_from_the_architecture(config, side):
-    assert sam2_side(config) == side
-
-
-@pytest.mark.parametrize("text", ["", "[1, 2", "- a", "model: 3", "model: {image_size: large}"])
-def test_an_architecture_without_a_side_is_an_error(tmp_path, text):
-    file = tmp_path / "sam2.yaml"
-    file.write_text(text)
-    with pytest.raises(UserError, match="sam2.yaml: .*model.image_size"):
-        sam2_side(str(file))
