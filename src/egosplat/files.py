@@ -137,14 +137,29 @@ def check_output(path: Path, own_name: str, *, overwrite: bool) -> None:
     suffix = Path(own_name).suffix
     if path.suffix.lower() != suffix:
         raise UserError(f"{path}: the file is a {suffix}; give --output a name that ends so")
-    nearest = next(each for each in path.absolute().parents if each.exists())
-    if not nearest.is_dir():
-        raise UserError(f"{path}: {nearest} is no folder; give another --output")
     # A link is not followed: its target may be anyone's file.
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise UserError(f"{path}: is there and no regular file; give another --output")
     if path.exists() and path.name != own_name and not overwrite:
         raise UserError(f"{path}: is there already; give another --output, or --overwrite to replace it")
+    _check_parent(path)
+
+
+def check_new_folder(path: Path) -> None:
+    """Check, before any work is done, that a command may make a folder; nothing is left behind.
+
+    Raises:
+        UserError: something is there, also a link to nowhere; or the folder cannot be made or written.
+    """
+    if path.exists() or path.is_symlink():
+        raise UserError(f"{path}: is there already; give another --output, or remove it first")
+    _check_parent(path)
+
+
+def _check_parent(path: Path) -> None:
+    nearest = next(each for each in path.absolute().parents if each.exists())
+    if not nearest.is_dir():
+        raise UserError(f"{path}: {nearest} is no folder; give another --output")
     check_writable([path.parent])
 
 
@@ -156,6 +171,9 @@ def _nearest(folder: Path) -> Path:
 def _begin(path: Path) -> Path:
     if path.name in ("", ".."):
         raise UserError(f"{path}: is no name of a file or folder; give another --output")
+    # A pipe or a device is of another program; a link is replaced itself.
+    if path.exists() and not (path.is_file() or path.is_dir() or path.is_symlink()):
+        raise UserError(f"{path}: is there and no regular file or folder; give another --output")
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path)
     return _beside(path)

@@ -10,7 +10,7 @@ import pytest
 
 from egosplat import cli
 from egosplat.errors import UserError
-from egosplat.files import check_output
+from egosplat.files import atomic_directory, atomic_file, check_new_folder, check_output
 from egosplat.pipeline.stages import FILES, STAGES
 from egosplat.report.tables import stage as tables_stage
 
@@ -133,6 +133,47 @@ def test_a_folder_that_cannot_be_written_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.NamedTemporaryFile", refused)
     with pytest.raises(UserError, match=f"{tmp_path}: Permission denied"):
         check_output(tmp_path / "query.png", "query.png", overwrite=True)
+
+
+@pytest.mark.parametrize("write", [atomic_file, atomic_directory])
+def test_no_stage_replaces_a_pipe_or_a_device(tmp_path, write):
+    """Not even as the superuser, who may."""
+    pipe = tmp_path / "pipe.zarr"
+    os.mkfifo(pipe)
+    for special in (pipe, Path("/dev/null")):
+        before = special.stat()
+        with pytest.raises(UserError, match="no regular file or folder"), write(special):
+            pass
+        assert special.stat() == before and list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        os.mkfifo,
+        Path.mkdir,
+        Path.touch,
+        lambda path: path.symlink_to("/nowhere"),
+        lambda path: path.symlink_to("/dev/null"),
+    ],
+)
+def test_a_new_folder_replaces_nothing(tmp_path, make):
+    """Neither a link, also to nowhere, nor a pipe, nor an empty folder."""
+    place = tmp_path / "place"
+    make(place)
+    with pytest.raises(UserError, match="is there already"):
+        check_new_folder(place)
+    assert os.path.lexists(place)
+
+
+@pytest.mark.parametrize(
+    "check", [check_new_folder, lambda path: check_output(path, "x.png", overwrite=True)]
+)
+def test_a_place_below_a_file_or_device_is_named(tmp_path, check):
+    (tmp_path / "file").touch()
+    for above in (tmp_path / "file", Path("/dev/null")):
+        with pytest.raises(UserError, match=f"{above} is no folder"):
+            check(above / "sub" / "x.png")
 
 
 def test_the_tables_replace_their_own_files(tmp_path):

@@ -214,7 +214,7 @@ def recording_files(stage):
         if stage == "frames":
             found = frames_files(scene.format, scene.recording, known)
         elif stage == "annotations":
-            found = annotations_files(scene.format, scene.recording)
+            found = annotations_files(scene.format, scene.recording, known)
         else:
             source, trajectory = (
                 value_of(stage, wildcards),
@@ -238,7 +238,8 @@ def digest_of_pictures(stage):
         scene = scene_of(wildcards)
         if scene.synthetic:
             return "none"
-        return digest_of_files(pictures_of(stage, scene.format, scene.recording))
+        known = config_of(wildcards)["frames"]["known_poses"]
+        return digest_of_files(pictures_of(stage, scene.format, scene.recording, known))
 
     return digest
 

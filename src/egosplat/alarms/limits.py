@@ -63,6 +63,23 @@ LIMITS: dict[str, Limit] = {
 }
 
 
+# Figure of an alarm that names the keys below whose values are not the defaults.
+CAUSES = "made_with"
+
+# Keys that may have caused what an alarm finds: a preset, or the user, traded quality for time with them.
+CAUSING_KEYS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("segments.empty_pixels", "segments.instances_per_frame"), ("segments.points_per_side",)),
+    **dict.fromkeys(("instances.masks_kept", "instances.empty_pixels"), ("instances.iterations",)),
+    "features.reconstruction": ("features.dims",),
+    "transient.probability": ("transient.transient_penalty", "transient.iterations"),
+    **dict.fromkeys(("masks.instances", "masks.pixels"), ("masks.threshold",)),
+    "splats.psnr": (
+        *("camera.refine_poses", "camera.compensate_exposure"),
+        *("splats.iterations", "splats.max_gaussians"),
+    ),
+}
+
+
 def find_alarm(key: str, statistic: float | None, **figures: float | str) -> Iterator[Alarm]:
     """Yield an alarm if a statistic is beyond its limit; nothing for None, an unknown value.
 

@@ -9,7 +9,13 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from egosplat.calibration.companions import companion_path, known_pose_files
+from egosplat.calibration.companions import (
+    PICTURES,
+    companion_path,
+    known_pose_files,
+    mask_files,
+    picture_folders,
+)
 from egosplat.errors import UserError
 from egosplat.frames.recording_files import ANNOTATIONS, METADATA, is_annotated
 
@@ -31,8 +37,6 @@ CAMERA_FILE, VALID_MASK = "camera.json", "valid.png"
 
 # The table of instances in the folder of a plain recording's annotations.
 INSTANCES_TABLE = "instances.tsv"
-
-_PICTURES = (".png", ".jpg", ".jpeg")
 
 _PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
 _SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
@@ -56,7 +60,7 @@ def frames_files(format: str, recording: Path, known_poses: str) -> list[Path]:
     return _existing(*video, *companions, *known_pose_files(recording, known_poses))
 
 
-def annotations_files(format: str, recording: Path) -> list[Path]:
+def annotations_files(format: str, recording: Path, known_poses: str) -> list[Path]:
     """The existing files that the stage ``annotations`` opens, without masks and pictures; arguments as above."""
     if format == "adt":
         found = find_segmentation(recording)
@@ -64,18 +68,21 @@ def annotations_files(format: str, recording: Path) -> list[Path]:
     if format == "hoi4d" or not is_annotated(format, recording):
         return []
     video = [] if recording.is_dir() else [recording]
-    return _existing(*video, companion_path(recording, ANNOTATIONS) / INSTANCES_TABLE)
+    table = companion_path(recording, ANNOTATIONS) / INSTANCES_TABLE
+    return _existing(*video, table, *known_pose_files(recording, known_poses))
 
 
-def pictures_of(stage: str, format: str, recording: Path) -> list[Path]:
-    """The images of folders that a stage opens some or all of, of which there may be thousands."""
+def pictures_of(stage: str, format: str, recording: Path, known_poses: str) -> list[Path]:
+    """The images of folders that a stage opens some or all of, of which there may be thousands; arguments as above."""
     if format == "adt" or stage not in ("frames", "annotations"):
         return []
     if format == "hoi4d":
         folder = _sequence(recording)
         masks = folder and find_masks(folder)
         return list_masks(masks) if masks and stage == "annotations" else []
-    pictures = list_pictures(recording) if recording.is_dir() else []
+    folders = picture_folders(recording, known_poses) if recording.is_dir() else []
+    pictures = [picture for folder in folders for picture in list_pictures(folder)]
+    pictures += mask_files(recording, known_poses)
     if stage == "annotations" and is_annotated(format, recording):
         pictures += list_masks(companion_path(recording, ANNOTATIONS))
     return pictures
@@ -99,7 +106,7 @@ def find_segmentation(folder: Path) -> Path | None:
 
 def list_pictures(folder: Path) -> list[Path]:
     """The pictures of a plain recording, in no order."""
-    files = [path for path in folder.iterdir() if path.suffix.lower() in _PICTURES and path.name[0] != "."]
+    files = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != "."]
     return [path for path in files if path.name != VALID_MASK and path.is_file()]
 
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.companions import picture_folders
 from egosplat.errors import UserError
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
@@ -72,13 +73,22 @@ class Video:
         return capture
 
 
-def open_source(path: Path) -> Video | ImageFolder:
+def open_source(path: Path, known_poses: str | None) -> Video | ImageFolder:
     """Open a video file or an image folder.
+
+    Args:
+        known_poses: kind of the known poses. They name the pictures, and their tools do not turn them by EXIF orientation.
 
     Raises:
         UserError: the source is missing or cannot be read.
     """
-    return ImageFolder(path) if path.is_dir() else Video(path)
+    if not path.is_dir():
+        return Video(path)
+    if known_poses is not None:
+        return ImageFolder(path, picture_folders(path, known_poses), turned=False)
+    source = ImageFolder(path)
+    source.check_sizes()
+    return source
 
 
 def _grabbed(capture: cv2.VideoCapture, messages: list[str]) -> Iterator[float]:

@@ -2,7 +2,8 @@
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
 from typing import Any
 
 import yaml
@@ -201,6 +202,22 @@ def limits_of(part: Mapping[str, Any]) -> list[str]:
         for word, text in _LIMITS.items()
         if word in one and one[word] != LARGEST_INTEGER
     ]
+
+
+def figure(value: float, form: str, is_beyond: Callable[[float], bool]) -> str:
+    """Format a number so that what is shown lies on the same side of a limit as the number itself.
+
+    Args:
+        form: format such as ``.2f`` or ``.1%``.
+        is_beyond: tells on which side of the limit a number lies.
+    """
+    text = format(value, form)
+    if not math.isfinite(value):
+        return text
+    shown, scale = Decimal(text.rstrip("%")), 100 if text.endswith("%") else 1
+    step = Decimal((0, (1,), int(shown.as_tuple().exponent)))
+    near = (float(one) / scale for one in (shown, shown - step, shown + step))
+    return format(next((one for one in near if is_beyond(one) == is_beyond(value)), value), form)
 
 
 def shorten(value: object) -> str:

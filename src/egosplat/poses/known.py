@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.calibration.companions import KNOWN_POSES, companion_path
+from egosplat.calibration.companions import known_poses_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
@@ -26,7 +26,8 @@ from egosplat.progress import format_ranges, log
 def known_poses(
     recording: Path,
     kind: str,
-    lens: Lens,
+    lenses: list[Lens],
+    pinhole: Camera,
     pictures: Sequence[str],
     camera: Camera,
     *,
@@ -37,7 +38,8 @@ def known_poses(
 
     Args:
         kind: of the file, a key of ``KNOWN_POSES``.
-        lens: that the frames were rectified from.
+        lenses: that the frames were rectified from.
+        pinhole: of the full-size rectified pictures.
         pictures: name of each frame's picture.
         camera: of the frames.
         min_registered: required fraction of frames with a pose, 0 to 1.
@@ -50,9 +52,9 @@ def known_poses(
     Raises:
         UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
     """
-    path = companion_path(recording, KNOWN_POSES[kind])
-    contents = read_known_poses(recording, kind, lens.width, lens.height)
-    if contents.lens != lens:
+    path = known_poses_path(recording, kind)
+    contents = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
+    if contents.lenses != lenses:
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
     row = match_pictures(contents.names, pictures, path).row
     registered = row >= 0
@@ -61,10 +63,12 @@ def known_poses(
     camera_to_world = unregistered(len(pictures))
     camera_to_world[registered] = contents.camera_to_world[row[registered]]
     camera_to_world[registered, :3, 3] *= scale
-    kept = _kept_points(contents, camera.width / lens.width)
+    kept = _kept_points(contents, camera.width / pinhole.width)
+    if lost := int((~np.isfinite(contents.points).all(axis=1)).sum()):
+        log(f"{path}: leaves out {lost} of {len(contents.points)} points, which are not finite")
     notes = {
         "source": "known",
-        "file": path.name,
+        "file": str(path.relative_to(recording.parent)),
         "frames": len(pictures),
         "registered": int(registered.sum()),
         "points": int(kept.sum()),

@@ -16,6 +16,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.files import read_json, write_text
+from egosplat.pipeline.making import make_command
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.progress import log
 from egosplat.report.tables.page import read_picture, render_page
@@ -246,7 +247,7 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
         UserError: a file is missing or damaged.
     """
     if missing := [path for path in paths if not path.exists()]:
-        raise UserError(f"{missing[0]}: does not exist. Make it: snakemake --cores 2 {missing[0]}")
+        raise UserError(f"{missing[0]}: does not exist. Make it: {make_command(missing[0])}")
     files = SceneFiles(paths)
     scene = files.paths.get(STAGES["scene_page"].output)
     text = render_page(

@@ -149,8 +149,8 @@ def _view_sets(
     )
     view_sets = ViewSets(
         replace(training, transient=masking.frames(training.frame)),
-        # Held-out frames are scored on all pixels: masks must not make a score better.
-        held_out,
+        # Held-out frames are scored on all pixels that show the scene: masks must not make a score better.
+        replace(held_out, transient=masking.of_the_user().frames(held_out.frame)),
     )
     _check_left(view_sets.training)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())

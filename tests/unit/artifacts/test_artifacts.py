@@ -305,7 +305,9 @@ def test_a_user_s_own_folder_is_never_advised_to_be_removed(tmp_path, content):
 def test_a_damaged_result_names_the_command_that_rebuilds_it(tmp_path):
     folder = tmp_path / "my work" / "results/adt/scene1/frames.zarr"
     folder.mkdir(parents=True)
-    with pytest.raises(ArtifactError, match=r"Rebuild it: rm -r '.*my work.*' && snakemake --cores 2 '"):
+    with pytest.raises(
+        ArtifactError, match=r"Rebuild it: rm -r '.*my work.*' && cd '.*my work' && snakemake"
+    ):
         open_artifact(folder, TINY)
 
 

@@ -55,7 +55,7 @@ def test_a_model_calibrates_the_frames_and_gives_their_poses(recording: Path, ca
     """The way of a user's model through both stages: camera, lens, poses, points, unit, log."""
     frames, poses = run(recording, {"stride": 2})
     assert frames.facts["pictures"] == ["0.png", "2.png", "4.png"] and frames.facts["known_poses"] == "colmap"
-    assert frames.facts["lens"]["model"] == "RADIAL" and frames.facts["camera_known"]
+    assert frames.facts["lenses"][0]["model"] == "RADIAL" and frames.facts["camera_known"]
     camera = frames.facts["camera"]
     np.testing.assert_array_equal(
         poses.read("intrinsics"),

@@ -52,5 +52,5 @@ def test_names_and_the_scene_page_are_escaped(scene):
 
 
 def test_a_missing_file_is_named(scene):
-    with pytest.raises(UserError, match=r"crops.png: does not exist. Make it: snakemake"):
+    with pytest.raises(UserError, match=r"crops.png: does not exist. Make it: "):
         run([scene / "crops.png"], scene / "story.html", "mine/scene")
