@@ -6,6 +6,7 @@ import threading
 import types
 
 from egosplat.artifacts import usage
+from egosplat.artifacts.provenance import begin, key_of
 
 WORK_S = 0.1
 """Processor time that each thread and child uses."""
@@ -84,3 +85,13 @@ def test_the_commit_is_that_of_tracked_files_alone(tmp_path):
     assert checkout("src")["clean"] is True
     (tmp_path / "src" / "code.py").write_text("changed")
     assert checkout("src")["clean"] is False
+
+
+def test_a_commit_is_recorded_and_decides_nothing(monkeypatch):
+    """A stage with another commit has the same key, so training goes on from its checkpoint."""
+    found = []
+    for commit in ("c0de", "beef"):
+        monkeypatch.setattr(usage, "checkout", lambda commit=commit: {"commit": commit, "clean": True})
+        made = begin("survey", {}, "synthetic")
+        found.append((made.record()["commit"], made.code, key_of(made)))
+    assert [commit for commit, _, _ in found] == ["c0de", "beef"] and found[0][1:] == found[1][1:]
