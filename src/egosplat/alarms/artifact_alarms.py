@@ -69,6 +69,10 @@ def _check_poses(poses: Artifact) -> Iterator[Alarm]:
     yield from find_alarm("poses.registered", float(poses.read("registered").mean()))
     yield from find_alarm("poses.reprojection", notes.get("reprojection_error_px"))
     yield from find_alarm("poses.parallax", notes.get("parallax_deg"))
+    # A device's own points, and a file of poses without any, are no structure from motion.
+    points = notes.get("points", 0) if "parallax_deg" in notes else 0
+    per_frame = _share(points, int(poses.read("registered").sum())) if points else None
+    yield from find_alarm("poses.points", per_frame, points=points)
     yield from find_alarm("poses.models", len(models), frames=", ".join(map(str, models)))
 
 

@@ -81,14 +81,23 @@ TEXTS: dict[str, Text] = {
         "The poses are inexact. Check the calibration, rolling shutter and motion blur",
     ),
     "poses.parallax": Text(
-        "angle under which the median point sees all known poses; COLMAP itself rejects a still camera",
+        "angle under which the median point sees all cameras; poses of COLMAP and of files",
         "{:g}°",
-        "COLMAP drops points that are seen under a smaller angle: their depth is unknown",
-        "the median point sees all cameras within {value:.2g}°: the camera stands still",
-        "No depth follows from such poses. Move the camera",
+        "64 and 65° in two series of photographs, 3.5 and 5.4° in videos of a camera that hardly moves. COLMAP drops points "
+        "below 1.5°: their depth is unknown",
+        "the median point sees all cameras within {value:.2g}°: the camera hardly moves, and depth cannot be told",
+        "Record with a camera that walks around, at least a tenth of the way to what it shows",
+    ),
+    "poses.points": Text(
+        "points of COLMAP or of a file of poses, for each frame with a pose",
+        "{:g}",
+        "120 and 143 in two series of photographs, 14 in a video of a camera that hardly moves",
+        "the scene has {points} points, {value:.1f} for each frame",
+        "The Gaussians start from few places. Move the camera farther, record sharper or better lit frames, or raise "
+        "frames.resolution; neighbors that show the same (frames.stride) add none",
     ),
     "poses.models": Text(
-        "number of COLMAP's models, which share too few frames to be joined",
+        "number of COLMAP's models with frames that no larger one has, which share too few to be joined",
         "{:g}",
         "only the largest is used",
         "COLMAP finds {value:.0f} unconnected models of {frames} frames",

@@ -1,5 +1,6 @@
 """Read a COLMAP model folder: ``cameras``, ``images`` and ``points3D``, all as .bin or all as .txt."""
 
+import re
 import struct
 import tempfile
 from pathlib import Path
@@ -13,6 +14,9 @@ from egosplat.calibration.contents import Contents
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import invert, make_pose
+
+# A word of a line; a picture's name has an extension.
+_NOT_FINITE = re.compile(rb"(?<!\S)[-+]?(nan|inf|infinity)(?!\S)", re.IGNORECASE)
 
 # A quaternion that was written with few digits.
 _MAX_LENGTH_ERROR = 1e-3
@@ -81,6 +85,9 @@ def _read(folder: Path, suffix: str) -> pycolmap.Reconstruction:
     if suffix == ".bin":
         for name in MODEL_FILES:
             _check_whole(folder / f"{name}.bin")
+    else:
+        for name in MODEL_FILES:
+            _check_finite(folder / f"{name}.txt")
     # COLMAP reads every file that it finds; here the three that are checked.
     with tempfile.TemporaryDirectory(prefix="egosplat-model-") as scratch:
         for name in MODEL_FILES:
@@ -105,6 +112,24 @@ def _check_names(path: Path) -> None:
         raise UserError(
             f"{path}: {broken}: the text format holds no names with spaces. Export the model as .bin."
         )
+
+
+def _check_finite(path: Path) -> None:
+    """Check that a text file has finite numbers: COLMAP tells neither the file nor the line of another one.
+
+    Raises:
+        UserError: it has not.
+    """
+    content = path.read_bytes()
+    for found in _NOT_FINITE.finditer(content):
+        begin = content.rfind(b"\n", 0, found.start()) + 1
+        # COLMAP writes means into comments, which are not finite if there is nothing to average.
+        if content[begin : begin + 1] != b"#":
+            line = content.count(b"\n", 0, begin) + 1
+            raise UserError(
+                f"{path}: line {line}: {found[0].decode()} is no finite number. Export the "
+                "model again, or leave out what the line describes."
+            )
 
 
 def _check_whole(path: Path) -> None:

@@ -1,5 +1,6 @@
 """The files that accompany a plain recording, and those of its known poses. The workflow imports this module, so it stays light."""
 
+import math
 import os
 import struct
 from collections.abc import Iterator
@@ -25,6 +26,9 @@ MODEL_FILES = ("cameras", "images", "points3D")
 
 # COLMAP itself prefers .bin where both exist.
 MODEL_SUFFIXES = (".bin", ".txt")
+
+# Registering fewer frames is no loss to accept: most of the recording would be missing.
+_LEAST_ADVISED = 0.5
 
 
 def companion_path(source: Path, name: str) -> Path:
@@ -166,3 +170,10 @@ def _texts(document: Any, key: str) -> list[str]:
         frame.get(key) for frame in (frames if isinstance(frames, list) else []) if isinstance(frame, dict)
     ]
     return [text for text in given if isinstance(text, str) and text]
+
+
+def accept_advice(registered: int, frames: int) -> str:
+    """How to accept the loss of frames without a pose; empty if most of them have none."""
+    # Rounded down, so that the suggested value accepts this model.
+    share = math.floor(100 * registered / frames) / 100
+    return f"accept the loss: poses.min_registered={share:g}" if share >= _LEAST_ADVISED else ""

@@ -55,7 +55,8 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         if reader and not annotated.any():
             raise UserError(
                 f"{recording_path}: none of the {len(indices)} evaluation frames is annotated. Are the annotations of "
-                "this recording? If so, raise frames.evaluation_frames."
+                "this recording? If so, they cover a part of it: take that part (frames.start_s, frames.end_s), or raise "
+                "frames.evaluation_frames."
             )
         artifact.put("frame", indices)
         artifact.put("annotated", annotated)

@@ -17,12 +17,10 @@ from egosplat.calibration.companions import (
     picture_folders,
 )
 from egosplat.errors import UserError
-from egosplat.frames.recording_files import ANNOTATIONS, METADATA, is_annotated
+from egosplat.frames.recording_files import ANNOTATIONS, METADATA, find_segmentation, is_annotated
 
-ADT_VIDEO, ADT_INSTANCES = "video.vrs", "instances.json"
-
-# In order of preference: releases without people's masks have the second.
-ADT_SEGMENTATIONS = ("segmentations_with_skeleton.vrs", "segmentations.vrs")
+# The first is ADT's, the second that of Aria Everyday Activities and of Aria's tools.
+ADT_VIDEOS, ADT_INSTANCES = ("video.vrs", "recording.vrs"), "instances.json"
 
 HOI4D_VIDEO, HOI4D_INTRINSICS = Path("align_rgb") / "image.mp4", "intrin.npy"
 
@@ -51,7 +49,7 @@ def frames_files(format: str, recording: Path, known_poses: str) -> list[Path]:
         known_poses: ``frames.known_poses``.
     """
     if format == "adt":
-        return _existing(recording / ADT_VIDEO, recording / METADATA)
+        return _existing(adt_video(recording), recording / METADATA)
     if format == "hoi4d":
         folder = _sequence(recording)
         return [] if folder is None else _existing(folder / HOI4D_VIDEO, *intrinsics_files(folder)[:1])
@@ -64,7 +62,7 @@ def annotations_files(format: str, recording: Path, known_poses: str) -> list[Pa
     """The existing files that the stage ``annotations`` opens, without masks and pictures; arguments as above."""
     if format == "adt":
         found = find_segmentation(recording)
-        return _existing(recording / ADT_VIDEO, recording / ADT_INSTANCES, *([found] if found else []))
+        return _existing(adt_video(recording), recording / ADT_INSTANCES, *([found] if found else []))
     if format == "hoi4d" or not is_annotated(format, recording):
         return []
     video = [] if recording.is_dir() else [recording]
@@ -97,11 +95,11 @@ def digest_of_files(files: Iterable[Path]) -> str:
     return hashlib.sha256(repr(told).encode()).hexdigest()[:16]
 
 
-def find_segmentation(folder: Path) -> Path | None:
-    """The segmentation of an ADT sequence, preferably the one with people; None if there is none."""
-    candidates = [folder / name for name in ADT_SEGMENTATIONS]
-    # A broken link is not a missing file: opening it reports the error.
-    return next((path for path in candidates if os.path.lexists(path)), None)
+def adt_video(folder: Path) -> Path:
+    """The recording of a sequence of Aria glasses, whether it exists or not; ADT has another name than Aria's own tools."""
+    return next(
+        (folder / name for name in ADT_VIDEOS if os.path.lexists(folder / name)), folder / ADT_VIDEOS[0]
+    )
 
 
 def list_pictures(folder: Path) -> list[Path]:

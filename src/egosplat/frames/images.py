@@ -129,7 +129,7 @@ class ImageFolder:
 def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Sort key that compares runs of digits as numbers; the name breaks ties (``1.png``, ``01.png``)."""
     parts = re.split(r"([0-9]+)", path.name)
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts], path.name
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ The folder ``annotations/`` (of a video: ``clip.mp4.annotations/``) holds:
 """
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from PIL import Image
 from egosplat.calibration.companions import companion_path
 from egosplat.calibration.lens import Rectifier
 from egosplat.errors import UserError
+from egosplat.files import read_user_text
 from egosplat.frames.files import INSTANCES_TABLE, list_masks
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.keys import AnnotationKeys, Originals
@@ -111,11 +113,9 @@ def read_instances(path: Path) -> list[Instance]:
         UserError: the table is missing or unreadable, lacks a column, or has a bad line.
     """
     try:
-        # Spreadsheets write a byte order mark, which "utf-8-sig" skips.
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file, delimiter="\t")
-            columns, lines = reader.fieldnames or [], list(reader)
-    except (OSError, UnicodeError, csv.Error) as error:
+        reader = csv.DictReader(io.StringIO(read_user_text(path), newline=""), delimiter="\t")
+        columns, lines = reader.fieldnames or [], list(reader)
+    except (OSError, csv.Error) as error:
         raise UserError(f"{path}: not a readable table ({error}).") from error
     for column in _COLUMNS:
         if column not in columns:

@@ -7,6 +7,8 @@ from pathlib import Path
 # Where the workflow puts results, which its targets name from the folder of the workflow.
 _RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
 
+_WORKFLOW = Path("workflow/Snakefile")
+
 
 def make_command(path: Path, flag: str = "") -> str:
     """The shell command that makes a result, from any working directory; in words for a file of another place.
@@ -17,6 +19,10 @@ def make_command(path: Path, flag: str = "") -> str:
     place = path.as_posix()
     if (found := _RESULT.search(place)) is None:
         return "run its command again"
-    root = Path(place[: found.start(1)])
-    command = f"snakemake --cores 2 {flag}{shlex.quote(found[1])}"
-    return command if root.absolute() == Path.cwd() else f"cd {shlex.quote(str(root))} && {command}"
+    root, target = Path(place[: found.start(1)]), shlex.quote(found[1])
+    if root.resolve() == Path.cwd():
+        return f"snakemake --cores 2 {flag}{target}"
+    # Results may lie apart from the workflow, by Snakemake's option --directory.
+    if _WORKFLOW.is_file() and not (root / _WORKFLOW).is_file():
+        return f"snakemake --cores 2 {flag}--directory {shlex.quote(str(root))} {target}"
+    return f"cd {shlex.quote(str(root))} && snakemake --cores 2 {flag}{target}"

@@ -1,11 +1,11 @@
 """Check of a finished scene's folder, before anything in it is opened."""
 
-import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import read_yaml, resolve
+from egosplat.pipeline.making import make_command
 from egosplat.pipeline.scenes import requested_targets
 from egosplat.pipeline.sweeps import read_scenes_with_points
 from egosplat.pipeline.variant_folders import shared_with
@@ -52,7 +52,7 @@ def _advice(folder: Path) -> str:
     if not found:
         return f"Give the folder of a finished scene, such as {EXAMPLE}"
     what = "scene" if found[0].variant is None else "variant"
-    command = f"snakemake --cores 2 {shlex.quote(f'{folder}/metrics.json')}"
+    command = make_command(folder / "metrics.json")
     if not _CONFIG.is_file():
         return f"Make the {what} in the folder of the workflow: {command}"
     try:

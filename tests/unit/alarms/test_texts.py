@@ -57,7 +57,7 @@ def test_a_sentence_shows_no_figure_within_the_normal_range(key):
         return
     text = TEXTS[key].found.partition("{value")[2].partition("}")[0]
     value = limit.value + (1e-9 if limit.normal_is_below else -1e-9)
-    figures = dict.fromkeys(("cosine", "spread"), 0.0) | {"value": value}
+    figures = dict.fromkeys(("cosine", "spread", "points"), 0.0) | {"value": value}
     shown = found_text(Alarm(key, figures))
     percent = text.endswith("%")
     number = next(float(one) / (100 if percent else 1) for one in re.findall(r"[\d.]+\d|\d", shown))

@@ -177,7 +177,7 @@ def test_a_query_that_is_left_out_is_an_error(tmp_path, scored, perfect, kept):
 @pytest.mark.parametrize("value", [-0.1, 1.5, np.inf])
 def test_numbers_outside_their_range_are_an_error(tmp_path, scored, perfect, value):
     perfect[1, 0, 3, 4] = value
-    with pytest.raises(UserError, match=r"relevancy\[1\], 'book' in frame 1, .* 0\.\.1"):
+    with pytest.raises(UserError, match=r"'relevancy', chunk 1 .* 0\.\.1, or NaN, and 1 of"):
         scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
 
 

@@ -49,6 +49,17 @@ def test_images_come_in_natural_order(images):
     assert reds(part, [0, 1, 2]) == [20, 50, 80]
 
 
+def test_digits_that_are_no_decimals_are_letters_of_a_name(tmp_path):
+    """``str.isdigit`` is true of them, and ``int`` refuses them."""
+    names = ["2.png", "10.png", "²1.png", "①2.png", "③.png", "٣.png"]
+    for place, name in enumerate(names):
+        Image.new("RGB", (64, 48), (10 * place, 0, 0)).save(tmp_path / name)
+    recording = PlainRecording(tmp_path, **OPTIONS)
+    assert sorted(reads := reds(recording, range(6))) == [0, 10, 20, 30, 40, 50] and reads.index(
+        0
+    ) < reads.index(10)
+
+
 def test_the_sharpest_of_every_stride_frames_is_used(tmp_path):
     """Protects the option for videos with motion blur; of equally sharp frames the first is used."""
     edges = cv2.GaussianBlur(np.random.default_rng(0).normal(size=(48, 64)), (0, 0), 3) > 0

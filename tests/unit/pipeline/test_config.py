@@ -319,3 +319,19 @@ def test_on_and_off_may_be_written_as_yaml_reads_them():
     assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"}
     parsed = config.validate(config.parse_options("camera.refine_poses=off frames.upright=off", "row 1"))
     assert parsed["camera"]["refine_poses"] == "off" and parsed["frames"]["upright"] is False
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        ({"frames.stride": 2}, "'frames.stride'; write frames: {stride: ...}"),
+        ({"max_points": 2}, "did you mean .*splats.max_points"),
+        ({"fr\u0430mes": {}}, "CYRILLIC SMALL LETTER A"),
+        ({"frames": {"\xa0stride": 2}}, "NO-BREAK SPACE"),
+        ({"data_root": {False: "/x"}}, "data_root .*must be a text"),
+        ({"variants": {"a": None}}, "variants.a = None .*must be keys with values"),
+    ],
+)
+def test_a_key_that_cannot_be_is_named_with_what_is_meant(values, message):
+    with pytest.raises(UserError, match=message):
+        config.validate(values)

@@ -76,14 +76,25 @@ def test_a_word_that_no_rule_makes_gets_its_mend(word, meant):
     [
         ("results/a/b/x.json", "snakemake --cores 2 results/a/b/x.json"),
         ("./results/a/b/x y.json", "snakemake --cores 2 'results/a/b/x y.json'"),
+        ("{here}/results/a/b/x.json", "snakemake --cores 2 results/a/b/x.json"),
         ("/else where/results/a/b/x.json", "cd '/else where' && snakemake --cores 2 results/a/b/x.json"),
         ("/results/a/b/x.json", "cd / && snakemake --cores 2 results/a/b/x.json"),
-        (f"{Path.cwd()}/results/a/b/x.json", "snakemake --cores 2 results/a/b/x.json"),
         ("/elsewhere/x.json", "run its command again"),
     ],
 )
-def test_a_result_is_made_from_any_working_directory(place, command):
-    assert make_command(Path(place)) == command
+def test_a_result_is_made_from_any_working_directory(place, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert make_command(Path(place.format(here=tmp_path))) == command
+
+
+def test_results_apart_from_the_workflow_are_made_from_its_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    target = "--directory '/my work' results/a/b/x.json"
+    assert make_command(Path("/my work/results/a/b/x.json")) == f"snakemake --cores 2 {target}"
+    assert (
+        make_command(Path("/my work/results/a/b/x.json"), "--force ")
+        == f"snakemake --cores 2 --force {target}"
+    )
 
 
 def advised(program: str) -> set[tuple[str, str]]:

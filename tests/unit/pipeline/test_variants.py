@@ -145,6 +145,13 @@ def test_a_variant_shares_artifacts_with_its_parents(name, expected):
         ({"mine": {"splat": {"masking": "none"}}}, "mine", "did you mean 'splats'"),
         ({"mine": {"synthetic": {"seed": 9}}}, "mine", "leave out the section synthetic"),
         ({"mine": {"preset": "fast"}}, "mine", "a variant cannot change preset"),
+        ({"mine": {"data_root": {"adt": "/x"}}}, "mine", "a variant cannot change data_root"),
+        (
+            {"mine": {"formats": {"adt": {"frames": {"stride": 2}}}}},
+            "mine",
+            "a variant cannot change formats",
+        ),
+        ({"mine": {"tables": {"methods": []}}}, "mine", "a variant cannot change tables"),
         ({"mine": {"extends": "nope"}}, "mine", "no variant 'nope'.*take one of: baseline"),
         ({"a": {"extends": "b"}, "b": {"extends": "a"}}, "a", "variant a: circular .* a -> b -> a"),
         (
