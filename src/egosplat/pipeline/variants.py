@@ -10,6 +10,7 @@ from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.options import keys_of
+from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
@@ -89,6 +90,16 @@ def method_of(base: Config, name: str, where: str) -> str | None:
     """
     named = [base["variants"][one].get(METHOD) for one in _ancestry(base["variants"], name, where)]
     return next(filter(None, reversed(named)), None)
+
+
+def preset_of(base: Config, name: str | None, where: str) -> str:
+    """Get the preset of a scene, or of its variant that is one or extends one.
+
+    Raises:
+        UserError: see ``variant_config``.
+    """
+    above = _ancestry(base["variants"], name, where) if name else []
+    return next((one for one in reversed(above) if one in FILES), base["preset"])
 
 
 def variant_folder(variant: str | None) -> str:

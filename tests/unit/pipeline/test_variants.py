@@ -14,6 +14,7 @@ from egosplat.pipeline.variants import (
     check_target,
     method_of,
     owner,
+    preset_of,
     reaches,
     scene_config,
     variant_config,
@@ -201,6 +202,12 @@ def test_a_variant_inherits_the_name_of_a_method_and_configurations_have_no_such
     assert method_of(extending, "mine", "adt/scene1") == "LangSplat"
     assert method_of(BASE, "baseline", "adt/scene1") is None
     assert "method" not in variant_config(BASE, "langsplat", "adt/scene1")
+
+
+def test_the_preset_of_a_variant_is_that_which_it_extends():
+    own = merge(BASE, {"variants": {"draft": {}, "mine": {"extends": ["draft", "baseline"]}}})
+    named = {name: preset_of(own, name, "adt/scene1") for name in (None, "baseline", "draft", "mine")}
+    assert named == {None: "balanced", "baseline": "balanced", "draft": "draft", "mine": "draft"}
 
 
 OTHERS = [name for name, keys in BASE["variants"].items() if "method" in keys]
