@@ -21,7 +21,7 @@ install: $(COMPILED)
 
 # sam2 needs torch while it is built: in a build environment of its own that would be a second download of torch.
 $(INSTALLED): requirements.lock pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "egosplat needs Python 3.11 or later; set PYTHON=")'
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13) and "egosplat needs Python 3.11 or 3.12 (projectaria-tools has no later wheel); set PYTHON=")'
 	@echo "Setting up .venv: about 7 GB and a few minutes, once."
 	test -x $(BIN)/pip || $(PYTHON) -m venv .venv || $(WITHOUT_ENSUREPIP)
 	grep -v '^sam2==' requirements.lock > .venv/first.txt

@@ -30,7 +30,7 @@ from egosplat.evaluation.intervals import (
     mean_of_scenes,
     scaled,
 )
-from egosplat.evaluation.scored_scenes import UNTOUCHED, Cell
+from egosplat.evaluation.scored_scenes import VALIDATION, Cell
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.progress import log
@@ -133,13 +133,13 @@ def left_out(scenes: Scenes) -> str:
 def main(folders: tuple[Path, ...], files: tuple[Path, ...], options: tuple[str, ...]) -> None:
     """Print the tables."""
     table = read_scenes(read_configuration(files, options)[0])
-    apart = [folder for folder in folders if folder.name in UNTOUCHED]
+    apart = [folder for folder in folders if folder.name in VALIDATION]
     tuning = [folder for folder in folders if folder not in apart]
     click.echo(
         "# Phrases that were not taught\n\n`python -m benchmarks.open_vocabulary`. Synthetic apartments, the small "
         f"checkpoints; percent. {METHOD}"
     )
-    for title, own in (("Apartments", tuning), ("Untouched apartments", apart)):
+    for title, own in (("Apartments", tuning), ("Validation apartments", apart)):
         if own:
             scenes = []
             for folder in own:

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, scene_folders
+from benchmarks.rows import collect_page, rows_option
 from egosplat.drawing import plt, save_figure
 from egosplat.errors import UserError
 from egosplat.evaluation.presence import separation
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
+from egosplat.evaluation.scored_scenes import FULL, ScoredScene, read_scored_scene
 
 LIMITS = np.arange(0.30, 0.901, 0.05)
 
@@ -78,10 +79,10 @@ def gather(scenes: Sequence[ScoredScene]) -> Asked:
 
 
 def grouped(scenes: Sequence[ScoredScene]) -> dict[str, Asked]:
-    """Queries of the scenes for tuning and of untouched apartments; a group without scenes is left out."""
+    """Queries of the scenes for tuning and of validation apartments; a group without scenes is left out."""
     own = {
-        name: [one for one in scenes if one.untouched is which]
-        for name, which in {"tuning": False, "untouched": True}.items()
+        name: [one for one in scenes if one.validation is which]
+        for name, which in {"tuning": False, "validation": True}.items()
     }
     return {name: gather(chosen) for name, chosen in own.items() if chosen}
 
@@ -134,15 +135,15 @@ def draw(groups: dict[str, Asked], limit: float, output: Path) -> None:
 @scene_folders
 @click.option("--limit", type=float, help="Least score to report; by default the chosen one.")
 @click.option("--picture", type=click.Path(path_type=Path), help="PNG file to draw.")
-def main(folders: tuple[Path, ...], limit: float | None, picture: Path | None) -> None:
+@rows_option
+def main(folders: tuple[Path, ...], limit: float | None, picture: Path | None, rows: Path | None) -> None:
     """Print the table."""
     groups = grouped([read_scored_scene(folder / "metrics.json") for folder in folders])
     if "tuning" not in groups:
-        raise UserError(
-            "all given apartments are for reporting only; give others too, to choose the limit on"
-        )
+        raise UserError("all given apartments are for validation; give others too, to choose the limit on")
     chosen = groups["tuning"].best_limit()
     limit = chosen if limit is None else limit
+    collect_page("presence", folders, {FULL: None}, rows)
     click.echo("Queries of whole scenes: `python -m benchmarks.presence`. Shares in percent.\n")
     click.echo(
         f"Limit with the most right answers minus answers to absent things, on the tuning scenes: {chosen:.2f}.\n"

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import command, markdown, scene_folders
+from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, SCORES, chance, format_score, psnr, seconds
-from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.evaluation.scored_scenes import FULL, ScoredScene, read_scored_scene
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.report.tables.paper_tables import average
 
@@ -57,9 +58,10 @@ def table(scenes: Mapping[str, ScoredScene]) -> str:
 
 @command(__doc__)
 @scene_folders
-def main(folders: Sequence[Path]) -> None:
+@rows_option
+def main(folders: Sequence[Path], rows: Path | None) -> None:
+    collect_page("real_camera", folders, {FULL: None}, rows)
     scenes = {title_of(folder): read_scored_scene(folder / "metrics.json") for folder in folders}
-    check_protocol([*scenes.values()])
     print(f"{METHOD}\n{chance([*scenes.values()])}\n\n{table(scenes)}")
 
 

@@ -14,10 +14,11 @@ from pathlib import Path
 import click
 
 from benchmarks.common import command, markdown, scene_folders
+from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, accuracy_difference, iou_difference, pair_answers, psnr, seconds
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.evaluation.scored_scenes import read_scored_scene
+from egosplat.evaluation.scored_scenes import FULL, read_scored_scene
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.survey_file import read_survey
 
@@ -47,14 +48,16 @@ def row(folder: Path) -> dict[str, object]:
 
 @command(__doc__)
 @scene_folders
-def main(folders: tuple[Path, ...]) -> None:
+@rows_option
+def main(folders: tuple[Path, ...], rows: Path | None) -> None:
     """Print the table."""
-    rows = [row(folder) for folder in folders]
+    collect_page("required", folders, {FULL: None, "anyway": "anyway"}, rows)
+    cells = [row(folder) for folder in folders]
     click.echo(
         "# Only what a scene requires\n\nAgainst computing everything: `python -m benchmarks.required`. Differences on the "
         f"same queries in percentage points and dB; above 0, the scene is better than `anyway`. {METHOD}\n"
     )
-    click.echo(markdown(list(rows[0]), [list(one.values()) for one in rows], words=3))
+    click.echo(markdown(list(cells[0]), [list(one.values()) for one in cells], words=3))
 
 
 if __name__ == "__main__":

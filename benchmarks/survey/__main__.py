@@ -4,7 +4,7 @@
 
 Reads the `survey.json` of scenes, or makes it where there is none. A scene moves unless it is named with `--still` or its name ends in
 `still`. The probability is fitted to every second strength of real_camera, the tuning apartments and the fox. The others are reported
-untouched.
+validation.
 """
 
 import json
@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.common import command, markdown
 from egosplat.evaluation.presence import separation
-from egosplat.evaluation.scored_scenes import UNTOUCHED
+from egosplat.evaluation.scored_scenes import VALIDATION
 from egosplat.pipeline.running import run_stage
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.survey.decisions import LEAST_SHARE
@@ -39,7 +39,7 @@ def is_tuning(folder: Path) -> bool:
     for place, strength in enumerate(_STRENGTHS):
         if f"_{strength}_" in folder.name:
             return place % 2 == 1
-    return folder.name not in UNTOUCHED if folder.name.startswith("scene") else folder.name == "fox"
+    return folder.name not in VALIDATION if folder.name.startswith("scene") else folder.name == "fox"
 
 
 def fit_probability(still: Sequence[float], moving: Sequence[float]) -> tuple[float, float]:
@@ -113,7 +113,7 @@ def main(folders: tuple[Path, ...], still: tuple[Path, ...]) -> None:
     click.echo(f"Fitted to the tuning half: even share {even:.2g}, power {power:.2g}\n")
     cells = [
         [name, len(groups[half][0]), len(groups[half][1]), f"{separation(*reversed(groups[half])):.3f}"]
-        for name, half in (("tuning", True), ("untouched", False))
+        for name, half in (("tuning", True), ("validation", False))
     ]
     click.echo(markdown(["half", "still", "moving", "area under ROC"], cells) + "\n")
     click.echo(markdown(COLUMNS, rows))

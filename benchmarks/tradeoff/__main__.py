@@ -14,8 +14,9 @@ from typing import Any
 import click
 
 from benchmarks.common import command, markdown, scene_folders
+from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, accuracy_difference, chance, format_score, iou_difference, pair_answers
-from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.files import read_json
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.report.tables.paper_tables import average
@@ -47,7 +48,6 @@ def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[st
             folder: read_scored_scene(folder / "variants" / point["variant"] / "metrics.json")
             for folder in scenes
         }
-        check_protocol([*scenes.values(), *scored.values()])
         pairs = [pair_answers(scored[folder], scene) for folder, scene in scenes.items()]
         compared = [accuracy_difference(pairs), iou_difference(pairs)]
     named = {title_of(folder): one for folder, one in scored.items()}
@@ -62,17 +62,19 @@ def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[st
 
 @command(__doc__)
 @scene_folders
-def main(folders: Sequence[Path]) -> None:
+@rows_option
+def main(folders: Sequence[Path], rows: Path | None) -> None:
     """Print the table."""
     documents = [read_json(folder / "tradeoff/tradeoff.json") for folder in folders]
+    points = mean_points(documents)
+    collect_page("tradeoff", folders, {point["label"]: point["variant"] for point in points}, rows)
     scenes = {folder: read_scored_scene(folder / "metrics.json") for folder in folders}
-    check_protocol([*scenes.values()])
     machines = sorted({name for document in documents for name in document["machines"]})
     click.echo(
         f"{', '.join(map(title_of, folders))}: {documents[0]['about']}; {'; '.join(machines)}. Bold: on the Pareto front of "
         f"time and accuracy. {METHOD} {chance([*scenes.values()])}\n"
     )
-    click.echo(markdown(HEADINGS, [row(point, scenes) for point in mean_points(documents)]))
+    click.echo(markdown(HEADINGS, [row(point, scenes) for point in points]))
 
 
 if __name__ == "__main__":

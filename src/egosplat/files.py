@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError
+from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError, user_message
 
 
 @contextlib.contextmanager
@@ -61,6 +61,28 @@ def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]
         yield Path(name)
 
 
+def read_user_text(path: Path) -> str:
+    """The content of a user's text file in UTF-8, with or without a byte order mark. Ends of lines stay as they are.
+
+    Raises:
+        FileNotFoundError: it does not exist.
+        UserError: it cannot be read, is a pipe, or is not UTF-8.
+    """
+    if path.is_fifo():
+        # A pipe gives its content to the first reader; each job of a run is one more.
+        raise UserError(f"{path}: is a pipe, which can be read once only; give a file")
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"{path}: is no text in UTF-8 (byte {error.start} is {error.object[error.start]:#x}); save it as UTF-8"
+        ) from None
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise UserError(user_message(error) or f"{path}: {error}") from None
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text in UTF-8, whole or not at all."""
     with atomic_file(path) as scratch:
@@ -76,6 +98,11 @@ def write_json(path: Path, document: Any) -> None:
     write_text(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
+def expand_home(path: str) -> Path:
+    """Get a path with ``~`` as the home folder; it stays where no user of that name has one."""
+    return Path(os.path.expanduser(path))
+
+
 def user_cache() -> Path:
     """The user's folder of what egosplat can make again: below ``XDG_CACHE_HOME``, or ``~/.cache``."""
     root = os.environ.get("XDG_CACHE_HOME")
@@ -83,7 +110,7 @@ def user_cache() -> Path:
 
 
 def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) -> Any:
-    """The content of a JSON file in UTF-8.
+    """The content of a JSON file in UTF-8, with or without a byte order mark.
 
     Args:
         parse_constant: see ``json.loads``.
@@ -93,7 +120,7 @@ def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) ->
         ValueError: the file is not JSON, or nested too deeply.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=parse_constant)
+        return json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=parse_constant)
     except RecursionError:
         raise ValueError("nested too deeply") from None
 
@@ -137,14 +164,29 @@ def check_output(path: Path, own_name: str, *, overwrite: bool) -> None:
     suffix = Path(own_name).suffix
     if path.suffix.lower() != suffix:
         raise UserError(f"{path}: the file is a {suffix}; give --output a name that ends so")
-    nearest = next(each for each in path.absolute().parents if each.exists())
-    if not nearest.is_dir():
-        raise UserError(f"{path}: {nearest} is no folder; give another --output")
     # A link is not followed: its target may be anyone's file.
     if path.is_symlink() or (path.exists() and not path.is_file()):
         raise UserError(f"{path}: is there and no regular file; give another --output")
     if path.exists() and path.name != own_name and not overwrite:
         raise UserError(f"{path}: is there already; give another --output, or --overwrite to replace it")
+    _check_parent(path)
+
+
+def check_new_folder(path: Path) -> None:
+    """Check, before any work is done, that a command may make a folder; nothing is left behind.
+
+    Raises:
+        UserError: something is there, also a link to nowhere; or the folder cannot be made or written.
+    """
+    if path.exists() or path.is_symlink():
+        raise UserError(f"{path}: is there already; give another --output, or remove it first")
+    _check_parent(path)
+
+
+def _check_parent(path: Path) -> None:
+    nearest = next(each for each in path.absolute().parents if each.exists())
+    if not nearest.is_dir():
+        raise UserError(f"{path}: {nearest} is no folder; give another --output")
     check_writable([path.parent])
 
 
@@ -156,6 +198,9 @@ def _nearest(folder: Path) -> Path:
 def _begin(path: Path) -> Path:
     if path.name in ("", ".."):
         raise UserError(f"{path}: is no name of a file or folder; give another --output")
+    # A pipe or a device is of another program; a link is replaced itself.
+    if path.exists() and not (path.is_file() or path.is_dir() or path.is_symlink()):
+        raise UserError(f"{path}: is there and no regular file or folder; give another --output")
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path)
     return _beside(path)

@@ -34,4 +34,4 @@ def in_order(function: Callable[[Item], Result], items: Iterable[Item]) -> Itera
 def threads() -> int:
     """Threads of this job: OMP_NUM_THREADS, which Snakemake sets, or all processors that it may use."""
     given = os.environ.get("OMP_NUM_THREADS", "")
-    return max(1, int(given)) if given.isdigit() else len(os.sched_getaffinity(0))
+    return max(1, int(given)) if given.isdecimal() else len(os.sched_getaffinity(0))

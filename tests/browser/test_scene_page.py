@@ -176,6 +176,18 @@ def test_a_click_names_what_is_there(scene):
     assert tab.page.inner_text("#place") == "Nothing is there."
 
 
+def test_shown_scores_never_contradict_the_verdict(scene):
+    """As in Python, a score is rounded to its own side of the limit."""
+    shown = "score => egosplat.score(score)"
+    tab = scene()
+    least = tab.page.evaluate("egosplat.scene.facts.query.min_score")
+    assert tab.page.evaluate(shown, least) == f"{least:.2f}"
+    assert (
+        float(tab.page.evaluate(shown, least - 1e-6)) < least <= float(tab.page.evaluate(shown, least + 1e-6))
+    )
+    assert tab.page.evaluate(shown, least - 0.1) == f"{least - 0.1:.2f}"
+
+
 def test_words_and_tokens_are_those_of_the_model(scene, clip):
     """The text tower in JavaScript gives PyTorch's features, for words that are not in the page's list too."""
     tab = scene()
@@ -196,7 +208,9 @@ def test_words_and_tokens_are_those_of_the_model(scene, clip):
         ("zeppelin", "was not trained on"),
         ("<img src=x onerror=\"document.title = 'hacked'\">", "<img"),
         ("x" * 10_000, "too long"),
-        (" ", "Type the name"),
+        (" \u200b", "Type the name"),
+        *((symbols, "no word") for symbols in ("::", "%", "\U0001f600", "\u2122", "_")),
+        ("\uff42asketball\u200b", "not found: the best match is below"),
         ("basketball", "not found: the best match is below"),
     ],
 )

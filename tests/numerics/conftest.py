@@ -25,6 +25,7 @@ settings.register_profile(
 settings.load_profile("numerics")
 
 AREAS = {
+    "artifacts": "Artifacts",
     "rasterize": "Rasterizer",
     "instances": "Instances merged in 3D",
     "features": "Consistent features and compression",
@@ -34,6 +35,8 @@ AREAS = {
     "survey": "Survey",
     "camera": "Camera of synthetic recordings",
     "gaussians": "Training",
+    "models": "SAM2 and OpenCLIP",
+    "chain": "Whole scenes",
 }
 """By the folder of the tests; the table's order."""
 

@@ -13,11 +13,13 @@ class Hub:
 
     Attributes:
         status: HTTP status of its answers.
+        headers: of its answers, in place of the right ones.
         requests: address of each file that was sent so far.
     """
 
     def __init__(self, content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
         self.content, self.status, self.requests = content, 200, []
+        self.headers: dict[str, str] = {}
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
         self._environment = monkeypatch
 
@@ -47,9 +49,13 @@ class Hub:
             def do_HEAD(self) -> None:
                 self.send_response(hub.status)
                 # Quoted content digests are the tags of large files.
-                self.send_header("ETag", f'"{hashlib.sha256(hub.content).hexdigest()}"')
-                self.send_header("X-Repo-Commit", "0" * 40)
-                self.send_header("Content-Length", str(len(hub.content) if hub.status == 200 else 0))
+                headers = {
+                    "ETag": f'"{hashlib.sha256(hub.content).hexdigest()}"',
+                    "X-Repo-Commit": "0" * 40,
+                    "Content-Length": str(len(hub.content) if hub.status == 200 else 0),
+                }
+                for name, value in (headers | hub.headers).items():
+                    self.send_header(name, value)
                 self.end_headers()
 
             def do_GET(self) -> None:

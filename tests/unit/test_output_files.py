@@ -10,7 +10,15 @@ import pytest
 
 from egosplat import cli
 from egosplat.errors import UserError
-from egosplat.files import check_output
+from egosplat.files import (
+    atomic_directory,
+    atomic_file,
+    check_new_folder,
+    check_output,
+    expand_home,
+    read_json,
+    read_user_text,
+)
 from egosplat.pipeline.stages import FILES, STAGES
 from egosplat.report.tables import stage as tables_stage
 
@@ -135,6 +143,47 @@ def test_a_folder_that_cannot_be_written_is_named(monkeypatch, tmp_path):
         check_output(tmp_path / "query.png", "query.png", overwrite=True)
 
 
+@pytest.mark.parametrize("write", [atomic_file, atomic_directory])
+def test_no_stage_replaces_a_pipe_or_a_device(tmp_path, write):
+    """Not even as the superuser, who may."""
+    pipe = tmp_path / "pipe.zarr"
+    os.mkfifo(pipe)
+    for special in (pipe, Path("/dev/null")):
+        before = special.stat()
+        with pytest.raises(UserError, match="no regular file or folder"), write(special):
+            pass
+        assert special.stat() == before and list(tmp_path.iterdir()) == [pipe]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        os.mkfifo,
+        Path.mkdir,
+        Path.touch,
+        lambda path: path.symlink_to("/nowhere"),
+        lambda path: path.symlink_to("/dev/null"),
+    ],
+)
+def test_a_new_folder_replaces_nothing(tmp_path, make):
+    """Neither a link, also to nowhere, nor a pipe, nor an empty folder."""
+    place = tmp_path / "place"
+    make(place)
+    with pytest.raises(UserError, match="is there already"):
+        check_new_folder(place)
+    assert os.path.lexists(place)
+
+
+@pytest.mark.parametrize(
+    "check", [check_new_folder, lambda path: check_output(path, "x.png", overwrite=True)]
+)
+def test_a_place_below_a_file_or_device_is_named(tmp_path, check):
+    (tmp_path / "file").touch()
+    for above in (tmp_path / "file", Path("/dev/null")):
+        with pytest.raises(UserError, match=f"{above} is no folder"):
+            check(above / "sub" / "x.png")
+
+
 def test_the_tables_replace_their_own_files(tmp_path):
     """Sixteen files of the names that the command gives them, and nothing else in the folder."""
     (tmp_path / "notes.csv").write_text("notes")
@@ -145,3 +194,33 @@ def test_the_tables_replace_their_own_files(tmp_path):
     same = {name for name in before if before[name] == after[name]}
     assert same == {str(tmp_path / "notes.csv")} and before.keys() == after.keys() and len(before) == 17
     assert all(before[name][-1] == after[name][-1] for name in before)
+
+
+@pytest.mark.parametrize("content", ["preset: fast".encode("utf-16"), "# caf\u00e9".encode("latin-1")])
+def test_a_user_s_text_in_another_encoding_is_named(tmp_path, content):
+    (tmp_path / "a.yaml").write_bytes(content)
+    with pytest.raises(UserError, match="a.yaml: .*UTF-8"):
+        read_user_text(tmp_path / "a.yaml")
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.yaml")
+    with pytest.raises(UserError, match="a.yaml: is a pipe"):
+        read_user_text(tmp_path / "a.yaml")
+
+
+def test_a_folder_and_a_circle_of_links_are_named(tmp_path):
+    (tmp_path / "circle").symlink_to("circle")
+    for path in (tmp_path, tmp_path / "circle"):
+        with pytest.raises(UserError, match=f"{path}: "):
+            read_user_text(path)
+
+
+def test_a_mark_of_byte_order_is_no_part_of_a_text(tmp_path):
+    (tmp_path / "a.json").write_bytes(b'\xef\xbb\xbf{"a": 1}\r\n')
+    assert read_user_text(tmp_path / "a.json") == '{"a": 1}\r\n'
+    assert read_json(tmp_path / "a.json") == {"a": 1}
+
+
+def test_the_home_of_nobody_stays_a_path():
+    assert expand_home("~nobody-of-this-name/x") == Path("~nobody-of-this-name/x")

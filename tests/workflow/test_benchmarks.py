@@ -9,9 +9,11 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.colmap import __main__ as colmap
+from benchmarks.figures import score_table
 from benchmarks.language import __main__ as language
 from benchmarks.robustness import __main__ as robustness
 from benchmarks.robustness.scene import ARTIFACTS, Scene
+from benchmarks.rows import read_rows, stamp
 from benchmarks.survey.__main__ import survey_of
 from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import title_of
@@ -76,12 +78,22 @@ def recorded(scene: Path) -> dict:
     return json.loads((scene / "metrics.json").read_text())
 
 
-def test_ablation(with_variant):
-    said = run("ablation.__main__", with_variant("baseline", "no_masks", "network_masks"))
-    rows = cells(said)
-    assert [row[1] for row in rows[1:5]] == ["baseline", "no_masks", "network_masks", "full"]
-    (compared,) = [row for row in rows if row[0] == "full against baseline"]
-    assert compared[2:4] == ["0", "0"]
+def test_ablation(with_variant, tmp_path):
+    """The page, and the rows from which it is computed again."""
+    folder, kept = with_variant("baseline", "no_masks", "network_masks"), tmp_path / "rows"
+    said = run("ablation.__main__", folder, "--rows", kept)
+    (row,) = [row for row in cells(said) if row[0] == "full against baseline"]
+    assert row[1].startswith("+0.0 (")
+    rows = read_rows(kept)
+    assert rows.settings == ["full", "baseline", "no_masks", "network_masks"]
+    assert score_table(rows) in said and stamp(rows.about) in said
+    found = recorded(folder)
+    assert len(rows.of("queries", "full", group="all")) == found["scores"]["all"]["count"]
+    assert rows.of("frames", "full", group="all")["psnr"].mean() == pytest.approx(
+        found["rendering"]["all"]["psnr"], abs=1e-3
+    )
+    assert len(rows.of("presence", "full")) == len(found["presence"]["queries"])
+    assert sum(path.stat().st_size for path in kept.iterdir()) < 100_000
 
 
 def test_colmap(scene, monkeypatch):
@@ -233,9 +245,3 @@ def test_true_instances(scene):
     rows = by_column(said)
     assert [row["supervision"] for row in rows] == ["view", "average"]
     assert {row["queries"] for row in rows} == {str(recorded(scene)["scores"]["all"]["count"])}
-
-
-def test_variants(with_variant):
-    _, row, every = cells(run("variants.__main__", with_variant("no_masks"), "--variant", "no_masks"))
-    assert row[:2] == [NAME, "no_masks"] and every[0] == "all" and row[2] == every[2]
-    assert row[7].startswith("+0.0") and row[5] == row[6]

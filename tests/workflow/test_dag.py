@@ -2,6 +2,8 @@
 
 import re
 
+import pytest
+
 EVALUATION = {"all", "contact_sheet", "metrics", "queries_sheet", "tables", "story", "tradeoff"}
 """Rules that may read annotations. Every other rule counts as training."""
 
@@ -44,6 +46,22 @@ def test_apartments_for_reporting_are_made_by_name_alone(finished):
     one = finished.snakemake("--dry-run", "--config", root, "--", "results/adt/scene6/metrics.json")
     assert one.returncode == 0, one.stderr
     assert "results/adt/scene6/recording" in one.stdout + one.stderr
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["--", "results/ADT/scene1/metrics.json"], "did you mean results/adt/scene1/metrics.json?"),
+        (["--", "results/benchmark/table.html"], "did you mean results/benchmark/tables.html?"),
+        (["--", "metrics"], "is a rule for every scene"),
+        (["--", "results/adt/scene1/metrics.json", "-n"], "-n: is an option; write it before --"),
+    ],
+)
+def test_a_target_that_no_rule_makes_gets_one_line(workdir, words, said):
+    done = workdir.snakemake("--dry-run", *words)
+    assert done.returncode == 1 and "Traceback" not in done.stderr and "MissingRule" not in done.stderr
+    *_, line = [line for line in done.stderr.splitlines() if line.startswith("egosplat: ")]
+    assert said in line
 
 
 def test_the_tables_hold_scores_of_apartments_for_reporting_once_they_are_there(workdir):

@@ -175,3 +175,34 @@ def test_the_files_of_a_recording_with_an_odd_name_are_watched(one_scene, tmp_pa
     assert done.returncode == 0, done.stderr
     assert f"{recording}/camera.json" in done.stdout + done.stderr
     assert not list(tmp_path.rglob("canary"))
+
+
+@pytest.mark.parametrize(
+    "row, message",
+    [
+        ("benchmark\ts1\tplain\tx\t", "dataset = 'benchmark'"),
+        ("mine\ts1\tplain\tx \t", "recording = 'x ' .*blanks"),
+        ('mine\ts1\tplain\t"x\t', "line 2: "),
+        ("mine\ts1\tplain\tx\tdata_root.mine=/x", "line 2: data_root holds for all scenes"),
+        ("mine\ts1\tplain\tx\tformats.plain={frames:{stride:5}}", "line 2: formats holds for all scenes"),
+        ("mine\ts1\tplain\tx\tframes.stride=010", "line 2: .*octal"),
+    ],
+)
+def test_a_row_that_would_not_do_what_it_says_is_refused(tmp_path, row, message):
+    with pytest.raises(UserError, match=message):
+        read(tmp_path, f"{HEADER}{row}\n")
+
+
+def test_lines_of_blanks_and_indented_comments_are_no_rows(tmp_path):
+    assert len(read(tmp_path, f"{HEADER}   \n # mine\n\t\t\nmine\ts1\tplain\tx\t\n")) == 1
+
+
+def test_an_empty_table_is_named(tmp_path):
+    with pytest.raises(UserError, match="scenes.tsv: is empty"):
+        read(tmp_path, "")
+
+
+def test_the_table_may_be_in_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "scenes.tsv").write_text(f"{HEADER}mine\ts1\tplain\tx\t\n")
+    assert list(read_scenes(config.defaults() | {"scenes": "~/scenes.tsv"})) == [("mine", "s1")]

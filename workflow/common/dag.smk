@@ -24,6 +24,7 @@ from egosplat.pipeline.variants import (
     artifact_folder,
     artifact_path,
     method_of,
+    preset_of,
     scene_config,
 )
 from egosplat.poses.files import poses_files
@@ -213,7 +214,7 @@ def recording_files(stage):
         if stage == "frames":
             found = frames_files(scene.format, scene.recording, known)
         elif stage == "annotations":
-            found = annotations_files(scene.format, scene.recording)
+            found = annotations_files(scene.format, scene.recording, known)
         else:
             source, trajectory = (
                 value_of(stage, wildcards),
@@ -237,7 +238,8 @@ def digest_of_pictures(stage):
         scene = scene_of(wildcards)
         if scene.synthetic:
             return "none"
-        return digest_of_files(pictures_of(stage, scene.format, scene.recording))
+        known = config_of(wildcards)["frames"]["known_poses"]
+        return digest_of_files(pictures_of(stage, scene.format, scene.recording, known))
 
     return digest
 
@@ -269,10 +271,29 @@ def get_method(wildcards):
     return variant and method_of(scene.config, variant, scene.name)
 
 
+def get_preset(wildcards):
+    """Get the preset of a scene or variant."""
+    scene = scene_of(wildcards)
+    return preset_of(scene.config, names_of(wildcards)[2], scene.name)
+
+
+def get_world(key):
+    """Get a function of the wildcards: a key of a scene's synthetic apartment; None for a recording."""
+
+    def value(wildcards):
+        scene = scene_of(wildcards)
+        return str(scene.config["synthetic"][key]) if scene.synthetic else None
+
+    return value
+
+
 # What a stage takes from the table of scenes and the variant, by name of its argument.
 SCENE_VALUES = {
     "title": get_title,
     "method": get_method,
+    "preset": get_preset,
+    "world_seed": get_world("seed"),
+    "camera": get_world("camera"),
     "format": lambda wildcards: scene_of(wildcards).format,
 }
 

@@ -11,7 +11,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import check_config_files
 from egosplat.files import check_writable
 from egosplat.pipeline.failed_stages import tell_failures_at_exit
-from egosplat.pipeline.process_guards import check_cores
+from egosplat.pipeline.process_guards import check_cores, name_user
 from egosplat.pipeline.snakemake_call import Call, read_call
 
 SHIPPED = Path("config/config.yaml")
@@ -23,6 +23,7 @@ CALL = read_call(sys.argv[1:]) if IS_MAIN else Call()
 # sys.exit, because Snakemake prints a traceback for an exception.
 try:
     if IS_MAIN:
+        name_user()
         check_cores(workflow.resource_settings.cores, workflow.resource_settings.nodes)
         if CALL.makes_results:
             check_writable([Path(".snakemake"), Path("logs"), Path("results")])

@@ -1,15 +1,17 @@
 """Compute the alarms of artifacts from their facts and arrays, and log them."""
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from egosplat.alarms.limits import LIMITS, Alarm, find_alarm
+from egosplat.alarms.limits import CAUSES, CAUSING_KEYS, LIMITS, Alarm, find_alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
+from egosplat.pipeline.config import section_keys
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
 
@@ -17,7 +19,18 @@ from egosplat.progress import log
 def alarms_of(artifact: Artifact) -> list[Alarm]:
     """The alarms of one artifact; empty for a kind without alarms."""
     find = _BY_KIND.get(artifact.schema.name)
-    return [] if find is None else list(find(artifact))
+    return [] if find is None else [_with_causes(alarm, artifact) for alarm in find(artifact)]
+
+
+def _with_causes(alarm: Alarm, artifact: Artifact) -> Alarm:
+    """Add the keys that may have caused an alarm, with their values, if these are not the defaults."""
+    given = artifact.provenance["options"]
+    found = []
+    for key in CAUSING_KEYS.get(alarm.key, ()):
+        section, _, name = key.partition(".")
+        if name in given and given[name] != section_keys(section)[name]["default"]:
+            found.append(f"{key} {given[name]}")
+    return replace(alarm, figures={**alarm.figures, CAUSES: ", ".join(found)}) if found else alarm
 
 
 def alarms_of_all(artifacts: Iterable[Artifact]) -> list[Alarm]:
@@ -56,6 +69,10 @@ def _check_poses(poses: Artifact) -> Iterator[Alarm]:
     yield from find_alarm("poses.registered", float(poses.read("registered").mean()))
     yield from find_alarm("poses.reprojection", notes.get("reprojection_error_px"))
     yield from find_alarm("poses.parallax", notes.get("parallax_deg"))
+    # A device's own points, and a file of poses without any, are no structure from motion.
+    points = notes.get("points", 0) if "parallax_deg" in notes else 0
+    per_frame = _share(points, int(poses.read("registered").sum())) if points else None
+    yield from find_alarm("poses.points", per_frame, points=points)
     yield from find_alarm("poses.models", len(models), frames=", ".join(map(str, models)))
 
 

@@ -42,7 +42,8 @@ LIMITS: dict[str, Limit] = {
     "frames.blurred": _at_most(0.1),
     "poses.registered": _at_least(0.9),
     "poses.reprojection": _at_most(1.0),
-    "poses.parallax": _at_least(1.5),
+    "poses.parallax": _at_least(5.0),
+    "poses.points": _at_least(20.0),
     "poses.models": _at_most(1),
     "segments.empty_pixels": _at_most(0.5),
     "segments.instances_per_frame": _at_least(3.0),
@@ -60,6 +61,23 @@ LIMITS: dict[str, Limit] = {
     "splats.pose_correction": _at_most(0.05),
     "splats.gain": _at_most(2.5),
     "language.without_code": _at_most(0.25),
+}
+
+
+# Figure of an alarm that names the keys below whose values are not the defaults.
+CAUSES = "made_with"
+
+# Keys that may have caused what an alarm finds: a preset, or the user, traded quality for time with them.
+CAUSING_KEYS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("segments.empty_pixels", "segments.instances_per_frame"), ("segments.points_per_side",)),
+    **dict.fromkeys(("instances.masks_kept", "instances.empty_pixels"), ("instances.iterations",)),
+    "features.reconstruction": ("features.dims",),
+    "transient.probability": ("transient.transient_penalty", "transient.iterations"),
+    **dict.fromkeys(("masks.instances", "masks.pixels"), ("masks.threshold",)),
+    "splats.psnr": (
+        *("camera.refine_poses", "camera.compensate_exposure"),
+        *("splats.iterations", "splats.max_gaussians"),
+    ),
 }
 
 

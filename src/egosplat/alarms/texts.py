@@ -7,8 +7,10 @@ Only pages and logs import this module, and the code hash leaves it out: a bette
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
-from egosplat.alarms.limits import LIMITS, Alarm
+from egosplat.alarms.limits import CAUSES, LIMITS, Alarm, Limit
+from egosplat.pipeline.messages import figure
 
 
 @dataclass(frozen=True)
@@ -31,16 +33,19 @@ class Text:
 
 
 _EMPTY = "{value:.1%} of the pixels belong to no instance"
-_MODEL = "set models.set to published, for a SAM2 trained on photographs"
+_MODEL = (
+    "raise segments.points_per_side, which presets draft and fast lower, and set models.set to published, for a SAM2 trained "
+    "on photographs"
+)
 _MERGING = (
-    "Check the poses, and instances.png; raise instances.iterations, or set segments.prompting to key_frames, "
+    "Check the poses, and instances.png; raise instances.iterations, which preset draft lowers, or set segments.prompting to key_frames, "
     "which tracks in 2D"
 )
 _TRACKS = (
     "Tracks switch between objects, or OpenCLIP does not know them. Check crops.png, and use another "
     "models.sam2_checkpoint and models.clip_checkpoint"
 )
-_LESS = "Check transient.png; raise masks.threshold, or set splats.masking to none if nothing moves"
+_LESS = "Check transient.png; raise masks.threshold, which preset paper lowers, or set splats.masking to none if nothing moves"
 
 TEXTS: dict[str, Text] = {
     "frames.valid_pixels": Text(
@@ -76,14 +81,23 @@ TEXTS: dict[str, Text] = {
         "The poses are inexact. Check the calibration, rolling shutter and motion blur",
     ),
     "poses.parallax": Text(
-        "angle under which the median point sees all known poses; COLMAP itself rejects a still camera",
+        "angle under which the median point sees all cameras; poses of COLMAP and of files",
         "{:g}°",
-        "COLMAP drops points that are seen under a smaller angle: their depth is unknown",
-        "the median point sees all cameras within {value:.2g}°: the camera stands still",
-        "No depth follows from such poses. Move the camera",
+        "64 and 65° in two series of photographs, 3.5 and 5.4° in videos of a camera that hardly moves. COLMAP drops points "
+        "below 1.5°: their depth is unknown",
+        "the median point sees all cameras within {value:.2g}°: the camera hardly moves, and depth cannot be told",
+        "Record with a camera that walks around, at least a tenth of the way to what it shows",
+    ),
+    "poses.points": Text(
+        "points of COLMAP or of a file of poses, for each frame with a pose",
+        "{:g}",
+        "120 and 143 in two series of photographs, 14 in a video of a camera that hardly moves",
+        "the scene has {points} points, {value:.1f} for each frame",
+        "The Gaussians start from few places. Move the camera farther, record sharper or better lit frames, or raise "
+        "frames.resolution; neighbors that show the same (frames.stride) add none",
     ),
     "poses.models": Text(
-        "number of COLMAP's models, which share too few frames to be joined",
+        "number of COLMAP's models with frames that no larger one has, which share too few to be joined",
         "{:g}",
         "only the largest is used",
         "COLMAP finds {value:.0f} unconnected models of {frames} frames",
@@ -158,7 +172,7 @@ TEXTS: dict[str, Text] = {
         "codes of 16 numbers reach 0.98. At 0.88 one object in three gets another name than from its full features, at 0.92 "
         "one in four (benchmarks/aggregation)",
         "decoded codes have a mean cosine of {value:.2f} with their features",
-        "Codes lose the differences between instances. Raise features.dims, or set it to auto",
+        "Codes lose the differences between instances. Raise features.dims, which preset paper lowers, or set it to auto",
     ),
     "transient.probability": Text(
         "mean probability of being transient, over all pixels of all frames",
@@ -166,8 +180,8 @@ TEXTS: dict[str, Text] = {
         "0.05 to 0.1 in synthetic apartments, 0.02 to 0.11 in photographs of static scenes, 0.47 in a recording on which the "
         "network failed. The limit is the geometric mean of 0.1 and 0.47",
         "the mean probability of a transient pixel is {value:.2f}",
-        "The network classifies static pixels as transient. Check transient.png; raise transient.transient_penalty or "
-        "transient.iterations, or set splats.masking to none if nothing moves",
+        "The network classifies static pixels as transient. Check transient.png; raise transient.transient_penalty, "
+        "which preset paper lowers, or transient.iterations, or set splats.masking to none if nothing moves",
     ),
     "masks.withheld": Text(
         "the network's mean probability, or the share of the instances that look transient; above the limit nothing is masked",
@@ -199,7 +213,8 @@ TEXTS: dict[str, Text] = {
         "20 dB is an error of a tenth of the range in every pixel; 26 to 30 dB in synthetic apartments (benchmarks/ablation), "
         "22.7 dB for 17 photographs of a desk (benchmarks/tradeoff)",
         "the mean PSNR of held-out frames is {value:.2f} dB",
-        "Check splats.png and the poses; raise splats.iterations and splats.max_gaussians",
+        "Check splats.png and the poses. Where camera.refine_poses or camera.compensate_exposure is off, as in presets draft "
+        "and paper, set it to on; raise splats.iterations and splats.max_gaussians, which presets draft and fast lower",
     ),
     "splats.pose_correction": Text(
         "largest correction of a pose, as an angle in radians: of the rotation, or of the translation at the scene's median "
@@ -243,16 +258,30 @@ def normal_range(key: str) -> str:
     return f"up to {limit}" if LIMITS[key].normal_is_below else f"{limit} or more"
 
 
+@dataclass(frozen=True)
+class _Beyond:
+    """A statistic beyond its limit, which it stays when it is rounded for a sentence."""
+
+    value: float
+    limit: Limit
+
+    def __format__(self, form: str) -> str:
+        return figure(self.value, form, self.limit.is_passed)
+
+
 def found_text(alarm: Alarm) -> str:
     """What was found, as a sentence on the figures of an alarm."""
     # JSON has no NaN; a file holds null in its place.
-    figures = {name: math.nan if one is None else one for name, one in alarm.figures.items()}
+    figures: dict[str, Any] = {name: math.nan if one is None else one for name, one in alarm.figures.items()}
+    if alarm.key in LIMITS:
+        figures["value"] = _Beyond(float(figures["value"]), LIMITS[alarm.key])
     return TEXTS[alarm.key].found.format(**figures)
 
 
 def alarm_line(alarm: Alarm) -> str:
-    """The alarm in one line: key, what was found, the normal range, and what to do."""
-    return f"{alarm.key}: {found_text(alarm)} (normal: {normal_range(alarm.key)}). {TEXTS[alarm.key].advice}"
+    """The alarm in one line: key, what was found, the normal range, what may have caused it, and what to do."""
+    causes = f"Made with {alarm.figures[CAUSES]}. " if CAUSES in alarm.figures else ""
+    return f"{alarm.key}: {found_text(alarm)} (normal: {normal_range(alarm.key)}). {causes}{TEXTS[alarm.key].advice}"
 
 
 def warning_lines(notice: str | None, alarms: Iterable[Alarm]) -> list[str]:

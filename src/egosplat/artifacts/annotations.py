@@ -1,12 +1,15 @@
 """Schema of ``annotations.zarr``: instance maps of the evaluation frames. For evaluation only."""
 
 from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.values import COUNT, index_or_none
 
 ANNOTATIONS = Schema(
     "annotations",
     1,
     {
-        "frame": Field(("evaluation",), "int64", "index", "index of the evaluation frame in frames.zarr"),
+        "frame": Field(
+            ("evaluation",), "int64", "index", "index of the evaluation frame in frames.zarr", values=COUNT
+        ),
         "annotated": Field(("evaluation",), "bool", "-", "whether the frame has an annotation"),
         "instance_map": Field(
             ("evaluation", "height", "width"),
@@ -14,6 +17,7 @@ ANNOTATIONS = Schema(
             "index",
             "index into the instances of the facts, -1 where nothing is annotated",
             by_row=True,
+            values=index_or_none("instances"),
         ),
     },
 )

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.values import COUNT, index_of, index_or_none
 
 # Value of the fact ``source``: the tracks of segments.zarr, unchanged.
 TRACKS = "tracks"
@@ -19,21 +20,28 @@ INSTANCES = Schema(
             "index",
             "instance that the pixel belongs to at the level, -1 for none; levels as the facts name them",
             by_row=True,
+            values=index_or_none("instance"),
         ),
         "instances/level": Field(
-            ("instance",), "int8", "index", "level of the instance; it is seen at no other"
+            ("instance",),
+            "int8",
+            "index",
+            "level of the instance; it is seen at no other",
+            values=index_of("level"),
         ),
         "instances/parent": Field(
             ("instance",),
             "int32",
             "index",
             "instance of the next coarser level that holds most of it in 3D, -1 for none",
+            values=index_or_none("instance"),
         ),
         "instances/masks": Field(
             ("instance",),
             "int32",
             "count",
             "masks of segments.zarr that are merged in it; of what moves, the frames that show it; else 1 for a track",
+            values=COUNT,
         ),
         "instances/moving": Field(
             ("instance",), "bool", "-", "a track of segments.zarr of something that moves, not merged in 3D"
@@ -46,6 +54,7 @@ INSTANCES = Schema(
             "int32",
             "index",
             "instance that the Gaussian belongs to at the level, -1 for none",
+            values=index_or_none("instance"),
         ),
     },
 )

@@ -9,6 +9,7 @@ from typing import Any
 
 from egosplat.artifacts.schema import Schema
 from egosplat.errors import UserError, is_system_error
+from egosplat.pipeline.making import make_command
 
 # An artifact's path, for messages.
 EXAMPLE = "results/adt/scene1/frames.zarr"
@@ -80,15 +81,12 @@ def absent(path: Path) -> ArtifactError:
     """The error for an artifact that is not there."""
     if not _is_result(path):
         return ArtifactError(f"{path}: does not exist. Give an artifact of egosplat, such as {EXAMPLE}")
-    return ArtifactError(f"{path}: does not exist. Make it: snakemake --cores 2 {shlex.quote(str(path))}")
+    return ArtifactError(f"{path}: does not exist. Make it: {make_command(path)}")
 
 
 def rebuild_command(path: Path) -> str:
     """The shell commands that remove and rebuild a result. Outside the workflow's folders, only the removal is known."""
-    again = (
-        f"snakemake --cores 2 {shlex.quote(str(path))}" if _is_result(path) else "the command that made it"
-    )
-    return f"{_removal(path)} && {again}" if _is_result(path) else f"{_removal(path)}, then {again}"
+    return f"{_removal(path)}{' &&' if _is_result(path) else ', then'} {make_command(path)}"
 
 
 def _removal(path: Path) -> str:

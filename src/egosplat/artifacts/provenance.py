@@ -44,7 +44,7 @@ class Provenance:
     started_cpu: float
 
     def record(self) -> dict[str, Any]:
-        """Plain JSON values, with the machine, times and peak memory as of now."""
+        """Plain JSON values, with the machine, the commit, times and peak memory as of now."""
         values = {key: value for key, value in asdict(self).items() if not key.startswith("started")}
         cost = {
             "wall_s": time.perf_counter() - self.started,
@@ -53,7 +53,7 @@ class Provenance:
             "peak_gpu_memory_mb": usage.peak_gpu_memory_mb(),
         }
         told = {key: None if value is None else round(value, 3) for key, value in cost.items()}
-        return values | {"machine": usage.machine()} | told
+        return values | {"machine": usage.machine()} | usage.checkout() | told
 
 
 class Made(Protocol):
@@ -69,7 +69,7 @@ class Made(Protocol):
 
 def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
     """SHA-256 of all that decides the result: stage, options, inputs, models, code, versions, and ``more``."""
-    # Without times and the machine, which do not change the result.
+    # Without times, the machine and the commit, which do not change the result.
     mappings = (made.options, made.inputs, made.models, made.versions, more or {})
     parts = [made.stage, made.code, *map(dict, mappings)]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -1,11 +1,12 @@
 """Read artifacts with checks.
 
-Opening checks schema, version, seal and completeness. Reading checks the CRC32C of each chunk. ``verify`` checks every byte.
+Opening checks schema, version, seal and completeness. Reading checks the CRC32C of each chunk, and its numbers by the
+schema. ``verify`` checks every byte and number.
 """
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,11 +15,25 @@ import zarr
 from numpy.typing import NDArray
 
 from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_of, rebuild_command, seal
-from egosplat.artifacts.schema import Field, Schema, check_shape
+from egosplat.artifacts.schema import Field, Schema, check_shape, sizes_of
 from egosplat.errors import reraise_as
 
 # Makes the error for an artifact, from its path and what is wrong.
 Blame = Callable[[Path, str], ArtifactError]
+
+
+class _Attributes(dict[str, Any]):
+    """Attributes of an artifact; one that is missing, as in an artifact of an older egosplat, is an ``ArtifactError``."""
+
+    def __init__(self, values: Mapping[str, Any], path: Path) -> None:
+        self.path = path
+        super().__init__(
+            (key, _Attributes(value, path) if isinstance(value, dict) else value)
+            for key, value in values.items()
+        )
+
+    def __missing__(self, key: str) -> Any:
+        raise damaged(self.path, f"its attributes lack {key!r}")
 
 
 class Artifact:
@@ -30,12 +45,14 @@ class Artifact:
         schema: Schema,
         group: zarr.Group,
         attributes: dict[str, Any],
+        axes: Mapping[str, int],
         blame: Blame = damaged,
     ) -> None:
         self.path = path
         self.schema = schema
         self._group = group
         self._attributes = attributes
+        self._sizes = sizes_of(axes, self.facts)
         self._blame = blame
 
     @property
@@ -75,29 +92,42 @@ class Artifact:
         """Read a whole array.
 
         Raises:
-            ArtifactError: a chunk does not match its checksum.
+            ArtifactError: a chunk does not match its checksum, or holds numbers that the schema does not allow.
         """
         array = self._group[name]
         values = np.empty(array.shape, array.dtype)
-        if values.size:
-            # One chunk at a time, so that an error names the damaged chunk.
-            rows = array.chunks[0]
-            for start in range(0, len(values), rows):
-                values[start : start + rows] = self._checked(array, name, slice(start, start + rows))
+        for start, chunk in self._chunks(name):
+            values[start : start + len(chunk)] = chunk
         return values
+
+    def check(self, name: str) -> None:
+        """Read an array chunk by chunk and keep nothing. Raises as ``read``."""
+        for _ in self._chunks(name):
+            pass
 
     def row(self, name: str, index: int) -> NDArray[Any]:
         """Read one index of the first axis. Raises as ``read``."""
         return self._checked(self._group[name], name, index)
 
+    def _chunks(self, name: str) -> Iterator[tuple[int, NDArray[Any]]]:
+        """First row and values of each chunk, so that an error names the damaged one."""
+        array = self._group[name]
+        # A matrix or vector of fixed size has one chunk.
+        for start in range(0, array.shape[0] if array.size else 0, array.chunks[0]):
+            yield start, self._checked(array, name, slice(start, start + array.chunks[0]))
+
     def _checked(self, array: zarr.Array, name: str, selection: int | slice) -> NDArray[Any]:
+        first = selection.start if isinstance(selection, slice) else selection
+        where = f"array {name!r}" + ("" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}")
+
         def tell(error: Exception) -> ArtifactError:
-            first = selection.start if isinstance(selection, slice) else selection
-            where = "" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}"
-            return self._blame(self.path, f"array {name!r}{where} cannot be read ({_reason(error)})")
+            return self._blame(self.path, f"{where} cannot be read ({_reason(error)})")
 
         with reraise_as(tell, (ValueError, RuntimeError, OSError, KeyError)):
-            return np.asarray(array[selection])
+            values = np.asarray(array[selection])
+        if fault := self.schema.fields[name].values.find_fault(values, self._sizes):
+            raise self._blame(self.path, f"{where} {fault}")
+        return values
 
 
 def _reason(error: Exception) -> str:
@@ -123,12 +153,13 @@ def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes:
         raise ArtifactError(f"{path}: holds {found!r}, not {schema.name!r}. Give the {schema.name} artifact.")
     version = attributes["format_version"]
     if version != schema.version:
-        hint = "Update egosplat" if version > schema.version else f"Rebuild it: {rebuild_command(path)}"
+        newer = isinstance(version, int) and version > schema.version
+        hint = "Update egosplat" if newer else f"Rebuild it: {rebuild_command(path)}"
         raise ArtifactError(
             f"{path}: has format version {version}, this is version {schema.version}. {hint}."
         )
-    _check_arrays(path, schema, group)
-    return Artifact(path, schema, group, attributes)
+    axes = _check_arrays(path, schema, group)
+    return Artifact(path, schema, group, attributes, axes)
 
 
 def open_foreign(path: Path, schema: Schema, attributes: Mapping[str, Any], page: str) -> Artifact:
@@ -155,13 +186,12 @@ def open_foreign(path: Path, schema: Schema, attributes: Mapping[str, Any], page
         facts = group.attrs.asdict()
     for error in Draft202012Validator(attributes).iter_errors(facts):
         raise blame(path, f"attribute {explain(error)}")
-    _check_arrays(path, schema, group, "safe", blame)
+    axes = _check_arrays(path, schema, group, "safe", blame)
     # Facts of a foreign group are not sealed, so they belong to the digest.
     content = f"{digest_of(path)}\n{json.dumps(facts, sort_keys=True)}"
     digest = hashlib.sha256(content.encode()).hexdigest()
-    return Artifact(
-        path, schema, group, {"facts": facts, "digest": digest, "provenance": {"origin": "real"}}, blame
-    )
+    made = {"facts": facts, "digest": digest, "provenance": {"origin": "real"}}
+    return Artifact(path, schema, group, made, axes, blame)
 
 
 def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
@@ -180,15 +210,17 @@ def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
 
 
 def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
-    """Open an artifact of any kind in ``schemas`` and check every stored byte against its digest.
+    """Open an artifact of any kind in ``schemas``; check every stored byte against its digest, and every number.
 
     Raises:
-        ArtifactError: as ``open_any``, or a file was changed, added or removed.
+        ArtifactError: as ``open_any``, a file was changed, added or removed, or the schema does not allow a number.
     """
     artifact = open_any(path, schemas)
-    if digest_of(path) != artifact.digest:
-        for name in artifact.arrays:  # raises with the name of the damaged chunk
-            artifact.read(name)
+    changed = digest_of(path) != artifact.digest
+    for name in artifact.arrays:  # raises with the name of the damaged chunk
+        if changed or artifact.schema.fields[name].values.limits(artifact.schema.fields[name].dtype):
+            artifact.check(name)
+    if changed:
         raise damaged(path, "its files are not those that were written (digest differs)")
     return artifact
 
@@ -218,7 +250,7 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
         attributes = group.attrs.asdict()["egosplat"]
     if not isinstance(attributes, dict) or attributes.get("seal") != seal(attributes):
         raise damaged(path, "its attributes were changed after it was written")
-    return group, attributes
+    return group, _Attributes(attributes, path)
 
 
 def _check_arrays(
@@ -227,12 +259,14 @@ def _check_arrays(
     group: zarr.Group,
     casting: Literal["no", "safe"] = "no",
     blame: Blame = damaged,
-) -> None:
+) -> dict[str, int]:
+    """Check the layout of all arrays; return the size of each axis."""
     sizes: dict[str, int] = {}
     for name, declared in schema.fields.items():
         if declared.optional and name not in group:
             continue
         _check_array(group, name, declared, sizes, casting, lambda what: blame(path, f"array {what}"))
+    return sizes
 
 
 def _check_array(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact, open_foreign
 from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.values import COUNT, SHARE_OR_UNKNOWN
 from egosplat.errors import UserError
 
 PAGE = "docs/methods.md"
@@ -22,8 +23,11 @@ RELEVANCY = Schema(
             "0..1",
             "how well each pixel fits the query; NaN where nothing is seen; float16 does too",
             by_row=True,
+            values=SHARE_OR_UNKNOWN,
         ),
-        "frame": Field(("query",), "int64", "index", "frame in frames.zarr that the query is asked in"),
+        "frame": Field(
+            ("query",), "int64", "index", "frame in frames.zarr that the query is asked in", values=COUNT
+        ),
     },
 )
 
@@ -78,14 +82,7 @@ class Relevancy:
         Raises:
             UserError: the maps cannot be read, or hold a number outside 0..1.
         """
-        row = self.rows[frame, category]
-        values = self.artifact.row("relevancy", row).astype(np.float32)
-        if not ((values >= 0) & (values <= 1) | np.isnan(values)).all():
-            raise UserError(
-                f"{self.path}: relevancy[{row}], {category!r} in frame {frame}, holds numbers outside 0..1; "
-                "scale them, and put NaN where nothing is seen"
-            )
-        return values
+        return self.artifact.row("relevancy", self.rows[frame, category]).astype(np.float32)
 
 
 def open_relevancy(path: Path) -> Relevancy:

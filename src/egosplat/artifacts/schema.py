@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+from egosplat.artifacts.values import FINITE, Values
 
 
 @dataclass(frozen=True)
@@ -15,6 +18,7 @@ class Field:
         by_row: number of rows (indices of the first axis) in a chunk: ``True`` (one) for arrays that are read frame by
             frame, a number that gives chunks of a few MB for many short rows, ``False`` for all rows.
         optional: whether an artifact may lack it.
+        values: the numbers that it may hold.
     """
 
     dims: tuple[str | int, ...]
@@ -23,6 +27,7 @@ class Field:
     about: str
     by_row: int = False
     optional: bool = False
+    values: Values = FINITE
 
 
 @dataclass(frozen=True)
@@ -42,3 +47,8 @@ def check_shape(declared: Field, shape: tuple[int, ...], sizes: dict[str, int], 
         expected = dim if isinstance(dim, int) else sizes.setdefault(dim, size)
         if size != expected:
             raise ValueError(f"{name!r} has size {size} along axis {dim!r}, not {expected}")
+
+
+def sizes_of(axes: Mapping[str, int], facts: Mapping[str, Any]) -> dict[str, int]:
+    """Sizes that bound indices: of the axes, and of the facts that are lists."""
+    return {name: len(fact) for name, fact in facts.items() if isinstance(fact, list)} | dict(axes)

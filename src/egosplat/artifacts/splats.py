@@ -5,6 +5,14 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.values import (
+    ANY,
+    COUNT,
+    FINITE_OR_UNKNOWN,
+    POSES_OR_UNKNOWN,
+    SCALE_OR_UNKNOWN,
+    Values,
+)
 
 # Values of ``corrections/source``.
 AS_GIVEN, TRAINED, FITTED, INTERPOLATED = range(4)
@@ -31,31 +39,51 @@ SPLATS = Schema(
             "-",
             "codes of all levels, side by side, where they were trained with the geometry; else no column",
         ),
-        "curve/iteration": Field(("record",), "int64", "iteration", "last iteration of each record"),
-        "curve/loss": Field(
-            ("record",), "float64", "-", "mean loss of the iterations since the record before"
+        "curve/iteration": Field(
+            ("record",), "int64", "iteration", "last iteration of each record", values=COUNT
         ),
-        "curve/gaussians": Field(("record",), "int64", "count", "Gaussians after that iteration"),
-        "history/iteration": Field(("evaluation",), "int64", "iteration", "when Gaussians were evaluated"),
+        "curve/loss": Field(
+            ("record",), "float64", "-", "mean loss of the iterations since the record before", values=ANY
+        ),
+        "curve/gaussians": Field(
+            ("record",), "int64", "count", "Gaussians after that iteration", values=COUNT
+        ),
+        "history/iteration": Field(
+            ("evaluation",), "int64", "iteration", "when Gaussians were evaluated", values=COUNT
+        ),
         "history/psnr": Field(
-            ("evaluation",), "float64", "dB", "mean over the held-out frames; NaN without any"
+            ("evaluation",), "float64", "dB", "mean over the held-out frames; NaN without any", values=ANY
         ),
         "history/ssim": Field(
-            ("evaluation",), "float64", "-", "mean over the held-out frames; NaN without any"
+            ("evaluation",),
+            "float64",
+            "-",
+            "mean over the held-out frames; NaN without any",
+            values=FINITE_OR_UNKNOWN,
         ),
-        "held_out/frame": Field(("frame",), "int64", "index", "held-out frame's index in frames.zarr"),
+        "held_out/frame": Field(
+            ("frame",), "int64", "index", "held-out frame's index in frames.zarr", values=COUNT
+        ),
         "held_out/psnr": Field(
-            ("frame",), "float64", "dB", "of the Gaussians stored here, valid pixels only"
+            ("frame",), "float64", "dB", "of the Gaussians stored here, valid pixels only", values=ANY
         ),
-        "held_out/ssim": Field(("frame",), "float64", "-", "the same; NaN where no whole window is valid"),
+        "held_out/ssim": Field(
+            ("frame",),
+            "float64",
+            "-",
+            "the same; NaN where no whole window is valid",
+            values=FINITE_OR_UNKNOWN,
+        ),
         "held_out/render": Field(
             ("frame", "height", "width", 3), "uint8", "sRGB", "the held-out frames, rendered", by_row=True
         ),
         # Only where poses or exposures are corrected. The scores and renders above are those after correction.
         "held_out/psnr_given": Field(
-            ("frame",), "float64", "dB", "with the poses of poses.zarr and no gain", optional=True
+            ("frame",), "float64", "dB", "with the poses of poses.zarr and no gain", optional=True, values=ANY
         ),
-        "held_out/ssim_given": Field(("frame",), "float64", "-", "the same", optional=True),
+        "held_out/ssim_given": Field(
+            ("frame",), "float64", "-", "the same", optional=True, values=FINITE_OR_UNKNOWN
+        ),
         "held_out/render_given": Field(
             ("frame", "height", "width", 3), "uint8", "sRGB", "the same", by_row=True, optional=True
         ),
@@ -65,6 +93,7 @@ SPLATS = Schema(
             "m",
             "poses of all frames after correction, OpenCV axes; NaN where not registered",
             optional=True,
+            values=POSES_OR_UNKNOWN,
         ),
         "corrections/source": Field(
             ("recorded_frame",),
@@ -72,6 +101,7 @@ SPLATS = Schema(
             "-",
             "0 as in poses.zarr, 1 trained, 2 held out and fitted afterwards, 3 between frames that were trained",
             optional=True,
+            values=Values(least=AS_GIVEN, most=INTERPOLATED),
         ),
         "corrections/shift": Field(
             ("recorded_frame", 3),
@@ -79,6 +109,7 @@ SPLATS = Schema(
             "m",
             "from the camera's center in poses.zarr to that after correction, in the world",
             optional=True,
+            values=FINITE_OR_UNKNOWN,
         ),
         "corrections/turn": Field(
             ("recorded_frame",),
@@ -86,6 +117,7 @@ SPLATS = Schema(
             "deg",
             "angle between the orientations before and after",
             optional=True,
+            values=SCALE_OR_UNKNOWN,
         ),
         "corrections/gain": Field(
             ("recorded_frame", 3),
@@ -93,6 +125,7 @@ SPLATS = Schema(
             "-",
             "factor of red, green and blue from the Gaussians' render to the frame",
             optional=True,
+            values=SCALE_OR_UNKNOWN,
         ),
     },
 )

@@ -1,6 +1,7 @@
 """Schema of ``tiles.zarr``: OpenCLIP features of the tiles of each training frame, at seven scales."""
 
 from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.values import COUNT
 
 SCALES = 7
 
@@ -14,7 +15,7 @@ TILES = Schema(
     "tiles",
     1,
     {
-        "frame": Field(("view",), "int32", "index", "training frame in frames.zarr"),
+        "frame": Field(("view",), "int32", "index", "training frame in frames.zarr", values=COUNT),
         **{
             scale_name(number): Field(
                 ("view", f"row_{number}", f"column_{number}", "channel"),

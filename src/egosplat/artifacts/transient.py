@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.schema import Field, Schema
+from egosplat.artifacts.values import ANY, COUNT, SCALE_OR_UNKNOWN, SHARE, SHARE_OR_UNKNOWN
 
 TRANSIENT = Schema(
     "transient",
@@ -15,6 +16,7 @@ TRANSIENT = Schema(
             "0..1",
             "the network's probability that the pixel is of something transient, of frames without a pose too",
             by_row=True,
+            values=SHARE,
         ),
         "stands_out": Field(
             ("frame", "height", "width"),
@@ -33,16 +35,23 @@ TRANSIENT = Schema(
             "squared sRGB in 0..1",
             "median squared difference of the frame to the temporary Gaussians after the warm-up; NaN if it was not measured: "
             "not trained on, or penalty_unit is absolute",
+            values=SCALE_OR_UNKNOWN,
         ),
         "weights": Field(
             ("number",), "float32", "-", "the network's tensors, flat, one after the other; facts name them"
         ),
-        "curve/iteration": Field(("record",), "int64", "iteration", "last iteration of each record"),
+        "curve/iteration": Field(
+            ("record",), "int64", "iteration", "last iteration of each record", values=COUNT
+        ),
         "curve/loss": Field(
-            ("record",), "float64", "-", "mean loss of the iterations since the record before"
+            ("record",), "float64", "-", "mean loss of the iterations since the record before", values=ANY
         ),
         "curve/probability": Field(
-            ("record",), "float64", "0..1", "mean probability in the same iterations; 0 in the warm-up"
+            ("record",),
+            "float64",
+            "0..1",
+            "mean probability in the same iterations; 0 in the warm-up",
+            values=SHARE_OR_UNKNOWN,
         ),
     },
 )
@@ -61,10 +70,10 @@ class InstanceScores:
 
         Args:
             labels: (L, H, W) instance at each level, -1 for none; an instance belongs to one level.
-            probability: (H, W) in [0, 1]; a value that is not finite counts as 0.
+            probability: (H, W) in [0, 1].
         """
         # float64: sums over all frames of a video exceed the digits of float16 and float32.
-        weight = np.nan_to_num(probability.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+        weight = probability.astype(np.float64)
         for level in labels:
             seen = level >= 0
             found = level[seen]

@@ -1,9 +1,10 @@
-"""Processor time and memory that a process has used, and the machine that it runs on."""
+"""Processor time and memory that a process has used, the machine that it runs on, and the commit of its code."""
 
 import functools
 import os
 import platform
 import resource
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -40,6 +41,27 @@ def machine() -> str:
     cuda = _used_cuda()
     gpu = "" if cuda is None else f", {cuda.get_device_name()}"
     return f"{_processor()}, {cores} core{'s' if cores > 1 else ''}{gpu}"
+
+
+@functools.cache
+def checkout(folder: Path = Path(__file__).parent) -> dict[str, Any]:
+    """The commit of the code in a folder, and whether the checkout is clean: as committed, and nothing added.
+
+    Both are None outside a checkout, or without git.
+    """
+    # An environment inside another repository is no checkout of egosplat: that repository does not track these files.
+    if not _git(folder, "ls-files"):
+        return {"commit": None, "clean": None}
+    return {"commit": _git(folder, "rev-parse", "HEAD"), "clean": _git(folder, "status", "--porcelain") == ""}
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """What git says of a folder; None if it cannot."""
+    try:
+        done = subprocess.run(["git", *words], check=False, cwd=folder, capture_output=True, text=True)
+    except OSError:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def _used_cuda() -> Any:

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,21 +12,23 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from egosplat.artifacts.integrity import check_replaceable, digest_of, seal
+from egosplat.artifacts.integrity import ArtifactError, check_replaceable, digest_of, seal
 from egosplat.artifacts.provenance import Provenance
-from egosplat.artifacts.schema import Field, Schema, check_shape
+from egosplat.artifacts.schema import Field, Schema, check_shape, sizes_of
 from egosplat.files import atomic_directory
 
 
 class Writer:
     """The arrays of an artifact that is being written; from ``create``."""
 
-    def __init__(self, group: zarr.Group, schema: Schema) -> None:
+    def __init__(self, path: Path, group: zarr.Group, schema: Schema) -> None:
+        self._path = path
         self._group = group
         self._schema = schema
         self._sizes: dict[str, int] = {}
         self._arrays: dict[str, zarr.Array] = {}
         self._rows_missing: dict[str, set[int]] = {}
+        self._highest: dict[str, int] = {}
         self.facts: dict[str, Any] = {}
         """Small results that are not arrays; plain JSON values."""
 
@@ -34,11 +37,14 @@ class Writer:
 
         Raises:
             ValueError: the shape or element type differs from the schema.
+            ArtifactError: the schema does not allow a number.
         """
         values = np.asarray(values)
         if values.dtype != np.dtype(self._declared(name).dtype):
             raise ValueError(f"{name}: {values.dtype} given, {self._declared(name).dtype} declared")
-        self._create(name, values.shape)[...] = values
+        array = self._create(name, values.shape)
+        self._check(name, values)
+        array[...] = values
 
     def allocate(self, name: str, shape: tuple[int, ...]) -> None:
         """Create an array whose rows ``put_row`` writes."""
@@ -47,17 +53,18 @@ class Writer:
         self._rows_missing[name] = set(range(shape[0]))
 
     def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
-        """Store row ``index`` of an allocated array; shape and element type must match exactly."""
+        """Store row ``index`` of an allocated array; shape and element type must match exactly. Raises as ``put``."""
         array = self._arrays[name]
         if values.shape != array.shape[1:] or values.dtype != array.dtype:
             raise ValueError(
                 f"{name}[{index}]: {values.dtype} {values.shape} given, {array.dtype} {array.shape[1:]} expected"
             )
+        self._check(name, values)
         array[index] = values
         self._rows_missing[name].discard(index)
 
     def finish(self) -> None:
-        """Check that every declared array and row was written."""
+        """Check that every declared array and row was written, and indices against the sizes that are known now."""
         needed = {name for name, declared in self._schema.fields.items() if not declared.optional}
         missing = sorted(needed - set(self._arrays))
         if missing:
@@ -65,6 +72,24 @@ class Writer:
         for name, rows in self._rows_missing.items():
             if rows:
                 raise ValueError(f"artifact {self._schema.name}: {name} lacks {len(rows)} rows")
+        sizes = sizes_of(self._sizes, self.facts)
+        for name, highest in self._highest.items():
+            self._raise(name, self._declared(name).values.find_fault(np.array(highest), sizes))
+
+    def _check(self, name: str, values: NDArray[Any]) -> None:
+        """Check the numbers of an array or of a row."""
+        allowed = self._declared(name).values
+        self._raise(name, allowed.find_fault(values, {}))
+        # Labels are written before the instances are counted.
+        if allowed.below is not None and values.size:
+            self._highest[name] = max(int(values.max()), self._highest.get(name, -1))
+
+    def _raise(self, name: str, fault: str) -> None:
+        if fault:
+            raise ArtifactError(
+                f"{self._path}: is not written: array {name!r} {fault}. An input may be broken: egosplat check "
+                f"{shlex.quote(str(self._path.parent))}"
+            )
 
     def _declared(self, name: str) -> Field:
         if name not in self._schema.fields:
@@ -100,12 +125,12 @@ def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Write
         provenance: its provenance; time and memory are recorded at the end of the block.
 
     Raises:
-        ArtifactError: something else is at ``path``.
+        ArtifactError: something else is at ``path``, or the schema does not allow a number.
     """
     check_replaceable(path, schema)
     with atomic_directory(path) as scratch:
         # Mode "w" would replace the folder and lose its lock.
-        writer = Writer(zarr.open_group(scratch, mode="a"), schema)
+        writer = Writer(path, zarr.open_group(scratch, mode="a"), schema)
         yield writer
         writer.finish()
         _write_attributes(scratch, schema, provenance, writer.facts)

@@ -23,9 +23,11 @@ from egosplat.baselines.options import MethodMetricsOptions
 from egosplat.errors import UserError
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
+    Setup,
     artifact_entries,
     frame_entries,
     query_entry,
+    setup_entries,
     write_metrics,
 )
 from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queries, find_frames
@@ -54,6 +56,9 @@ def run(
     options: MethodMetricsOptions,
     *,
     title: str,
+    preset: str | None = None,
+    world_seed: int | None = None,
+    camera: str | None = None,
 ) -> None:
     """Write another method's scores of a scene as JSON, see ``metrics.schema.yaml``.
 
@@ -61,6 +66,7 @@ def run(
         frames_path, poses_path, annotations_path: of the scene. Frames without a pose are not queried, as in ``metrics``.
         relevancy_path: maps in the layout of ``egosplat.artifacts.relevancy``; maps of other queries are ignored.
         title: ``DATASET/SCENE``.
+        preset, world_seed, camera: of the scene, as in ``Setup``.
 
     Raises:
         UserError: the inputs do not match, a query has no map, or a map does not follow the layout.
@@ -79,7 +85,9 @@ def run(
     answered = list(_answer(queries, annotations, maps, valid, options, options.hit_region))
     scores = summarise([one.score for one in answered], RESAMPLING)
     instances = instances_of(annotations)
+    own = record.record()
     document = {
+        **setup_entries(Setup(preset, world_seed, camera), frames, own, seed=None),
         "format_version": FORMAT_VERSION,
         "method": maps.method,
         "scene": title,
@@ -94,7 +102,7 @@ def run(
         "models": {},
         "artifacts": artifact_entries(made_from),
         "total": {"wall_s": None, "peak_memory_mb": None},
-        "provenance": record.record(),
+        "provenance": own,
     }
     write_metrics(output, document)
     log(f"{maps.method}: {len(answered)} queries; {len(maps.rows) - len(answered)} maps belong to no query")

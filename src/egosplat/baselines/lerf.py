@@ -106,7 +106,9 @@ def world_of(camera_to_world: NDArray[np.float64], device: torch.device) -> Worl
     positions = camera_to_world[:, :3, 3]
     center = positions.mean(axis=0)
     most = float(np.abs(positions - center).max())
-    return World(torch.from_numpy(center).to(device, torch.float32), most if most > 1e-6 else 1.0)
+    # In proportion, because the world may be in any unit.
+    least = 1e-9 * float(np.abs(positions).max())
+    return World(torch.from_numpy(center).to(device, torch.float32), most if most > least else 1.0)
 
 
 def feature_loss(found: Tensor, wanted: Tensor) -> Tensor:

@@ -1,5 +1,6 @@
 """Read a COLMAP model folder: ``cameras``, ``images`` and ``points3D``, all as .bin or all as .txt."""
 
+import re
 import struct
 import tempfile
 from pathlib import Path
@@ -8,39 +9,41 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.calibration.companions import MODEL_FILES, MODEL_SUFFIXES, model_files
+from egosplat.calibration.companions import MODEL_FILES, MODEL_SUFFIXES, model_files, text_names
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import invert, make_pose
 
+# A word of a line; a picture's name has an extension.
+_NOT_FINITE = re.compile(rb"(?<!\S)[-+]?(nan|inf|infinity)(?!\S)", re.IGNORECASE)
 
-def read_model(folder: Path, width: int, height: int) -> Contents:
-    """Read the camera, the poses and the points of a model.
+# A quaternion that was written with few digits.
+_MAX_LENGTH_ERROR = 1e-3
+
+
+def read_model(folder: Path) -> Contents:
+    """Read the cameras, the poses and the points of a model.
 
     Raises:
-        UserError: a file is missing or damaged, or the images have more than one camera.
+        UserError: a file is missing or damaged.
     """
-    model = _read(folder, _suffix(folder))
+    suffix = _suffix(folder)
+    model = _read(folder, suffix)
     images = sorted(
         (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
     )
     if not images:
         raise UserError(f"{folder}: has no image with a pose.")
-    used = {image.camera_id for image in images}
-    if len(used) > 1:
-        raise UserError(
-            f"{folder}: has {len(used)} cameras, but all pictures must share one. Run COLMAP again with "
-            "--ImageReader.single_camera 1."
-        )
-    camera = model.cameras[used.pop()]
-    lens = Lens(camera.model_name, camera.width, camera.height, tuple(map(float, camera.params)))
+    cameras = [_lens(model.cameras[image.camera_id]) for image in images]
+    lenses = list(dict.fromkeys(cameras))
     world_to_camera = np.stack([_world_to_camera(image) for image in images])
     points = [point for _, point in sorted(model.points3D.items())]
     return Contents(
-        camera_file=str(folder / f"cameras{_suffix(folder)}"),
-        pose_file=str(folder / f"images{_suffix(folder)}"),
-        lens=lens,
+        camera_file=str(folder / f"cameras{suffix}"),
+        pose_file=str(folder / f"images{suffix}"),
+        lenses=lenses,
+        lens_of=np.array([lenses.index(camera) for camera in cameras], np.int64),
         names=[image.name for image in images],
         camera_to_world=invert(make_pose(world_to_camera[:, :, :3], world_to_camera[:, :, 3])),
         points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
@@ -50,10 +53,16 @@ def read_model(folder: Path, width: int, height: int) -> Contents:
     )
 
 
+def _lens(camera: pycolmap.Camera) -> Lens:
+    return Lens(camera.model_name, camera.width, camera.height, tuple(map(float, camera.params)))
+
+
 def _world_to_camera(image: pycolmap.Image) -> NDArray[np.float64]:
-    """The (3, 4) matrix of an image; NaN for a quaternion of zeros, which pycolmap takes for no rotation."""
+    """The (3, 4) matrix of an image, which is no rotation if its quaternion has another length than 1."""
     motion = image.cam_from_world()
-    return motion.matrix() if np.linalg.norm(motion.rotation.quat) > 0.5 else np.full((3, 4), np.nan)
+    matrix, length = motion.matrix(), np.linalg.norm(motion.rotation.quat)
+    # pycolmap takes a quaternion of zeros, or of a scale alone, for no rotation.
+    return matrix if abs(length - 1) < _MAX_LENGTH_ERROR else matrix * [length, length, length, 1.0]
 
 
 def _suffix(folder: Path) -> str:
@@ -76,15 +85,51 @@ def _read(folder: Path, suffix: str) -> pycolmap.Reconstruction:
     if suffix == ".bin":
         for name in MODEL_FILES:
             _check_whole(folder / f"{name}.bin")
+    else:
+        for name in MODEL_FILES:
+            _check_finite(folder / f"{name}.txt")
     # COLMAP reads every file that it finds; here the three that are checked.
     with tempfile.TemporaryDirectory(prefix="egosplat-model-") as scratch:
         for name in MODEL_FILES:
             (Path(scratch) / f"{name}{suffix}").symlink_to((folder / f"{name}{suffix}").absolute())
         try:
-            return pycolmap.Reconstruction(scratch)
+            model = pycolmap.Reconstruction(scratch)
         except (ValueError, IndexError, RuntimeError, OSError) as error:
             reason = str(error).replace(f"{scratch}/", "").partition("\n")[0][-200:]
             raise UserError(f"{folder}: not a readable COLMAP model ({reason}). Export it again.") from error
+    if suffix == ".txt":
+        _check_names(folder / "images.txt")
+    return model
+
+
+def _check_names(path: Path) -> None:
+    """Check that no name has a space: COLMAP reads it to the first one.
+
+    Raises:
+        UserError: one has.
+    """
+    if broken := next((name for name in text_names(path) if " " in name), None):
+        raise UserError(
+            f"{path}: {broken}: the text format holds no names with spaces. Export the model as .bin."
+        )
+
+
+def _check_finite(path: Path) -> None:
+    """Check that a text file has finite numbers: COLMAP tells neither the file nor the line of another one.
+
+    Raises:
+        UserError: it has not.
+    """
+    content = path.read_bytes()
+    for found in _NOT_FINITE.finditer(content):
+        begin = content.rfind(b"\n", 0, found.start()) + 1
+        # COLMAP writes means into comments, which are not finite if there is nothing to average.
+        if content[begin : begin + 1] != b"#":
+            line = content.count(b"\n", 0, begin) + 1
+            raise UserError(
+                f"{path}: line {line}: {found[0].decode()} is no finite number. Export the "
+                "model again, or leave out what the line describes."
+            )
 
 
 def _check_whole(path: Path) -> None:

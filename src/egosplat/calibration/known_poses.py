@@ -1,5 +1,6 @@
 """Known poses of a plain recording: a COLMAP model folder, or a nerfstudio ``transforms.json`` (docs/recordings.md)."""
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from egosplat.calibration import colmap_model, transforms_json
-from egosplat.calibration.companions import KNOWN_POSES, companion_path, present_known_poses
+from egosplat.calibration.colmap_model import read_model
+from egosplat.calibration.companions import KNOWN_POSES, known_poses_path, present_known_poses
 from egosplat.calibration.contents import Contents
+from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.geometry import is_rigid
 
@@ -19,6 +21,29 @@ from egosplat.geometry import is_rigid
 _MAX_DEVIATION = 1e-3
 # Number of names listed in a message.
 _MAX_NAMES = 3
+# Share of the cameras by which the size of the scene is told, and the farthest from the origin in units of it: float32 then
+# still tells a pixel from the next.
+_MOST, _MAX_REACH = 0.9, 1e4
+# Not every end after a dot is an extension: ``frame.0001``.
+_EXTENSIONS = (
+    *(
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".webp",
+        ".tif",
+        ".tiff",
+        ".bmp",
+        ".gif",
+        ".heic",
+        ".heif",
+        ".avif",
+        ".jxl",
+        ".exr",
+        ".ppm",
+    ),
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"),
+)
 
 
 @dataclass(frozen=True)
@@ -45,10 +70,11 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
     """
     present = present_known_poses(recording, wanted)
     if wanted in KNOWN_POSES and not present:
-        path = companion_path(recording, KNOWN_POSES[wanted])
+        path = known_poses_path(recording, wanted)
         raise UserError(f"{path}: not found, but frames.known_poses is {wanted}.")
     if len(present) > 1:
-        names = " and ".join(companion_path(recording, KNOWN_POSES[kind]).name for kind in present)
+        folder = recording if recording.is_dir() else recording.parent
+        names = " and ".join(os.path.relpath(known_poses_path(recording, kind), folder) for kind in present)
         raise UserError(f"{recording}: has {names}. Choose with frames.known_poses={' or '.join(present)}.")
     return present[0] if present else None
 
@@ -58,44 +84,58 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
 
     Args:
         kind: from ``find_known_poses``.
-        width, height: size of the recording's full pictures [px].
+        width, height: size of the recording's full pictures [px], for a file that does not name it.
 
     Raises:
-        UserError: the file is damaged, its camera is not supported or has another size, or a pose is not rigid.
+        UserError: the file is damaged, a camera is not supported, or a pose is not rigid or far from all others.
     """
-    path = companion_path(recording, KNOWN_POSES[kind])
-    read = {"colmap": colmap_model.read_model, "transforms": transforms_json.read_transforms}[kind]
-    contents = read(path, width, height)
-    lens = contents.lens.check(contents.camera_file)
-    if (lens.width, lens.height) != (width, height):
-        raise UserError(
-            f"{contents.camera_file}: for {lens.width}x{lens.height} px, but the frames are {width}x{height}."
-        )
-    poses = np.stack(
-        [
-            _rigid(pose, f"{contents.pose_file}: {name}")
-            for name, pose in zip(contents.names, contents.camera_to_world, strict=True)
-        ]
-    )
+    path = known_poses_path(recording, kind)
+    contents = read_model(path) if kind == "colmap" else read_transforms(path, width, height)
+    for index, lens in enumerate(contents.lenses):
+        first = contents.names[int((contents.lens_of == index).argmax())]
+        lens.check(f"{contents.camera_file}: {first}" if len(contents.lenses) > 1 else contents.camera_file)
+    wheres = [f"{contents.pose_file}: {name}" for name in contents.names]
+    poses = np.stack([_rigid(*one) for one in zip(contents.camera_to_world, wheres, strict=True)])
+    _check_positions(poses[:, :3, 3], wheres)
     return contents.with_poses(poses)
 
 
+def _check_positions(centers: NDArray[np.float64], wheres: Sequence[str]) -> None:
+    """Check that the origin and all cameras are near each other, as float32 needs.
+
+    Raises:
+        UserError: they are not.
+    """
+    # The largest coordinate stands for the length, whose square may overflow.
+    away = np.abs(centers - np.median(centers, axis=0)).max(axis=1)
+    spread = float(np.quantile(away, _MOST, method="lower"))
+    farthest = int(np.abs(centers).max(axis=1).argmax())
+    reach = float(np.abs(centers[farthest]).max())
+    # Cameras at one place have no spread.
+    if reach > _MAX_REACH * (spread or 1.0):
+        raise UserError(
+            f"{wheres[farthest]}: {reach:.3g} from the origin, but most cameras lie within {spread:.3g} of each other. "
+            "Remove the pose, or subtract an offset from all positions and points."
+        )
+
+
 def match_pictures(names: Sequence[str], pictures: Sequence[str], path: Path) -> Match:
-    """Assign the entries of a file to pictures by name; folders do not count, and extensions may differ.
+    """Assign the entries of a file to pictures: one name is the end of the other, whose extension may differ.
 
     Args:
         names: of the entries, such as ``images/0001.jpg``.
-        pictures: file names of the pictures, or the numbers of a video's frames, counted from 0.
+        pictures: of the pictures from the recording's folder, or the numbers of a video's frames, counted from 0.
         path: of the file, for errors.
 
     Raises:
-        UserError: two entries match one picture, or no entry matches any.
+        UserError: two entries match one picture, an entry matches two, or no entry matches any.
     """
-    place = {picture: index for index, picture in enumerate(pictures)}
-    place |= {PurePosixPath(picture).stem: index for index, picture in enumerate(pictures)}
+    endings, numbers = _endings(pictures), {}
+    if all(re.fullmatch("[0-9]+", picture) for picture in pictures):
+        numbers = {int(picture): index for index, picture in enumerate(pictures)}
     row, unmatched = np.full(len(pictures), -1, np.int64), []
     for entry, name in enumerate(names):
-        found = next((place[key] for key in _keys(name) if key in place), None)
+        found = numbers.get(number_of(name)) if numbers else _place(name, endings, pictures, path)
         if found is None:
             unmatched.append(name)
         elif row[found] >= 0:
@@ -110,6 +150,53 @@ def match_pictures(names: Sequence[str], pictures: Sequence[str], path: Path) ->
     return Match(row, unmatched)
 
 
+def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
+    """Check that a video of ``count`` frames has the frames that the entries of a file number.
+
+    Raises:
+        UserError: it has not, as where the numbers begin at 1.
+    """
+    for name in names:
+        if (number_of(name) or 0) >= count:
+            raise UserError(
+                f"{path}: {name}: the video has the frames 0 to {count - 1}. Do the numbers begin at 1?"
+            )
+
+
+def number_of(name: str) -> int | None:
+    """The number of a video's frame that an entry is named by; None if it is no number."""
+    stem = _parts(name)[-1]
+    return int(stem) if re.fullmatch("[0-9]+", stem) else None
+
+
+def _place(
+    name: str, endings: dict[tuple[str, ...], list[int]], pictures: Sequence[str], path: Path
+) -> int | None:
+    """The picture that an entry means, by the longest ending of its name that is the whole name of one of the two."""
+    parts = _parts(name)
+    shorter = [
+        place
+        for start in range(len(parts))
+        for place in endings.get(parts[start:], ())
+        if _parts(pictures[place]) == parts[start:]
+    ]
+    found = shorter[:1] or endings.get(parts, [])
+    if len(found) > 1:
+        raise UserError(
+            f"{path}: {name} is both {pictures[found[0]]} and {pictures[found[1]]}; name its folder."
+        )
+    return found[0] if found else None
+
+
+def _endings(pictures: Sequence[str]) -> dict[tuple[str, ...], list[int]]:
+    """The pictures by each ending of their names."""
+    found: dict[tuple[str, ...], list[int]] = {}
+    for index, parts in enumerate(map(_parts, pictures)):
+        for start in range(len(parts)):
+            found.setdefault(parts[start:], []).append(index)
+    return found
+
+
 def unmatched_line(match: Match, path: Path) -> str | None:
     """The log line about entries without a picture; None if there are none."""
     if not match.unmatched:
@@ -120,11 +207,11 @@ def unmatched_line(match: Match, path: Path) -> str | None:
     return f"{path}: ignores {len(match.unmatched)} name{plural} without a picture: {listed}{more}"
 
 
-def _keys(name: str) -> list[str]:
-    """The spellings under which a picture may be known, the most exact first."""
+def _parts(name: str) -> tuple[str, ...]:
+    """The folders and the name of a picture, without its extension."""
     base = PurePosixPath(name.replace("\\", "/"))
-    number = [str(int(base.stem))] if re.fullmatch(r"[0-9]+", base.stem) else []
-    return [base.name, base.stem, *number]
+    known = base.suffix.lower() in _EXTENSIONS
+    return (*base.parts[:-1], base.stem if known else base.name)
 
 
 def _rigid(pose: NDArray[np.float64], where: str) -> NDArray[np.float64]:

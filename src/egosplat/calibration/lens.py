@@ -1,7 +1,7 @@
 """A camera with lens distortion, the pinhole camera that its pictures are rectified to, and ``camera.json``."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,9 +16,10 @@ from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.geometry import Camera
 
-# COLMAP's camera models without and with an angular (fisheye) projection. Its other models are rare.
+# COLMAP's camera models without and with an angular (fisheye) projection. Its other models are rare. The last is Aria's
+# FISHEYE624.
 _PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
-_FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
+_FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
 MODELS = (*_PERSPECTIVE, *_FISHEYE)
 
 # Points on each side of the picture at which the rectified field of view is measured.
@@ -42,17 +43,19 @@ class Lens:
         model: name of the model, such as ``OPENCV``.
         width, height: size of the pictures [px].
         params: in COLMAP's order: focal lengths, principal point [px], distortion.
+        radius: of the lens circle about the principal point [px]; None if the whole picture shows the scene.
     """
 
     model: str
     width: int
     height: int
     params: tuple[float, ...]
+    radius: float | None = None
 
     @classmethod
-    def of_facts(cls, facts: Mapping[str, Any] | None) -> "Lens | None":
-        """The lens of a plain JSON object with its attributes; None for None."""
-        return None if facts is None else cls(**{**facts, "params": tuple(facts["params"])})
+    def of_facts(cls, facts: Mapping[str, Any]) -> "Lens":
+        """The lens of a plain JSON object with its attributes."""
+        return cls(**{**facts, "params": tuple(facts["params"])})
 
     def check(self, source: str) -> "Lens":
         """Check the values and return self.
@@ -72,7 +75,7 @@ class Lens:
             raise UserError(
                 f"{source}: {len(self.params)} parameters; {self.model} has {camera.params_info}."
             )
-        finite = all(map(math.isfinite, self.params)) and min(self.width, self.height) > 0
+        finite = all(map(math.isfinite, self.params)) and min(self.width, self.height, self.radius or 1) > 0
         positive = min(camera.focal_length_x, camera.focal_length_y) > 0
         cx, cy = camera.principal_point_x, camera.principal_point_y
         if not (finite and positive and 0 <= cx < self.width and 0 <= cy < self.height):
@@ -112,7 +115,7 @@ class Lens:
         cx, cy = camera.principal_point_x, camera.principal_point_y
         if self.is_pinhole:
             return Camera(self.width, self.height, fx, fy, cx, cy)
-        left, top, right, bottom = self._inner_view()
+        left, top, right, bottom = self.inner_view()
         zoom = max(self.width / (fx * (right - left)), self.height / (fy * (bottom - top)))
         fx, fy = fx * zoom, fy * zoom
         # As near to the lens's principal point as the view allows.
@@ -120,19 +123,23 @@ class Lens:
         cy = float(np.clip(cy, self.height - bottom * fy, -top * fy))
         return Camera(self.width, self.height, fx, fy, cx, cy)
 
-    def _inner_view(self) -> tuple[float, float, float, float]:
+    def _border(self) -> tuple[float, float, float, float]:
+        """Left, top, right, bottom [px] of the picture, or of the square in the lens circle."""
+        # Half a pixel inside, so that bilinear sampling has all its neighbors.
+        left, top, right, bottom = 0.5, 0.5, self.width - 0.5, self.height - 0.5
+        if self.radius is None:
+            return left, top, right, bottom
+        camera, half = self.colmap(), self.radius / math.sqrt(2)
+        cx, cy = camera.principal_point_x, camera.principal_point_y
+        return max(left, cx - half), max(top, cy - half), min(right, cx + half), min(bottom, cy + half)
+
+    def inner_view(self) -> tuple[float, float, float, float]:
         """Left, top, right, bottom of the largest rectangle in the undistorted border of the picture, at depth 1."""
         along = np.linspace(0.0, 1.0, _BORDER_POINTS)
-        # Half a pixel inside, so that bilinear sampling has all its neighbors.
-        x, y = 0.5 + along * (self.width - 1), 0.5 + along * (self.height - 1)
-        first, last = np.full_like(along, 0.5), np.full_like(along, 1.0)
-        sides = [
-            np.stack([first, y], 1),
-            np.stack([x, first], 1),
-            np.stack([last * (self.width - 0.5), y], 1),
-            np.stack([x, last * (self.height - 0.5)], 1),
-        ]
-        border = np.concatenate(sides)
+        left, top, right, bottom = self._border()
+        x, y = left + along * (right - left), top + along * (bottom - top)
+        sides = [(left, y), (x, top), (right, y), (x, bottom)]
+        border = np.concatenate([np.stack(np.broadcast_arrays(*side), 1) for side in sides])
         rays = self.colmap().cam_from_img(border)
         again = self.colmap().img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
         if not (np.abs(again - border) <= _MAX_ROUND_TRIP_PX).all():
@@ -140,8 +147,8 @@ class Lens:
                 f"the {self.model} lens {list(self.params)} cannot be rectified to a pinhole camera: its view is "
                 "too wide, or the distortion folds the picture. Crop the pictures, or calibrate again."
             )
-        left, top, right, bottom = np.split(rays, 4)
-        view = left[:, 0].max(), top[:, 1].max(), right[:, 0].min(), bottom[:, 1].min()
+        west, north, east, south = np.split(rays, 4)
+        view = west[:, 0].max(), north[:, 1].max(), east[:, 0].min(), south[:, 1].min()
         if not (view[0] < 0 < view[2] and view[1] < 0 < view[3]):
             raise UserError(f"the {self.model} lens {list(self.params)} leaves no view: calibrate again.")
         return tuple(map(float, view))
@@ -165,15 +172,37 @@ class Lens:
         return float(np.linalg.norm(shown - pixels, axis=1).max())
 
 
-class Rectifier:
-    """Maps full-size pictures, label maps and masks of a lens to its pinhole camera."""
+def shared_pinhole(lenses: Sequence[Lens], share: Sequence[int]) -> Camera:
+    """The pinhole camera of the rectified pictures of several lenses: the largest view that all show, without blank pixels.
 
-    def __init__(self, lens: Lens) -> None:
-        """Compute where each pixel of the pinhole camera lies in the picture."""
-        self.lens = lens
-        self.is_identity = lens.is_pinhole
+    Args:
+        share: number of pictures of each lens; the focal length is the median one of the pictures.
+
+    Raises:
+        UserError: they share less than a pixel.
+    """
+    if len(lenses) == 1:
+        return lenses[0].pinhole
+    views = np.array([lens.inner_view() for lens in lenses])
+    left, top, right, bottom = *views[:, :2].max(axis=0).tolist(), *views[:, 2:].min(axis=0).tolist()
+    focal = float(np.median(np.repeat([lens.pinhole.fx for lens in lenses], share)))
+    width, height = math.floor((right - left) * focal), math.floor((bottom - top) * focal)
+    if min(width, height) < 1:
+        raise UserError(
+            f"the {len(lenses)} cameras of the known poses share no view: make a scene of the pictures of each."
+        )
+    return Camera(width, height, focal, focal, -left * focal, -top * focal)
+
+
+class Rectifier:
+    """Maps full-size pictures, label maps and masks of a lens to a pinhole camera."""
+
+    def __init__(self, lens: Lens, target: Camera | None = None) -> None:
+        """Compute where each pixel of the pinhole camera ``target``, by default that of the lens, lies in the picture."""
+        target = target or lens.pinhole
+        self.is_identity = lens.is_pinhole and target == lens.pinhole
         if not self.is_identity:
-            self._u, self._v = _source_positions(lens)
+            self._u, self._v = _source_positions(lens, target)
 
     def image(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 picture -> (H, W, 3) uint8 of the pinhole camera, sampled bilinearly."""
@@ -201,9 +230,9 @@ class Rectifier:
         return labels[rows, columns]
 
 
-def _source_positions(lens: Lens) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _source_positions(lens: Lens, target: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Column and row, (H, W) float32 [px, pixel centers at integers as in OpenCV], of each pixel of the pinhole camera."""
-    target, camera = lens.pinhole, lens.colmap()
+    camera = lens.colmap()
     positions = np.empty((target.height, target.width, 2), np.float32)
     x = (np.arange(target.width) + 0.5 - target.cx) / target.fx
     for start in range(0, target.height, _ROWS_PER_BLOCK):
@@ -228,6 +257,10 @@ def read_camera_file(path: Path, width: int, height: int) -> Lens:
         raise UserError(
             f"{path}: not an object with the numbers {', '.join(_KEYS)} ({repr(error)[:200]})."
         ) from error
+    if other := [key for key in entries if key not in (*_KEYS, *_DISTORTION)]:
+        raise UserError(
+            f"{path}: {', '.join(other)[:200]}: not read; it has {', '.join((*_KEYS, *_DISTORTION))}."
+        )
     if (numbers[0], numbers[1]) != (width, height):
         raise UserError(f"{path}: for {numbers[0]:g}x{numbers[1]:g} px, but the frames are {width}x{height}.")
     return Lens("OPENCV", width, height, (*numbers[2:], *distortion)).check(str(path))

@@ -38,10 +38,18 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
         points = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)
         colors = np.full(points.shape, _GREY, np.uint8)
         if {"red", "green", "blue"} <= set(vertices.dtype.names):
-            colors = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1).astype(np.uint8)
+            colors = _in_bytes(np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1))
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
         raise UserError(f"{path}: not a readable PLY file of points ({str(error)[:100]}).") from error
     return points, colors
+
+
+def _in_bytes(colors: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Colors of another type as 0 to 255: fractions, or numbers up to the largest of their type."""
+    if colors.dtype == np.uint8:
+        return colors
+    most = np.iinfo(colors.dtype).max if np.issubdtype(colors.dtype, np.integer) else 1.0
+    return np.rint(np.nan_to_num(colors / most).clip(0, 1) * 255).astype(np.uint8)
 
 
 def _vertices(content: bytes) -> NDArray[np.void]:

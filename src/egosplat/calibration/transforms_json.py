@@ -1,6 +1,7 @@
-"""Read a nerfstudio ``transforms.json``: OpenGL camera axes, OpenCV distortion, an optional cloud of points."""
+"""Read a ``transforms.json`` of nerfstudio or instant-ngp: OpenGL camera axes, a camera for all or each, points, masks."""
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,47 +15,80 @@ from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.geometry import is_rigid
+from egosplat.geometry import ARIA_PIXEL_OFFSET, is_rigid
 
-_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")
-_INTRINSICS = (
-    *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y"),
-    *("k1", "k2", "k3", "k4", "p1", "p2"),
+_PERSPECTIVE = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
+_FISHEYE, _ARIA = "OPENCV_FISHEYE", "FISHEYE624"
+_MODELS = (*_PERSPECTIVE, _FISHEYE, _ARIA)
+
+# nerfstudio's order of ``distortion_params``; Aria's has twelve, in COLMAP's order.
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_PARAMETERS = {_ARIA: 12}
+# The keys of a camera, of the file or of a frame. instant-ngp has fields of view in degrees, others angles in radians.
+_NUMBERS = (
+    *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov"),
+    *("fisheye_crop_radius", *_DISTORTION),
 )
+_CAMERA = ("camera_model", "is_fisheye", "distortion_params", *_NUMBERS)
+_READ = ("frames", "applied_transform", "applied_scale", "ply_file_path")
+_READ_OF_FRAME = ("file_path", "transform_matrix", "mask_path")
+# What changes the meaning of pixels or poses and is not read; a number of 0 or false changes nothing.
+_REFUSED = (
+    *(
+        "transform_matrix_start",
+        "transform_matrix_end",
+        "from_mitsuba",
+        "latlong",
+        "equirectangular",
+        "orthographic",
+    ),
+    *("ftheta_p0", "ftheta_p1", "ftheta_p2", "ftheta_p3", "ftheta_p4", "k5", "k6", "omega", "skew"),
+)
+# pycolmap counts pixels in 32 bits.
+_MAX_SIDE = 2**31
 # Camera axes of OpenGL (x right, y up, z backward) to those of OpenCV.
 _OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
 
 
 def read_transforms(path: Path, width: int, height: int) -> Contents:
-    """Read the camera, the poses and the points.
+    """Read the cameras, the poses and the points.
 
     Args:
         width, height: size of the pictures [px], for files that do not name it.
 
     Raises:
-        UserError: the file is damaged, lacks a key, or its camera is not supported.
+        UserError: the file is damaged, lacks a key, or has one that is not supported.
     """
     document = _read_document(path)
     frames = document["frames"]
     names = [_name(frame, f"{path}: frames[{index}]") for index, frame in enumerate(frames)]
-    poses = np.stack(
-        [
-            _matrix(frame.get("transform_matrix"), 4, f"{path}: {name}: transform_matrix")
-            for name, frame in zip(names, frames, strict=True)
-        ]
-    )
+    wheres = [f"{path}: {name}" for name in names]
+    poses = [
+        _pose(frame.get("transform_matrix"), f"{where}: transform_matrix")
+        for where, frame in zip(wheres, frames, strict=True)
+    ]
+    for where, entries in ((str(path), document), *zip(wheres, frames, strict=True)):
+        _check_refused(entries, where)
+    cameras = [
+        _lens(_merged(document, frame, where), where, width, height)
+        for where, frame in zip(wheres, frames, strict=True)
+    ]
+    lenses = list(dict.fromkeys(cameras))
     notes = _world_notes(document, path)
     points, colors = _points(document, path)
     return Contents(
         camera_file=str(path),
         pose_file=str(path),
-        lens=_lens(document, names, path, width, height),
+        lenses=lenses,
+        lens_of=np.array([lenses.index(camera) for camera in cameras], np.int64),
         names=names,
-        camera_to_world=poses * _OPENGL,
+        camera_to_world=np.stack(poses) * _OPENGL,
         points=points,
         point_rgb=colors,
         point_views=np.zeros(len(points), np.int64),
         point_error_px=np.zeros(len(points)),
+        masks=_masks(document, path),
+        unread=_unread(document),
         notes=notes,
     )
 
@@ -77,59 +111,118 @@ def _name(frame: Mapping[str, Any], where: str) -> str:
     return name
 
 
-def _matrix(value: Any, rows: int, where: str) -> NDArray[np.float64]:
+def _pose(value: Any, where: str) -> NDArray[np.float64]:
+    """(4, 4) pose; a matrix of three rows gets the last one."""
     try:
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
-    if matrix.shape != (rows, 4):
-        raise UserError(f"{where} is not {rows} rows of 4 numbers.")
-    return matrix
+    if matrix.shape not in ((3, 4), (4, 4)):
+        raise UserError(f"{where} is not 4 rows of 4 numbers.")
+    return matrix if len(matrix) == 4 else np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
 
 
-def _lens(document: dict[str, Any], names: list[str], path: Path, width: int, height: int) -> Lens:
-    """The camera that all frames share."""
-    # A frame may override the file's camera, as nerfstudio reads it.
-    given = [_intrinsics(document | frame, path) for frame in document["frames"]]
-    for name, one in zip(names, given, strict=True):
-        if one != given[0]:
+def _check_refused(entries: Mapping[str, Any], where: str) -> None:
+    for key in _REFUSED:
+        if entries.get(key):
             raise UserError(
-                f"{path}: {name} has another camera than {names[0]}, but all pictures must share one."
+                f"{where}: {key} is not supported: render or undistort to a plain camera, then remove it."
             )
-    model, numbers = given[0]
-    width, height = numbers.get("w", width), numbers.get("h", height)
-    if width != int(width) or height != int(height):
-        raise UserError(f"{path}: w and h are {width:g} and {height:g}, not whole numbers of pixels.")
-    fx, fy = _focal_lengths(numbers, width, height, path)
-    pinhole = (fx, fy, numbers.get("cx", width / 2), numbers.get("cy", height / 2))
-    k1, k2, k3, k4, p1, p2 = (numbers.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
-    if model == "OPENCV_FISHEYE":
-        return Lens(model, int(width), int(height), (*pinhole, k1, k2, k3, k4))
-    if k4:
-        raise UserError(
-            f"{path}: k4 is not supported for camera_model {model}; use OPENCV_FISHEYE or k1 to k3."
-        )
-    if k3:
-        return Lens("FULL_OPENCV", int(width), int(height), (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0))
-    return Lens("OPENCV", int(width), int(height), (*pinhole, k1, k2, p1, p2))
 
 
-def _intrinsics(entries: Mapping[str, Any], path: Path) -> tuple[str, dict[str, float]]:
-    """The name of the camera model and the numbers of a camera."""
+def _unread(document: Mapping[str, Any]) -> list[str]:
+    """The keys of the file and of its frames that are neither read nor refused."""
+    keys = [key for key in document if key not in (*_CAMERA, *_READ, *_REFUSED)]
+    known = (*_CAMERA, *_READ_OF_FRAME, *_REFUSED)
+    return [
+        *dict.fromkeys([*keys, *(key for frame in document["frames"] for key in frame if key not in known)])
+    ]
+
+
+def _masks(document: Mapping[str, Any], path: Path) -> list[Path | None]:
+    """The mask of each frame; none if no frame has one."""
+    names = [frame.get("mask_path") for frame in document["frames"]]
+    for name in filter(lambda name: name is not None, names):
+        if not (isinstance(name, str) and name and os.path.isfile(path.parent / name)):
+            raise UserError(f"{path}: mask_path {str(name)[:200]} is not the name of a picture beside it.")
+    return [None if name is None else path.parent / name for name in names] if any(names) else []
+
+
+def _merged(document: Mapping[str, Any], frame: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """The keys of a frame's camera: of the file, or of the frame."""
+    own = {key: frame[key] for key in _CAMERA if key in frame}
+    shared = {key: document[key] for key in _CAMERA if key in document}
+    for key in own.keys() & shared.keys():
+        # nerfstudio takes the file's, instant-ngp the frame's.
+        if own[key] != shared[key]:
+            raise UserError(f"{where}: {key} differs from that of the whole file; remove one of the two.")
+    return shared | own
+
+
+def _lens(entries: Mapping[str, Any], where: str, width: int, height: int) -> Lens:
+    """The camera of a frame."""
     # instant-ngp marks a fisheye lens by a key of its own.
-    model = entries.get("camera_model", "OPENCV_FISHEYE" if entries.get("is_fisheye") else "OPENCV")
+    model = entries.get("camera_model", _FISHEYE if entries.get("is_fisheye") else "OPENCV")
     if model not in _MODELS:
         raise UserError(
-            f"{path}: camera_model {str(model)[:40]} is not supported. Supported: {', '.join(_MODELS)}."
+            f"{where}: camera_model {str(model)[:40]} is not supported. Supported: {', '.join(_MODELS)}."
         )
-    numbers = {}
-    for key in _INTRINSICS:
-        if key in entries:
-            value = entries[key]
-            if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
-                raise UserError(f"{path}: {key} is {str(value)[:40]}, not a finite number.")
-            numbers[key] = float(value)
-    return model, numbers
+    numbers = {key: _number(entries[key], key, where) for key in _NUMBERS if key in entries}
+    w, h = numbers.get("w", width), numbers.get("h", height)
+    if not (1 <= w == int(w) < _MAX_SIDE and 1 <= h == int(h) < _MAX_SIDE):
+        raise UserError(f"{where}: w and h are {w:g} and {h:g}, not whole numbers of pixels.")
+    focal = _focal_lengths(numbers, w, h, where)
+    pinhole = (*focal, numbers.get("cx", w / 2), numbers.get("cy", h / 2))
+    distortion = _distortion(entries, numbers, model, where)
+    radius = None if model in _PERSPECTIVE else numbers.get("fisheye_crop_radius")
+    return Lens(*_in_colmap_order(model, pinhole, distortion, where, int(w), int(h)), radius)
+
+
+def _in_colmap_order(
+    model: str, pinhole: tuple[float, ...], distortion: list[float], where: str, width: int, height: int
+) -> tuple[str, int, int, tuple[float, ...]]:
+    """Model, size and parameters as COLMAP has them."""
+    if model == _ARIA:
+        # Aria's principal point counts from the center of the first pixel.
+        fx, fy, cx, cy = pinhole
+        center = (cx + ARIA_PIXEL_OFFSET, cy + ARIA_PIXEL_OFFSET)
+        return "RAD_TAN_THIN_PRISM_FISHEYE", width, height, (fx, fy, *center, *distortion)
+    k1, k2, k3, k4, p1, p2 = distortion
+    if model == _FISHEYE:
+        if p1 or p2:
+            raise UserError(f"{where}: p1 and p2 are not supported for camera_model {model}.")
+        return model, width, height, (*pinhole, k1, k2, k3, k4)
+    if k4:
+        raise UserError(
+            f"{where}: k4 is not supported for camera_model {model}; use OPENCV_FISHEYE or k1 to k3."
+        )
+    if k3:
+        return "FULL_OPENCV", width, height, (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
+    return "OPENCV", width, height, (*pinhole, k1, k2, p1, p2)
+
+
+def _distortion(
+    entries: Mapping[str, Any], numbers: Mapping[str, float], model: str, where: str
+) -> list[float]:
+    """The distortion in the order of ``distortion_params``."""
+    single = [numbers.get(key, 0.0) for key in _DISTORTION]
+    count, given = _PARAMETERS.get(model, len(_DISTORTION)), entries.get("distortion_params")
+    if given is None and count == len(single):
+        return single
+    if not isinstance(given, list) or len(given) != count:
+        raise UserError(f"{where}: distortion_params is not a list of {count} numbers, as {model} has.")
+    values = [_number(value, "distortion_params", where) for value in given]
+    if any(single) and values != single:
+        raise UserError(
+            f"{where}: has distortion_params and {', '.join(_DISTORTION)}; remove one of the two."
+        )
+    return values
+
+
+def _number(value: Any, key: str, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
+        raise UserError(f"{where}: {key} is {str(value)[:40]}, not a finite number.")
+    return float(value)
 
 
 def _is_finite(value: float) -> bool:
@@ -140,35 +233,35 @@ def _is_finite(value: float) -> bool:
 
 
 def _focal_lengths(
-    numbers: Mapping[str, float], width: float, height: float, path: Path
+    numbers: Mapping[str, float], width: float, height: float, where: str
 ) -> tuple[float, float]:
-    if "fl_x" in numbers:
-        return numbers["fl_x"], numbers.get("fl_y", numbers["fl_x"])
-    angle_x = numbers.get("camera_angle_x", 0.0)
-    if not 0 < angle_x < math.pi:
-        raise UserError(f"{path}: has neither fl_x nor camera_angle_x, so the focal length is not known.")
-    fx = width / (2 * math.tan(angle_x / 2))
-    angle_y = numbers.get("camera_angle_y", 0.0)
-    return fx, (height / (2 * math.tan(angle_y / 2)) if 0 < angle_y < math.pi else fx)
+    fx, fy = _focal_length(numbers, "x", width), _focal_length(numbers, "y", height)
+    if fx is None and fy is None:
+        raise UserError(f"{where}: has neither fl_x nor camera_angle_x, so the focal length is not known.")
+    return (fy if fx is None else fx), (fx if fy is None else fy)
+
+
+def _focal_length(numbers: Mapping[str, float], axis: str, side: float) -> float | None:
+    """The focal length [px] along an axis, given as it is or by the angle of view; None without either."""
+    if f"fl_{axis}" in numbers:
+        return numbers[f"fl_{axis}"]
+    angle = numbers.get(f"camera_angle_{axis}", math.radians(numbers.get(f"{axis}_fov", 0.0)))
+    return side / (2 * math.tan(angle / 2)) if 0 < angle < math.pi else None
 
 
 def _world_notes(document: dict[str, Any], path: Path) -> dict[str, Any]:
     """What the file says about its world: the rotation and the scale that nerfstudio applied."""
     notes: dict[str, Any] = {}
     if "applied_transform" in document:
-        applied = _matrix(document["applied_transform"], 3, f"{path}: applied_transform")
-        if not is_rigid(np.vstack([applied, [0.0, 0.0, 0.0, 1.0]])):
+        applied = _pose(document["applied_transform"], f"{path}: applied_transform")
+        if not is_rigid(applied):
             raise UserError(f"{path}: applied_transform is not a rotation and a translation.")
-        notes["applied_transform"] = applied.tolist()
+        notes["applied_transform"] = applied[:3].tolist()
     if "applied_scale" in document:
-        scale = document["applied_scale"]
-        if (
-            isinstance(scale, bool)
-            or not isinstance(scale, int | float)
-            or not (_is_finite(scale) and scale > 0)
-        ):
-            raise UserError(f"{path}: applied_scale is {str(scale)[:40]}, not a positive number.")
-        notes["applied_scale"] = float(scale)
+        scale = _number(document["applied_scale"], "applied_scale", str(path))
+        if scale <= 0:
+            raise UserError(f"{path}: applied_scale is {scale:g}, not a positive number.")
+        notes["applied_scale"] = scale
     return notes
 
 

@@ -274,6 +274,7 @@ def main() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     # huggingface_hub reads it on import. A download asks for its file and for nothing else.
     os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")
+    _open_closed_streams()
     end_with_snakemake()
     show_log()
     try:
@@ -288,6 +289,17 @@ def main() -> None:
         if (message := user_message(error)) is None:
             raise
         sys.exit(_say(message))
+
+
+def _open_closed_streams() -> None:
+    """Open standard streams that the caller closed, as some schedulers do: to nowhere."""
+    # The next opened file would take the free number, and a library's warning would be written into it.
+    while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(handle)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
 
 
 def _shortened(message: str) -> str:

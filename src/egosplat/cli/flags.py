@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from egosplat.errors import UserError
+from egosplat.pipeline import presets
 from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.config import parse_value
 from egosplat.pipeline.messages import describe_value, shorten, shown
@@ -19,11 +20,18 @@ ARTIFACT = click.Path(path_type=Path)
 
 OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --output if it is there."}
 
+PRESETS = sorted({*presets.FILES, *presets.FILES.values()})
+
 # Flags that come from the table of scenes.
 SCENE = {
     "title": click.Option(["--title"], default="scene", show_default=True, help="Title of the scene."),
     "method": click.Option(
         ["--method"], help="Published method that the codes stand for. [default: EgoSplat]"
+    ),
+    "preset": click.Option(["--preset"], type=click.Choice(PRESETS), help="Preset of the scene."),
+    "world_seed": click.Option(["--world-seed"], type=click.IntRange(0), help="synthetic.seed of the scene."),
+    "camera": click.Option(
+        ["--camera"], type=click.Choice(["ideal", "real"]), help="synthetic.camera of the scene."
     ),
     "format": click.Option(
         ["--format"],

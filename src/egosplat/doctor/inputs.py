@@ -7,12 +7,13 @@ from pathlib import Path
 import egosplat
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError, user_message
+from egosplat.files import expand_home
 from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
 from egosplat.pipeline.model_sets import locate_checkpoints
-from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes
+from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, table_of
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.variants import variant_config
 
@@ -119,7 +120,7 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
 def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[Config]:
     """The configuration, and those of the scenes in its table, if the table exists; see ``read_configuration``."""
     config, _ = read_configuration(files, options)
-    scenes = read_scenes(config).values() if Path(config["scenes"]).is_file() else ()
+    scenes = read_scenes(config).values() if table_of(config).is_file() else ()
     return [config, *(scene.config for scene in scenes)]
 
 
@@ -149,7 +150,7 @@ def model_findings(config: Config) -> Iterator[Finding]:
     config = locate_checkpoints(config)
     yield from (_model(model, config) for model in (SAM2, CLIP))
     if weights := config["transient"]["encoder_weights"]:
-        yield _encoder(Path(weights).expanduser())
+        yield _encoder(expand_home(weights))
     yield _compute(config)
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,8 @@ from egosplat.frames.recording import Instance
 from egosplat.models.configs import SMALL
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
-# Raised when a reader of older files would misread an entry.
-FORMAT_VERSION = 4
+# Raised with every change of the schema (docs/metrics.md).
+FORMAT_VERSION = 5
 
 
 def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
@@ -39,6 +39,42 @@ def finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How a scene was configured, as far as its artifacts do not tell.
+
+    Attributes:
+        preset: its preset.
+        world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
+    """
+
+    preset: str | None = None
+    world_seed: int | None = None
+    camera: str | None = None
+
+
+def setup_entries(
+    setup: Setup, frames: Artifact, record: Mapping[str, Any], seed: int | None
+) -> dict[str, Any]:
+    """The entries on what was measured, with which preset, seed and code."""
+    times = frames.read("timestamp_ns")
+    return {
+        "recording": {
+            "kind": frames.facts["format"],
+            "name": frames.facts["recording"],
+            "hash": frames.digest,
+            "frames": len(times),
+            "seconds": round(float(times[-1] - times[0]) * 1e-9, 3),
+            "seed": setup.world_seed,
+            "camera": setup.camera,
+        },
+        "seed": seed,
+        "preset": setup.preset,
+        "commit": record["commit"],
+        "clean": record["clean"],
+    }
 
 
 def query_entry(

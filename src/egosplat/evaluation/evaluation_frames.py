@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
 from egosplat.evaluation.options import ScoringOptions
@@ -76,11 +77,12 @@ class Evaluation:
         """
         if frame.held_out is None:
             return {}
-        groups: Mapping[str, Mask] = {"all": self.valid}
+        shown = shown_pixels(self.frames_artifact, frame.index, self.valid)
+        groups: Mapping[str, Mask] = {"all": shown}
         if frame.annotated:
-            groups = regions(self.map_of(frame), self.instances, self.valid)
+            groups = regions(self.map_of(frame), self.instances, shown)
         picture = self.splats.row(render, frame.held_out)
-        return region_scores(picture, self.frames_artifact.row("rgb", frame.index), self.valid, groups)
+        return region_scores(picture, self.frames_artifact.row("rgb", frame.index), shown, groups)
 
 
 def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, splats: Artifact) -> Evaluation:

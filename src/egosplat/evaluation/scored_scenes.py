@@ -21,9 +21,8 @@ STAGE = "metrics"
 # Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
 PROTOCOL = ("min_area", "excluded", "people", "hit_region")
 
-# Synthetic apartments in ADT format that are only for reporting: no default, threshold or design is chosen
-# with them.
-UNTOUCHED = tuple(f"scene{number}" for number in range(6, 11))
+# Validation apartments in ADT format: defaults are chosen on adt/scene1 to adt/scene5, and some were on these.
+VALIDATION = tuple(f"scene{number}" for number in range(6, 11))
 
 # Constant answers by their key in the scores: their accuracy is the chance level.
 CHANCE = {"random_pixel": "a random pixel", "middle_pixel": "the middle of the picture"}
@@ -116,9 +115,9 @@ class ScoredScene:
         )
 
     @property
-    def untouched(self) -> bool:
-        """Whether it is one of ``UNTOUCHED``."""
-        return (self.dataset, self.origin) == ("adt", "synthetic") and self.scene in UNTOUCHED
+    def validation(self) -> bool:
+        """Whether it is one of ``VALIDATION``."""
+        return (self.dataset, self.origin) == ("adt", "synthetic") and self.scene in VALIDATION
 
     @property
     def protocol(self) -> dict[str, Any]:

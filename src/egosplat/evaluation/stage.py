@@ -23,10 +23,12 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
+    Setup,
     artifact_entries,
     frame_entries,
     models_used,
     query_entry,
+    setup_entries,
     total_cost,
     write_metrics,
 )
@@ -60,7 +62,10 @@ def run(
     options: MetricsOptions,
     *,
     title: str,
-    method: str | None,
+    method: str | None = None,
+    preset: str | None = None,
+    world_seed: int | None = None,
+    camera: str | None = None,
     features_path: Path | None = None,
     tiles_path: Path | None = None,
 ) -> None:
@@ -68,6 +73,7 @@ def run(
 
     Args:
         method: name of the published method that the codes stand for; None for EgoSplat.
+        preset, world_seed, camera: as in ``Setup``.
         features_path: required unless the codes were learnt from tiles.
         tiles_path: required if they were.
 
@@ -106,7 +112,7 @@ def run(
         "length_unit": length_unit(poses),
         "queries": [query_entry(one, evaluation.instances, levels) for one in answered],
         **_rendering_entries(evaluation, answered),
-        **_provenance_entries(record, made_from),
+        **_provenance_entries(record, made_from, Setup(preset, world_seed, camera)),
     }
     write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
@@ -154,9 +160,11 @@ def _rendering_entries(evaluation: Evaluation, answered: Sequence[AnsweredQuery]
     return entries
 
 
-def _provenance_entries(provenance_of_run: Provenance, made_from: Lineage) -> dict[str, Any]:
-    record = provenance_of_run.record()
+def _provenance_entries(provenance_of_run: Provenance, made_from: Lineage, setup: Setup) -> dict[str, Any]:
+    record, found = provenance_of_run.record(), made_from.found
+    seed = found["splats.zarr"].provenance["options"]["seed"]
     return {
+        **setup_entries(setup, found["frames.zarr"], record, seed),
         "format_version": FORMAT_VERSION,
         "origin": provenance_of_run.origin,
         "provenance": record,

@@ -1,4 +1,4 @@
-"""Write frames, cameras and points as a data set for other programs: nerfstudio's ``transforms.json``, COLMAP's text files."""
+"""Write frames, cameras and points as a data set for other programs: nerfstudio's ``transforms.json``, COLMAP's model."""
 
 import json
 from collections.abc import Callable
@@ -10,13 +10,12 @@ import pycolmap
 from numpy.typing import NDArray
 from PIL import Image
 
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
-from egosplat.errors import UserError
 from egosplat.export.ply import ply_bytes, point_columns
 from egosplat.files import atomic_directory
 from egosplat.geometry import Camera, invert
@@ -61,10 +60,8 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
         write_cameras: ``write_nerfstudio`` or ``write_colmap``.
 
     Raises:
-        UserError: an artifact is missing or damaged, or ``output`` exists.
+        UserError: an artifact is missing or damaged.
     """
-    if output.exists():
-        raise UserError(f"{output}: is there already; give another --output, or remove it first")
     *paths, found = locate(scene, "frames", "poses", "splats", "masks")
     frames, poses, splats = map(open_artifact, paths, (FRAMES, POSES, SPLATS))
     masks = open_artifact(found, MASKS) if found.exists() else None
@@ -88,13 +85,14 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
 def _write_images(folder: Path, data: DataSet, frames: Artifact, masks: Artifact | None) -> None:
     (folder / "images").mkdir()
     valid = frames.read("valid")
-    hidden = masks is not None or not valid.all()
+    hidden = masks is not None or frames.has("masked") or not valid.all()
     if hidden:
         (folder / "masks").mkdir()
     for index, frame in enumerate(track(data.frame, "writing images")):
         Image.fromarray(frames.row("rgb", int(frame))).save(folder / "images" / data.image(index))
         if hidden:
-            shown = valid if masks is None else valid & ~masks.row("refined", int(frame))
+            shown = shown_pixels(frames, int(frame), valid)
+            shown = shown if masks is None else shown & ~masks.row("refined", int(frame))
             Image.fromarray(shown.astype(np.uint8) * 255).save(folder / "masks" / data.image(index))
 
 
@@ -125,7 +123,7 @@ def write_nerfstudio(data: DataSet, folder: Path) -> None:
 
 
 def write_colmap(data: DataSet, folder: Path) -> None:
-    """Write a COLMAP model as text to ``sparse/0``. Its points belong to no images."""
+    """Write a COLMAP model to ``sparse/0``, binary and as text. Its points belong to no images."""
     camera = data.camera
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
@@ -145,3 +143,5 @@ def write_colmap(data: DataSet, folder: Path) -> None:
     place = folder / "sparse" / "0"
     place.mkdir(parents=True)
     model.write_text(place)
+    # What most programs read first. The text reader that gsplat uses ends at the empty line of an image without points.
+    model.write_binary(place)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.errors import UserError
-from egosplat.files import check_output
+from egosplat.files import check_new_folder, check_output
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.pipeline.stages import STAGES
 
@@ -66,6 +66,8 @@ def plan_export(
     output = output or folder / name
     if format in _SUFFIXES:
         check_output(output, name, overwrite=overwrite)
+    else:
+        check_new_folder(output)
     return Exporting(format, output, query, codes)
 
 

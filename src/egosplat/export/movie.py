@@ -20,6 +20,7 @@ from egosplat.query.answer import rendering_camera
 from egosplat.query.answers import Answer, FoundThing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.scene import QueryScene
+from egosplat.query.text import clean_phrase
 
 # Views on the way to an answer and time of each [ms].
 _STEPS, _STEP_MS = 16, 90
@@ -47,7 +48,7 @@ def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
     Raises:
         UserError: no query has an answer; also as ``Scene.ask``.
     """
-    answers = scene.ask(*phrases, most=1)
+    answers = scene.ask(*map(clean_phrase, phrases), most=1)
     for one in answers:
         if one.refusal:
             log(f"{one.phrase!r} is left out: {one.refusal}")
@@ -76,7 +77,7 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
             yield _captioned(picture(scene.trained, frame), ""), _STEP_MS
         plain, lit = picture(scene.trained, thing.frame), picture(_lit(scene.trained, thing), thing.frame)
         size = " x ".join(f"{length:.2f}" for length in thing.size)
-        text = f'"{one.phrase}"   {size} {scene.unit}   score {one.score:.2f}'
+        text = f'"{one.phrase}"   {size} {scene.unit}   score {scene.options.shown(one.score)}'
         for share in np.arange(1, _LIGHTS + 1) / _LIGHTS:
             mixed = (1 - share) * plain + share * lit
             yield _captioned(mixed, text), _ANSWER_MS if share == 1 else _STEP_MS

@@ -1,6 +1,7 @@
 """Write Gaussians as .spz, version 3 (github.com/nianticlabs/spz): about a tenth of the .ply file."""
 
 import gzip
+import math
 import tempfile
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from egosplat.progress import log
 
 # Bits of a stored coordinate, with its sign.
 _BITS = 24
+
+# Natural logarithms of the least and the largest stored size: a byte holds sixteenths.
+_LOG_SIZES = -10.0, 255 / 16 - 10.0
 
 # Place of the flags in the header, and the flag of Gaussians that were trained with antialiasing.
 _FLAGS, _ANTIALIASED = 14, 1
@@ -33,7 +37,7 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
         antialiased: whether they were trained with antialiasing.
 
     Raises:
-        UserError: gsply is not installed.
+        UserError: gsply is not installed, or the format cannot hold the sizes of the Gaussians.
     """
     try:
         from gsply import GSData
@@ -42,6 +46,7 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
         raise UserError(
             'gsply is not installed; it comes with the extra "export": pip install "egosplat[export]"'
         ) from None
+    _check_sizes(path, gaussians)
     bits = fractional_bits(gaussians)
     kept = (gaussians.means.abs() < 2.0 ** (_BITS - 1 - bits)).all(dim=1)
     if left_out := int((~kept).sum()):
@@ -64,6 +69,17 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
     content[_FLAGS] |= _ANTIALIASED * antialiased
     with atomic_file(path) as scratch:
         scratch.write_bytes(gzip.compress(content, mtime=0))
+
+
+def _check_sizes(path: Path, gaussians: Gaussians) -> None:
+    """Check that the format holds most sizes: it cuts the others, which shows in no number."""
+    low, high = _LOG_SIZES
+    typical = float(gaussians.log_scales.median()) if gaussians.count else low
+    if not low <= typical <= high:
+        raise UserError(
+            f"{path}: .spz stores sizes of {math.exp(low):.1g} to {math.exp(high):.0f}, and most Gaussians have about "
+            f"{math.exp(typical):.1g}, in the world's unit. Set poses.meters_per_unit for the scene, or export ply"
+        )
 
 
 def fractional_bits(gaussians: Gaussians) -> int:

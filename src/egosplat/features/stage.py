@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
@@ -98,18 +97,11 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
         "consistent_code": consistent_codes,
         "decoder/values": compressed.decoder.values,
     }
-    _write(output, record, arrays, facts)
-    log(_summary_line(facts, result))
-
-
-def _write(output: Path, record: Provenance, arrays: dict[str, NDArray[Any]], facts: dict[str, Any]) -> None:
-    """Write the artifact, after checking that all values are finite."""
     with create(output, FEATURES, record) as artifact:
         for name, values in arrays.items():
-            if not np.isfinite(values).all():
-                raise ValueError(f"{name} is not finite")
             artifact.put(name, values)
         artifact.facts = facts
+    log(_summary_line(facts, result))
 
 
 def _read(view_features: Artifact) -> _Views:

@@ -1,8 +1,9 @@
 """Read the frames of Aria Digital Twin (ADT) recordings.
 
-Of a sequence only ``video.vrs``, and ``metadata.json`` for the origin, are read (docs/method.md#adt-files).
+Of a sequence only ``video.vrs`` (``recording.vrs`` of other Aria glasses), and ``metadata.json`` for the origin, are read (docs/method.md#adt-files).
 """
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from projectaria_tools.core.sensor_data import TimeDomain
 from projectaria_tools.core.stream_id import StreamId
 
 from egosplat.errors import UserError
-from egosplat.frames.files import ADT_VIDEO
+from egosplat.frames.files import ADT_VIDEOS, adt_video
 from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Capture
@@ -63,7 +64,7 @@ class AdtRecording:
             UserError: the folder or ``video.vrs`` is missing or damaged, or an option is out of range.
         """
         camera = pinhole(resolution, focal)
-        self._path = folder / ADT_VIDEO
+        self._path = adt_video(folder)
         self._provider = open_video(folder)
         timestamps = np.array(
             self._provider.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME), dtype=np.int64
@@ -130,8 +131,10 @@ def open_video(folder: Path) -> VrsDataProvider:
         UserError: the folder or the file is missing, or the file is damaged or has no RGB stream.
     """
     if not folder.is_dir():
-        raise UserError(f"{folder}: no such folder. Give the folder of an ADT sequence.")
-    path = folder / ADT_VIDEO
+        raise UserError(f"{folder}: no such folder. Give the folder of a sequence, not a file in it.")
+    path = adt_video(folder)
+    if not os.path.lexists(path):
+        raise UserError(f"{folder}: has no {' or '.join(ADT_VIDEOS)}. Download this file of the recording.")
     check_complete(path)
     try:
         with captured_log() as messages:
@@ -143,7 +146,9 @@ def open_video(folder: Path) -> VrsDataProvider:
     check_log(path, messages)
     log_messages(messages, path)
     if not provider.check_stream_is_active(RGB_STREAM):
-        raise UserError(f"{path}: has no RGB stream (214-1). Give the video.vrs of an ADT sequence.")
+        raise UserError(
+            f"{path}: has no RGB stream (214-1). Give a recording of Aria glasses with its color camera."
+        )
     return provider
 
 
@@ -155,7 +160,9 @@ def device_calibration(provider: VrsDataProvider, path: Path) -> DeviceCalibrati
     """
     device = provider.get_device_calibration()
     if device is None or device.get_camera_calib(RGB_LABEL) is None:
-        raise UserError(f"{path}: has no calibration of {RGB_LABEL}. Give the video.vrs of an ADT sequence.")
+        raise UserError(
+            f"{path}: has no calibration of {RGB_LABEL}. Give a recording of Aria glasses with its color camera."
+        )
     return device
 
 

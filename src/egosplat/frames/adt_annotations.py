@@ -5,15 +5,17 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from projectaria_tools.core.sensor_data import TimeDomain
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.frames.adt import RGB_STREAM, device_calibration, open_video, rectification
-from egosplat.frames.files import ADT_INSTANCES, ADT_SEGMENTATIONS, ADT_VIDEO, find_segmentation
+from egosplat.frames.files import ADT_INSTANCES, adt_video
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Instance
+from egosplat.frames.recording_files import ADT_SEGMENTATIONS, find_segmentation
 from egosplat.frames.vrs import check_complete, check_log
 from egosplat.geometry import Camera
 from egosplat.progress import log
@@ -64,11 +66,25 @@ class AdtAnnotations:
             log(f"{folder}: has no {WITH_PEOPLE}; reading {WITHOUT_PEOPLE}, which does not annotate people")
         check_complete(path)
         self._path = path
-        video = folder / ADT_VIDEO
-        device = device_calibration(open_video(folder), video)
+        video, opened = adt_video(folder), open_video(folder)
+        device = device_calibration(opened, video)
         self._rectification = rectification(device, camera, upright, video)
-        self._provider = _open_segmentation(folder, self._path)
+        self._provider = open_segmentation(folder, self._path)
+        self._log_covered(opened.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME))
         self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
+
+    def _log_covered(self, frames_ns: list[int]) -> None:
+        """Log which part of the recording is annotated, unless all of it is."""
+        # The segmentation nearest to a time before all others is the first.
+        first, last = (
+            time + self._provider.get_segmentation_image_by_timestamp_ns(time, RGB_STREAM).dt_ns()
+            for time in (0, 2**62)
+        )
+        if first > frames_ns[0] + self._max_age_ns or last < frames_ns[-1] - self._max_age_ns:
+            start_s, end_s = ((time - frames_ns[0]) * 1e-9 for time in (first, last))
+            log(
+                f"{self._path}: covers {start_s:.1f} s to {end_s:.1f} s after the first frame, and not the rest"
+            )
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
         """The instance of each pixel of the frame captured at ``timestamp_ns``; see ``Annotations.instance_map``.
@@ -147,9 +163,14 @@ def _instance(path: Path, key: str, entry: object) -> Instance:
     return Instance(identity, str(name), str(category), motion_type, instance_type)
 
 
-def _open_segmentation(folder: Path, path: Path) -> AriaDigitalTwinDataProvider:
+def open_segmentation(folder: Path, path: Path) -> AriaDigitalTwinDataProvider:
+    """Open the segmentation at ``path`` of the recording in ``folder``.
+
+    Raises:
+        UserError: it cannot be read.
+    """
     paths = AriaDigitalTwinDataPaths()
-    paths.aria_vrs_filepath = str(folder / ADT_VIDEO)
+    paths.aria_vrs_filepath = str(adt_video(folder))
     paths.segmentations_filepath = str(path)
     try:
         with captured_log() as messages:

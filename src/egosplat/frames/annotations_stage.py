@@ -11,9 +11,8 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.writer import create
-from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
-from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.keys import AnnotationKeys, Originals
 from egosplat.frames.options import AnnotationsOptions
 from egosplat.frames.recording import Annotations
 from egosplat.geometry import Camera
@@ -41,7 +40,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         camera=camera,
         upright=facts["upright"],
         max_age_ns=round(options.max_age_ms * 1e6),
-        lens=Lens.of_facts(facts.get("lens")),
+        originals=Originals.of_facts(facts, frames.read("timestamp_ns")),
     )
     made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=facts["format"])
     annotated = np.zeros(len(indices), bool)
@@ -56,7 +55,8 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         if reader and not annotated.any():
             raise UserError(
                 f"{recording_path}: none of the {len(indices)} evaluation frames is annotated. Are the annotations of "
-                "this recording? If so, raise frames.evaluation_frames."
+                "this recording? If so, they cover a part of it: take that part (frames.start_s, frames.end_s), or raise "
+                "frames.evaluation_frames."
             )
         artifact.put("frame", indices)
         artifact.put("annotated", annotated)
@@ -78,7 +78,7 @@ def open_annotations(
     camera: Camera,
     upright: bool,
     max_age_ns: int = 3_000_000,
-    lens: Lens | None = None,
+    originals: Originals = Originals(),  # noqa: B008
 ) -> Annotations | None:
     """Open the annotations of a recording; None if it has none.
 
@@ -87,10 +87,10 @@ def open_annotations(
         camera: of the frames (``Capture.camera``).
         max_age_ns: largest time between a frame and its annotation; unused for plain recordings, which annotate
             frames by name.
-        lens: plain only: the lens that the frames were rectified from, or None.
+        originals: plain only: how its pictures became the frames.
 
     Raises:
         UserError: the format is unknown, the recording missing, or its annotations unreadable.
     """
-    keys = AnnotationKeys(camera, upright, max_age_ns, lens)
+    keys = AnnotationKeys(camera, upright, max_age_ns, originals)
     return load_module("annotations", format).open_annotations(path, keys)

@@ -9,14 +9,18 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from egosplat.calibration.companions import companion_path, known_pose_files
+from egosplat.calibration.companions import (
+    PICTURES,
+    companion_path,
+    known_pose_files,
+    mask_files,
+    picture_folders,
+)
 from egosplat.errors import UserError
-from egosplat.frames.recording_files import ANNOTATIONS, METADATA, is_annotated
+from egosplat.frames.recording_files import ANNOTATIONS, METADATA, find_segmentation, is_annotated
 
-ADT_VIDEO, ADT_INSTANCES = "video.vrs", "instances.json"
-
-# In order of preference: releases without people's masks have the second.
-ADT_SEGMENTATIONS = ("segmentations_with_skeleton.vrs", "segmentations.vrs")
+# The first is ADT's, the second that of Aria Everyday Activities and of Aria's tools.
+ADT_VIDEOS, ADT_INSTANCES = ("video.vrs", "recording.vrs"), "instances.json"
 
 HOI4D_VIDEO, HOI4D_INTRINSICS = Path("align_rgb") / "image.mp4", "intrin.npy"
 
@@ -32,8 +36,6 @@ CAMERA_FILE, VALID_MASK = "camera.json", "valid.png"
 # The table of instances in the folder of a plain recording's annotations.
 INSTANCES_TABLE = "instances.tsv"
 
-_PICTURES = (".png", ".jpg", ".jpeg")
-
 _PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
 _SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
 
@@ -47,7 +49,7 @@ def frames_files(format: str, recording: Path, known_poses: str) -> list[Path]:
         known_poses: ``frames.known_poses``.
     """
     if format == "adt":
-        return _existing(recording / ADT_VIDEO, recording / METADATA)
+        return _existing(adt_video(recording), recording / METADATA)
     if format == "hoi4d":
         folder = _sequence(recording)
         return [] if folder is None else _existing(folder / HOI4D_VIDEO, *intrinsics_files(folder)[:1])
@@ -56,26 +58,29 @@ def frames_files(format: str, recording: Path, known_poses: str) -> list[Path]:
     return _existing(*video, *companions, *known_pose_files(recording, known_poses))
 
 
-def annotations_files(format: str, recording: Path) -> list[Path]:
+def annotations_files(format: str, recording: Path, known_poses: str) -> list[Path]:
     """The existing files that the stage ``annotations`` opens, without masks and pictures; arguments as above."""
     if format == "adt":
         found = find_segmentation(recording)
-        return _existing(recording / ADT_VIDEO, recording / ADT_INSTANCES, *([found] if found else []))
+        return _existing(adt_video(recording), recording / ADT_INSTANCES, *([found] if found else []))
     if format == "hoi4d" or not is_annotated(format, recording):
         return []
     video = [] if recording.is_dir() else [recording]
-    return _existing(*video, companion_path(recording, ANNOTATIONS) / INSTANCES_TABLE)
+    table = companion_path(recording, ANNOTATIONS) / INSTANCES_TABLE
+    return _existing(*video, table, *known_pose_files(recording, known_poses))
 
 
-def pictures_of(stage: str, format: str, recording: Path) -> list[Path]:
-    """The images of folders that a stage opens some or all of, of which there may be thousands."""
+def pictures_of(stage: str, format: str, recording: Path, known_poses: str) -> list[Path]:
+    """The images of folders that a stage opens some or all of, of which there may be thousands; arguments as above."""
     if format == "adt" or stage not in ("frames", "annotations"):
         return []
     if format == "hoi4d":
         folder = _sequence(recording)
         masks = folder and find_masks(folder)
         return list_masks(masks) if masks and stage == "annotations" else []
-    pictures = list_pictures(recording) if recording.is_dir() else []
+    folders = picture_folders(recording, known_poses) if recording.is_dir() else []
+    pictures = [picture for folder in folders for picture in list_pictures(folder)]
+    pictures += mask_files(recording, known_poses)
     if stage == "annotations" and is_annotated(format, recording):
         pictures += list_masks(companion_path(recording, ANNOTATIONS))
     return pictures
@@ -90,16 +95,16 @@ def digest_of_files(files: Iterable[Path]) -> str:
     return hashlib.sha256(repr(told).encode()).hexdigest()[:16]
 
 
-def find_segmentation(folder: Path) -> Path | None:
-    """The segmentation of an ADT sequence, preferably the one with people; None if there is none."""
-    candidates = [folder / name for name in ADT_SEGMENTATIONS]
-    # A broken link is not a missing file: opening it reports the error.
-    return next((path for path in candidates if os.path.lexists(path)), None)
+def adt_video(folder: Path) -> Path:
+    """The recording of a sequence of Aria glasses, whether it exists or not; ADT has another name than Aria's own tools."""
+    return next(
+        (folder / name for name in ADT_VIDEOS if os.path.lexists(folder / name)), folder / ADT_VIDEOS[0]
+    )
 
 
 def list_pictures(folder: Path) -> list[Path]:
     """The pictures of a plain recording, in no order."""
-    files = [path for path in folder.iterdir() if path.suffix.lower() in _PICTURES and path.name[0] != "."]
+    files = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != "."]
     return [path for path in files if path.name != VALID_MASK and path.is_file()]
 
 

@@ -1,9 +1,11 @@
 """Read a folder of images as a recording."""
 
+import contextlib
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,41 +23,83 @@ INTERVAL_NS = 1_000_000_000
 _OTHER_SUFFIXES = (".gif", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif", ".avif", ".jxl", ".dng")
 
 _EIGHT_BIT = ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr")
-_ORIENTATION_TAG, _TRANSPOSED = 0x0112, (5, 6, 7, 8)
+_ORIENTATION_TAG, _UPRIGHT, _TRANSPOSED = 0x0112, 1, (5, 6, 7, 8)
+# Compression leaves gray values where a mask is black.
+_BLACK_OF_JPEG = 127
 
 
 class ImageFolder:
-    """The png, jpg and jpeg images of a folder, in natural order (2 before 10); EXIF orientation is applied.
+    """The png, jpg and jpeg images of a folder, in natural order (2 before 10).
 
     Attributes:
         paths: the images.
-        width, height: size of every image after EXIF orientation [px].
+        names: their paths from the folder.
+        turned: whether EXIF orientation is applied.
+        sizes: width and height of each [px].
+        width, height: the most common size [px].
         timestamp_ns: (N,) int64: image number times ``INTERVAL_NS``.
     """
 
-    def __init__(self, path: Path) -> None:
-        """List the images and check their sizes without decoding them; log ignored formats.
+    def __init__(self, path: Path, folders: Sequence[Path] | None = None, *, turned: bool = True) -> None:
+        """List the images and read their sizes without decoding them; log ignored formats.
+
+        Args:
+            folders: in ``path``, with the images; None: ``path`` itself.
+            turned: whether EXIF orientation is applied.
 
         Raises:
-            UserError: there is no image, one is unreadable, two share a name, or sizes differ.
+            UserError: there is no image, one is unreadable, or two share a name.
         """
-        self.path = path
-        self.paths = sorted(list_pictures(path), key=natural_key)
-        others = _other_formats(path)
-        if not self.paths:
+        self.path, self.turned = path, turned
+        folders = folders or [path]
+        listed = [image for each in folders for image in sorted(list_pictures(each), key=natural_key)]
+        others = _other_formats(folders)
+        if not listed:
             raise UserError(f"{path}: has no png, jpg or jpeg image{f', but {others}' if others else '.'}")
         if others:
             log(f"{path}: ignores {others}")
-        _check_names(self.paths)
-        sizes = [_shown_size(image) for image in self.paths]
-        (self.width, self.height), _ = Counter(sizes).most_common(1)[0]
-        for image, (width, height) in zip(self.paths, sizes, strict=True):
+        _check_names(listed)
+        self._list([_Header.read(image) for image in listed])
+
+    def _list(self, headers: "list[_Header]") -> None:
+        self._headers = headers
+        self.paths, self.sizes = [one.path for one in headers], [one.shown(self.turned) for one in headers]
+        self.names = [os.path.relpath(image, self.path) for image in self.paths]
+        (self.width, self.height), _ = Counter(self.sizes).most_common(1)[0]
+        self.timestamp_ns = np.arange(len(headers), dtype=np.int64) * INTERVAL_NS
+
+    def turn(self) -> None:
+        """Apply EXIF orientation from now on."""
+        self.turned = True
+        self.keep(np.arange(len(self.paths)))
+
+    def keep(self, places: NDArray[np.int64]) -> None:
+        """Keep the images at these places alone, at their times."""
+        times = self.timestamp_ns[places]
+        self._list([self._headers[place] for place in places])
+        self.timestamp_ns = times
+
+    @property
+    def oriented(self) -> int:
+        """Number of images with an EXIF orientation that is not upright."""
+        return sum(one.orientation != _UPRIGHT for one in self._headers)
+
+    def has_alpha(self, frame: int) -> bool:
+        """Whether an image has transparent pixels, or may have."""
+        return self._headers[frame].alpha
+
+    def check_sizes(self) -> None:
+        """Check that all images have the same size.
+
+        Raises:
+            UserError: they have not.
+        """
+        for image, (width, height) in zip(self.paths, self.sizes, strict=True):
             if (width, height) != (self.width, self.height):
                 raise UserError(
                     f"{image}: {width}x{height} px, but most images of the folder are "
                     f"{self.width}x{self.height}. All must have the same size."
                 )
-        self.timestamp_ns = np.arange(len(self.paths), dtype=np.int64) * INTERVAL_NS
 
     def read_frames(self, frames: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
         """Yield the (height, width, 3) uint8 RGB image of each number; transparency is dropped.
@@ -64,17 +108,33 @@ class ImageFolder:
             UserError: an image cannot be decoded.
         """
         for frame in frames:
-            yield read_rgb(self.paths[frame])
+            yield read_rgb(self.paths[frame], turned=self.turned)
+
+    def read_opaque(self, frame: int) -> NDArray[np.bool_]:
+        """(height, width) bool: pixels of an image without any transparency.
+
+        Raises:
+            UserError: the image cannot be decoded, or no pixel is opaque.
+        """
+        path = self.paths[frame]
+        with _opened(path, self.turned) as image:
+            opaque = np.array(image.convert("RGBA"))[..., 3] == 255
+        if not opaque.any():
+            raise UserError(
+                f"{path}: no pixel is opaque. Remove its alpha channel: magick mogrify -alpha off {path.name}"
+            )
+        return opaque
 
 
 def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Sort key that compares runs of digits as numbers; the name breaks ties (``1.png``, ``01.png``)."""
     parts = re.split(r"([0-9]+)", path.name)
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts], path.name
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
 
 
-def read_rgb(path: Path) -> NDArray[np.uint8]:
-    """Decode an image to (H, W, 3) uint8 RGB, with EXIF orientation applied.
+@contextlib.contextmanager
+def _opened(path: Path, turned: bool) -> Iterator[Image.Image]:
+    """Open an image, turned upright or as its file has it.
 
     Raises:
         UserError: it cannot be decoded, or has more than 8 bits per channel.
@@ -83,9 +143,35 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
         with Image.open(path) as image:
             if image.mode not in _EIGHT_BIT:
                 raise UserError(f"{path}: pixels of type {image.mode}. Convert it to 8 bits per channel.")
-            return np.array(ImageOps.exif_transpose(image).convert("RGB"))
+            yield ImageOps.exif_transpose(image) if turned else image
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise UserError(f"{path}: not a readable image ({error}).") from error
+
+
+def read_rgb(path: Path, *, turned: bool = True) -> NDArray[np.uint8]:
+    """Decode an image to (H, W, 3) uint8 RGB.
+
+    Args:
+        turned: whether EXIF orientation is applied.
+
+    Raises:
+        UserError: it cannot be decoded, or has more than 8 bits per channel.
+    """
+    with _opened(path, turned) as image:
+        return np.array(image.convert("RGB"))
+
+
+def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
+    """Read a mask: (height, width) bool, True where the image is not black.
+
+    Raises:
+        UserError: the mask is missing, unreadable, or has another size than the pictures.
+    """
+    black = _BLACK_OF_JPEG if path.suffix.lower() in (".jpg", ".jpeg") else 0
+    mask = (read_rgb(path) > black).any(axis=2)
+    if mask.shape != (height, width):
+        raise UserError(f"{path}: {mask.shape[1]}x{mask.shape[0]} px, but the frames are {width}x{height}.")
+    return mask
 
 
 def read_valid(path: Path, width: int, height: int) -> NDArray[np.bool_]:
@@ -99,17 +185,15 @@ def read_valid(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     # A broken link is not a missing file: reading it reports the error.
     if not os.path.lexists(path):
         return np.ones((height, width), dtype=bool)
-    mask = read_rgb(path).any(axis=2)
-    if mask.shape != (height, width):
-        raise UserError(f"{path}: {mask.shape[1]}x{mask.shape[0]} px, but the frames are {width}x{height}.")
+    mask = read_mask(path, width, height)
     if not mask.any():
         raise UserError(f"{path}: all black, so no pixel is left. White pixels show the scene.")
     return mask
 
 
-def _other_formats(folder: Path) -> str:
+def _other_formats(folders: Sequence[Path]) -> str:
     """Number of images in formats that are not read, and the command that converts them; empty if there are none."""
-    files = [path for path in folder.iterdir() if path.name[0] != "." and path.is_file()]
+    files = [path for each in folders for path in each.iterdir() if path.name[0] != "." and path.is_file()]
     counts = Counter(path.suffix for path in files if path.suffix.lower() in _OTHER_SUFFIXES)
     if not counts:
         return ""
@@ -121,17 +205,35 @@ def _other_formats(folder: Path) -> str:
 def _check_names(images: list[Path]) -> None:
     """Reject two images whose names differ only in the extension."""
     # They are probably the same image: one copy would train and the other would be held out.
-    first: dict[str, Path] = {}
+    first: dict[Path, Path] = {}
     for image in images:
-        if (other := first.setdefault(image.stem, image)) is not image:
+        if (other := first.setdefault(image.with_suffix(""), image)) is not image:
             raise UserError(f"{image.parent}: {other.name} and {image.name} are the same image. Remove one.")
 
 
-def _shown_size(path: Path) -> tuple[int, int]:
-    try:
-        with Image.open(path) as image:
-            width, height = image.size
-            turned = image.getexif().get(_ORIENTATION_TAG) in _TRANSPOSED
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise UserError(f"{path}: not a readable image ({error}).") from error
-    return (height, width) if turned else (width, height)
+@dataclass(frozen=True)
+class _Header:
+    """What the head of an image's file says: size as stored [px], EXIF orientation, whether it has an alpha channel."""
+
+    path: Path
+    size: tuple[int, int]
+    orientation: int
+    alpha: bool
+
+    @classmethod
+    def read(cls, path: Path) -> "_Header":
+        """Read a header without decoding the image.
+
+        Raises:
+            UserError: the file is not an image.
+        """
+        try:
+            with Image.open(path) as image:
+                orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
+                return cls(path, image.size, orientation, image.has_transparency_data)
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            raise UserError(f"{path}: not a readable image ({error}).") from error
+
+    def shown(self, turned: bool) -> tuple[int, int]:
+        """Width and height [px] as the image is read."""
+        return self.size[::-1] if turned and self.orientation in _TRANSPOSED else self.size

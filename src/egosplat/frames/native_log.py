@@ -14,6 +14,8 @@ from pathlib import Path
 from egosplat.progress import log
 
 _COLOR_CODE = re.compile(r"\x1b\[[0-9;]*m")
+# FFmpeg names a part of itself with its address: [av1 @ 0x562b62ae5580].
+_ADDRESS = re.compile(r" @ 0x[0-9a-f]+")
 _CHATTER = re.compile(
     r"\[(INFO|DEBUG)\]"
     # Logged for every segmentation file of ADT; harmless.
@@ -50,7 +52,7 @@ def captured_log() -> Iterator[list[str]]:
 
 
 def _without_chatter(text: str) -> list[str]:
-    lines = (_COLOR_CODE.sub("", line).strip() for line in text.splitlines())
+    lines = (_ADDRESS.sub("", _COLOR_CODE.sub("", line)).strip() for line in text.splitlines())
     return [line for line in lines if line and not _CHATTER.search(line)]
 
 

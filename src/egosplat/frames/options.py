@@ -42,8 +42,8 @@ class FramesOptions(Options):
     Training on them raises all scores."""
 
     known_poses: Literal["auto", "colmap", "transforms", "none"] = "auto"
-    """File of a plain recording with its calibration and poses (docs/recordings.md). colmap: the folder colmap, a
-    COLMAP model. transforms: transforms.json. auto: whichever exists. none: neither."""
+    """File of a plain recording with its calibration and poses (docs/recordings.md). colmap: the folder colmap or
+    sparse/0, a COLMAP model. transforms: transforms.json. auto: whichever exists. none: neither."""
 
     lens: Literal["auto", "radial", "pinhole"] = "auto"
     """Whether frames of a plain recording without a calibration are rectified from radial distortion that COLMAP

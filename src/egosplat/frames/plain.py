@@ -9,18 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.distortion import lens_of_frames
-from egosplat.calibration.companions import AUTO, KNOWN_POSES, companion_path
-from egosplat.calibration.known_poses import (
-    find_known_poses,
-    match_pictures,
-    read_known_poses,
-    unmatched_line,
-)
-from egosplat.calibration.lens import Lens, Rectifier, read_camera_file
+from egosplat.calibration.companions import AUTO, companion_path
+from egosplat.calibration.known_poses import find_known_poses
 from egosplat.errors import UserError
-from egosplat.frames.files import CAMERA_FILE, VALID_MASK
-from egosplat.frames.images import ImageFolder, read_valid
+from egosplat.frames.files import VALID_MASK
+from egosplat.frames.images import ImageFolder, read_mask, read_valid
 from egosplat.frames.keys import ReaderKeys
+from egosplat.frames.picture_cameras import Calibration, calibrate, has_alpha, picture_names, size_of
 from egosplat.frames.recording import Capture
 from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
 from egosplat.frames.video import Video, open_source
@@ -70,16 +65,15 @@ class PlainRecording:
         Raises:
             UserError: the source or the calibration cannot be read, or an option is out of range.
         """
-        self._source = open_source(path)
-        guess = _guess_camera(self._source.width, self._source.height)
-        width, height = fit(guess, resolution, path)
-        times, pictures = self._source.timestamp_ns, picture_names(self._source)
         kind = find_known_poses(path, known_poses)
-        calibration = _read_lens(path, kind, guess, pictures)
-        valid = read_valid(companion_path(path, VALID_MASK), guess.width, guess.height)
-        self._rectifier: Rectifier | None = None
+        self._source = open_source(path, kind)
+        self._calibration = calibrate(path, kind, self._source)
+        full = self._calibration.pinhole or _guess_camera(self._source.width, self._source.height)
+        width, height = fit(full, resolution, path)
+        times, pictures = self._source.timestamp_ns, picture_names(self._source)
+        self._valid = _read_valid(path, self._source)
         # At full size, so that a reduced pixel is valid only if all its pixels are.
-        reduced = resize_mask(valid, width, height)
+        reduced = resize_mask(self._valid, width, height)
         interval = {"start_s": start_s, "end_s": end_s, "source": path}
         self._frames = select_frames(times, stride=stride, **interval)
         if pick == SHARPEST and stride > 1:
@@ -87,19 +81,24 @@ class PlainRecording:
             self._frames = select_sharpest(every, self._sharpness(every, reduced), stride)
         if kind is None and (line := stride_advice(times[self._frames], stride)):
             log(f"{path.name}: {line}")
-        self.capture = Capture.of_video(times[self._frames], guess.scaled_to(width, height), False, reduced)
-        estimated, evidence = None, None
-        if calibration is None:
+        self.capture = Capture.of_video(times[self._frames], full.scaled_to(width, height), False, reduced)
+        evidence, calibrated = None, bool(self._calibration.lenses)
+        if not calibrated:
             estimated, evidence = lens_of_frames(
                 lens, self.read_frames, len(self._frames), reduced, self.capture.camera
             )
-        used = calibration or (estimated and estimated.scaled_to(guess.width, guess.height))
-        if used:
-            self._rectify(used, calibration is not None, valid)
+            self._calibration = Calibration(
+                [estimated.scaled_to(full.width, full.height)] if estimated else []
+            )
+        self._finish(calibrated)
+        of_frame = [self._calibration.lens_index(frame) for frame in self._frames.tolist()]
         facts = {
             "pictures": [pictures[frame] for frame in self._frames],
             "known_poses": kind,
-            "lens": asdict(used) if used else None,
+            "turned": isinstance(self._source, ImageFolder) and self._source.turned,
+            "pinhole": asdict(pinhole) if (pinhole := self._calibration.pinhole) else None,
+            "lenses": [asdict(one) for one in self._calibration.lenses],
+            "lens_of_frame": of_frame,
             "lens_evidence": evidence,
         }
         self.capture = replace(self.capture, facts=facts)
@@ -109,16 +108,52 @@ class PlainRecording:
         for full in track(self._source.read_frames(frames), "looking for sharp frames", total=len(frames)):
             yield measure_sharpness(resize_image(full, *valid.shape[::-1]), valid)
 
-    def _rectify(self, lens: Lens, known: bool, valid: NDArray[np.bool_]) -> None:
-        """Rectify the frames from a lens; ``valid`` and ``lens`` are of full-size pictures."""
-        self._rectifier = Rectifier(lens)
+    def _finish(self, known: bool) -> None:
+        """Set the camera of the rectified frames, the pixels that show the scene, and those that single frames leave out."""
         width, height = self.capture.camera.width, self.capture.camera.height
+        if pinhole := self._calibration.pinhole:
+            self.capture = replace(self.capture, camera=pinhole.scaled_to(width, height), camera_known=known)
+        count = len(self._frames)
+        if not any(self._is_masked(index) for index in range(count)):
+            self.capture = replace(self.capture, valid=self._shown(0))
+            return
+        frames = track(range(count), "reading masks", total=count)
+        shown = np.stack([np.packbits(self._shown(index), axis=1) for index in frames])
+        # What no frame shows is the picture's own border; the rest are pixels of single frames.
+        valid = np.bitwise_or.reduce(shown)
+        left_out = valid & ~shown
+
+        def masked(index: int) -> NDArray[np.bool_]:
+            return np.unpackbits(left_out[index], axis=1, count=width).astype(bool)
+
         self.capture = replace(
             self.capture,
-            camera=lens.pinhole.scaled_to(width, height),
-            camera_known=known,
-            valid=resize_mask(self._rectifier.mask(valid), width, height),
+            valid=np.unpackbits(valid, axis=1, count=width).astype(bool),
+            masked=masked if left_out.any() else None,
         )
+
+    def _is_masked(self, index: int) -> bool:
+        """Whether the mask of a frame may differ from that of the first."""
+        frame = int(self._frames[index])
+        lens = self._calibration.lens_index(frame)
+        differs = lens != self._calibration.lens_index(int(self._frames[0])) and not self._valid.all()
+        return differs or bool(self._calibration.mask(frame)) or has_alpha(self._source, frame)
+
+    def _shown(self, index: int) -> NDArray[np.bool_]:
+        """(H, W) bool: pixels of a rectified frame that ``valid.png``, its own mask and its transparency all leave."""
+        frame = int(self._frames[index])
+        shown, (width, height) = self._valid, size_of(self._source, frame)
+        if shown.shape != (height, width):
+            # With pictures of several sizes ``valid.png`` is refused.
+            shown = np.ones((height, width), bool)
+        if path := self._calibration.mask(frame):
+            shown = shown & read_mask(path, width, height)
+        if has_alpha(self._source, frame):
+            shown = shown & self._source.read_opaque(frame)
+        camera = self.capture.camera
+        if rectifier := self._calibration.rectifier(frame):
+            shown = rectifier.mask(shown)
+        return resize_mask(shown, camera.width, camera.height)
 
     def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
         """Yield the (H, W, 3) uint8 RGB frame of each index; see ``Recording.read_frames``.
@@ -126,19 +161,15 @@ class PlainRecording:
         Raises:
             UserError: a frame cannot be decoded.
         """
-        camera = self.capture.camera
-        for full in self._source.read_frames(self._frames[indices]):
-            rectified = self._rectifier.image(full) if self._rectifier else full
-            image = resize_image(rectified, camera.width, camera.height)
+        camera, frames = self.capture.camera, self._frames[indices]
+        for frame, full in zip(frames.tolist(), self._source.read_frames(frames), strict=True):
+            if has_alpha(self._source, frame):
+                # Below transparent pixels is any color.
+                full = full * self._source.read_opaque(frame)[..., None]
+            rectifier = self._calibration.rectifier(frame)
+            image = resize_image(rectifier.image(full) if rectifier else full, camera.width, camera.height)
             image[~self.capture.valid] = 0
             yield image
-
-
-def picture_names(source: Video | ImageFolder) -> list[str]:
-    """The file name of each image, or the number of each frame of a video, from 0."""
-    if isinstance(source, ImageFolder):
-        return [path.name for path in source.paths]
-    return [str(number) for number in range(len(source.timestamp_ns))]
 
 
 def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
@@ -177,19 +208,11 @@ def _guess_camera(width: int, height: int) -> Camera:
     return Camera(width, height, focal, focal, width / 2, height / 2)
 
 
-def _read_lens(path: Path, kind: str | None, guess: Camera, pictures: list[str]) -> Lens | None:
-    """The calibration of full-size pictures: of the known poses, or of ``camera.json``; None without either."""
-    file = companion_path(path, CAMERA_FILE)
-    # A broken link is not a missing file: reading it reports the error.
-    calibrated = os.path.lexists(file)
-    if kind is None:
-        return read_camera_file(file, guess.width, guess.height) if calibrated else None
-    known = companion_path(path, KNOWN_POSES[kind])
-    if calibrated:
+def _read_valid(path: Path, source: Video | ImageFolder) -> NDArray[np.bool_]:
+    """The mask of the pictures' pixels that show the scene."""
+    file = companion_path(path, VALID_MASK)
+    if isinstance(source, ImageFolder) and len(set(source.sizes)) > 1 and os.path.lexists(file):
         raise UserError(
-            f"{file}: {known.name} has a camera, too. Remove one, or set frames.known_poses=none."
+            f"{file}: the pictures have several sizes. Give each a mask_path in transforms.json instead."
         )
-    contents = read_known_poses(path, kind, guess.width, guess.height)
-    if line := unmatched_line(match_pictures(contents.names, pictures, known), known):
-        log(line)
-    return contents.lens
+    return read_valid(file, source.width, source.height)

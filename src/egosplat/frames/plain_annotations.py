@@ -11,6 +11,7 @@ The folder ``annotations/`` (of a video: ``clip.mp4.annotations/``) holds:
 """
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat.calibration.companions import companion_path
-from egosplat.calibration.lens import Lens, Rectifier
+from egosplat.calibration.lens import Rectifier
 from egosplat.errors import UserError
+from egosplat.files import read_user_text
 from egosplat.frames.files import INSTANCES_TABLE, list_masks
 from egosplat.frames.images import ImageFolder
-from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.keys import AnnotationKeys, Originals
 from egosplat.frames.recording import Instance
 from egosplat.frames.recording_files import ANNOTATIONS, is_annotated
 from egosplat.frames.video import Video, open_source
@@ -44,19 +46,20 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> "PlainAnnotations | No
     """
     if not path.exists():
         raise UserError(f"{path}: not found. Give a video file or an image folder.")
-    return PlainAnnotations(path, camera=keys.camera, lens=keys.lens) if is_annotated("plain", path) else None
+    annotated = is_annotated("plain", path)
+    return PlainAnnotations(path, camera=keys.camera, originals=keys.originals) if annotated else None
 
 
 class PlainAnnotations:
     """The annotations of a plain recording; an ``Annotations``."""
 
-    def __init__(self, path: Path, *, camera: Camera, lens: Lens | None = None) -> None:
+    def __init__(self, path: Path, *, camera: Camera, originals: Originals = Originals()) -> None:  # noqa: B008
         """Read the table and list the annotated frames.
 
         Args:
             path: video file or image folder.
             camera: of the frames (``Capture.camera``).
-            lens: that the frames were rectified from; None: they were not.
+            originals: how the pictures became the frames.
 
         Raises:
             UserError: the table is unreadable, or a PNG belongs to no frame.
@@ -64,9 +67,11 @@ class PlainAnnotations:
         folder = companion_path(path, ANNOTATIONS)
         self.instances = read_instances(folder / INSTANCES_TABLE)
         self._camera = camera
-        self._rectifier = Rectifier(lens) if lens else None
-        source = open_source(path)
-        self._size = (source.width, source.height)
+        self._originals = originals
+        source = open_source(path, originals.known_poses)
+        if isinstance(source, ImageFolder) and originals.turned:
+            source.turn()
+        self._sizes = _size_of_timestamp(source)
         self._pngs = _png_of_timestamp(folder, source)
         self._index_of_id = np.full(_MAX_ID + 1, _UNKNOWN_ID, dtype=np.int32)
         self._index_of_id[0] = _NO_INSTANCE
@@ -82,17 +87,23 @@ class PlainAnnotations:
         if path is None:
             return None
         ids = _read_ids(path)
-        if ids.shape[::-1] != self._size:
+        if ids.shape[::-1] != (size := self._sizes[int(timestamp_ns)]):
             raise UserError(
-                f"{path}: {ids.shape[1]}x{ids.shape[0]} px, but the frame is {self._size[0]}x{self._size[1]}."
+                f"{path}: {ids.shape[1]}x{ids.shape[0]} px, but the frame is {size[0]}x{size[1]}."
             )
         index = self._index_of_id[ids]
         unknown = ids[index == _UNKNOWN_ID]
         if len(unknown):
             raise UserError(f"{path}: instance id {unknown[0]} is not in {INSTANCES_TABLE}. Add it there.")
-        if self._rectifier:
-            index = self._rectifier.labels(index)
+        if lens := self._originals.lenses.get(int(timestamp_ns)):
+            index = Rectifier(lens, self._originals.pinhole).labels(index)
         return resize_labels(index, self._camera.width, self._camera.height)
+
+
+def _size_of_timestamp(source: Video | ImageFolder) -> dict[int, tuple[int, int]]:
+    times = source.timestamp_ns.tolist()
+    sizes = source.sizes if isinstance(source, ImageFolder) else [(source.width, source.height)] * len(times)
+    return dict(zip(times, sizes, strict=True))
 
 
 def read_instances(path: Path) -> list[Instance]:
@@ -102,11 +113,9 @@ def read_instances(path: Path) -> list[Instance]:
         UserError: the table is missing or unreadable, lacks a column, or has a bad line.
     """
     try:
-        # Spreadsheets write a byte order mark, which "utf-8-sig" skips.
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file, delimiter="\t")
-            columns, lines = reader.fieldnames or [], list(reader)
-    except (OSError, UnicodeError, csv.Error) as error:
+        reader = csv.DictReader(io.StringIO(read_user_text(path), newline=""), delimiter="\t")
+        columns, lines = reader.fieldnames or [], list(reader)
+    except (OSError, csv.Error) as error:
         raise UserError(f"{path}: not a readable table ({error}).") from error
     for column in _COLUMNS:
         if column not in columns:
@@ -152,6 +161,10 @@ def _png_of_timestamp(folder: Path, source: Video | ImageFolder) -> dict[int, Pa
         numbers = {number: number for number in range(len(source.timestamp_ns))}
     else:
         numbers = {image.stem: number for number, image in enumerate(source.paths)}
+        if len(numbers) < len(source.paths):
+            raise UserError(
+                f"{folder}: pictures of several folders share names, so annotations cannot tell them apart."
+            )
     pngs: dict[int, Path] = {}
     for path in list_masks(folder):
         is_number = path.stem.isascii() and path.stem.isdigit()

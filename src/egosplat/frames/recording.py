@@ -4,7 +4,7 @@ Training reads ``Recording`` only. ``Annotations`` serves evaluation and is impl
 (``*_annotations.py``), which no training stage imports.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
@@ -28,6 +28,7 @@ class Capture:
         valid: (H, W) bool: pixels that show the scene (inside the lens circle).
         origin: ``real`` or ``synthetic``.
         upright: whether up in the frames is up in the world, as far as the recording tells.
+        masked: returns the (H, W) bool pixels of a frame that its own mask or transparency leaves out; None if no frame has any.
         facts: further facts about a plain recording, as plain JSON, for the frames artifact.
     """
 
@@ -39,6 +40,7 @@ class Capture:
     valid: NDArray[np.bool_]
     origin: Origin
     upright: bool = True
+    masked: Callable[[int], NDArray[np.bool_]] | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod

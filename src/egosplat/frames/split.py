@@ -44,6 +44,11 @@ def split_frames(count: int, evaluation: int, holdout: bool) -> tuple[NDArray[np
     """
     if evaluation < 0:
         raise UserError(f"frames.evaluation_frames: {evaluation} evaluation frames; 0 evaluates nothing.")
+    if count < _MIN_TRAINING_FRAMES:
+        raise UserError(
+            f"{count} frame is read, and training needs {_MIN_TRAINING_FRAMES} or more: add pictures, or take more of "
+            "them (frames.stride, frames.start_s, frames.end_s)."
+        )
     remaining = count - evaluation if holdout else count
     if evaluation > count or remaining < _MIN_TRAINING_FRAMES:
         raise UserError(

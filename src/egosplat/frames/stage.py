@@ -49,11 +49,17 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         artifact.put("train", train)
         artifact.put("evaluation", evaluation)
         artifact.allocate("rgb", (count, *capture.valid.shape, 3))
+        if capture.masked:
+            artifact.allocate("masked", (count, *capture.valid.shape))
         # One frame at a time: a recording does not fit into memory.
         images, sharpness = reader.read_frames(np.arange(count)), np.empty(count)
         for index, image in enumerate(track(images, f"reading {recording_path.name}", total=count)):
             artifact.put_row("rgb", index, image)
-            sharpness[index] = measure_sharpness(image, capture.valid)
+            shown = capture.valid
+            if capture.masked:
+                artifact.put_row("masked", index, masked := capture.masked(index))
+                shown = shown & ~masked
+            sharpness[index] = measure_sharpness(image, shown)
         device = capture.device_from_camera
         artifact.facts = {
             "recording": recording_path.name,

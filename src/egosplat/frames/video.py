@@ -7,10 +7,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.companions import picture_folders
 from egosplat.errors import UserError
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
 from egosplat.progress import log, track
+
+# Frames a second of a stream without any time or rate.
+_ASSUMED_RATE = 30.0
 
 
 class Video:
@@ -19,7 +23,7 @@ class Video:
     Attributes:
         width, height: size of the frames after rotation [px].
         timestamp_ns: (N,) int64: presentation time of each frame since the first, from the container; valid for
-            variable frame rates too.
+            variable frame rates too. Times that do not increase are rebuilt, see ``rebuild_times``.
     """
 
     def __init__(self, path: Path) -> None:
@@ -35,14 +39,19 @@ class Video:
         frames = _grabbed(capture, messages)
         milliseconds = list(track(frames, f"scanning {path.name}", total=declared if declared > 0 else None))
         if not milliseconds:
-            raise UserError(f"{path}: no frame can be decoded{_reason(messages)}.")
+            raise UserError(
+                f"{path}: no frame can be decoded{_codec(capture)}{_reason(messages)}. {_advice(path)}"
+            )
         if len(milliseconds) < declared or messages:
             log(
                 f"{path}: {len(milliseconds)} of {declared} declared frames can be read"
                 f"{_reason(messages)}; is it complete?"
             )
-        times = np.round(np.array(milliseconds) * 1e6).astype(np.int64)
-        self.timestamp_ns = times - times[0]
+        times = np.array(milliseconds)
+        if not (np.diff(times) > 0).all():
+            times, rate = rebuild_times(times, capture.get(cv2.CAP_PROP_FPS))
+            log(f"{path}: the times of its frames are missing or out of order; taken as {rate:g} a second")
+        self.timestamp_ns = np.round((times - times[0]) * 1e6).astype(np.int64)
         self.height, self.width = next(self.read_frames(np.array([0]))).shape[:2]
 
     def read_frames(self, frames: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
@@ -65,20 +74,51 @@ class Video:
     def _open(self) -> cv2.VideoCapture:
         if not self.path.is_file():
             raise UserError(f"{self.path}: not found. Check the path.")
+        if not self.path.stat().st_size:
+            raise UserError(f"{self.path}: an empty file (0 bytes). Copy it again.")
         with captured_log() as messages:
             capture = cv2.VideoCapture(str(self.path))
         if not capture.isOpened():
-            raise UserError(f"{self.path}: not a video that can be read{_reason(messages)}.")
+            raise UserError(
+                f"{self.path}: not a video, or an incomplete one{_reason(messages)}. Copy it again."
+            )
         return capture
 
 
-def open_source(path: Path) -> Video | ImageFolder:
+def open_source(path: Path, known_poses: str | None) -> Video | ImageFolder:
     """Open a video file or an image folder.
+
+    Args:
+        known_poses: kind of the known poses. They name the pictures, and their tools do not turn them by EXIF orientation.
 
     Raises:
         UserError: the source is missing or cannot be read.
     """
-    return ImageFolder(path) if path.is_dir() else Video(path)
+    if not path.is_dir():
+        return Video(path)
+    if known_poses is not None:
+        return ImageFolder(path, picture_folders(path, known_poses), turned=False)
+    source = ImageFolder(path)
+    source.check_sizes()
+    return source
+
+
+def rebuild_times(milliseconds: NDArray[np.float64], declared: float) -> tuple[NDArray[np.float64], float]:
+    """Even times of frames whose own do not increase, as in AVI with B-frames, raw streams and joined files.
+
+    The decoder yields the frames in the order in which they are shown, whatever their times say.
+
+    Args:
+        milliseconds: (N,) times as read.
+        declared: frames a second by the header, which raw streams do not have.
+
+    Returns:
+        (N,) times [ms], and the frames a second: the median of the steps that go forward, else ``declared``.
+    """
+    steps = np.diff(milliseconds)
+    forward = steps[steps > 0]
+    step = float(np.median(forward)) if len(forward) else 1e3 / (declared if declared > 0 else _ASSUMED_RATE)
+    return np.arange(len(milliseconds)) * step, 1e3 / step
 
 
 def _grabbed(capture: cv2.VideoCapture, messages: list[str]) -> Iterator[float]:
@@ -90,6 +130,19 @@ def _grabbed(capture: cv2.VideoCapture, messages: list[str]) -> Iterator[float]:
         if not grabbed:
             return
         yield capture.get(cv2.CAP_PROP_POS_MSEC)
+
+
+def _codec(capture: cv2.VideoCapture) -> str:
+    """The four letters of a video's codec, for a message."""
+    letters = (
+        int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode("ascii", "replace")
+    )
+    return f", codec {letters}" if letters.isprintable() else ""
+
+
+def _advice(path: Path) -> str:
+    """How a video of another codec becomes one that can be read; ffmpeg also repairs what it can."""
+    return f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18 {path.stem}_h264.mp4"
 
 
 def _reason(messages: list[str]) -> str:

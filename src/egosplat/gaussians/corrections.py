@@ -225,10 +225,15 @@ def corrected_poses(camera_to_world: NDArray[np.float64], values: Tensor) -> NDA
 
 def scene_depth(points: NDArray[np.float64], views: Views, near_plane: float) -> float:
     """Median depth of the points (P, 3) in the views that show them [m]; 1 if none shows any."""
+    depths = seen_depths(points, views, near_plane)
+    return float(np.median(depths)) if len(depths) else 1.0
+
+
+def seen_depths(points: NDArray[np.float64], views: Views, near_plane: float) -> NDArray[np.float64]:
+    """(S,) depths of the points (P, 3) in evenly spaced views that show them, at ``near_plane`` or beyond [m]."""
     chosen = np.unique(np.linspace(0, len(views) - 1, _DEPTH_VIEWS).round().astype(int)) if len(views) else []
     depths = []
     for pose in views.camera_to_world[chosen]:
         local = transform(invert(pose), points)
         depths.append(local[in_picture(local, views.camera, near_plane=near_plane), 2])
-    every = np.concatenate([np.zeros(0), *depths])
-    return float(np.median(every)) if len(every) else 1.0
+    return np.concatenate([np.zeros(0), *depths])

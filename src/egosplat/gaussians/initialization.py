@@ -20,26 +20,28 @@ SH_C0 = 0.28209479177387814
 # As in 3DGS.
 INITIAL_OPACITY = 0.1
 
-# Floor of the squared neighbor distance [m²], as in 3DGS: a Gaussian at a duplicate point is 0.3 mm wide, not 0.
-_LEAST_SQUARED_DISTANCE = 1e-7
+# Lengths are in near planes, so that a scene in any unit starts as the same scene in meters does; in meters, the near
+# plane is 0.1. Floor of the squared neighbor distance, as in 3DGS: a Gaussian at a duplicate point is 0.3 mm wide, not 0.
+_LEAST_SQUARED_DISTANCE = 1e-5
 
-# Width [m] of the Gaussian at a lone point, which has no neighbors.
-_LONE_SCALE = 0.1
+# Width of the Gaussian at a lone point, which has no neighbors.
+_LONE_SCALE = 1.0
 
-# Scene extent [m] for a camera that hardly moves.
-_LEAST_EXTENT = 1.0
+# Scene extent for a camera that hardly moves.
+_LEAST_EXTENT = 10.0
 
 # Largest distance of random points from their camera, in scene extents (gsplat's ``init_extent``).
 _REACH = 3.0
 
 
-def scene_extent(camera_to_world: Points) -> float:
+def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
     """Return the scene size [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS).
 
     The learning rate of the means and the split and prune sizes scale with it.
 
     Args:
         camera_to_world: (F, 4, 4) float64, registered frames only, F >= 1.
+        near_plane: smallest camera z [m]; the result is at least 10 times as large.
 
     Raises:
         ValueError: there is no pose, or a pose is not finite.
@@ -49,7 +51,7 @@ def scene_extent(camera_to_world: Points) -> float:
         raise ValueError(f"camera_to_world {camera_to_world.shape} has no pose or one that is not finite")
     distances = np.linalg.norm(centers - centers.mean(axis=0), axis=1)
     # A camera that only rotates has extent 0; the floor keeps learning rates and prune sizes positive.
-    return max(1.1 * float(distances.max()), _LEAST_EXTENT)
+    return max(1.1 * float(distances.max()), _LEAST_EXTENT * near_plane)
 
 
 def from_points(
@@ -60,6 +62,7 @@ def from_points(
     feature_channels: int,
     max_points: int,
     seed: int,
+    near_plane: float = 0.1,
 ) -> Gaussians:
     """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS).
 
@@ -72,6 +75,7 @@ def from_points(
         sh_degree: degree of the allocated SH coefficients.
         feature_channels: F.
         max_points: at least 1.
+        near_plane: smallest camera z [m], the unit of the least sizes.
 
     Returns:
         Gaussians on the CPU that do not require gradients.
@@ -93,7 +97,9 @@ def from_points(
     return Gaussians(
         means=torch.from_numpy(points).float(),
         quats=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
-        log_scales=torch.from_numpy(np.log(neighbor_distance(points))).float()[:, None].repeat(1, 3),
+        log_scales=torch.from_numpy(np.log(neighbor_distance(points, near_plane)))
+        .float()[:, None]
+        .repeat(1, 3),
         logit_opacities=torch.full((count,), INITIAL_OPACITY).logit(),
         sh=sh,
         features=torch.zeros(count, feature_channels),
@@ -107,17 +113,18 @@ def random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
 
 
-def neighbor_distance(points: Points) -> NDArray[np.float64]:
+def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.float64]:
     """Return the (P,) float64 RMS distance [m] of each of (P, 3) points to its three nearest neighbors.
 
-    Uses fewer neighbors if there are fewer. A lone point gets 0.1 m; the minimum is 0.3 mm.
+    Uses fewer neighbors if there are fewer. A lone point gets the near plane; the minimum is 0.3 % of it.
     """
     if len(points) < 2:
-        return np.full(len(points), _LONE_SCALE)
+        return np.full(len(points), _LONE_SCALE * near_plane)
     neighbors = min(3, len(points) - 1)
     # The nearest match is the point itself or a duplicate of it, at distance zero.
     distances, _ = cKDTree(points).query(points, k=neighbors + 1)
-    return np.sqrt(np.maximum((distances[:, 1:] ** 2).mean(axis=1), _LEAST_SQUARED_DISTANCE))
+    least = _LEAST_SQUARED_DISTANCE * near_plane**2
+    return np.sqrt(np.maximum((distances[:, 1:] ** 2).mean(axis=1), least))
 
 
 def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane: float) -> NDArray[np.bool_]:
@@ -167,7 +174,7 @@ def random_points(
         ValueError: see ``scene_extent``.
     """
     generator = np.random.default_rng(seed)
-    far_plane = near_plane + _REACH * scene_extent(camera_to_world)
+    far_plane = near_plane + _REACH * scene_extent(camera_to_world, near_plane)
     which = generator.integers(len(camera_to_world), size=count)
     # The cross-section of a frustum grows with z², so z³ is uniform.
     depth = np.cbrt(generator.uniform(near_plane**3, far_plane**3, size=count))

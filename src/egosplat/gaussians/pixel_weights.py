@@ -20,32 +20,42 @@ _SOURCES = {"initial": ("transient", TRANSIENT, "probability"), "refined": ("mas
 
 @dataclass(frozen=True)
 class Masking:
-    """Probability that a pixel is transient: the paper's M in the weight 1 - M.
+    """Probability that a pixel is transient, the paper's M in the weight 1 - M; 1 for pixels that the user masks.
 
     Attributes:
-        artifact: transient or masks artifact; None if nothing is masked.
+        artifact: transient or masks artifact; None if nothing is transient.
         array: name of its (F, H, W) array.
+        masked: frames artifact, if masks of single frames came with the recording; else None.
     """
 
     artifact: Artifact | None
     array: str
+    masked: Artifact | None = None
 
     @property
     def artifacts(self) -> tuple[Artifact, ...]:
-        """The artifact, for the provenance of a stage; empty if nothing is masked."""
+        """The artifact, for the provenance of a stage; empty if nothing is transient."""
         return () if self.artifact is None else (self.artifact,)
 
     def frames(self, rows: NDArray[np.integer]) -> Tensor | StoredRows | None:
         """Get M of the frames ``rows`` on the CPU: (V, H, W) bool, or float16 in [0, 1]; None if nothing is masked."""
-        artifact = self.artifact
-        if artifact is None:
+        found = [(one, name) for one, name in ((self.artifact, self.array), (self.masked, "masked")) if one]
+        if not found:
             return None
-        _, height, width = artifact.shape(self.array)
-        dtype = artifact.schema.fields[self.array].dtype
+        artifact, array = found[0]
+        _, height, width = artifact.shape(array)
+        dtype = artifact.schema.fields[array].dtype
+
         # Read row by row: most frames may be unused.
-        return stored_rows(
-            len(rows), (height, width), dtype, lambda position: artifact.row(self.array, rows[position])
-        )
+        def read(position: int) -> NDArray:
+            values = [one.row(name, rows[position]) for one, name in found]
+            return np.maximum.reduce(values, dtype=dtype)
+
+        return stored_rows(len(rows), (height, width), dtype, read)
+
+    def of_the_user(self) -> "Masking":
+        """What came with the recording alone."""
+        return Masking(None, "", self.masked)
 
 
 def open_masking(
@@ -62,8 +72,9 @@ def open_masking(
         UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is missing, unreadable or
             made from other frames.
     """
+    masked = frames if frames.has("masked") else None
     if kind == "none":
-        return Masking(None, "")
+        return Masking(None, "", masked)
     if kind == "auto":
         raise UserError(
             "splats.masking = auto: only the workflow resolves it, from survey.json; "
@@ -75,4 +86,4 @@ def open_masking(
         raise UserError(f"splats.masking = {kind} needs the {name} artifact: give --{name}")
     artifact = open_artifact(path, schema)
     check_made_from(artifact, frames, axes=("frame", "height", "width"))
-    return Masking(artifact, array)
+    return Masking(artifact, array, masked)

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
+from egosplat.gaussians.corrections import seen_depths
 from egosplat.gaussians.initialization import (
     Points,
     from_points,
@@ -24,6 +26,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera, invert, transform
 from egosplat.progress import log
+from egosplat.rasterize.contract import FAR_PLANE
 
 Colors = NDArray[np.uint8]
 
@@ -137,11 +140,12 @@ def starting_gaussians(
         Gaussians on the views' device, without features, that do not require gradients.
 
     Raises:
-        UserError: the scene is too far from the world's origin for float32.
+        UserError: the scene is too far from the world's origin for float32, or too small or too large for the renderer.
     """
     cameras = views.camera_to_world
-    _check_origin(poses, cameras)
+    _check_origin(poses, cameras, near_plane)
     xyz, rgb = poses.read("points/xyz"), poses.read("points/rgb")
+    _check_depths(poses, xyz, views, near_plane)
     visible = seen(xyz, views.camera, cameras, near_plane=near_plane)
     log(f"{visible.sum()} of {len(xyz)} points are visible in training views")
     xyz, rgb = xyz[visible], rgb[visible]
@@ -151,7 +155,8 @@ def starting_gaussians(
     elif densify_init:
         # Points beyond the budget are dropped before, because each view projects all of them.
         xyz, rgb = _densify(*_subset(xyz, rgb, max_points, seed), views, max_points, near_plane, seed)
-    start = from_points(xyz, rgb, sh_degree=sh_degree, feature_channels=0, max_points=max_points, seed=seed)
+    keys = {"sh_degree": sh_degree, "max_points": max_points, "seed": seed}
+    start = from_points(xyz, rgb, feature_channels=0, near_plane=near_plane, **keys)
     return start.to(views.device)
 
 
@@ -182,12 +187,36 @@ def _subset(xyz: Points, rgb: Colors, most: int, seed: int) -> tuple[Points, Col
     return xyz[chosen], rgb[chosen]
 
 
-def _check_origin(poses: Artifact, camera_to_world: NDArray[np.float64]) -> None:
+def _check_origin(poses: Artifact, camera_to_world: Points, near_plane: float) -> None:
     farthest = float(np.abs(camera_to_world[:, :3, 3]).max())
     # Gaussians are float32: far from the origin, neighboring numbers are too far apart.
     step = float(np.spacing(np.float32(farthest)))
-    if not step <= _COARSEST * scene_extent(camera_to_world):
+    if not step <= _COARSEST * scene_extent(camera_to_world, near_plane):
         raise UserError(
             f"{poses.path}: cameras are {farthest:.3g} m from the world's origin, where float32 resolves positions to "
             f"{step:.2g} m only; move the origin into the scene"
+        )
+
+
+def _check_depths(poses: Artifact, xyz: Points, views: Views, near_plane: float) -> None:
+    """Check that the renderer shows most of the scene: otherwise the world has another unit than the near plane."""
+    depths = seen_depths(xyz, views, 0.0)
+    spread = float(np.ptp(views.camera_to_world[:, :3, 3], axis=0).max())
+    known = poses.facts["notes"].get("source") == "known"
+    depth = float(np.median(depths)) if len(depths) else spread
+    remedies = [f"set run.near_plane={depth / 20:.1g}"] if depth <= FAR_PLANE else []
+    if known:
+        file = poses.facts["notes"]["file"]
+        remedies.insert(0, f"set poses.meters_per_unit to the meters of one unit of {file}")
+    advice = f"To repair it, {', or '.join(remedies) or 'scale the poses and points'}"
+    if len(depths) and np.mean((depths >= near_plane) & (depths <= FAR_PLANE)) < 0.5:
+        raise UserError(
+            f"{poses.path}: the median depth of its points is {depth:.2g}; Gaussians are rendered from run.near_plane = "
+            f"{near_plane:g} to {FAR_PLANE:g} only.\n{advice}"
+        )
+    # Without points, cameras at nearly one place only turn, unless nothing tells the unit.
+    if known and length_unit(poses) != "m" and not len(xyz) and 0 < spread < near_plane:
+        raise UserError(
+            f"{poses.path}: without points, and its cameras lie within {spread:.2g}, less than run.near_plane = "
+            f"{near_plane:g}.\n{advice}"
         )

@@ -171,8 +171,10 @@ def _corrected(state: TrainingState, views: Views) -> Views:
 def _line(state: TrainingState) -> str:
     curves = state.curves
     loss = f"loss {curves.loss[-1]:.4f}, " if curves.loss else ""
+    # A fit would take longer than the evaluation, and scores of other poses are other scores.
+    poses = "as given" if state.corrections is None else "corrected as the frames before and after"
     shown: list[tuple[str, float, Callable[[float], str]]] = [
-        ("held-out PSNR", curves.psnr[-1], "{:.2f} dB".format),
+        (f"held-out frames {poses}: PSNR", curves.psnr[-1], "{:.2f} dB".format),
         ("SSIM", curves.ssim[-1], "{:.3f}".format),
     ]
     scores = "".join(f"{name} {form(value)}, " for name, value, form in shown if not math.isnan(value))

@@ -65,7 +65,7 @@ def train_geometry(
     )
     options = training_options(keys)
     corrections = make_corrections(chosen_corrections(keys), start, views, keys.near_plane, keys.iterations)
-    extent = scene_extent(views.camera_to_world)
+    extent = scene_extent(views.camera_to_world, keys.near_plane)
     state = TrainingState(start, options, extent, L1Ssim(ssim_lambda=0.2), corrections)
     view_sets = ViewSets(views, held_out=none)
     # Sums over several threads on a CPU would differ from run to run.

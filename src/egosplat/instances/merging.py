@@ -106,36 +106,75 @@ def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
     Returns:
         (R,) number of the run that each is merged into, at most its own.
     """
-    count = len(runs.votes)
-    held, seen = runs.holds() * weight, runs.has_seen().astype(np.float32)
-    size = held.sum(1)
-    iou = np.nan_to_num(overlaps(runs, weight, COMMON))
-    np.fill_diagonal(iou, 0.0)
-    into = np.arange(count)
-    while count:
-        one, other = sorted(divmod(int(iou.argmax()), count))
-        if iou[one, other] < keys.merge_iou:
-            break
-        runs.add(one, other)
+    pairs, into = _Pairs(runs, weight), np.arange(len(runs.votes))
+    while (pair := pairs.best(keys.merge_iou)) is not None:
+        one, other = pair
         into[into == other] = one
-        held[one], seen[one] = runs.holds(one) * weight, runs.has_seen(one)
-        held[other] = seen[other] = size[other] = 0.0
-        size[one] = held[one].sum()
-        mine = np.flatnonzero(held[one])
-        row = np.nan_to_num(
-            _iou(
-                (held[:, mine] > 0) @ weight[mine],
-                seen[:, mine] @ weight[mine],
-                held @ seen[one],
-                size[one],
-                size,
-                COMMON,
-            )
-        )
-        row[one] = 0.0
-        iou[one] = iou[:, one] = row
-        iou[other] = iou[:, other] = 0.0
+        pairs.merge(one, other)
     return into
+
+
+class _Pairs:
+    """The IoU of each two of R runs while runs are merged; a merge takes time for the runs that share a Gaussian with it."""
+
+    def __init__(self, runs: Runs, weight: Floats) -> None:
+        self._runs, self._weight = runs, weight
+        self._by_run = runs.holds()
+        # By Gaussian, too: what the others hold of a few Gaussians lies together.
+        self._held, self._seen = np.ascontiguousarray(self._by_run.T), np.ascontiguousarray(runs.has_seen().T)
+        self._size = self._by_run @ weight
+        self._iou = np.nan_to_num(overlaps(runs, weight, COMMON))
+        np.fill_diagonal(self._iou, 0.0)
+        # The largest of each row, and the first place that has it.
+        self._largest, self._place = self._iou.max(axis=1, initial=0.0), np.zeros(len(self._iou), np.int64)
+        self._find_places(np.arange(len(self._iou)))
+
+    def best(self, least: float) -> tuple[int, int] | None:
+        """Return the two runs that are most alike, the lower number first; None if their IoU is below ``least``."""
+        if not len(self._largest):
+            return None
+        row = int(self._largest.argmax())
+        if self._largest[row] < least:
+            return None
+        one, other = sorted((row, int(self._place[row])))
+        return one, other
+
+    def merge(self, one: int, other: int) -> None:
+        """Add run ``other`` to run ``one``, and compare it with the others."""
+        self._runs.add(one, other)
+        self._by_run[other] = self._held[:, other] = self._seen[:, other] = False
+        self._by_run[one] = self._held[:, one] = self._runs.holds(one)
+        self._seen[:, one] = self._runs.has_seen(one)
+        self._size[other], self._size[one] = 0.0, self._weight[self._by_run[one]].sum()
+        row = self._compare(one)
+        changed = np.isin(self._place, (one, other))
+        self._iou[one] = self._iou[:, one] = row
+        self._iou[other] = self._iou[:, other] = 0.0
+        changed[[one, other]] = True
+        better = ~changed & ((row > self._largest) | ((row == self._largest) & (one < self._place)))
+        self._largest[better], self._place[better] = row[better], one
+        self._find_places(np.flatnonzero(changed))
+
+    def _compare(self, one: int) -> Floats:
+        """(R,) IoU of a run with each other run, 0 with itself."""
+        mine = np.flatnonzero(self._by_run[one])
+        share = self._weight[mine]
+        shared = share @ self._held[mine]
+        shared[one] = 0.0
+        near = np.flatnonzero(shared)
+        visible = share @ self._seen[np.ix_(mine, near)]
+        seen = self._by_run[near] @ (self._weight * self._seen[:, one])
+        row = np.zeros(len(shared), np.float32)
+        row[near] = np.nan_to_num(
+            _iou(shared[near], visible, seen, self._size[one], self._size[near], COMMON)
+        )
+        return row
+
+    def _find_places(self, rows: Ints) -> None:
+        """Find the largest IoU of some rows."""
+        for row in rows:
+            place = int(self._iou[row].argmax())
+            self._place[row], self._largest[row] = place, self._iou[row, place]
 
 
 def overlaps(runs: Runs, weight: Floats, common: float) -> Floats:

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from egosplat.errors import UserError
+from egosplat.files import expand_home
 from egosplat.models.configs import SMALL, SMALL_CLIP, SMALL_SAM2, clip_config_files, sam2_config_files
 
 # Replaces the hash of a missing model, so that only the stage that needs it reports the error.
@@ -60,7 +61,7 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
                 "It is part of egosplat: install egosplat again, or set the key to another file"
             )
         return model.small
-    path = Path(checkpoint).expanduser()
+    path = expand_home(checkpoint)
     if not os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
         raise UserError(
             f"models.{model.checkpoint_key}: there is no file {path}.\n{FETCH}, or set in config/config.yaml  "

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from egosplat.errors import UserError
+from egosplat.files import expand_home
 
 # The configuration's value for the packaged models.
 SMALL = "small"
@@ -43,7 +44,7 @@ def sam2_config_file(config: str) -> Path:
     name = config.removeprefix("configs/").removesuffix(".yaml").rpartition("/")[2]
     if name in published and config in _spellings(published[name]):
         return published[name]
-    path = Path(config).expanduser()
+    path = expand_home(config)
     if os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
         return path
     raise UserError(f"models.sam2_config = {config!r} is neither a file nor {_one_of(name, published)}")
@@ -74,7 +75,7 @@ def clip_folder(model: str) -> Path | None:
             f"models.clip_model = {model!r}: stages download nothing. Download that repository's "
             f"{CLIP_CONFIG} and checkpoint, and set the key to their folder"
         )
-    folder = Path(model.removeprefix(LOCAL_FOLDER)).expanduser()
+    folder = expand_home(model.removeprefix(LOCAL_FOLDER))
     if os.path.isdir(folder):  # Path.is_dir raises for some strings, such as too long ones
         return _existing(folder / CLIP_CONFIG, "models.clip_model").parent
     raise UserError(f"models.clip_model = {model!r} is neither a folder nor {_one_of(model, names)}")

@@ -10,6 +10,9 @@ from egosplat.errors import NO_ROOM, UserError
 from egosplat.files import atomic_file, scratch_directory
 from egosplat.pipeline.published import PublishedModel, hub
 
+# Names of httpx's errors for addresses that it cannot use.
+_MALFORMED = ("InvalidURL", "UnsupportedProtocol")
+
 
 class OfflineError(UserError):
     """No connection to the hub."""
@@ -29,7 +32,8 @@ def fetch(model: PublishedModel, path: Path) -> str:
 
     Raises:
         OfflineError: the hub cannot be reached.
-        UserError: the hub refuses, the connection breaks, the disk is too small, or the digest is wrong.
+        UserError: the hub refuses, the connection breaks, an address is malformed, the disk is too small, or the digest is
+            wrong.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     _check_room(model, path)
@@ -75,20 +79,43 @@ def _fetched(model: PublishedModel, path: Path, folder: Path) -> Path:
             answer = f"the hub answers {cause.response.status_code} {cause.response.reason_phrase}".rstrip()
             advice = f"Fetch it with a browser, and put it at {path}"
             raise UserError(f"{model.address}: {answer}. {advice}") from None
-        raise OfflineError(f"{model.address}: no connection ({_first_line(cause)})") from None
+        through = f", by {' and '.join(settings)}" if (settings := _settings()) else ""
+        raise OfflineError(f"{model.address}: no connection ({_first_line(cause)}){through}") from None
     except OSError as error:
         if error.errno in NO_ROOM:
             raise UserError(f"{path}: {error.strerror}. {_make_room()}") from None
         raise
-    except (HTTPError, RuntimeError) as error:  # of the hub's two protocols, HTTP and Xet
+    except Exception as error:
+        # Malformed addresses and numbers of an answer, and proxies that cannot be used, have no class in common.
+        if isinstance(error, (ValueError, ImportError)) or type(error).__name__ in _MALFORMED:
+            raise UserError(f"{model.address}: {_first_line(error)}. {_check_settings(path)}") from None
+        if not isinstance(error, (HTTPError, RuntimeError)):  # of the hub's two protocols, HTTP and Xet
+            raise
         advice = "Start the command again"
         raise UserError(
             f"{model.address}: the connection broke off ({_first_line(error)}). {advice}"
         ) from None
 
 
+def _settings() -> list[str]:
+    """The set variables that name a hub or a proxy."""
+    proxies = (f"{scheme}_proxy" for scheme in ("http", "https", "all"))
+    names = ("HF_ENDPOINT", *(name for proxy in proxies for name in (proxy, proxy.upper())))
+    return [name for name in names if os.environ.get(name)]
+
+
+def _check_settings(path: Path) -> str:
+    """What to do about an address that cannot be used: it comes from the environment, or from the hub."""
+    by_hand = f"fetch the file with a browser, and put it at {path}"
+    return (
+        f"Correct {' or '.join(settings)}, or {by_hand}"
+        if (settings := _settings())
+        else by_hand[0].upper() + by_hand[1:]
+    )
+
+
 def _first_line(error: BaseException) -> str:
-    return str(error).partition("\n")[0] or type(error).__name__
+    return str(error).partition("\n")[0].rstrip(".") or type(error).__name__
 
 
 def _check_room(model: PublishedModel, path: Path) -> None:

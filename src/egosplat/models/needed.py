@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
+from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, SAM2, content_hash
 from egosplat.models.configs import SMALL
 from egosplat.models.download import OfflineError, fetch, stored_digest, write_digest
@@ -58,7 +59,7 @@ def find_needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
         named["transient.encoder_weights"] = config["transient"]["encoder_weights"]
         for key, value in named.items():
             if value is not None:
-                path = SMALL_FILES[key.partition(".")[2]] if value == SMALL else Path(value).expanduser()
+                path = SMALL_FILES[key.partition(".")[2]] if value == SMALL else expand_home(value)
                 found.setdefault(path, Needed(key, path, model_of_file(path)))
     return list(found.values())
 
@@ -72,7 +73,7 @@ def catalogue(config: Mapping[str, Any], names: Sequence[str] = ()) -> list[Need
     Raises:
         UserError: a name is unknown.
     """
-    cache = Path(config["models"]["cache"]).expanduser()
+    cache = expand_home(config["models"]["cache"])
     models = [named_model(name) for name in names] or CATALOGUE
     return [Needed("", cache / one.file, one) for one in models]
 

@@ -10,7 +10,7 @@ from torch import nn
 
 from egosplat.compute import Compute, choose_compute
 from egosplat.errors import UserError
-from egosplat.files import read_json
+from egosplat.files import read_json, read_user_text
 from egosplat.models.checkpoints import CLIP, find_checkpoint
 from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, clip_folder
 from egosplat.models.weights import load_weights, read_tensors
@@ -107,7 +107,7 @@ def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> 
 def _read_words(folder: Path | None) -> frozenset[str] | None:
     if folder is None or not (path := folder / CLIP_WORDS).is_file():
         return None
-    return frozenset(path.read_text(encoding="utf-8").split())
+    return frozenset(read_user_text(path).split())
 
 
 def read_description(model: str, folder: Path | None) -> dict[str, Any]:

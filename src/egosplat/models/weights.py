@@ -1,6 +1,7 @@
 """Read a checkpoint's tensors without executing code in the file, and load them into a model."""
 
 import pickle
+import re
 import struct
 import warnings
 import zipfile
@@ -13,6 +14,12 @@ from torch import Tensor, nn
 
 from egosplat.errors import UserError, is_out_of_memory
 from egosplat.models.checkpoints import ModelSpec
+from egosplat.pipeline.messages import shorten
+
+_AGAIN = "Download or copy it again"
+
+# Most names of a checkpoint in a message.
+_NAMED = 3
 
 PICKLED = (".pt", ".pth", ".bin")
 # Keys under which training scripts, SAM2's and OpenCLIP's among them, store the tensors.
@@ -36,8 +43,8 @@ RUBBISH = (
     struct.error,
 )
 
-# Messages of the unpickler for a file that would call something other than a tensor constructor.
-CODE = ("Unsupported global", "Unsupported class", "unrecognized function")
+# Messages of torch for a file that would call something other than a tensor constructor, TorchScript among them.
+CODE = re.compile(r"unsupported (global|class)|unrecognized function|torchscript", re.IGNORECASE)
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
@@ -67,14 +74,23 @@ def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, m
         path: of the checkpoint, for messages.
 
     Raises:
-        UserError: tensors are missing, unexpected or of another shape, as in a checkpoint of another architecture.
+        UserError: tensors are missing, unexpected or of another shape, as in a checkpoint of another architecture, or
+            hold NaN, infinity or whole numbers.
     """
-    if differences := _differences(module.state_dict(), tensors):
+    own = module.state_dict()
+    if differences := _differences(own, tensors):
         raise UserError(
             f"{path}: has another architecture than models.{model.config_key}: {differences}.\n"
             f"Set models.{model.config_key} to the architecture of this checkpoint, or models."
             f"{model.checkpoint_key} to a checkpoint of that architecture"
         )
+    for name, value in tensors.items():
+        if own[name].is_floating_point() and not value.is_floating_point():
+            raise UserError(
+                f"{path}: tensor {name} holds {value.dtype}, not numbers with a fraction. {_AGAIN}"
+            )
+        if not value.isfinite().all():
+            raise UserError(f"{path}: tensor {name} holds NaN or infinity. {_AGAIN}")
     module.load_state_dict(tensors)
 
 
@@ -95,31 +111,31 @@ def _read_safetensors(path: Path) -> dict[str, Tensor]:
 def _read_pickled(path: Path) -> Any:
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Detected pickle protocol")
+            warnings.filterwarnings("ignore", message="Detected pickle protocol|.*TorchScript")
             return torch.load(path, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError as error:
-        if not any(words in str(error) for words in CODE):
-            raise _damaged(path) from None
-        raise UserError(
-            f"{path}: holds code or objects besides tensors, which egosplat does not load.\n"
-            "Save only the tensors (torch.save(model.state_dict(), ...)), or convert it to safetensors"
-        ) from None
     except OSError as error:
         if error.filename is not None:
             raise
         raise _damaged(path) from None  # the reader of the zip archive seeked beyond its end
-    except RUBBISH as error:
+    except (pickle.UnpicklingError, *RUBBISH) as error:
         # Random bytes can request any amount of memory; a complete archive requests only the size of its content.
         if is_out_of_memory(error) and zipfile.is_zipfile(path):
             raise
-        raise _damaged(path) from None
+        raise (_no_tensors if CODE.search(str(error)) else _damaged)(path) from None
+
+
+def _no_tensors(path: Path) -> UserError:
+    return UserError(
+        f"{path}: holds code or objects besides tensors, which egosplat does not load.\n"
+        "Save only the tensors (torch.save(model.state_dict(), ...)), or convert it to safetensors"
+    )
 
 
 def _damaged(path: Path) -> UserError:
     size = path.stat().st_size
     return UserError(
         f"{path}: is no complete checkpoint: its {size:,} bytes are damaged, truncated or another format. "
-        "Download or copy it again"
+        f"{_AGAIN}"
     )
 
 
@@ -128,8 +144,13 @@ def _state(content: Any, path: Path) -> dict[str, Tensor]:
         if isinstance(content, Mapping) and isinstance(content.get(wrapper), Mapping):
             content = content[wrapper]
     tensors = content if isinstance(content, Mapping) else {}
-    named = all(isinstance(name, str) and isinstance(value, Tensor) for name, value in tensors.items())
-    if not tensors or not named:
+    others = [name for name, value in tensors.items() if not isinstance(value, Tensor)]
+    if others:
+        raise UserError(
+            f"{path}: holds {', '.join(map(shorten, others[:_NAMED]))} besides tensors. Save the tensors alone, "
+            f"by name, or under the key {' or '.join(WRAPPERS)}"
+        )
+    if not tensors or not all(isinstance(name, str) for name in tensors):
         raise UserError(f"{path}: holds no named tensors and is no checkpoint; use another file")
     parallel = all(name.startswith(PARALLEL) for name in tensors)
     return {name.removeprefix(PARALLEL) if parallel else name: value for name, value in tensors.items()}

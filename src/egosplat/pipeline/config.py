@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
+from egosplat.files import read_user_text
 from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.general_options import VARIANTS, GeneralOptions
 from egosplat.pipeline.messages import not_allowed, shorten, shown, unknown_key
@@ -86,7 +87,8 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
     sections, general = section_options(), keys_of(GeneralOptions)
     for key in values:
         if key not in sections and key not in general:
-            raise UserError(f"{where}: {unknown_key('', key, [*general, *sections])}")
+            homes = [f"{name}.{key}" for name in sections if key in section_keys(name)]
+            raise UserError(f"{where}: {unknown_key('', key, [*general, *sections], homes)}")
     own = {key: value for key, value in values.items() if key in general}
     found = make_options(GeneralOptions, own, where, {key: key for key in general}).as_dict()
     found |= {name: _section(name, values.get(name, {}), where) for name in sections}
@@ -242,25 +244,27 @@ def read_yaml(path: Path) -> Config:
     """Read a configuration file.
 
     Raises:
-        UserError: the file is missing, is not YAML (names line and column), repeats a key, or is not a mapping.
+        UserError: the file is missing, is a pipe, is neither JSON nor YAML (names line and column), repeats a key, or is
+            not a mapping.
     """
     try:
-        content = load_yaml(path.read_text(encoding="utf-8")) or {}
+        content = load_yaml(read_user_text(path))
     except FileNotFoundError:
-        raise UserError(f"{path}: does not exist") from None
-    except (OSError, *NO_YAML) as error:
+        raise UserError(f"{path}: does not exist. Give the path of a configuration file") from None
+    except NO_YAML as error:
         raise UserError(f"{path}: cannot be read as YAML ({problem(error)})") from None
+    if content is None:
+        return {}
     if not isinstance(content, dict):
         raise UserError(f"{path}: holds {type(content).__name__}, needs keys with values")
     return content
 
 
 def check_config_files(paths: Iterable[Path]) -> None:
-    """Check that each configuration file is YAML without repeated keys. Snakemake silently takes the last one.
+    """Check that each configuration file can be read and repeats no key. Snakemake silently takes the last one.
 
     Raises:
         UserError: a file is wrong; names the file and the line.
     """
     for path in paths:
-        if path.suffix != ".json":
-            read_yaml(path)
+        read_yaml(path)

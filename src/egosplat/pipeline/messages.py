@@ -2,7 +2,9 @@
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
 from typing import Any
 
 import yaml
@@ -130,7 +132,7 @@ def refusal(
     names: Mapping[str, Any] = {}
     for step in rest:
         if step == "[key]":  # the key itself is wrong
-            part, value = names, path.pop()
+            part, value = names or {"type": "string"}, path.pop()
             break
         if (inner := _inside(part, value, step)) is None:
             break
@@ -146,8 +148,14 @@ def not_allowed(key: str, value: object, why: str) -> str:
     return f"{key or 'value'} = {shorten(value)} is not allowed: {why}"
 
 
-def unknown_key(section: str, key: object, known: Sequence[str]) -> str:
-    """Say that there is no such key, with what is meant: the closest key, a new name, or the reason of its removal."""
+def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence[str] = ()) -> str:
+    """Say that there is no such key, with what is meant: the closest key, a new name, or the reason of its removal.
+
+    Args:
+        section: of the key; empty outside sections.
+        known: the keys there.
+        homes: full names of the keys of this name in sections.
+    """
     text = str(key)
     name, colon, value = text.partition(":")
     full = f"{section}.{text}" if section else text
@@ -156,8 +164,16 @@ def unknown_key(section: str, key: object, known: Sequence[str]) -> str:
         return f"key '{full}' was removed; {advice}"
     if new := renamed(last, text):
         return f"key '{full}' was renamed; write {new!r}"
-    if colon and name in known:
+    first, dot, rest = text.partition(".")
+    odd = next((letter for letter in text if not letter.isascii()), None)
+    if odd:
+        advice = f"{odd!a} ({unicodedata.name(odd, 'no letter')}) is no character of a key; type it anew"
+    elif colon and name in known:
         advice = f"write a space after the colon: {name}: {value[:_LONGEST]}"
+    elif homes:
+        advice = f"did you mean {' or '.join(homes)}?"
+    elif dot and first in known:
+        advice = f"write {first}: {{{rest}: ...}}"
     elif near := difflib.get_close_matches(name, known, n=1):
         advice = f"did you mean {near[0]!r}?"
     else:
@@ -189,8 +205,13 @@ def choices(part: Mapping[str, Any]) -> list[str]:
 
 def kinds_of(part: Mapping[str, Any]) -> list[str]:
     """List the allowed types, in words."""
-    types = [one.get("type") for one in _options(part) if not {"enum", _C} & one.keys()]
+    types = [_type(one) for one in _options(part) if not {"enum", _C} & one.keys()]
     return [_KINDS[kind] for one in types for kind in ([one] if isinstance(one, str) else one or [])]
+
+
+def _type(part: Mapping[str, Any]) -> Any:
+    """Get the type in a JSON schema; a reference leads to the schema of an object."""
+    return "object" if "$ref" in part else part.get("type")
 
 
 def limits_of(part: Mapping[str, Any]) -> list[str]:
@@ -201,6 +222,22 @@ def limits_of(part: Mapping[str, Any]) -> list[str]:
         for word, text in _LIMITS.items()
         if word in one and one[word] != LARGEST_INTEGER
     ]
+
+
+def figure(value: float, form: str, is_beyond: Callable[[float], bool]) -> str:
+    """Format a number so that what is shown lies on the same side of a limit as the number itself.
+
+    Args:
+        form: format such as ``.2f`` or ``.1%``.
+        is_beyond: tells on which side of the limit a number lies.
+    """
+    text = format(value, form)
+    if not math.isfinite(value):
+        return text
+    shown, scale = Decimal(text.rstrip("%")), 100 if text.endswith("%") else 1
+    step = Decimal((0, (1,), int(shown.as_tuple().exponent)))
+    near = (float(one) / scale for one in (shown, shown - step, shown + step))
+    return format(next((one for one in near if is_beyond(one) == is_beyond(value)), value), form)
 
 
 def shorten(value: object) -> str:

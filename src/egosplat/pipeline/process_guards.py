@@ -1,6 +1,7 @@
 """Guards of a run's processes: stages exit with their Snakemake, and stale locks are removed."""
 
 import fcntl
+import getpass
 import os
 import shutil
 import threading
@@ -20,7 +21,7 @@ def end_with_snakemake() -> None:
     """Exit when the parent Snakemake dies, so that a restart does not run the stage twice. Watches in a thread."""
     # Exiting loses nothing: unfinished outputs are not yet in place, and long stages have checkpoints.
     number = os.environ.get(STARTED_BY, "")
-    if number.isdigit():
+    if number.isdecimal():
         threading.Thread(target=_watch, args=(int(number),), daemon=True).start()
 
 
@@ -78,6 +79,14 @@ def _taken(handle: int, kind: int) -> bool:
     except OSError:
         return False
     return True
+
+
+def name_user() -> None:
+    """Name the user by number where the system has no name, as in a container: Snakemake asks for one when it starts."""
+    try:
+        getpass.getuser()
+    except (KeyError, OSError):
+        os.environ["USER"] = str(os.getuid())
 
 
 def check_cores(cores: int | None, nodes: int | None) -> None:

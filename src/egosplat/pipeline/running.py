@@ -9,7 +9,7 @@ from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.config import stage_options, stage_sections
 
 # Values of the table of scenes that a stage may do without.
-_SCENE = {"title": "scene", "method": None}
+_SCENE = {"title": "scene", "method": None, "preset": None, "world_seed": None, "camera": None}
 
 
 def run_stage(name: str, **values: Any) -> None:

@@ -1,6 +1,7 @@
 """The table of scenes: recording and configuration of each scene."""
 
 import csv
+import io
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
+from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.validation import Draft202012Validator, explain, schema
@@ -58,7 +60,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     Raises:
         UserError: the table is missing or unreadable, a column or value is wrong, or a scene is repeated.
     """
-    path = Path(config["scenes"])
+    path = table_of(config)
     rows = _rows(path)
     _check_roots(config, [row for _, row in rows], path)
     scenes: dict[tuple[str, str], Scene] = {}
@@ -71,6 +73,11 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
             raise UserError(f"{where}: scene {'/'.join(key)} is in the table twice; remove or rename one")
         scenes[key] = _scene(row, config, where)
     return scenes
+
+
+def table_of(config: configuration.Config) -> Path:
+    """Get the path of the table of scenes that a configuration names. ``~`` is the home folder."""
+    return expand_home(config["scenes"])
 
 
 def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
@@ -137,31 +144,45 @@ def requested_targets(words: Iterable[str]) -> list[Target]:
 def _rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     """Read each row with its line number. Blank lines and lines that begin with # are skipped."""
     try:
-        # Spreadsheets write a byte order mark, which "utf-8-sig" skips.
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, delimiter="\t", strict=True)
-            lines = [(reader.line_num, cells) for cells in reader if _is_row(cells)]
+        text = read_user_text(path)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
-    except (OSError, ValueError, csv.Error) as error:
-        raise UserError(f"{path}: cannot be read as a tab-separated table ({error})") from None
+    lines = _lines(text, path)
     expected = list(schema("scenes")["properties"])
-    header = lines[0][1] if lines else []
+    if not lines:
+        raise UserError(f"{path}: is empty; its first line needs {', '.join(expected)}, tab-separated")
+    header = lines[0][1]
     if header != expected:
         # The header of a file that is no table may hold control characters.
         found = ", ".join(header)[:_LONGEST_HEADER].encode("unicode_escape").decode()
         raise UserError(f"{path}: has columns {found}; needs {', '.join(expected)}, tab-separated")
     for number, cells in lines[1:]:
         if len(cells) != len(expected):
+            mend = "put a tab between them, for an empty one too"
             raise UserError(
                 f"{path}, line {number}: has {len(cells)} of the {len(expected)} columns {', '.join(expected)}; "
-                "put a tab between them, for an empty one too"
+                f"{mend if len(cells) < len(expected) else 'remove a tab'}"
             )
     return [(number, dict(zip(expected, cells, strict=True))) for number, cells in lines[1:]]
 
 
+def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter="\t", strict=True)
+    lines, first = [], 1
+    try:
+        for cells in reader:
+            if _is_row(cells):
+                lines.append((reader.line_num, cells))
+            first = reader.line_num + 1
+    except csv.Error as error:
+        raise UserError(
+            f'{path}, line {first}: is no row of a table ({error}). A cell that begins with " ends with one'
+        ) from None
+    return lines
+
+
 def _is_row(cells: list[str]) -> bool:
-    return any(cells) and not cells[0].startswith("#")
+    return any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#")
 
 
 def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path: Path) -> None:
@@ -174,6 +195,8 @@ def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path:
 
 def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
     options = configuration.parse_options(row["options"], where)
+    if common := {"data_root", "formats"} & options.keys():
+        raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")
     own = configuration.overlaid(configuration.of_format(config, row["format"]), options)
     own = configuration.validate(own, where)
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
@@ -203,4 +226,4 @@ def _recording(given: str, root: str | None, where: str) -> Path:
     """Get the path of a row's recording. ``~`` is the home folder."""
     if _ADDRESS.match(given):
         raise UserError(f"{where}: recording {given[:80]}: is a URL; download it and give the file's path")
-    return Path(os.path.expanduser(root or ".")) / os.path.expanduser(given)
+    return expand_home(root or ".") / expand_home(given)

@@ -43,8 +43,9 @@ class NearPlaneOptions(Options):
     section: ClassVar[str] = "run"
 
     near_plane: Positive = 0.1
-    """Near plane in meters (COLMAP units if the scale is unknown): nothing closer to the camera is rendered. If it is
-    too near, single Gaussians in front of the lens fill the frame; if it is too far, hands are cut off."""
+    """Near plane in meters (scene units if the scale is unknown): nothing closer to the camera is rendered. If it is
+    too near, single Gaussians in front of the lens fill the frame; if it is too far, hands are cut off. Training stops
+    where most points lie closer. The smallest sizes are in proportion to it."""
 
 
 class RunOptions(SeedOptions, BackendOptions, DeviceOptions, NearPlaneOptions):

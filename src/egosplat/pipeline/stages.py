@@ -60,7 +60,8 @@ class Stage:
         libraries: distributions whose version changes the output.
         options: class of its options, MODULE:CLASS; empty for a stage without keys.
         scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
-            pages, ``method``, the published method that a variant stands for.
+            pages, ``method``, the published method that a variant stands for, and what ``metrics.json`` tells of the
+            configuration: ``preset``, and ``world_seed`` and ``camera`` of a synthetic apartment.
         modules: modules of which it loads one with ``load_module``.
     """
 
@@ -98,6 +99,7 @@ _LEARNT_FROM = {
     "features": "unless language.method is field or quantized",
     "tiles": "if language.method is field or quantized",
 }
+_SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
 
 _STAGES = (
@@ -289,7 +291,7 @@ _STAGES = (
             "torch",
             "zarr",
         ),
-        scene=("title", "method"),
+        scene=("title", "method", *_SETUP),
     ),
     Stage(
         "method_metrics",
@@ -299,7 +301,7 @@ _STAGES = (
         output="method_metrics.json",
         inputs=("frames", "poses", "annotations", "relevancy"),
         libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
-        scene=("title",),
+        scene=("title", *_SETUP),
     ),
     Stage(
         "contact_sheet",

@@ -1,5 +1,6 @@
-"""YAML without repeated keys, in which 1e-4 is a number, as in YAML 1.2."""
+"""YAML in which nothing means another thing than it seems to: no repeated keys, no octal numbers, 1e-4 is a number."""
 
+import json
 import re
 from collections.abc import Hashable
 from typing import Any
@@ -12,7 +13,14 @@ NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
 # Numbers that YAML 1.1, and so PyYAML, reads as strings: no decimal point, or no sign of the exponent.
 _EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$")
 
-_MERGE = "tag:yaml.org,2002:merge"
+_TAG = "tag:yaml.org,2002:"
+_MERGE, _TEXT = f"{_TAG}merge", f"{_TAG}str"
+
+# Integers that YAML 1.1 reads as octal and YAML 1.2 as decimal.
+_OCTAL = re.compile(r"[-+]?0[0-9_]+")
+
+# Most nodes of a text with its aliases spelled out: a few lines of aliases of aliases can stand for billions.
+_LARGEST = 100_000
 
 
 class _Loader(yaml.SafeLoader):
@@ -22,23 +30,49 @@ class _Loader(yaml.SafeLoader):
         """Construct the mapping of a node.
 
         Raises:
-            yaml.constructor.ConstructorError: a key is repeated.
+            yaml.constructor.ConstructorError: a key is repeated, or no text.
         """
         if isinstance(node, yaml.MappingNode):
-            _check_once(node)
+            _check_keys(node)
         return super().construct_mapping(node, deep)
 
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Construct an integer.
 
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
+        Raises:
+            yaml.constructor.ConstructorError: it is octal in one version of YAML and decimal in another.
+        """
+        if _OCTAL.fullmatch(node.value):
+            raise _refusal(node, f"{node.value} is octal in YAML; write it without the leading 0")
+        return super().construct_yaml_int(node)
+
+    def get_single_node(self) -> yaml.Node | None:
+        """Compose the only document.
+
+        Raises:
+            yaml.constructor.ConstructorError: its aliases stand for too many nodes.
+            RecursionError: an alias holds itself.
+        """
+        node = super().get_single_node()
+        if node is not None and _count(node) > _LARGEST:
+            raise _refusal(node, f"its aliases stand for more than {_LARGEST:,} values; write them out")
+        return node
+
+
+_Loader.add_implicit_resolver(f"{_TAG}float", _EXPONENT, list("-+.0123456789"))
+_Loader.add_constructor(f"{_TAG}int", _Loader.construct_yaml_int)
 
 
 def load_yaml(text: str) -> Any:
-    """Load a YAML text. No code in it is executed.
+    """Load a text of YAML or JSON, which may hold tabs. No code in it is executed.
 
     Raises:
         NO_YAML: the text is not YAML, or a mapping repeats a key; ``problem`` describes it.
     """
-    return yaml.load(text, Loader=_Loader)  # noqa: S506: a safe loader
+    try:
+        return json.loads(text, object_pairs_hook=_unique)
+    except ValueError:  # YAML, or JSON with a repeated key, whose line the loader of YAML names
+        return yaml.load(text, Loader=_Loader)  # noqa: S506: a safe loader
 
 
 def problem(error: Exception) -> str:
@@ -49,18 +83,46 @@ def problem(error: Exception) -> str:
     if mark is None:
         return str(error).partition("\n")[0]
     parts = [error.context] if error.problem.startswith("but ") else []
-    return f"line {mark.line + 1}, column {mark.column + 1}: {', '.join([*parts, error.problem])}"
+    tab = ["write blanks in place of tabs"] if "'\\t'" in error.problem else []
+    return f"line {mark.line + 1}, column {mark.column + 1}: {', '.join([*parts, error.problem, *tab])}"
 
 
-def _check_once(node: yaml.MappingNode) -> None:
-    first: dict[tuple[str, str], int] = {}
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key is repeated")
+    return found
+
+
+def _check_keys(node: yaml.MappingNode) -> None:
+    first: dict[str, int] = {}
     for key, _ in node.value:
         if not isinstance(key, yaml.ScalarNode) or key.tag == _MERGE:
             continue
-        mark = key.start_mark
-        name = (key.tag, key.value)
-        if name in first:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"key {key.value!r} is set twice, first in line {first[name]}; remove one", mark
+        if key.tag != _TEXT:
+            kind = key.tag.removeprefix(_TAG)
+            raise _refusal(key, f"key {key.value} is read as {kind}; put it in quotes")
+        if key.value in first:
+            raise _refusal(
+                key, f"key {key.value!r} is set twice, first in line {first[key.value]}; remove one"
             )
-        first[name] = mark.line + 1
+        first[key.value] = key.start_mark.line + 1
+
+
+def _refusal(node: yaml.Node, why: str) -> yaml.constructor.ConstructorError:
+    return yaml.constructor.ConstructorError(None, None, why, node.start_mark)
+
+
+def _count(node: yaml.Node) -> int:
+    """Count the nodes below a node, aliases spelled out."""
+    # By node, so that an alias of aliases is counted without being walked again; a node within itself recurses.
+    counts: dict[int, int] = {}
+
+    def visit(one: yaml.Node) -> int:
+        if id(one) not in counts:
+            inner = one.value if isinstance(one, yaml.CollectionNode) else []
+            parts = [part for each in inner for part in (each if isinstance(each, tuple) else (each,))]
+            counts[id(one)] = 1 + sum(map(visit, parts))
+        return counts[id(one)]
+
+    return visit(node)

@@ -1,7 +1,6 @@
 """Validation against the JSON schemas of scenes and JSON artifacts, with errors in plain words."""
 
 import functools
-import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ import yaml
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
+from egosplat.pipeline.making import make_command
 from egosplat.pipeline.messages import allowed, not_allowed, unknown_key
 
 
@@ -49,12 +49,11 @@ def read_document(path: Path, name: str) -> dict[str, Any]:
     Raises:
         UserError: the file is missing, is not JSON, or does not match the schema; says how to make it.
     """
-    file = shlex.quote(str(path))
-    again = f"Rebuild it: snakemake --cores 2 --force {file}"
+    again = f"Rebuild it: {make_command(path, '--force ')}"
     try:
         document = read_json(path, parse_constant=_refuse)
     except FileNotFoundError:
-        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {file}") from None
+        raise UserError(f"{path}: does not exist. Make it: {make_command(path)}") from None
     except (OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise UserError(f"{path}: cannot be read as JSON ({reason}). {again}") from None

@@ -7,7 +7,10 @@ from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import inputs_of
+from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.model_sets import locate_checkpoints
+from egosplat.pipeline.options import keys_of
+from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
@@ -64,8 +67,9 @@ def variant_config(base: Config, name: str, where: str) -> Config:
         raise UserError(
             f"variant {name}: variants share the scene's recording; leave out the section synthetic"
         )
-    if merged["preset"] != base["preset"]:
-        raise UserError(f"variant {name}: a variant cannot change preset; set the keys themselves")
+    for key in (*keys_of(GeneralOptions), "tables", "tradeoff"):
+        if merged[key] != base[key]:
+            raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
     return merged
 
 
@@ -86,6 +90,16 @@ def method_of(base: Config, name: str, where: str) -> str | None:
     """
     named = [base["variants"][one].get(METHOD) for one in _ancestry(base["variants"], name, where)]
     return next(filter(None, reversed(named)), None)
+
+
+def preset_of(base: Config, name: str | None, where: str) -> str:
+    """Get the preset of a scene, or of its variant that is one or extends one.
+
+    Raises:
+        UserError: see ``variant_config``.
+    """
+    above = _ancestry(base["variants"], name, where) if name else []
+    return next((one for one in reversed(above) if one in FILES), base["preset"])
 
 
 def variant_folder(variant: str | None) -> str:

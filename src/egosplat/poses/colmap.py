@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
 from egosplat.calibration.colmap.mapping import MIN_IMAGES, build_models, choose_model
 from egosplat.calibration.colmap.matching import Matching, match_images
+from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose
@@ -27,6 +28,7 @@ from egosplat.poses.result import (
     MAX_REPROJECTION_ERROR_PX,
     MIN_TRACK_LENGTH,
     Poses,
+    find_parallax,
     mean_camera_up,
     unregistered,
 )
@@ -63,7 +65,8 @@ def colmap_poses(
         ``MIN_TRACK_LENGTH`` images or more, with a mean reprojection error up to ``MAX_REPROJECTION_ERROR_PX``.
 
     Raises:
-        UserError: there are too few images, features, matches or registered images, no parallax, or no disk space.
+        UserError: there are too few images, features, matches or registered images, no parallax, or no disk space, or
+            the camera stands still.
     """
     threads = threads or len(os.sched_getaffinity(0))
     with scratch_directory("egosplat-colmap-", workdir) as folder, quiet_colmap():
@@ -72,8 +75,9 @@ def colmap_poses(
         frames = len(project.names)
         if frames < MIN_IMAGES:
             raise UserError(f"COLMAP needs {MIN_IMAGES} frames or more, not {frames}: use more frames")
-        pycolmap.set_random_seed(seed)
         project.write_mask(valid)
+        check_camera_moves(project)
+        pycolmap.set_random_seed(seed)
         project.import_images(camera, camera_known)
         features = project.extract(camera, threads)
         check_features(features)
@@ -111,6 +115,7 @@ def _poses(
         "registered": int(registered.sum()),
         "reprojection_error_px": model.compute_mean_reprojection_error(),
         "track_length": model.compute_mean_track_length(),
+        "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], points),
         "camera_refined": not camera_known,
         "scale": "arbitrary",
         **point_notes,

@@ -1,13 +1,12 @@
 """Poses of a plain recording that are known already, from a COLMAP model or a ``transforms.json``."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from egosplat.calibration.companions import KNOWN_POSES, companion_path
+from egosplat.calibration.companions import accept_advice, known_poses_path
 from egosplat.calibration.contents import Contents
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
@@ -17,6 +16,7 @@ from egosplat.poses.result import (
     MAX_REPROJECTION_ERROR_PX,
     MIN_TRACK_LENGTH,
     Poses,
+    find_parallax,
     mean_camera_up,
     unregistered,
 )
@@ -26,7 +26,8 @@ from egosplat.progress import format_ranges, log
 def known_poses(
     recording: Path,
     kind: str,
-    lens: Lens,
+    lenses: list[Lens],
+    pinhole: Camera,
     pictures: Sequence[str],
     camera: Camera,
     *,
@@ -37,7 +38,8 @@ def known_poses(
 
     Args:
         kind: of the file, a key of ``KNOWN_POSES``.
-        lens: that the frames were rectified from.
+        lenses: that the frames were rectified from.
+        pinhole: of the full-size rectified pictures.
         pictures: name of each frame's picture.
         camera: of the frames.
         min_registered: required fraction of frames with a pose, 0 to 1.
@@ -50,9 +52,9 @@ def known_poses(
     Raises:
         UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
     """
-    path = companion_path(recording, KNOWN_POSES[kind])
-    contents = read_known_poses(recording, kind, lens.width, lens.height)
-    if contents.lens != lens:
+    path = known_poses_path(recording, kind)
+    contents = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
+    if contents.lenses != lenses:
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
     row = match_pictures(contents.names, pictures, path).row
     registered = row >= 0
@@ -61,10 +63,12 @@ def known_poses(
     camera_to_world = unregistered(len(pictures))
     camera_to_world[registered] = contents.camera_to_world[row[registered]]
     camera_to_world[registered, :3, 3] *= scale
-    kept = _kept_points(contents, camera.width / lens.width)
+    kept = _kept_points(contents, camera.width / pinhole.width)
+    if lost := int((~np.isfinite(contents.points).all(axis=1)).sum()):
+        log(f"{path}: leaves out {lost} of {len(contents.points)} points, which are not finite")
     notes = {
         "source": "known",
-        "file": path.name,
+        "file": str(path.relative_to(recording.parent)),
         "frames": len(pictures),
         "registered": int(registered.sum()),
         "points": int(kept.sum()),
@@ -79,28 +83,16 @@ def known_poses(
     return Poses(camera_to_world, registered, camera, points, contents.point_rgb[kept], up, notes).check()
 
 
-def find_parallax(centers: np.ndarray, points: np.ndarray) -> float | None:
-    """Angle under which the median point sees all cameras [deg]; alarm ``poses.parallax`` if it is small.
-
-    Args:
-        centers: (N, 3) camera centers in the world, N >= 1.
-        points: (P, 3) points of the scene; none: 0 for cameras at one place, else None.
-    """
-    extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
-    if not len(points):
-        return None if extent > 0 else 0.0
-    away = float(np.median(np.linalg.norm(points - centers.mean(axis=0), axis=1)))
-    return float(np.degrees(np.arctan2(extent, away)))
-
-
 def _check_share(registered: np.ndarray, path: Path, min_registered: float) -> None:
     frames, count = len(registered), int(registered.sum())
     without = format_ranges(set(np.flatnonzero(~registered).tolist()))
     if count < min_registered * frames:
-        share = math.floor(100 * count / frames) / 100
+        advice = ", or ".join(
+            filter(None, ["Add them", "leave these frames out", accept_advice(count, frames)])
+        )
         raise UserError(
             f"{path}: has poses of {count} of {frames} frames, and poses.min_registered requires {min_registered:.0%}; "
-            f"without a pose (indices from 0): {without}\nAdd them, or accept the loss: poses.min_registered={share:g}"
+            f"without a pose (indices from 0): {without}\n{advice}"
         )
     if without:
         log(f"{path}: has no pose of the frames {without} (indices from 0); they are not used")

@@ -40,11 +40,10 @@ class Poses:
     notes: dict[str, Any] = field(default_factory=dict)
 
     def check(self) -> "Poses":
-        """Check the values and return self. The writer of the artifact checks shapes and dtypes.
+        """Check what the artifact's schema does not say, and return self.
 
         Raises:
-            ValueError: no frame is registered, a registered pose is not a rigid motion, an unregistered one is not NaN,
-                a point is not finite, or ``up`` is not a unit vector.
+            ValueError: no frame is registered, a registered pose is not a rigid motion, or an unregistered one is not NaN.
         """
         if not self.registered.any():
             raise ValueError("no frame is registered")
@@ -53,10 +52,6 @@ class Poses:
             raise ValueError(f"the pose of registered frame {broken[0]} is not a rigid motion")
         if not np.isnan(self.camera_to_world[~self.registered]).all():
             raise ValueError("a frame that is not registered has a pose")
-        if not np.isfinite(self.points).all():
-            raise ValueError("a point is not finite")
-        if not abs(np.linalg.norm(self.up) - 1.0) <= 1e-9:
-            raise ValueError("up is not a unit vector")
         return self
 
 
@@ -82,3 +77,17 @@ def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
     if not length > _MIN_MEAN_UP:
         raise UserError("the frames have no common upward direction: turn them upright first")
     return mean / length
+
+
+def find_parallax(centers: NDArray[np.float64], points: NDArray[np.float64]) -> float | None:
+    """Angle under which the median point sees all cameras [deg]; alarm ``poses.parallax`` if it is small.
+
+    Args:
+        centers: (N, 3) camera centers in the world, N >= 1.
+        points: (P, 3) points of the scene; none: 0 for cameras at one place, else None.
+    """
+    extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
+    if not len(points):
+        return None if extent > 0 else 0.0
+    away = float(np.median(np.linalg.norm(points - centers.mean(axis=0), axis=1)))
+    return float(np.degrees(np.arctan2(extent, away)))

@@ -88,7 +88,8 @@ def _from_file(recording: Path, kind: str, frames: Artifact, options: PosesOptio
     return load_module("poses", "known").known_poses(
         recording,
         kind,
-        Lens.of_facts(frames.facts["lens"]),
+        [Lens.of_facts(lens) for lens in frames.facts["lenses"]],
+        Camera(**frames.facts["pinhole"]),
         frames.facts["pictures"],
         Camera(**frames.facts["camera"]),
         min_registered=options.min_registered,

@@ -10,6 +10,8 @@ from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answers import Answer, FoundView
 from egosplat.query.finished_scene import Scene
+from egosplat.query.options import QueryOptions
+from egosplat.query.text import clean_phrase
 from egosplat.query.viewpoint import Viewpoint
 
 # Maximum number of answers in the picture; the table has all of them.
@@ -57,7 +59,7 @@ def run(
     place = "the whole scene" if viewpoint is None else viewpoint.name
     title = f"{scene.folder}, {place}, origin {scene.origin}"
     title = "\n".join(filter(None, (title, scene.notice)))
-    queries = list(dict.fromkeys(phrases))
+    queries = list(dict.fromkeys(map(clean_phrase, phrases)))
     answers = track(scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries))
     table = _scene_table if viewpoint is None else _view_table
     columns, rows, drawn = table(scene, answers)
@@ -94,16 +96,20 @@ Table = tuple[tuple[str, ...], list[tuple[str, ...]], list[Answer]]
 def _scene_table(scene: Scene, answers: Iterable[Answer]) -> Table:
     columns = ("query", "score", "level", f"center [{scene.unit}]", f"size [{scene.unit}]", "frame")
     every = list(answers)
-    return columns, [row for answer in every for row in _scene_rows(answer)], every[:MOST_DRAWN]
+    return (
+        columns,
+        [row for answer in every for row in _scene_rows(answer, scene.options)],
+        every[:MOST_DRAWN],
+    )
 
 
-def _scene_rows(answer: Answer) -> list[tuple[str, ...]]:
+def _scene_rows(answer: Answer, options: QueryOptions) -> list[tuple[str, ...]]:
     if answer.refusal:
-        return [(answer.phrase, f"{answer.score:.2f}", answer.refusal)]
+        return [(answer.phrase, options.shown(answer.score), answer.refusal)]
     return [
         (
             answer.phrase if number == 0 else "",
-            f"{thing.score:.2f}",
+            options.shown(thing.score),
             thing.level,
             _numbers(thing.center),
             " x ".join(f"{side:.2f}" for side in thing.size),
@@ -118,14 +124,14 @@ def _view_table(scene: Scene, answers: Iterable[Answer]) -> Table:
     rows: list[tuple[str, ...]] = []
     drawn: list[Answer] = []
     for answer in answers:
-        rows.append(_view_row(answer))
+        rows.append(_view_row(answer, scene.options))
         if len(drawn) < MOST_DRAWN:
             drawn.append(answer)
     return columns, rows, drawn
 
 
-def _view_row(answer: Answer) -> tuple[str, ...]:
-    score, view = f"{answer.score:.2f}", answer.view
+def _view_row(answer: Answer, options: QueryOptions) -> tuple[str, ...]:
+    score, view = options.shown(answer.score), answer.view
     if view is None or view.pixel is None:
         return (answer.phrase, score, answer.refusal or _ABSENT)
     position = _ABSENT if view.position is None else _numbers(view.position)

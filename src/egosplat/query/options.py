@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Field
 
 from egosplat.pipeline.checked_options import make_options
+from egosplat.pipeline.messages import figure
 from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text, keys_of
 from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 
@@ -73,13 +74,21 @@ class QueryOptions(MapOptions):
 
         Args:
             score: score of the best match, 0..1.
-            untaught: words of the query that the model was not trained on.
+            untaught: of ``egosplat.query.text.untaught_words``.
         """
         # First, because the score of an untrained word is meaningless.
         if untaught:
+            if not any(map(str.isalnum, "".join(untaught))):
+                return "not found: the query holds no word"
             words = ", ".join(f'"{word}"' for word in dict.fromkeys(untaught))
             return f"not found: the OpenCLIP checkpoint was not trained on {words}"
-        return f"not found: the best match is below {self.min_score:.2f}" if score < self.min_score else None
+        # All its digits, two at least: a rounded limit would contradict the verdict.
+        least = max(f"{self.min_score:.2f}", f"{self.min_score:g}", key=len)
+        return f"not found: the best match is below {least}" if score < self.min_score else None
+
+    def shown(self, score: float) -> str:
+        """A score with two decimals, on its side of ``min_score``."""
+        return figure(score, ".2f", lambda one: one < self.min_score)
 
 
 class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):

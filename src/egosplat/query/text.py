@@ -16,12 +16,16 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.pipeline.making import make_command
 
 # Start and end of every text.
 _SPECIAL_TOKENS = 2
 
-# Unicode categories of control characters, and of surrogates: Python decodes bytes that are not UTF-8 to them.
-_NO_TEXT = ("Cc", "Cs")
+# Unicode categories of characters that nobody sees: control characters, and those of format, such as zero-width ones.
+_UNSEEN = ("Cc", "Cf")
+
+# Unicode category of surrogates: Python decodes bytes that are not UTF-8 to them.
+_NO_TEXT = "Cs"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +80,7 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
     for phrase in phrases:
         _check(clip, phrase)
     with clip.compute.inference():
-        tokens = clip.tokenizer(list(phrases)).to(clip.compute.device)
+        tokens = clip.tokenizer(list(map(clean_phrase, phrases))).to(clip.compute.device)
         features = clip.model.encode_text(tokens).float().cpu().numpy()
     for phrase, good in zip(phrases, usable(features), strict=True):
         if not good:
@@ -84,22 +88,34 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
     return torch.from_numpy(unit(features)).float()
 
 
+def clean_phrase(phrase: str) -> str:
+    """A phrase without characters that nobody sees, and with single spaces."""
+    seen = (one for one in phrase if one.isspace() or unicodedata.category(one) not in _UNSEEN)
+    return " ".join("".join(seen).split())
+
+
 def untaught_words(clip: OpenClip, phrase: str) -> list[str]:
-    """Words of a phrase that the model was not trained on, in order; empty if the model lists no vocabulary."""
-    # The feature of an untrained word has an arbitrary direction, so its relevancy is meaningless.
-    if clip.words is None:
-        return []
-    return [word for word in re.findall(r"[^\W_]+", phrase.lower()) if word not in clip.words]
+    """Words of a phrase that the model was not trained on, in order; all that it reads if that holds no word.
+
+    A model that lists no vocabulary knows every word, which has letters or digits of any script.
+    """
+    # What the model was not trained on has a feature of arbitrary direction, so its relevancy is meaningless.
+    read = clip.tokenizer.clean_fn(clean_phrase(phrase)).lower()
+    words = re.findall(r"[^\W_]+", read)
+    if not words:
+        return [read]
+    return [] if clip.words is None else [word for word in words if word not in clip.words]
 
 
 def _check(clip: OpenClip, phrase: str) -> None:
-    if not phrase.strip():
+    if not clean_phrase(phrase):
         raise UserError("query: is blank; describe the object in a few words")
-    if any(unicodedata.category(letter) in _NO_TEXT for letter in phrase):
-        raise UserError(
-            f"query {phrase[:80]!r}: has control characters or is not UTF-8; describe the object in words"
-        )
-    tokens, limit = len(clip.tokenizer.encode(phrase)), clip.tokenizer.context_length - _SPECIAL_TOKENS
+    if any(unicodedata.category(letter) == _NO_TEXT for letter in phrase):
+        raise UserError(f"query {phrase[:80]!r}: is not UTF-8; describe the object in words")
+    tokens, limit = (
+        len(clip.tokenizer.encode(clean_phrase(phrase))),
+        clip.tokenizer.context_length - _SPECIAL_TOKENS,
+    )
     if tokens > limit:
         raise UserError(f"query {phrase[:80]!r}: has {tokens} tokens, the model reads {limit}; shorten it")
 
@@ -139,6 +155,6 @@ def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, p
         raise UserError(
             f"{features.path}: was made with another OpenCLIP ({made_with['model']}, {made_with['checkpoint']}, "
             f"hash {made_with['hash']}) than {model}, {checkpoint} (hash {found}).\n"
-            f"Restore that checkpoint, or rebuild the features: snakemake --cores 2 {features.path}"
+            f"Restore that checkpoint, or rebuild the features: {make_command(features.path)}"
         )
     return load_open_clip(model, checkpoint, device, precision)

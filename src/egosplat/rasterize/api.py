@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from egosplat.progress import log
-from egosplat.rasterize.contract import Arguments, Render, check
+from egosplat.rasterize.contract import FAR_PLANE, Arguments, Render, check
 from egosplat.rasterize.kernels import library
 
 BACKENDS = ("auto", "cuda", "cpu", "reference")
@@ -25,7 +25,7 @@ def rasterization(
     height: int,
     *,
     near_plane: float = 0.1,
-    far_plane: float = 1e10,
+    far_plane: float = FAR_PLANE,
     radius_clip: float = 0.0,
     eps2d: float = 0.3,
     sh_degree: int | None = None,

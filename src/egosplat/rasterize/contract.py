@@ -25,6 +25,9 @@ FRUSTUM_MARGIN = 0.3
 # Lower bound of the divisor of the expected depth, as in gsplat: depth 0 where nothing is visible.
 MIN_DEPTH_ALPHA = 1e-10
 
+# Largest camera z that is rendered.
+FAR_PLANE = 1e10
+
 MAX_SH_DEGREE = 3
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")
@@ -47,7 +50,7 @@ class Arguments:
     width: int
     height: int
     near_plane: float = 0.1
-    far_plane: float = 1e10
+    far_plane: float = FAR_PLANE
     radius_clip: float = 0.0
     eps2d: float = 0.3
     sh_degree: int | None = None

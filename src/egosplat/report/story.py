@@ -15,8 +15,10 @@ from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.files import read_json, write_text
+from egosplat.files import write_text
+from egosplat.pipeline.making import make_command
 from egosplat.pipeline.stages import PAGES, STAGES
+from egosplat.pipeline.validation import read_document
 from egosplat.progress import log
 from egosplat.report.tables.page import read_picture, render_page
 
@@ -47,17 +49,11 @@ class SceneFiles:
 
     @cached_property
     def survey(self) -> dict[str, Any]:
-        return self._document("survey.json")
+        return read_document(self.paths["survey.json"], "survey")
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
-        return self._document("metrics.json")
-
-    def _document(self, name: str) -> dict[str, Any]:
-        try:
-            return read_json(self.paths[name])
-        except (OSError, ValueError) as error:
-            raise UserError(f"{self.paths[name]}: cannot be read ({error})") from None
+        return read_document(self.paths["metrics.json"], "metrics")
 
 
 Lines = Callable[[SceneFiles], Iterator[str]]
@@ -246,7 +242,7 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
         UserError: a file is missing or damaged.
     """
     if missing := [path for path in paths if not path.exists()]:
-        raise UserError(f"{missing[0]}: does not exist. Make it: snakemake --cores 2 {missing[0]}")
+        raise UserError(f"{missing[0]}: does not exist. Make it: {make_command(missing[0])}")
     files = SceneFiles(paths)
     scene = files.paths.get(STAGES["scene_page"].output)
     text = render_page(

@@ -109,9 +109,8 @@ class MovingTracker(Tracker):
         return F.interpolate(large, self._inside.shape, mode="area")[0, 0]
 
     def _values(self, frame: int) -> NDArray[np.float32]:
-        """(H, W) probability; 0 where it is not finite or the pixel is not valid."""
-        values = self._probability(frame).astype(np.float32)
-        return np.where(self._valid & np.isfinite(values), values, np.float32(0))
+        """(H, W) probability; 0 where the pixel is not valid."""
+        return np.where(self._valid, self._probability(frame).astype(np.float32), np.float32(0))
 
 
 def _mean_reaches(least: float, masks: Tensor, probability: Tensor) -> Tensor:

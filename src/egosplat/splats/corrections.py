@@ -59,7 +59,7 @@ def put_corrections(
     artifact.put("corrections/gain", values[:, LOG_GAIN].exp().numpy())
     if len(held_out):
         log(
-            f"held out without corrections: PSNR {given.mean_psnr:.2f} dB, SSIM {given.mean_ssim:.3f}; "
+            f"held out as given: PSNR {given.mean_psnr:.2f} dB, SSIM {given.mean_ssim:.3f}; "
             f"poses moved by up to {1e3 * np.linalg.norm(shift, axis=1).max():.1f} mm and {turn.max():.2f} degrees"
         )
     facts = {"scene_depth": corrections.depth, "up": poses.read("up").tolist()}

@@ -20,6 +20,7 @@ from egosplat.codes.joint_objective import JointLanguage, initial_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolve_camera
+from egosplat.gaussians.corrections import Corrections
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.initialization import scene_extent
@@ -98,7 +99,7 @@ def run(
         # Codes of all levels are features of the Gaussians, so their gradients reach the geometry, too.
         start = replace(start, features=initial_codes(start.count, targets, start.means.device))
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    extent = scene_extent(view_sets.training.camera_to_world)
+    extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
     corrections = make_corrections(
         chosen_corrections(options), start, view_sets.training, options.near_plane, options.iterations
     )
@@ -149,8 +150,8 @@ def _view_sets(
     )
     view_sets = ViewSets(
         replace(training, transient=masking.frames(training.frame)),
-        # Held-out frames are scored on all pixels: masks must not make a score better.
-        held_out,
+        # Held-out frames are scored on all pixels that show the scene: masks must not make a score better.
+        replace(held_out, transient=masking.of_the_user().frames(held_out.frame)),
     )
     _check_left(view_sets.training)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())
@@ -198,13 +199,16 @@ def _write(
         put_curves(artifact, state.curves)
         artifact.put("held_out/frame", held_out.frame)
         artifact.facts = _facts(state, view_sets, options, sh_degree) | facts
-    log(f"{gaussians.count} Gaussians of iteration {state.iteration}; held out: {_summary(scores)}")
+    log(
+        f"{gaussians.count} Gaussians of iteration {state.iteration}; held out{_summary(scores, corrections)}"
+    )
 
 
-def _summary(scores: Scores) -> str:
+def _summary(scores: Scores, corrections: Corrections | None) -> str:
     if not len(scores.psnr):
-        return "no frame"
-    return f"PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
+        return ": no frame"
+    poses = "as given" if corrections is None else "with fitted corrections"
+    return f" {poses}: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
 
 
 def _facts(

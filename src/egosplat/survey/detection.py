@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
+from egosplat.moving_regions import Labels, large_regions
 from egosplat.optical_flow import pixel_grid
 from egosplat.survey.matching import PATCH, Match, mean_of_patch, sample
-from egosplat.survey.regions import Labels, large_regions
 from egosplat.survey.rigid import (
     View,
     corrected_flow,

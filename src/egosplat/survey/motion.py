@@ -6,15 +6,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert
+from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey.brightness import exposure_changes
 from egosplat.survey.detection import detect_motion
 from egosplat.survey.epipolar import rotation_homography
 from egosplat.survey.matching import match_images
 from egosplat.survey.pairs import Pairs, choose_pairs, choose_revisits
-from egosplat.survey.regions import Labels, landing, lasting_regions, meetings
 from egosplat.survey.rigid import View
 from egosplat.survey.views import depth_quantile, median_depths, visible_depths
 
@@ -28,8 +29,8 @@ SIDE = 256
 _MIN_VOTING, _MIN_PAIRS = 0.05, 2
 # Minimum depth of static points: half the depth of the nearest 2 % of the points.
 _NEAR_QUANTILE, _NEAR_FACTOR = 0.02, 0.5
-# Without points: an arm's length is 0.6 m.
-_DEFAULT_MIN_DEPTH_M, _DEFAULT_DEPTH_M = 0.2, 2.0
+# Without points, in meters: an arm's length is 0.6 m.
+_DEFAULT_MIN_DEPTH, _DEFAULT_DEPTH = 0.2, 2.0
 
 # One pair in so many is compared again after a second or more, for the poses.
 _PAIRS_PER_REVISIT = 4
@@ -84,6 +85,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     times_ns, registered = frames.read("timestamp_ns"), poses.read("registered")
     camera_to_world, points = poses.read("camera_to_world"), poses.read("points/xyz")
     valid, camera = _working_view(frames, poses)
+    unit = _unit_of(poses, camera_to_world[registered])
     depths = median_depths(camera, camera_to_world, registered, points)
     pairs = choose_pairs(times_ns, registered)
     revisits = choose_revisits(
@@ -96,7 +98,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
         images = [_gray(frames.row("rgb", frame), valid.shape[::-1]) for frame in (first, second)]
         pair_poses = camera_to_world[first], camera_to_world[second]
         match = match_images(*images, valid, camera.matrix, pair_poses)
-        view = _view(camera, pair_poses, depths[first], points)
+        view = _view(camera, pair_poses, depths[first], points, unit)
         found.append(detect_motion(match, view, valid, search=row < len(pairs)))
         judged = np.isfinite(found[-1].noise_px) and row < len(pairs)
         lights.append(match.light if judged else None)
@@ -153,12 +155,18 @@ def _gray(rgb: NDArray[np.uint8], size: tuple[int, int]) -> Gray:
     return cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
 
 
-def _view(camera: Camera, poses: tuple[Array, Array], depth: float, points: Array) -> View:
+def _unit_of(poses: Artifact, registered: Array) -> float:
+    """The unit of the default depths: a meter, or the way between the outermost of the cameras if no scale is known."""
+    spread = float(np.linalg.norm(np.ptp(registered[:, :3, 3], axis=0))) if len(registered) else 0.0
+    return spread if spread > 0 and length_unit(poses) != "m" else 1.0
+
+
+def _view(camera: Camera, poses: tuple[Array, Array], depth: float, points: Array, unit: float) -> View:
     """The camera of a pair, and the depths of what it shows."""
     near = depth_quantile(visible_depths(camera, poses[0], points), _NEAR_QUANTILE)
     return View(
         intrinsics=camera.matrix,
         position=(invert(poses[0]) @ poses[1])[:3, 3],
-        depth=float(depth) if np.isfinite(depth) else _DEFAULT_DEPTH_M,
-        min_depth=_DEFAULT_MIN_DEPTH_M if near is None else _NEAR_FACTOR * near,
+        depth=float(depth) if np.isfinite(depth) else _DEFAULT_DEPTH * unit,
+        min_depth=_DEFAULT_MIN_DEPTH * unit if near is None else _NEAR_FACTOR * near,
     )

@@ -17,8 +17,12 @@ from egosplat.artifacts.transient import TRANSIENT, InstanceScores
 from egosplat.artifacts.writer import Writer, create
 from egosplat.progress import log, track
 from egosplat.transient.options import MasksOptions
+from egosplat.transient.sure_regions import RegionMasks, find_regions, lasting_masks
 
 Scores = NDArray[np.float64]
+
+# An instance that is merged of fewer masks may be of something that moves.
+_MASKS_THAT_HOLD = 3
 
 
 def transient_instances(
@@ -32,6 +36,18 @@ def transient_instances(
 def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
     """(N,) whether less than the share ``least`` of an instance's pixels stand out; False if none was measured."""
     return (outstanding.scores < least) & (outstanding.pixels > 0)
+
+
+def stands_still(
+    tracks: NDArray[np.bool_], masks: NDArray[np.integer], static: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(N,) the instances that stand still: merged of several masks, which cover the same surfaces, or a ``static`` track.
+
+    Args:
+        tracks: which instances are tracks.
+        masks: number of masks that the others are merged of.
+    """
+    return np.where(tracks, static, masks >= _MASKS_THAT_HOLD)
 
 
 def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -83,24 +99,36 @@ def run(
     names = instances.facts["levels"]
     levels = set(range(len(names))) if options.level == "all" else {names.index(options.level)}
     # Training frames alone decide: evaluation frames must not influence training.
-    found = _find(transient, instances, np.flatnonzero(frames.read("train")))
-    called, facts = _choose(found, instances.read("instances/level"), levels, options)
+    rows = np.flatnonzero(frames.read("train"))
+    found = _find(transient, instances, rows)
+    level, tracks = instances.read("instances/level"), is_track(instances)
+    called = _called(found, level, levels, options)
+    chosen, facts = _choose(found, called, np.isin(level, sorted(levels)), options)
     # Masks that are merged cover the same surfaces in several views: they stand still.
-    chosen = called & is_track(instances)
+    chosen &= tracks
+    regions = RegionMasks({}, {})
+    if options.sure_probability is not None and not facts["withheld"]:
+        static = called & looks_static(found.outstanding, options.stands_out)
+        still = stands_still(tracks, instances.read("instances/masks"), static)
+        regions = _find_regions(transient, instances, still, called, rows, options.sure_probability)
     with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", found.by_probability.scores.astype(np.float32))
         artifact.put("instances/stands_out", found.outstanding.scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
-        share = _put_refined(artifact, transient, instances, chosen, options.pixel_probability)
+        share, by_regions = _put_refined(artifact, transient, instances, chosen, regions, options)
         artifact.facts = {
             "threshold": options.threshold,
             "level": options.level,
             "levels": names,
             "transient": int(chosen.sum()),
             "masked_share": share,
+            "masked_by_regions": by_regions,
             **facts,
         }
-    log(f"{int(chosen.sum())} of {len(chosen)} instances are transient: {share:.1%} of all pixels")
+    log(
+        f"{int(chosen.sum())} of {len(chosen)} instances are transient: {share:.1%} of all pixels are masked, "
+        f"{by_regions:.1%} because the network is sure of them without an instance"
+    )
 
 
 @dataclass(frozen=True)
@@ -120,20 +148,27 @@ def _find(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> 
     for frame in track(rows, "scoring instances", total=len(rows)):
         labels, probability = instances.row("labels", frame), transient.row("probability", frame)
         by_probability.add(labels, probability)
-        total += float(np.nan_to_num(probability.astype(np.float64), nan=0.0).mean())
+        total += float(probability.astype(np.float64).mean())
         if measured[frame]:
             outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
     return _Found(by_probability, outstanding, total / max(len(rows), 1))
 
 
-def _choose(
+def _called(
     found: _Found, level: NDArray[np.int8], levels: set[int], options: MasksOptions
-) -> tuple[NDArray[np.bool_], dict[str, Any]]:
-    """(N,) the instances that look transient, none if masks are withheld; and facts that say why."""
+) -> NDArray[np.bool_]:
+    """(N,) the instances that the network calls transient."""
     scores, pixels = found.by_probability.scores, found.by_probability.pixels
-    chosen = transient_instances(scores, pixels, level, options.threshold, levels)
-    chosen &= ~looks_static(found.outstanding, options.stands_out)
-    asked = np.where(np.isin(level, sorted(levels)), pixels, 0)
+    return transient_instances(scores, pixels, level, options.threshold, levels)
+
+
+def _choose(
+    found: _Found, called: NDArray[np.bool_], asked_for: NDArray[np.bool_], options: MasksOptions
+) -> tuple[NDArray[np.bool_], dict[str, Any]]:
+    """(N,) the ``called`` instances that look transient, none if masks are withheld; and facts that say why."""
+    pixels = found.by_probability.pixels
+    chosen = called & ~looks_static(found.outstanding, options.stands_out)
+    asked = np.where(asked_for, pixels, 0)
     withheld = reason_to_withhold(found.mean_probability, chosen, asked, options.max_share)
     many, seen = int(chosen.sum()), int((asked > 0).sum())
     facts = {
@@ -153,20 +188,54 @@ def _choose(
     return chosen, facts
 
 
+def _find_regions(
+    transient: Artifact,
+    instances: Artifact,
+    still: NDArray[np.bool_],
+    called: NDArray[np.bool_],
+    rows: NDArray[np.int64],
+    sure_probability: float,
+) -> RegionMasks:
+    """Find the regions of the training frames ``rows`` that the network is sure of for several frames.
+
+    Args:
+        still: (N,) instances that stand still.
+        called: (N,) instances that the network calls transient; where it errs about one, it is not sure of anything.
+    """
+    measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
+    regions = {}
+    for frame in track(rows.tolist(), "finding regions", total=len(rows)):
+        labels = instances.row("labels", frame)
+        sure = (transient.row("probability", frame) >= sure_probability) & compared
+        sure &= ~refined_mask(labels, still & called)
+        outstanding = transient.row("stands_out", frame) if measured[frame] else None
+        regions[frame] = find_regions(sure, refined_mask(labels, still), outstanding)
+    return lasting_masks(regions, regions)
+
+
 def _put_refined(
     artifact: Writer,
     transient: Artifact,
     instances: Artifact,
     chosen: NDArray[np.bool_],
-    least: float,
-) -> float:
-    """Write the masks of all frames; returns the share of all pixels that are masked."""
+    regions: RegionMasks,
+    options: MasksOptions,
+) -> tuple[float, float]:
+    """Write the masks of all frames; returns the share of all pixels that are masked, and that regions alone mask."""
     count, height, width = transient.shape("probability")
     artifact.allocate("refined", (count, height, width))
-    masked = 0
+    masked, by_instances = 0, 0
     for frame in track(range(count), "writing masks"):
+        probability = transient.row("probability", frame)
         mask = refined_mask(instances.row("labels", frame), chosen)
-        mask = without_static_pixels(mask, transient.row("probability", frame), least)
+        mask = without_static_pixels(mask, probability, options.pixel_probability)
+        by_instances += int(mask.sum())
+        if options.sure_probability is not None:
+            sure, marked = (
+                probability >= one for one in (options.sure_probability, options.pixel_probability)
+            )
+            mask |= regions.mask(frame, sure, marked)
         masked += int(mask.sum())
         artifact.put_row("refined", frame, mask)
-    return masked / max(count * height * width, 1)
+    every = max(count * height * width, 1)
+    return masked / every, (masked - by_instances) / every

@@ -116,6 +116,11 @@ class MasksOptions(ThresholdOptions):
     outlines, and frames in which a carried thing lies still. 0 masks the whole instance in every frame, as in the
     paper."""
 
+    sure_probability: Annotated[Share | None, READING] = 0.9
+    """Probability from which the network is sure that a pixel moves. Where it is in a large region of at least three
+    training frames in a row, and no instance explains the region as static, the region is masked without a track
+    (docs/method.md#sure-regions). null masks instances alone, as in the paper."""
+
     max_share: Annotated[float, Field(le=1, gt=0), READING] = 0.5
     """Share above which nothing is masked, and an alarm says why: mean probability of the network over the training
     frames, or share of the instances that would be transient. So much motion is rather a sign that poses, exposure

@@ -19,6 +19,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
+from egosplat.files import expand_home
 from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
@@ -59,7 +60,7 @@ def run(
     check_made_from(poses, frames, axes=("frame",))
     options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
-    weights = None if options.encoder_weights is None else Path(options.encoder_weights).expanduser()
+    weights = None if options.encoder_weights is None else expand_home(options.encoder_weights)
     net = make_network(options.input_size, lies_on_its_side(frames), weights, options.seed)
     record = _begin(options.as_dict() | by_survey, frames, poses, weights)
     view_sets = _view_sets(frames, poses, kept, options.resolution, training_device(options.backend))
@@ -75,7 +76,8 @@ def run(
     )
     objective = InitialObjective(net, initial_options(options), views.device)
     training = training_options(options)
-    extent, near_plane = scene_extent(views.camera_to_world), options.near_plane
+    near_plane = options.near_plane
+    extent = scene_extent(views.camera_to_world, near_plane)
     corrections = make_corrections(chosen_corrections(options), start, views, near_plane, options.iterations)
     state = TrainingState(start, training, extent, objective, corrections)
     checkpoint = Checkpoint(output, provenance.key_of(record))

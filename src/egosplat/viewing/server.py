@@ -3,8 +3,10 @@
 import hmac
 import ipaddress
 import json
+import re
 import secrets
 import socket
+import sys
 from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
@@ -25,6 +27,10 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
+
+
+# What a browser sends as Host: a name, which may end with a dot, or an address, and perhaps a port.
+_HOST = re.compile(r"(?P<name>\[[0-9a-f:.]*:[0-9a-f:.]*\]|[a-z0-9_-]+(?:\.[a-z0-9_-]+)*)\.?(?::[0-9]{1,5})?")
 
 
 class PageServer(ThreadingTCPServer):
@@ -76,17 +82,22 @@ class PageServer(ThreadingTCPServer):
         encoder = f"encode?token={self.token}&phrase=" if encode else None
         self.page, self.encode = served_html(page, encoder).encode(), encode
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a browser that leaves before its answer."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
+
 
 class _Handler(BaseHTTPRequestHandler):
     server: PageServer
 
     def do_GET(self) -> None:
         """Send the page or the vector of a phrase."""
-        asked = urlsplit(self.path)
+        is_addressed = self._is_addressed()
+        asked = urlsplit(self.path if is_addressed else "")
         given = {name: values[-1] for name, values in parse_qs(asked.query).items()}
-        if not self._is_addressed() or not hmac.compare_digest(
-            given.get("token", "").encode(), self.server.token.encode()
-        ):
+        token = given.get("token", "").encode()
+        if not is_addressed or not hmac.compare_digest(token, self.server.token.encode()):
             self._send(HTTPStatus.FORBIDDEN, "text/plain", b"Open the address that egosplat view printed.\n")
         elif asked.path == "/":
             self._send(HTTPStatus.OK, "text/html", self.server.page)
@@ -97,15 +108,21 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.NOT_FOUND, "text/plain", b"There is nothing here.\n")
 
     def _is_addressed(self) -> bool:
-        """Whether the request is meant for this server, and comes from its own page or from no page."""
-        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        """Whether the request is meant for this server, and comes from its own page, from a link or from no page."""
+        hosts, origins = (self.headers.get_all(name, []) for name in ("Host", "Origin"))
+        host = hosts[0].strip().lower() if len(hosts) == 1 else ""
+        found = _HOST.fullmatch(host)
         # The address at which the connection arrived is this computer's own.
         names = self.server.names | {self.connection.getsockname()[0].removeprefix("::ffff:")}
-        try:
-            name = urlsplit(f"//{host}").hostname
-        except ValueError:
-            return False
-        return name in names and origin in (None, f"http://{host}")
+        # A browser names no origin for what another page embeds, such as a script.
+        is_embedded = self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin")
+        return (
+            self.path.startswith("/")
+            and found is not None
+            and found["name"].strip("[]") in names
+            and origins in ([], [f"http://{host}"])
+            and (not is_embedded or self.headers.get("Sec-Fetch-Mode") == "navigate")
+        )
 
     def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
         self.send_response(status)

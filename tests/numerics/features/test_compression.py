@@ -175,12 +175,13 @@ def test_the_stage(tmp_path, capsys, kind, target):
 
 
 @pytest.mark.numerics(
-    "a non-finite number to be stored in the artifact", outside="ValueError, nothing is written"
+    "a non-finite number to be stored in the artifact",
+    outside="UserError that names the array, nothing is written",
 )
 def test_stage_writes_nothing_when_a_value_is_not_finite(tmp_path, monkeypatch):
     monkeypatch.setattr(stage, "usable", lambda rows: np.ones(len(rows), bool))
     write_view_features(tmp_path, np.full((2, WIDTH), np.nan, np.float32), np.zeros(2, np.int32))
     keys = defaults()["features"] | {"compression": "none", "dims": 3, "epochs": 2}
-    with pytest.raises(ValueError, match="is not finite"):
+    with pytest.raises(UserError, match="'consistent' must be finite"):
         stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", stage.FeaturesOptions(**keys))
     assert not (tmp_path / "features.zarr").exists()

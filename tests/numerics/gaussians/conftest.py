@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,12 +42,12 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Callable[..., Path]:
-    """``scene(**changes)``: a folder with frames.zarr and poses.zarr of a checked wall; changes replace arrays.
+    """``scene(**changes)``: a folder with frames.zarr and poses.zarr of a checked wall; changes replace arrays, or add ``facts``.
 
     With ``probability`` among them there is a transient.zarr too.
     """
 
-    def make(**changes: np.ndarray) -> Path:
+    def make(**changes: Any) -> Path:
         rng = np.random.default_rng(0)
         poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
         poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAME_COUNT)
@@ -61,7 +62,7 @@ def scene(tmp_path: Path) -> Callable[..., Path]:
             "points/xyz": rng.uniform([-1.2, -1.2, 1.9], [1.2, 1.2, 2.1], (40, 3)),
             "points/rgb": rng.integers(256, size=(40, 3), dtype=np.uint8),
         } | changes
-        facts = camera_facts(CAMERA)
+        facts = camera_facts(CAMERA) | arrays.pop("facts", {})
         probability = arrays.pop("probability", None)
         put_scene(tmp_path, ["frames", "poses"], arrays, facts, chained=True)
         if probability is not None:

@@ -29,21 +29,21 @@ def colors(count: int) -> np.ndarray:
 
 
 @pytest.mark.numerics(
-    "points with NaN, infinity, or 1e39 m (beyond float32)",
-    outside="those points are dropped; training continues",
+    "points of 1e39 m (beyond float32)", outside="those points are dropped; training continues"
 )
 def test_broken_points(scene, run, capsys):
     xyz = points()
-    xyz[6, 0], xyz[7, 2], xyz[8, 1], xyz[9, 2] = np.nan, np.nan, np.inf, 1e39
+    xyz[6, 0], xyz[7, 2], xyz[8, 1], xyz[9, 2] = 1e39, 1e39, -1e39, 1e39
     run(scene(**{"points/xyz": xyz}), iterations=10)
-    assert "36 of 40 points" in capsys.readouterr().err
+    # The one at z = 1e39 m lies in the middle of the picture.
+    assert "37 of 40 points" in capsys.readouterr().err
 
 
 @pytest.mark.numerics(
-    "no point, and no finite or visible point",
+    "no point, and no visible point",
     outside="random points in front of the cameras; the log says so",
 )
-@pytest.mark.parametrize("xyz", [points(0), np.concatenate([points(3) * np.nan, points(5) - [0, 0, 9]])])
+@pytest.mark.parametrize("xyz", [points(0), points(5) - [0, 0, 9]])
 def test_no_points(scene, run, capsys, xyz):
     run(scene(**{"points/xyz": xyz, "points/rgb": colors(len(xyz))}), iterations=10)
     assert "60 random points" in capsys.readouterr().err
@@ -65,16 +65,6 @@ def test_pictures_of_one_color(scene, run, color):
     made = run(scene(rgb=np.full((FRAMES, SIZE, SIZE, 3), color, np.uint8)))
     loss = made.read("curve/loss")
     assert np.isfinite(loss).all() and loss[-1] < loss[0] and (made.read("held_out/psnr") > 0).all()
-
-
-@pytest.mark.numerics(
-    "masks with NaN and infinity in one frame", outside="those pixels have weight 0; training continues"
-)
-def test_broken_masks(scene, run):
-    probability = np.zeros((FRAMES, SIZE, SIZE), np.float16)
-    probability[2, 4:7], probability[2, 9:12], probability[2, 15] = np.nan, np.inf, -np.inf
-    made = run(scene(probability=probability), masking="initial")
-    assert np.isfinite(made.read("curve/loss")).all() and made.facts["skipped_rows"] == 0
 
 
 @pytest.mark.numerics("one training frame with all pixels masked", outside="it does not count")
@@ -236,6 +226,48 @@ def test_too_far_from_the_origin(scene, run, left, far):
     folder = scene(**{"camera_to_world": poses, "points/xyz": points() + [0, far, 0]})
     with pytest.raises(UserError, match="origin"):
         run(folder)
+    assert not left(folder)
+
+
+def in_unit(unit: float) -> dict[str, np.ndarray]:
+    """Poses and points of the scene in units of ``1 / unit`` m."""
+    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
+    poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAMES) * unit
+    return {"camera_to_world": poses, "points/xyz": points() * unit}
+
+
+@pytest.mark.numerics(
+    "whole trainings in units of 1e-6 to 1e6 m, with corrected poses: loss compared with that in meters",
+    within=0.02,
+    outside="near plane in proportion; otherwise UserError that names run.near_plane",
+)
+def test_units(scene, run, measured):
+    losses = []
+    for unit in (1.0, 1e-6, 1e-3, 1e3, 1e6):
+        made = run(
+            scene(**in_unit(unit)), near_plane=0.1 * unit, densify_init=True, refine_poses="on", iterations=20
+        )
+        losses.append(made.read("curve/loss")[-1])
+        assert made.facts["extent_m"] == pytest.approx(unit)
+        measured(abs(losses[-1] - losses[0]) / losses[0])
+
+
+@pytest.mark.numerics(
+    "most points nearer than the near plane, or beyond the far plane; no points, and cameras within the near plane",
+    outside="UserError that names run.near_plane, and poses.meters_per_unit if the poses are known ones",
+)
+@pytest.mark.parametrize("unit", [1e-3, 1e10])
+@pytest.mark.parametrize("known", [False, True])
+def test_units_that_the_renderer_does_not_reach(scene, run, left, unit, known):
+    notes = {"notes": {"source": "known", "file": "transforms.json", "scale": "arbitrary"}} if known else {}
+    folder = scene(facts=notes, **in_unit(unit))
+    keys = ["run.near_plane = 0.1", *(["poses.meters_per_unit"] if known else [])]
+    with pytest.raises(UserError, match=".*\n?.*".join(keys)):
+        run(folder)
+    if known and unit < 1:
+        empty = {"points/xyz": points(0), "points/rgb": colors(0)}
+        with pytest.raises(UserError, match=".*\n?.*".join(keys)):
+            run(scene(facts=notes, **in_unit(unit) | empty))
     assert not left(folder)
 
 

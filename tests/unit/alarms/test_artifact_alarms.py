@@ -26,8 +26,8 @@ SUSPICIOUS = {
     ),
     "poses": (
         {"registered": np.arange(10) < 8},
-        {"notes": {"reprojection_error_px": 1.5, "models": [8, 2], "parallax_deg": 0.4}},
-        ["poses.registered", "poses.reprojection", "poses.parallax", "poses.models"],
+        {"notes": {"reprojection_error_px": 1.5, "models": [8, 2], "parallax_deg": 0.4, "points": 100}},
+        ["poses.registered", "poses.reprojection", "poses.parallax", "poses.points", "poses.models"],
     ),
     "transient": ({}, {"mean_probability": 0.47}, ["transient.probability"]),
     "segments": ({}, FIGURES, [f"segments.{name}" for name in ("empty_pixels", *list(FIGURES)[1:])]),

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.alarms.limits import LIMITS, Alarm
-from egosplat.alarms.texts import TEXTS, alarm_line, alarm_table, normal_range, warning_lines
+from egosplat.alarms.limits import CAUSING_KEYS, LIMITS, Alarm
+from egosplat.alarms.texts import TEXTS, alarm_line, alarm_table, found_text, normal_range, warning_lines
 from egosplat.pipeline.code_hash import NEUTRAL
-from egosplat.pipeline.config import section_keys
+from egosplat.pipeline.config import read_yaml, section_keys
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -34,6 +34,34 @@ def test_an_advice_names_keys_and_values_that_exist(key):
         if name not in ("png", "zarr"):
             found = section_keys(section)[name]
             assert not value or "enum" not in found or value in found["enum"]
+
+
+@pytest.mark.parametrize("alarm", CAUSING_KEYS)
+def test_an_advice_names_the_presets_that_set_what_caused_its_alarm(alarm):
+    """A preset that lowers a number, or chooses another word, than the default."""
+    for key in CAUSING_KEYS[alarm]:
+        section, name = key.split(".")
+        default = section_keys(section)[name]["default"]
+        for path in (ROOT / "config" / "presets").glob("*.yaml"):
+            value = read_yaml(path).get(section, {}).get(name, default)
+            raised = isinstance(value, int) and isinstance(default, int) and value >= default
+            if value != default and not raised:
+                assert re.search(rf"presets?[ a-z]* {path.stem}\b", TEXTS[alarm].advice), (key, path.stem)
+
+
+@pytest.mark.parametrize("key", sorted(set(LIMITS) - {"instances.masks_kept", "poses.models"}))
+def test_a_sentence_shows_no_figure_within_the_normal_range(key):
+    """Not even where rounding would bring it there."""
+    limit = LIMITS[key]
+    if "{value" not in TEXTS[key].found:
+        return
+    text = TEXTS[key].found.partition("{value")[2].partition("}")[0]
+    value = limit.value + (1e-9 if limit.normal_is_below else -1e-9)
+    figures = dict.fromkeys(("cosine", "spread", "points"), 0.0) | {"value": value}
+    shown = found_text(Alarm(key, figures))
+    percent = text.endswith("%")
+    number = next(float(one) / (100 if percent else 1) for one in re.findall(r"[\d.]+\d|\d", shown))
+    assert limit.is_passed(number)
 
 
 def test_a_line_holds_key_figures_range_and_advice():

@@ -15,7 +15,7 @@ import pytest
 
 from egosplat.artifacts.check import check_tree
 from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.integrity import ArtifactError
+from egosplat.artifacts.integrity import ArtifactError, seal
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import open_artifact, verify
@@ -302,10 +302,13 @@ def test_a_user_s_own_folder_is_never_advised_to_be_removed(tmp_path, content):
         assert "rm " not in str(caught.value) and "snakemake" not in str(caught.value)
 
 
-def test_a_damaged_result_names_the_command_that_rebuilds_it(tmp_path):
+def test_a_damaged_result_names_the_command_that_rebuilds_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     folder = tmp_path / "my work" / "results/adt/scene1/frames.zarr"
     folder.mkdir(parents=True)
-    with pytest.raises(ArtifactError, match=r"Rebuild it: rm -r '.*my work.*' && snakemake --cores 2 '"):
+    with pytest.raises(
+        ArtifactError, match=r"Rebuild it: rm -r '.*my work.*' && cd '.*my work' && snakemake"
+    ):
         open_artifact(folder, TINY)
 
 
@@ -388,3 +391,25 @@ def test_attributes_are_plain_json(tmp_path):
         artifact.put("feature", np.zeros((0, 2), np.float32))
         artifact.facts = {"bad": float("nan")}
     assert not (tmp_path / "c.zarr").exists()
+
+
+@pytest.mark.parametrize("part", ["format_version", "digest", "facts", "provenance"])
+def test_an_attribute_that_is_missing_is_named(tmp_path, part):
+    """An older egosplat, or another program, may seal less."""
+    write(tmp_path / "a.zarr")
+    metadata = tmp_path / "a.zarr/zarr.json"
+    document = json.loads(metadata.read_text())
+    own = document["attributes"]["egosplat"]
+    del own[part]
+    own["seal"] = seal(own)
+    metadata.write_text(json.dumps(document))
+    with pytest.raises(ArtifactError, match=f"a.zarr: its attributes lack '{part}'"):
+        getattr(open_artifact(tmp_path / "a.zarr", TINY), part)
+
+
+def test_a_fact_that_is_missing_is_named(tmp_path):
+    write(tmp_path / "a.zarr")
+    artifact = open_artifact(tmp_path / "a.zarr", TINY)
+    with pytest.raises(ArtifactError, match="a.zarr: its attributes lack 'nothing'"):
+        artifact.facts["nothing"]
+    assert artifact.facts.get("nothing") is None

@@ -11,6 +11,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Field, Schema
 from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
+from egosplat.pipeline.making import make_command
 
 SOURCE = Schema("source", 1, {"time": Field(("frame",), "int64", "ns", "time")})
 MADE = Schema("made", 1, {"pose": Field((4, "frame"), "int64", "m", "pose")})
@@ -46,7 +47,7 @@ def test_a_source_with_another_digest_is_rejected(tmp_path, frames):
         check_made_from(poses, other, axes=("frame",))
     said = str(caught.value)
     assert said.startswith(f"{poses.path}: was made from another frames.zarr than {other.path}. ")
-    assert said.endswith(f"rm -r {poses.path} && snakemake --cores 2 {poses.path}")
+    assert said.endswith(f"rm -r {poses.path} && {make_command(poses.path)}")
 
 
 @pytest.mark.parametrize("count", [2, 3])

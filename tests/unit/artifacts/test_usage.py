@@ -6,6 +6,7 @@ import threading
 import types
 
 from egosplat.artifacts import usage
+from egosplat.artifacts.provenance import begin, key_of
 
 WORK_S = 0.1
 """Processor time that each thread and child uses."""
@@ -58,3 +59,39 @@ def test_a_processor_without_a_name_is_named_by_its_architecture(tmp_path):
     assert usage._processor(tmp_path / "absent")
     (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: Some CPU\n")
     assert usage._processor(tmp_path / "cpuinfo") == "Some CPU"
+
+
+def test_the_commit_is_that_of_tracked_files_alone(tmp_path):
+    """An installation inside somebody's repository has no commit; a file besides makes a checkout unclean."""
+
+    def git(*words: str) -> str:
+        own = ("-c", "user.name=x", "-c", "user.email=x@x")
+        return subprocess.check_output(["git", *own, *words], cwd=tmp_path, text=True).strip()
+
+    def checkout(folder: str) -> dict:
+        return usage.checkout.__wrapped__(tmp_path / folder)
+
+    nothing = {"commit": None, "clean": None}
+    for folder in ("src", "installed"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "code.py").write_text("")
+    assert checkout("src") == nothing
+    git("init", "--quiet")
+    git("add", "src")
+    git("commit", "--quiet", "--message", "first")
+    assert checkout("installed") == nothing
+    assert checkout("src") == {"commit": git("rev-parse", "HEAD"), "clean": False}
+    (tmp_path / ".git" / "info" / "exclude").write_text("installed")
+    assert checkout("src")["clean"] is True
+    (tmp_path / "src" / "code.py").write_text("changed")
+    assert checkout("src")["clean"] is False
+
+
+def test_a_commit_is_recorded_and_decides_nothing(monkeypatch):
+    """A stage with another commit has the same key, so training goes on from its checkpoint."""
+    found = []
+    for commit in ("c0de", "beef"):
+        monkeypatch.setattr(usage, "checkout", lambda commit=commit: {"commit": commit, "clean": True})
+        made = begin("survey", {}, "synthetic")
+        found.append((made.record()["commit"], made.code, key_of(made)))
+    assert [commit for commit, _, _ in found] == ["c0de", "beef"] and found[0][1:] == found[1][1:]

@@ -41,7 +41,7 @@ def scene(tmp_path, instance_map, instances) -> Path:
         "rgb": np.zeros((FRAMES_TOTAL, HEIGHT, WIDTH, 3), np.uint8),
         "train": np.array([True, False, True, False]),
     }
-    put(folder, "frames", frames)
+    put(folder, "frames", frames, {"recording": "recording", "format": "adt"})
     put(folder, "poses", {"registered": np.array([True, True, True, False])})
     annotations = {"frame": np.array([1, 3]), "instance_map": np.stack([instance_map] * 2)}
     put(folder, "annotations", annotations, {"instances": [asdict(one) for one in instances]})
@@ -96,6 +96,7 @@ def test_perfect_maps_have_perfect_scores(tmp_path, scored, perfect):
     found = scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
     Draft202012Validator(schema("metrics")).validate(found)
     assert (found["method"], found["scene"], found["origin"]) == ("Mine", "adt/scene1", "synthetic")
+    assert found["recording"]["kind"] == "adt" and found["recording"]["frames"] == FRAMES_TOTAL
     assert found["scores"]["all"]["count"] == 2
     assert (found["scores"]["all"]["accuracy"], found["scores"]["all"]["mean_iou"]) == (1.0, 1.0)
     # One of the two books is moving, and one location cannot hit both.
@@ -176,7 +177,7 @@ def test_a_query_that_is_left_out_is_an_error(tmp_path, scored, perfect, kept):
 @pytest.mark.parametrize("value", [-0.1, 1.5, np.inf])
 def test_numbers_outside_their_range_are_an_error(tmp_path, scored, perfect, value):
     perfect[1, 0, 3, 4] = value
-    with pytest.raises(UserError, match=r"relevancy\[1\], 'book' in frame 1, .* 0\.\.1"):
+    with pytest.raises(UserError, match=r"'relevancy', chunk 1 .* 0\.\.1, or NaN, and 1 of"):
         scored(write(tmp_path / "mine.zarr", perfect, QUERIES))
 
 

@@ -53,6 +53,9 @@ def test_the_world_has_its_farthest_camera_at_one():
     world = world_of(poses, torch.device("cpu"))
     assert float(world.local(torch.tensor([8.0, 0, 0]))[0]) == pytest.approx(1.0)
     assert world_of(poses[:1], torch.device("cpu")).unit == 1.0  # cameras at one place
+    small = poses.copy()
+    small[:, 0, 3] *= 1e-7
+    assert world_of(small, torch.device("cpu")).unit == pytest.approx(1e-7 * world.unit)
 
 
 def test_the_grid_has_its_resolutions_and_interpolates_between_corners():

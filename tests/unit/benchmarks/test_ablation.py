@@ -1,18 +1,25 @@
 """Tests of the table of components, and of answers to the same queries held against each other."""
 
+from dataclasses import replace
 from pathlib import Path
 
-from benchmarks.ablation.__main__ import COMPARED, VARIANTS, differences, table
+from benchmarks.figures import difference_table
+from benchmarks.rows import collect
 from benchmarks.scores import accuracy_difference, iou_difference, pair_answers, queries_of
 from egosplat.evaluation.scored_scenes import ScoredScene
+from tests.support.scores import SETUP
 
-OPTIONS = {"options": {"confidence": 0.95}}
+OPTIONS = {"options": {"confidence": 0.95}, "versions": {}, "cpu_s": 1.0, "peak_memory_mb": 1.0}
+
+
+def truth(hit: bool, iou: float) -> dict:
+    return {"hit": hit, "iou": iou, "random_hit": 0.05, "middle_hit": False}
 
 
 def answered(*found: tuple[str, bool, float], decibels: float = 20.0, name: str = "scene1") -> ScoredScene:
     """Queries of a category each with whether they were found, and their IoU."""
     rows = [
-        {"frame": frame, "category": category, "groups": {"all": {"hit": hit, "iou": iou}}}
+        {"frame": frame, "category": category, "groups": {"all": truth(hit, iou)}}
         for frame, (category, hit, iou) in enumerate(found)
     ]
     share = sum(hit for _, hit, _ in found) / len(found)
@@ -31,44 +38,36 @@ def answered(*found: tuple[str, bool, float], decibels: float = 20.0, name: str 
         "queries": rows,
         "rendering": {group: {"psnr": decibels} for group in ("all", "static")},
         "provenance": OPTIONS,
+        "artifacts": {},
+        "frames": [],
+        "counts": {},
+        **SETUP,
     }
     return ScoredScene(Path("metrics.json"), "adt", name, "full", None, "synthetic", (), document)
 
 
-def of_share(hits: int, decibels: float) -> ScoredScene:
-    """Ten categories of one query each."""
-    return answered(*((f"thing {n}", n < hits, 0.5) for n in range(10)), decibels=decibels)
-
-
-def test_rows_of_each_variant_and_means_over_scenes():
-    scenes = {
-        name: {variant: of_share(hits, 20.0 + hits) for variant in VARIANTS}
-        for name, hits in (("adt/scene1", 2), ("adt/scene2", 4))
-    }
-    rows = table(scenes).splitlines()[2:]
-    assert len(rows) == 3 * len(VARIANTS)
-    assert rows[0].startswith("| adt/scene1 | baseline | 10 | 10 | 20.0 (10.0 to 30.0) | 5.0 | 15.0 |")
-    assert rows[-1].startswith("| mean of 2 | full | 20 | 20 | 30.0 (")
-    assert " | 5.0 | 15.0 | - | - | 50.0 (" in rows[-1] and rows[-1].endswith(" | 23.00 | 23.00 |")
-
-
-def test_variants_are_compared_query_by_query():
+def test_settings_are_compared_query_by_query():
+    """Means over scenes; equal answers leave the doubt of sixteen categories, not none."""
     names = [f"thing {n}" for n in range(8)]
     better = answered(*((name, n < 7, 0.5) for n, name in enumerate(names)))
     worse = answered(*((name, n == 7, 0.3) for n, name in enumerate(names)))
-    scenes = {
-        "adt/scene1": {"baseline": worse, "no_masks": better, "network_masks": better, "full": better},
-        "adt/scene2": {"baseline": worse, "no_masks": worse, "network_masks": worse, "full": better},
+    other = {"full": better, "no_masks": worse, "baseline": worse}
+    first = {"full": better, "no_masks": better, "baseline": worse}
+    found = {
+        setting: [first[setting], replace(other[setting], scene="scene2")]
+        for setting in ("full", "no_masks", "baseline")
     }
-    rows = differences(scenes).splitlines()[2:]
-    assert len(rows) == len(COMPARED)
-    assert rows[0].startswith("| no_masks against baseline | 16 | 7 | 1 | +37.5 (")
-    assert "p = 0.07 |" in rows[0]
-    # Equal answers leave the doubt of sixteen categories, not none.
-    assert rows[1].startswith(
-        "| network_masks against no_masks | 16 | 0 | 0 | +0.0 (-19.4 to +19.4), p = 1 |"
-    )
-    assert rows[3].startswith("| full against baseline | 16 | 14 | 2 | +75.0 (") and "p = 0.0042" in rows[3]
+    rows = collect("ablation", found)
+    table = difference_table(rows, [("no_masks", "baseline")]).splitlines()[2:]
+    assert [row.split(" | ")[0] for row in table] == [
+        "| full against no_masks",
+        "| full against baseline",
+        "| no_masks against baseline",
+    ]
+    assert table[1].startswith("| full against baseline | +75.0 (") and "p = 0.0042 |" in table[1]
+    assert table[2].startswith("| no_masks against baseline | +37.5 (") and "p = 0.07 |" in table[2]
+    same = difference_table(collect("ablation", {"full": found["full"], "again": found["full"]}))
+    assert "| full against again | +0.0 (-19.4 to +19.4), p = 1 |" in same
 
 
 def test_one_thing_seen_in_many_frames_is_one_difference():

@@ -15,8 +15,8 @@ ASKED = Asked(
 class Scene:
     """A scored scene with these queries."""
 
-    def __init__(self, *rows: dict, untouched: bool = False) -> None:
-        self.untouched = untouched
+    def __init__(self, *rows: dict, validation: bool = False) -> None:
+        self.validation = validation
         self.document = {"presence": {"queries": rows}}
 
 
@@ -40,12 +40,12 @@ def test_untaught_phrases_do_not_count_in_the_curve():
     assert asked.untaught == 1 and asked.absent.tolist() == [0.2] and asked.right.tolist() == [True]
 
 
-def test_no_limit_is_chosen_on_untouched_apartments():
-    """Untouched apartments are recognized by name, in any order, and form a group of their own."""
-    touched, untouched = Scene(row(True, 0.9, True)), Scene(row(True, 0.4, True), untouched=True)
-    groups = grouped([untouched, touched])
+def test_no_limit_is_chosen_on_validation_apartments():
+    """Validation apartments are recognized by name, in any order, and form a group of their own."""
+    touched, validation = Scene(row(True, 0.9, True)), Scene(row(True, 0.4, True), validation=True)
+    groups = grouped([validation, touched])
     assert {name: asked.present.tolist() for name, asked in groups.items()} == {
         "tuning": [0.9],
-        "untouched": [0.4],
+        "validation": [0.4],
     }
-    assert list(grouped([untouched])) == ["untouched"]
+    assert list(grouped([validation])) == ["validation"]

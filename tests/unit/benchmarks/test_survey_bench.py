@@ -25,5 +25,5 @@ def test_the_fitted_probability_lies_between_the_groups():
     "name, tuning",
     [("all_once_still", True), ("poses_twice_moving", False), ("scene10", False), ("scene3", True)],
 )
-def test_the_untouched_apartments_and_every_second_strength_are_left_out(name, tuning):
+def test_the_validation_apartments_and_every_second_strength_are_left_out(name, tuning):
     assert is_tuning(Path("results", name)) is tuning

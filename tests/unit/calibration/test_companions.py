@@ -21,7 +21,7 @@ def check_copy(pictures, kind, target):
     target.mkdir()
     copied = read_known_poses(copy_files(known_pose_files(pictures, kind), pictures, target), kind, *SIZE)
     found = read_known_poses(pictures, kind, *SIZE)
-    assert (found.names, found.lens) == (copied.names, copied.lens)
+    assert (found.names, found.lenses) == (copied.names, copied.lenses)
     for name in ("camera_to_world", "points", "point_rgb", "point_error_px"):
         np.testing.assert_array_equal(getattr(found, name), getattr(copied, name))
 

@@ -8,9 +8,17 @@ import numpy as np
 import pycolmap
 import pytest
 
-from egosplat.calibration.known_poses import find_known_poses, match_pictures, read_known_poses
+from egosplat.calibration.known_poses import (
+    check_numbers,
+    find_known_poses,
+    match_pictures,
+    read_known_poses,
+)
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
+from tests.unit.frames.conftest import fisheye
+
+__all__ = ("fisheye",)  # a fixture
 
 WIDTH, HEIGHT = 64, 48
 SIZE = (WIDTH, HEIGHT)
@@ -30,7 +38,7 @@ def test_a_colmap_model_is_read_as_it_is(pictures, model, colmap_folder, suffix)
     colmap_folder.mkdir()
     (model.write_binary if suffix == ".bin" else model.write_text)(colmap_folder)
     contents = read_known_poses(pictures, "colmap", *SIZE)
-    assert contents.lens == Lens("RADIAL", WIDTH, HEIGHT, (60.0, 31.0, 25.0, 0.05, -0.01))
+    assert contents.lenses == [Lens("RADIAL", WIDTH, HEIGHT, (60.0, 31.0, 25.0, 0.05, -0.01))]
     assert sorted(contents.names) == [f"{number}.png" for number in range(1, 7)]
     for name, pose in zip(contents.names, contents.camera_to_world, strict=True):
         np.testing.assert_allclose(pose, true_pose(model, name), atol=1e-12)
@@ -41,7 +49,7 @@ def test_a_transforms_file_is_turned_from_opengl(pictures, model, transforms):
     """The axes: a picture's y points up and its z backward in the file."""
     transforms(applied_transform=[[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], applied_scale=0.5)
     contents = read_known_poses(pictures, "transforms", *SIZE)
-    assert contents.lens == Lens("OPENCV", WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, 0.05, -0.01, 0.0, 0.0))
+    assert contents.lenses == [Lens("OPENCV", WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, 0.05, -0.01, 0.0, 0.0))]
     for name, pose in zip(contents.names, contents.camera_to_world, strict=True):
         np.testing.assert_allclose(pose, true_pose(model, Path(name).name), atol=1e-12)
     assert contents.notes["applied_scale"] == 0.5 and len(contents.notes["applied_transform"]) == 3
@@ -59,14 +67,16 @@ def test_a_transforms_file_is_turned_from_opengl(pictures, model, transforms):
 def test_lenses_of_transforms_files(pictures, transforms, changes, lens):
     """Spellings of other tools are read, not guessed."""
     transforms(**changes)
-    found = read_known_poses(pictures, "transforms", *SIZE).lens
-    assert found == Lens(lens[0], WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, *lens[1]))
+    found = read_known_poses(pictures, "transforms", *SIZE).lenses
+    assert found == [Lens(lens[0], WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, *lens[1]))]
 
 
 def test_a_field_of_view_gives_the_focal_length(pictures, transforms):
     """Blender's files have an angle alone."""
     transforms(fl_x=None, fl_y=None, cx=None, cy=None, camera_angle_x=np.pi / 2)
-    assert read_known_poses(pictures, "transforms", *SIZE).lens.params[:4] == pytest.approx((32, 32, 32, 24))
+    assert read_known_poses(pictures, "transforms", *SIZE).lenses[0].params[:4] == pytest.approx(
+        (32, 32, 32, 24)
+    )
 
 
 @pytest.mark.parametrize("binary", [True, False])
@@ -138,8 +148,8 @@ def test_a_folder_without_a_model_is_named(pictures, colmap_folder):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
-def test_a_model_with_two_cameras_is_rejected(pictures, model, colmap_folder):
-    """Rectified frames have one camera; the error names COLMAP's flag."""
+def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, model, colmap_folder):
+    """Pictures of several phones, or of hloc, which makes a camera for each picture."""
     other = pycolmap.Camera(model="RADIAL", width=WIDTH, height=HEIGHT, params=[61.0, 31.0, 25.0, 0.0, 0.0])
     other.camera_id = 2
     model.add_camera_with_trivial_rig(other)
@@ -150,8 +160,12 @@ def test_a_model_with_two_cameras_is_rejected(pictures, model, colmap_folder):
         (colmap_folder / name).unlink()
     text = (colmap_folder / "images.txt").read_text().replace(" 1 3.png", " 2 3.png")
     (colmap_folder / "images.txt").write_text(text)
-    with pytest.raises(UserError, match="colmap: has 2 cameras, .*single_camera"):
-        read_known_poses(pictures, "colmap", *SIZE)
+    contents = read_known_poses(pictures, "colmap", *SIZE)
+    focal = {
+        name: contents.lenses[index].params[0]
+        for name, index in zip(contents.names, contents.lens_of, strict=True)
+    }
+    assert focal == {name: 61.0 if name == "3.png" else 60.0 for name in contents.names}
 
 
 def test_an_unsupported_model_of_colmap_is_named(pictures, model, colmap_folder):
@@ -164,9 +178,12 @@ def test_an_unsupported_model_of_colmap_is_named(pictures, model, colmap_folder)
         read_known_poses(pictures, "colmap", *SIZE)
 
 
-@pytest.mark.parametrize("numbers", ["0 0 0 0 1 2 3", "1 0 0 0 1e999 2 3"], ids=["no rotation", "infinite"])
-def test_a_pose_that_is_not_a_number_is_named(pictures, model, colmap_folder, numbers):
-    """pycolmap takes a quaternion of zeros for no rotation."""
+@pytest.mark.parametrize(
+    "numbers",
+    ["0 0 0 0 1 2 3", "1 0 0 0 1e999 2 3", "2 0 0 0 1 2 3", "0.6 0 0 0 1 2 3", "1 1 0 0 1 2 3"],
+)
+def test_a_pose_that_is_no_rotation_is_named(pictures, model, colmap_folder, numbers):
+    """pycolmap takes a quaternion of zeros, or of a scale alone, for no rotation."""
     shutil.rmtree(colmap_folder)
     colmap_folder.mkdir()
     model.write_text(colmap_folder)
@@ -177,16 +194,6 @@ def test_a_pose_that_is_not_a_number_is_named(pictures, model, colmap_folder, nu
     (colmap_folder / "images.txt").write_text("\n".join(lines) + "\n")
     with pytest.raises(UserError, match="images.txt: 3.png: the pose|not a readable COLMAP model"):
         read_known_poses(pictures, "colmap", *SIZE)
-
-
-@pytest.mark.parametrize("kind", ["colmap", "transforms"])
-def test_a_camera_of_another_size_is_named(pictures, colmap_folder, transforms, kind):
-    """Pictures that were made smaller after the reconstruction."""
-    transforms()
-    with pytest.raises(
-        UserError, match=r"(cameras.bin|transforms.json): for 64x48 px, but the frames are 32x24"
-    ):
-        read_known_poses(pictures, kind, 32, 24)
 
 
 def frame(**changes: object) -> list[dict[str, object]]:
@@ -211,14 +218,37 @@ MIRRORED = np.diag([-1.0, 1.0, 1.0, 1.0]).tolist()
         ({"frames": frame(transform_matrix=SCALED)}, "images/1.png: the pose is not a rotation"),
         ({"frames": frame(transform_matrix=MIRRORED)}, "images/1.png: the pose is not a rotation"),
         ({"frames": frame(transform_matrix=[[float("nan")] * 4] * 4)}, "images/1.png: the pose has a value"),
-        ({"frames": [*frame(), *frame(fl_x=70.0)]}, "has another camera than images/1.png"),
+        ({"frames": frame(fl_x=70.0)}, "images/1.png: fl_x differs from that of the whole file"),
+        (
+            {"frames": frame(transform_matrix_end=np.eye(4).tolist())},
+            "images/1.png: transform_matrix_end is not",
+        ),
+        ({"frames": frame(mask_path="masks/1.png")}, "mask_path masks/1.png is not the name"),
+        ({"frames": frame(mask_path=3)}, "mask_path 3 is not the name"),
+        ({"latlong": True}, "latlong is not supported"),
+        ({"ftheta_p0": 1.0}, "ftheta_p0 is not supported"),
+        ({"k5": 0.1}, "k5 is not supported"),
+        ({"camera_model": "FISHEYE624"}, "distortion_params is not a list of 12 numbers"),
+        ({"camera_model": "OPENCV_FISHEYE", "p1": 0.1}, "p1 and p2 are not supported"),
+        (
+            {"k1": 0.0, "k2": None, "distortion_params": [0.1, 0, 0, 0]},
+            "distortion_params is not a list of 6",
+        ),
+        ({"k1": None, "k2": None, "distortion_params": [float("nan")] * 6}, "distortion_params is nan"),
+        ({"distortion_params": [0.1, 0, 0, 0, 0, 0]}, "has distortion_params and k1"),
         ({"camera_model": "EQUIRECTANGULAR"}, "camera_model EQUIRECTANGULAR is not supported"),
-        ({"fl_x": None}, "has neither fl_x nor camera_angle_x"),
+        ({"fl_x": None, "fl_y": None}, "has neither fl_x nor camera_angle_x"),
         ({"fl_x": "wide"}, "fl_x is wide, not a finite number"),
         ({"fl_x": 10**400}, "fl_x is 1000"),
         ({"k1": float("nan")}, "k1 is nan"),
         ({"k4": 0.1}, "k4 is not supported"),
         ({"w": 64.5}, "w and h are 64.5"),
+        ({"w": -1}, "w and h are -1"),
+        ({"h": 1e300}, "w and h are 64 and 1e"),
+        (
+            {"frames": frame(transform_matrix=[[1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0]])},
+            "1e.300 from the origin",
+        ),
         ({"fl_x": -60.0}, "fx, fy must be positive"),
         ({"cx": 100.0}, r"\(cx, cy\) inside"),
         (
@@ -260,17 +290,168 @@ def test_a_pose_written_with_few_digits_is_made_rigid(pictures, transforms):
     np.testing.assert_allclose(found, pose * [1, -1, -1, 1], atol=1e-4)
 
 
-def test_names_match_pictures_without_folder_and_extension(tmp_path):
-    """What tools write for one picture: a path, a name without extension, a converted picture, a frame number."""
-    names = ["./images/a 1.png", "b", "sub\\c.jpeg", "00012.png", "gone.png"]
-    match = match_pictures(names, ["a 1.png", "b.jpg", "c.png", "12", "d.png"], tmp_path)
-    assert match.row.tolist() == [0, 1, 2, 3, -1]
-    assert match.unmatched == ["gone.png"]
+MATCHES = {
+    "a path, no extension, a converted picture": (
+        ["./images/a 1.png", "b", "sub\\c.jpeg", "gone.png", "d.0001"],
+        ["a 1.png", "b.jpg", "c.png", "d.0001.png", "e.png"],
+        [0, 1, 2, 4, -1],
+    ),
+    "two folders with the same name": (
+        ["x/2.png", "x/1.png", "y/1.png"],
+        ["x/1.png", "y/1.png", "x/2.png"],
+        [1, 2, 0],
+    ),
+    "a folder above": (["images/x/1.png", "/home/me/images/y/1.png"], ["x/1.png", "y/1.png"], [0, 1]),
+    "a folder that the file leaves out": (["1.png", "2.png"], ["x/1.png", "y/2.png"], [0, 1]),
+    "another folder": (["x/1.png", "y/2.png"], ["x/1.png", "x/2.png"], [0, -1]),
+    "numbers of a video": (["00012.png", "3"], ["3", "12", "21"], [1, 0, -1]),
+    "numbers of pictures are names": (["1.png", "000002.png"], ["1.png", "2.png"], [0, -1]),
+}
+
+
+@pytest.mark.parametrize("names, pictures, row", MATCHES.values(), ids=MATCHES)
+def test_names_match_pictures(tmp_path, names, pictures, row):
+    """What tools write for one picture; only a video's frames are told by number."""
+    match = match_pictures(names, pictures, tmp_path)
+    assert match.row.tolist() == row
+    assert match.unmatched == [name for index, name in enumerate(names) if index not in row]
 
 
 def test_names_that_match_twice_or_never_are_named(tmp_path):
     """A file of another recording, or of two cameras with equal names."""
     with pytest.raises(UserError, match="left/1.png and right/1.png are both the picture 1.png"):
         match_pictures(["left/1.png", "right/1.png"], ["1.png"], tmp_path)
-    with pytest.raises(UserError, match="none of its 2 names, such as a.png, b.png, .* such as 1.png"):
-        match_pictures(["a.png", "b.png"], ["1.png"], tmp_path)
+    with pytest.raises(UserError, match="1.png is both left/1.png and right/1.png"):
+        match_pictures(["1.png"], ["left/1.png", "right/1.png"], tmp_path)
+    with pytest.raises(UserError, match="none of its 2 names, such as 0.png, 000001.png, .* such as 1.png"):
+        match_pictures(["0.png", "000001.png"], ["1.png"], tmp_path)
+
+
+def test_numbers_beyond_a_video_are_named(tmp_path):
+    """Tools that take a video apart count from 1."""
+    check_numbers(["00011.png", "other.png"], 12, tmp_path)
+    with pytest.raises(UserError, match="00012.png: the video has the frames 0 to 11"):
+        check_numbers(["00001.png", "00012.png"], 12, tmp_path)
+
+
+def entries(count, **changes):
+    """Frames along a line, 0.3 apart."""
+    poses = [np.eye(4) for _ in range(count)]
+    for index, pose in enumerate(poses):
+        pose[0, 3] = 0.3 * index
+    return [
+        {"file_path": f"{i}.png", "transform_matrix": pose.tolist()} | changes for i, pose in enumerate(poses)
+    ]
+
+
+@pytest.mark.parametrize("per_frame", [False, True])
+@pytest.mark.parametrize(
+    "camera, kind, params",
+    [
+        ({"distortion_params": [0.1, -0.02, 0.0, 0, 0.01, 0.02]}, "OPENCV", (0.1, -0.02, 0.01, 0.02)),
+        (
+            {"distortion_params": [0.1, -0.02, 0.3, 0, 0.01, 0.02]},
+            "FULL_OPENCV",
+            (0.1, -0.02, 0.01, 0.02, 0.3, 0, 0, 0),
+        ),
+        (
+            {"camera_model": "OPENCV_FISHEYE", "distortion_params": [0.01, 0.02, 0.03, 0.04, 0, 0]},
+            "OPENCV_FISHEYE",
+            (0.01, 0.02, 0.03, 0.04),
+        ),
+        ({"x_fov": 90.0}, "OPENCV", (0.0,) * 4),
+    ],
+)
+def test_distortion_of_all_frames_or_of_each(pictures, transforms, per_frame, camera, kind, params):
+    """nerfstudio's list, whose order is k1 to k4, p1, p2; fields of view in degrees are instant-ngp's."""
+    intrinsics = {"fl_x": 32.0, "cx": 32.0, "cy": 24.0} if "x_fov" not in camera else {}
+    frames, top = (
+        entries(2, **(camera | intrinsics if per_frame else {})),
+        {} if per_frame else camera | intrinsics,
+    )
+    nothing = dict.fromkeys(("camera_model", "fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2"))
+    transforms(**nothing | top, frames=frames)
+    (lens,) = read_known_poses(pictures, "transforms", *SIZE).lenses
+    assert (lens.model, lens.params) == (kind, pytest.approx((32.0, 32.0, 32.0, 24.0, *params)))
+
+
+def test_each_frame_may_have_its_camera(pictures, transforms):
+    """Polycam writes the intrinsics of every frame."""
+    frames = [frame | {"fl_x": 60.0 + index} for index, frame in enumerate(entries(3))]
+    transforms(fl_x=None, frames=[*frames, frames[1] | {"file_path": "7.png"}])
+    contents = read_known_poses(pictures, "transforms", *SIZE)
+    assert [lens.params[0] for lens in contents.lenses] == [60.0, 61.0, 62.0]
+    assert contents.lens_of.tolist() == [0, 1, 2, 1]
+
+
+def test_arias_lens_is_read(pictures, transforms, fisheye):
+    """What nerfstudio makes of a recording of Aria: twelve numbers of distortion, the first pixel's center at 0, a circle."""
+    focal, cx, cy, *distortion = fisheye.get_projection_params().tolist()
+    nothing = dict.fromkeys(("k1", "k2", "p1", "p2"))
+    aria = {"camera_model": "FISHEYE624", "distortion_params": distortion, "fisheye_crop_radius": 176.0}
+    transforms(**nothing | aria, fl_x=focal, fl_y=focal, cx=cx, cy=cy, w=352, h=352)
+    (lens,) = read_known_poses(pictures, "transforms", 352, 352).lenses
+    rays = np.array([[0.0, 0.0, 1.0], [0.6, -0.3, 1.0], [-0.5, 0.7, 1.0]])
+    shown = lens.colmap().img_from_cam(rays)
+    np.testing.assert_allclose(shown, [fisheye.project(ray) + 0.5 for ray in rays], atol=1e-3)
+    # The view without blank pixels: the square in the circle.
+    corner = lens.pinhole.width / 2 / lens.pinhole.fx
+    assert 0.8 < corner < 1.0 and len(lens.params) == 16
+
+
+def test_keys_that_do_not_count_are_told(pictures, transforms):
+    """Hints for the viewers and trainers of other programs."""
+    transforms(aabb_scale=16, orientation_override="none", frames=entries(2, colmap_im_id=1, sharpness=9.0))
+    unread = read_known_poses(pictures, "transforms", *SIZE).unread
+    assert unread == ["aabb_scale", "orientation_override", "colmap_im_id", "sharpness"]
+
+
+def test_a_matrix_of_three_rows_is_a_pose(pictures, transforms):
+    frames = entries(2)
+    for one in frames:
+        one["transform_matrix"] = one["transform_matrix"][:3]
+    transforms(frames=frames)
+    found = read_known_poses(pictures, "transforms", *SIZE).camera_to_world
+    np.testing.assert_array_equal(found[:, 3], [[0, 0, 0, 1]] * 2)
+
+
+@pytest.mark.parametrize("far", ["one", "all"])
+def test_positions_far_from_each_other_or_from_the_origin_are_named(pictures, transforms, far):
+    """A broken pose, or coordinates of a map: float32 would not tell the cameras apart."""
+    frames = entries(4)
+    for index, one in enumerate(frames):
+        one["transform_matrix"][1][3] += 4e6 if far == "all" or index == 2 else 0.0
+    transforms(frames=frames)
+    with pytest.raises(UserError, match=r"transforms.json: \d.png: 4e\+06 from the origin"):
+        read_known_poses(pictures, "transforms", *SIZE)
+    for one in frames:
+        one["transform_matrix"][1][3] = 0.0
+        one["transform_matrix"][0][3] *= 1e6
+    transforms(frames=frames)
+    assert read_known_poses(pictures, "transforms", *SIZE).camera_to_world[3, 0, 3] == pytest.approx(9e5)
+
+
+@pytest.mark.parametrize(
+    "kind, colors", [("float", "1.0 0.5 0"), ("ushort", "65535 32768 0"), ("uchar", "255 128 0")]
+)
+def test_colors_of_points_in_other_types(pictures, transforms, kind, colors):
+    """Fractions and 16 bits become bytes."""
+    head = "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue"))
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    (pictures / "points.ply").write_text(
+        f"ply\nformat ascii 1.0\ncomment element vertex 9\nelement vertex 1\n{axes}{head}end_header\n1 2 3 {colors}\n"
+    )
+    transforms(ply_file_path="points.ply")
+    assert read_known_poses(pictures, "transforms", *SIZE).point_rgb.tolist() == [[255, 128, 0]]
+
+
+def test_names_with_spaces_need_a_binary_model(pictures, model, colmap_folder):
+    """pycolmap reads a name of the text format to its first space."""
+    next(iter(model.images.values())).name = "a 1.png"
+    model.write_binary(colmap_folder)
+    assert "a 1.png" in read_known_poses(pictures, "colmap", *SIZE).names
+    shutil.rmtree(colmap_folder)
+    colmap_folder.mkdir()
+    model.write_text(colmap_folder)
+    with pytest.raises(UserError, match="images.txt: a 1.png: the text format holds no names with spaces"):
+        read_known_poses(pictures, "colmap", *SIZE)

@@ -1,11 +1,13 @@
 """Options on the command line: ``--options``, ``--set`` and the lists of keys."""
 
 import json
+import os
+import sys
 
 import pytest
 from click.testing import CliRunner
 
-from egosplat.cli import cli
+from egosplat.cli import cli, commands
 from egosplat.cli.flags import read_options
 from egosplat.errors import UserError
 from egosplat.pipeline.config import stage_options
@@ -72,3 +74,12 @@ def test_help_shows_default_limits_and_a_sentence():
     shown = " ".join(CliRunner().invoke(cli, ["splats", "--help"]).output.split())
     assert "3000" in shown and "at least 1" in shown
     assert describe(SplatsOptions, "iterations").split(". ")[0] in shown
+
+
+@pytest.mark.parametrize("name", ["stdin", "stdout", "stderr"])
+def test_a_closed_stream_leads_nowhere(monkeypatch, name):
+    """Otherwise the progress of a stage, which looks for a terminal, is a traceback."""
+    monkeypatch.setattr(sys, name, None)
+    commands._open_closed_streams()
+    with getattr(sys, name) as opened:
+        assert opened.name == os.devnull and not opened.isatty()

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
+from egosplat.artifacts import usage
 from egosplat.artifacts.check import check_tree
 from egosplat.artifacts.features import FEATURES
+from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.splats import SPLATS
@@ -31,11 +33,11 @@ NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 def scored(tmp_path):
     """``scored(folder, **keys)``: what the stage writes."""
 
-    def run(folder, method=None, **keys):
+    def run(folder, method=None, told=None, **keys):
         paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
         output = tmp_path / "metrics.json"
         options = stage.MetricsOptions(**keys)
-        stage.run(**paths, output=output, options=options, title="a/scene", method=method)
+        stage.run(**paths, output=output, options=options, title="a/scene", method=method, **(told or {}))
         return json.loads(output.read_text())
 
     return run
@@ -204,6 +206,27 @@ def test_provenance_names_inputs_options_and_versions(word_scene, scored):
     assert found["total"]["wall_s"] == pytest.approx(own["wall_s"] + sum(one["wall_s"] for one in parts))
     assert found["total"]["peak_memory_mb"] >= own["peak_memory_mb"]
     assert all(one["disk_mb"] > 0 and one["cpu_s"] >= 0 for one in parts)
+
+
+def test_what_was_measured_with_what_is_told(word_scene, scored, monkeypatch):
+    """Neither recording, seeds, camera, preset nor commit could be told from a metrics.json."""
+    folder, commits = word_scene(), []
+    monkeypatch.setattr(usage, "checkout", lambda: {"commit": "c0de", "clean": False})
+    for told in ({}, {"preset": "draft", "world_seed": 7, "camera": "real"}):
+        found = scored(folder, told=told)
+        assert found["recording"] == {
+            "kind": "plain",
+            "name": "a recording",
+            "hash": open_artifact(folder / "frames.zarr", FRAMES).digest,
+            "frames": 4,
+            "seconds": 0.3,
+            "seed": told.get("world_seed"),
+            "camera": told.get("camera"),
+        }
+        assert found["preset"] == told.get("preset") and found["seed"] == 3
+        assert (found["commit"], found["clean"]) == ("c0de", False)
+        commits.append(found["provenance"]["commit"])
+    assert commits == ["c0de", "c0de"]
 
 
 def test_a_missing_artifact_is_reported(word_scene, scored):

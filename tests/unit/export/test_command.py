@@ -1,6 +1,7 @@
 """``egosplat export``: a scene in the formats of other programs, read back by these or by libraries that know them."""
 
 import json
+import struct
 import sys
 
 import numpy as np
@@ -136,13 +137,82 @@ def test_colmap_cameras(scene, export, tmp_path):
     status, said = export("--format", "colmap", "--output", tmp_path / "x")
     assert status == 0, said
     model = pycolmap.Reconstruction(tmp_path / "x/sparse/0")
-    assert {path.suffix for path in (tmp_path / "x/sparse/0").iterdir()} == {".txt"}
+    assert {path.suffix for path in (tmp_path / "x/sparse/0").iterdir()} == {".txt", ".bin"}
     images = sorted(model.images.values(), key=lambda image: image.name)
     assert [image.name for image in images] == [f"{frame:06d}.png" for frame in POSED]
     for image, pose in zip(images, poses(scene), strict=True):
         np.testing.assert_allclose(image.cam_from_world().inverse().matrix(), pose[:3], atol=1e-9)
     np.testing.assert_allclose(model.cameras[1].calibration_matrix(), CAMERA.matrix)
     assert all((tmp_path / "x/images" / image.name).is_file() for image in images)
+
+
+def test_what_readers_of_gaussians_check(export, tmp_path):
+    """SuperSplat and splat-transform: short header lines of known types, whole bands of SH, all values finite."""
+    status, said = export("--format", "ply", "--output", tmp_path / "x.ply")
+    assert status == 0, said
+    content = (tmp_path / "x.ply").read_bytes()
+    head, mark, body = content.partition(b"\nend_header\n")
+    assert content.startswith(b"ply\n") and mark and len(head) < 128 * 1024
+    lines = [line.split(" ") for line in head.decode("ascii").splitlines()]
+    assert {line[0] for line in lines} == {"ply", "format", "comment", "element", "property"}
+    properties = [line[1:] for line in lines if line[0] == "property"]
+    assert {kind for kind, _ in properties} == {"float"} and all(len(line) == 2 for line in properties)
+    names = [name for _, name in properties]
+    rest = [name for name in names if name.startswith("f_rest_")]
+    assert rest == [f"f_rest_{one}" for one in range(len(rest))] and len(rest) in (0, 9, 24, 45)
+    needed = {*"xyz", "opacity", "f_dc_0", "f_dc_1", "f_dc_2", "scale_0", "scale_1", "scale_2"}
+    assert needed | {f"rot_{one}" for one in range(4)} <= {*names}
+    values = np.frombuffer(body, "<f4").reshape(-1, len(names))
+    assert lines[3] == ["element", "vertex", str(len(values))] and np.isfinite(values).all()
+
+
+def test_what_nerfstudio_checks(export, tmp_path):
+    """A mask for every frame or for none, whole sides, a camera model that it knows, poses in its order of names."""
+    status, said = export("--format", "nerfstudio", "--output", tmp_path / "x")
+    assert status == 0, said
+    document = json.loads((tmp_path / "x/transforms.json").read_text())
+    frames = document["frames"]
+    assert sum("mask_path" in frame for frame in frames) in (0, len(frames))
+    assert isinstance(document["w"], int) and isinstance(document["h"], int)
+    assert document["camera_model"] in {
+        "PINHOLE",
+        "OPENCV",
+        "SIMPLE_PINHOLE",
+        "OPENCV_FISHEYE",
+        "EQUIRECTANGULAR",
+    }
+    assert [frame["file_path"] for frame in frames] == sorted(frame["file_path"] for frame in frames)
+    for frame in frames:
+        image = Image.open(tmp_path / "x" / frame["file_path"])
+        assert image.size == (document["w"], document["h"])
+        if "mask_path" in frame:
+            mask = Image.open(tmp_path / "x" / frame["mask_path"])
+            assert mask.mode == "L" and mask.size == image.size
+        matrix = np.array(frame["transform_matrix"])
+        np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6)
+
+
+def test_what_readers_of_colmap_models_find(scene, export, tmp_path):
+    """Those of gsplat, 3DGS and nerfstudio take the binary files first, byte for byte as COLMAP documents them."""
+    status, said = export("--format", "colmap", "--output", tmp_path / "x")
+    assert status == 0, said
+    model = tmp_path / "x/sparse/0"
+    camera = struct.unpack("<QIiQQ4d", (model / "cameras.bin").read_bytes())
+    assert camera[:5] == (1, 1, 1, CAMERA.width, CAMERA.height)
+    np.testing.assert_allclose(camera[5:], [CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
+    content, found = (model / "images.bin").read_bytes(), {}
+    (count,), place = struct.unpack_from("<Q", content), 8
+    for _ in range(count):
+        _, *pose, number = struct.unpack_from("<I7dI", content, place)
+        name, _, _ = content[place + 64 :].partition(b"\0")
+        place += 64 + len(name) + 1 + 8
+        assert number == 1 and struct.unpack_from("<Q", content, place - 8) == (0,)
+        found[name.decode()] = pycolmap.Rigid3d(
+            pycolmap.Rotation3d(np.roll(pose[:4], -1)), np.array(pose[4:])
+        )
+    assert place == len(content) and sorted(found) == [f"{frame:06d}.png" for frame in POSED]
+    for (_, world_to_camera), pose in zip(sorted(found.items()), poses(scene), strict=True):
+        np.testing.assert_allclose(world_to_camera.inverse().matrix(), pose[:3], atol=1e-9)
 
 
 def test_the_page(scene, export, tmp_path):

@@ -8,6 +8,7 @@ import pytest
 import torch
 from gsply.spz import read_spz
 
+from egosplat.errors import UserError
 from egosplat.export.spz import TURNED_SH, fractional_bits, write_spz
 from egosplat.gaussians.model import Gaussians
 from egosplat.rasterize.reference.spherical_harmonics import sh_basis
@@ -45,6 +46,16 @@ def test_another_reader_finds_the_gaussians(tmp_path, degree):
     rest = gaussians.sh[:, 1:].numpy()
     signs = TURNED_SH[: rest.shape[1], None]
     np.testing.assert_allclose(np.reshape(found.shN, rest.shape), rest * signs, atol=0.07)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e6])
+def test_sizes_that_the_format_cannot_hold_are_an_error(tmp_path, unit):
+    gaussians = some(50, 0)
+    gaussians.means.mul_(unit)
+    gaussians.log_scales.add_(np.log(unit))
+    with pytest.raises(UserError, match="x.spz.*poses.meters_per_unit"):
+        write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
+    assert not any(tmp_path.iterdir())
 
 
 def test_rotations_turn_with_the_axes(tmp_path):

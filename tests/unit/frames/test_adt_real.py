@@ -10,7 +10,9 @@ from projectaria_tools.core import data_provider
 from egosplat.errors import UserError
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, RGB_STREAM, AdtRecording
 from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.files import frames_files
 from egosplat.frames.native_log import captured_log
+from egosplat.frames.recording_files import is_annotated
 from egosplat.frames.rectify import pinhole
 
 OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
@@ -51,6 +53,27 @@ def test_timestamps_are_those_of_the_frame_records(sample):
     assert [record.capture_timestamp_ns for record in records] == CAPTURE_NS
 
 
+def test_a_recording_of_arias_own_tools_has_another_name(copy):
+    """Aria Everyday Activities and Aria's tools call the file recording.vrs, and annotate nothing."""
+    before = open_and_read(copy)
+    (copy / "video.vrs").rename(copy / "recording.vrs")
+    (copy / "metadata.json").unlink()
+    assert all(np.array_equal(one, other) for one, other in zip(before, open_and_read(copy), strict=True))
+    assert [path.name for path in frames_files("adt", copy, "auto")] == ["recording.vrs"]
+    reader = open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True)
+    assert reader.instance_map(CAPTURE_NS[0]) is not None
+    for path in copy.glob("segmentations*.vrs"):
+        path.unlink()
+    assert not is_annotated("adt", copy) and is_annotated("adt", copy / "not rendered yet")
+    assert open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True) is None
+
+
+def test_a_folder_without_a_recording_names_both_files(copy):
+    (copy / "video.vrs").unlink()
+    with pytest.raises(UserError, match="sequence: has no video.vrs or recording.vrs"):
+        open_and_read(copy)
+
+
 def test_a_small_frame_is_the_large_one_averaged(sample, full_size):
     small = AdtRecording(sample, **OPTIONS)
     (image,) = small.read_frames(np.array([1]))
@@ -72,7 +95,9 @@ def test_stride_and_range_select_frames(sample):
 
 def test_library_messages_are_silenced(sample, capfd):
     open_and_read(sample)
-    open_annotations("adt", sample, camera=pinhole(352, 460.0), upright=True).instance_map(CAPTURE_NS[0])
+    # Within 40 ms the third frame counts as annotated, so that there is no line about the part that is.
+    opened = open_annotations("adt", sample, camera=pinhole(352, 460.0), upright=True, max_age_ns=40_000_000)
+    opened.instance_map(CAPTURE_NS[0])
     assert capfd.readouterr() == ("", "")
 
 

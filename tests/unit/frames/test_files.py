@@ -23,9 +23,11 @@ OPTIONS = {"resolution": 32, "focal": 460.0, "upright": True, "stride": 1, "star
 
 def files_of(stage: str, format: str, recording: Path) -> list[Path]:
     found = (
-        frames_files(format, recording, "auto") if stage == "frames" else annotations_files(format, recording)
+        frames_files(format, recording, "auto")
+        if stage == "frames"
+        else annotations_files(format, recording, "auto")
     )
-    return [*found, *pictures_of(stage, format, recording)]
+    return [*found, *pictures_of(stage, format, recording, "auto")]
 
 
 def read_frames(format: str, recording: Path) -> tuple[np.ndarray, list]:
@@ -112,10 +114,14 @@ def test_a_missing_recording_has_no_files(tmp_path):
 
 
 def test_the_digest_follows_an_overwritten_picture_and_no_other_file(images):
-    pictures = pictures_of("frames", "plain", images)
+    pictures = pictures_of("frames", "plain", images, "auto")
     first = digest_of_files(pictures)
     (images / "notes.txt").touch()
-    assert digest_of_files(pictures_of("frames", "plain", images)) == first == digest_of_files(pictures[::-1])
+    assert (
+        digest_of_files(pictures_of("frames", "plain", images, "auto"))
+        == first
+        == digest_of_files(pictures[::-1])
+    )
     folder, before = images.stat(), (images / "3.png").stat()
     (images / "3.png").write_bytes(bytes(before.st_size))  # of the same size
     os.utime(images, ns=(folder.st_atime_ns, folder.st_mtime_ns))
@@ -126,4 +132,4 @@ def test_the_digest_follows_an_overwritten_picture_and_no_other_file(images):
 def test_a_broken_link_is_a_file_too(images):
     (images / "annotations").mkdir()
     (images / "annotations/1.png").symlink_to("nowhere.png")
-    assert digest_of_files(pictures_of("annotations", "plain", images))
+    assert digest_of_files(pictures_of("annotations", "plain", images, "auto"))

@@ -49,6 +49,17 @@ def test_images_come_in_natural_order(images):
     assert reds(part, [0, 1, 2]) == [20, 50, 80]
 
 
+def test_digits_that_are_no_decimals_are_letters_of_a_name(tmp_path):
+    """``str.isdigit`` is true of them, and ``int`` refuses them."""
+    names = ["2.png", "10.png", "²1.png", "①2.png", "③.png", "٣.png"]
+    for place, name in enumerate(names):
+        Image.new("RGB", (64, 48), (10 * place, 0, 0)).save(tmp_path / name)
+    recording = PlainRecording(tmp_path, **OPTIONS)
+    assert sorted(reads := reds(recording, range(6))) == [0, 10, 20, 30, 40, 50] and reads.index(
+        0
+    ) < reads.index(10)
+
+
 def test_the_sharpest_of_every_stride_frames_is_used(tmp_path):
     """Protects the option for videos with motion blur; of equally sharp frames the first is used."""
     edges = cv2.GaussianBlur(np.random.default_rng(0).normal(size=(48, 64)), (0, 0), 3) > 0
@@ -127,6 +138,7 @@ def test_a_companion_calibration_is_used(images, video, kind):
         (json.dumps(CALIBRATION | {"fx": 10**400}), "not an object with the numbers .*too large"),
         (json.dumps(CALIBRATION | {"fx": -1}), "fx, fy must be positive"),
         (json.dumps(CALIBRATION | {"cx": float("nan")}), r"\(cx, cy\) inside the image"),
+        (json.dumps(CALIBRATION | {"k3": 0.1, "model": "fisheye"}), "k3, model: not read"),
         (json.dumps(CALIBRATION | {"width": 65}), "for 65x48 px, but the frames are 64x48"),
     ],
 )
@@ -171,9 +183,9 @@ def test_exif_orientation_is_applied(tmp_path):
     assert shown[:, 40, 1].min() > 150 and shown[:, 8, 1].max() < 50
 
 
-def test_transparency_and_palettes_become_plain_colors(tmp_path):
+def test_opaque_pictures_and_palettes_become_plain_colors(tmp_path):
     folder = write_images(tmp_path / "images", ["0.png"])
-    Image.new("RGBA", (64, 48), (10, 20, 30, 0)).save(folder / "1.png")
+    Image.new("RGBA", (64, 48), (10, 20, 30, 255)).save(folder / "1.png")
     Image.new("RGB", (64, 48), (10, 20, 30)).quantize(4).save(folder / "2.png")
     frames = list(PlainRecording(folder, **OPTIONS).read_frames(np.array([1, 2])))
     assert [image[3, 3].tolist() for image in frames] == [[10, 20, 30]] * 2

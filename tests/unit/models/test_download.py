@@ -81,6 +81,39 @@ def test_without_a_connection_the_error_has_the_address(hub, path, monkeypatch, 
     assert list(path.parent.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("status", "headers", "environment", "named"),
+    [
+        (200, {"Content-Length": "abc"}, {}, "Content-Length"),
+        (200, {"Content-Length": "-5"}, {}, "Content-Length"),
+        (302, {"Location": "http://[bad"}, {}, "put it at"),
+        (302, {"Location": "ftp://somewhere/else"}, {}, "ftp://"),
+        (200, {}, {"http_proxy": "http://127.0.0.1:port"}, "http_proxy"),
+        (200, {}, {"http_proxy": "ftp://127.0.0.1:1"}, "http_proxy"),
+        (200, {}, {"http_proxy": "socks5://127.0.0.1:1"}, "http_proxy"),
+        (200, {}, {"http_proxy": "http://127.0.0.1:1"}, "http_proxy"),
+        (200, {}, {"HF_ENDPOINT": "nowhere"}, "HF_ENDPOINT"),
+        (200, {}, {"HF_ENDPOINT": "http://nowhere:port"}, "HF_ENDPOINT"),
+    ],
+)
+def test_malformed_answers_and_addresses_are_one_line(
+    hub, path, monkeypatch, status, headers, environment, named
+):
+    """Of the hub, of a proxy and of the environment; nothing is left."""
+    import huggingface_hub
+
+    monkeypatch.setattr("huggingface_hub.utils._http.time.sleep", lambda seconds: None)
+    hub.status, hub.headers = status, headers
+    for name, value in ({"no_proxy": "", "NO_PROXY": ""} | environment).items():
+        monkeypatch.setenv(name, value)
+    # The library reads proxies when it first connects.
+    huggingface_hub.close_session()
+    with pytest.raises(UserError, match=named) as caught:
+        fetch(model(), path)
+    huggingface_hub.close_session()
+    assert "\n" not in str(caught.value) and list(path.parent.iterdir()) == []
+
+
 def test_a_small_disk_is_an_error_before_the_download(hub, path, monkeypatch):
     usage = namedtuple("usage", "total used free")(10**9, 10**9, 10**5)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)

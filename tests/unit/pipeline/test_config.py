@@ -5,6 +5,7 @@ import importlib
 import inspect
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
@@ -45,7 +46,9 @@ def test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options(
     assert set(arguments) == {*paths, *about.scene, *(("options",) if options else ())}
     assert options is None or arguments["options"].annotation is options
     for name, argument in arguments.items():
-        optional = name.removesuffix("_path") in about.optional
+        # A real recording has no seed, for example.
+        unknown = name in about.scene and type(None) in get_args(argument.annotation)
+        optional = name.removesuffix("_path") in about.optional or unknown
         assert argument.default is (None if optional else inspect.Parameter.empty), name
 
 
@@ -319,3 +322,19 @@ def test_on_and_off_may_be_written_as_yaml_reads_them():
     assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"}
     parsed = config.validate(config.parse_options("camera.refine_poses=off frames.upright=off", "row 1"))
     assert parsed["camera"]["refine_poses"] == "off" and parsed["frames"]["upright"] is False
+
+
+@pytest.mark.parametrize(
+    "values, message",
+    [
+        ({"frames.stride": 2}, "'frames.stride'; write frames: {stride: ...}"),
+        ({"max_points": 2}, "did you mean .*splats.max_points"),
+        ({"fr\u0430mes": {}}, "CYRILLIC SMALL LETTER A"),
+        ({"frames": {"\xa0stride": 2}}, "NO-BREAK SPACE"),
+        ({"data_root": {False: "/x"}}, "data_root .*must be a text"),
+        ({"variants": {"a": None}}, "variants.a = None .*must be keys with values"),
+    ],
+)
+def test_a_key_that_cannot_be_is_named_with_what_is_meant(values, message):
+    with pytest.raises(UserError, match=message):
+        config.validate(values)

@@ -1,5 +1,7 @@
 """`egosplat query` and `egosplat export` reject folders that are not finished scenes."""
 
+from pathlib import Path
+
 import pytest
 
 from egosplat import cli
@@ -8,6 +10,7 @@ from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 
 STAGES = ("frames", "poses", "features", "splats", "language")
 SCENE = "results/adt/scene1"
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture
@@ -34,24 +37,49 @@ def folder(tmp_path, monkeypatch):
         ("nowhere", "nowhere: does not exist. Give the folder"),
         (
             SCENE,
-            f"lacks features.zarr, splats.zarr, language.zarr. Make the scene: snakemake --cores 2 {SCENE}/m",
+            f"lacks features.zarr, splats.zarr, language.zarr. Make the scene in the folder of the workflow: snakemake --cores 2 {SCENE}/m",
         ),
         (
             "results/adt/scene9",
-            "does not exist. Make the scene: snakemake --cores 2 results/adt/scene9/metrics",
+            "does not exist. Make the scene in the folder of the workflow: snakemake --cores 2 results/adt/scene9/metrics",
         ),
         (f"{SCENE}/frames.zarr", "is a single artifact; give the folder of its scene, results/adt/scene1"),
         (
             f"{SCENE}/variants/v",
-            f"lacks features.zarr, language.zarr. Make the variant: snakemake --cores 2 {SCENE}/variants/v/metrics",
+            f"lacks features.zarr, language.zarr. Make the variant in the folder of the workflow: snakemake --cores 2 {SCENE}/variants/v/metrics",
         ),
-        (f"{SCENE}/variants/w", "does not exist. Make the variant: "),
+        (f"{SCENE}/variants/w", "does not exist. Make the variant "),
     ],
 )
 def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):
     with pytest.raises(UserError) as caught:
         check_scene_folder(folder.__class__(given), STAGES)
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "given, said",
+    [
+        (
+            "results/hoi4d/scene77",
+            "no scene hoi4d/scene77 in the table of scenes. Add a row, or take one of: adt/scene1",
+        ),
+        ("results/adt/scene10/variants/none", "none"),
+        ("results/hoi4d/scene1", "no recording at"),
+        ("results/adt/scene10", "Make the scene: snakemake --cores 2 results/adt/scene10/metrics.json"),
+        (
+            "results/adt/scene10/variants/fast",
+            "Make the variant: snakemake --cores 2 results/adt/scene10/variants/fast/me",
+        ),
+    ],
+)
+def test_only_a_command_that_works_is_advised(monkeypatch, given, said):
+    """The configuration of the working directory knows the scenes and variants that can be made."""
+    monkeypatch.chdir(ROOT)
+    with pytest.raises(UserError) as caught:
+        check_scene_folder(Path(given), STAGES)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+    assert ("snakemake" in said) == ("snakemake" in str(caught.value))
 
 
 def test_a_finished_scene_is_taken(folder):

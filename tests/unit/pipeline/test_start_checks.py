@@ -1,10 +1,13 @@
 """The workflow rejects impossible runs before Snakemake begins."""
 
+import getpass
+import os
+
 import pytest
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import check_config_files
-from egosplat.pipeline.process_guards import check_cores
+from egosplat.pipeline.process_guards import check_cores, name_user
 
 
 @pytest.mark.parametrize(
@@ -25,3 +28,17 @@ def test_each_configuration_file_is_checked_and_json_is_left_to_snakemake(tmp_pa
     bad.write_text("frames: {}\nframes: {}\n")
     with pytest.raises(UserError, match="bad.yaml"):
         check_config_files([good, bad])
+
+
+def test_a_user_without_a_name_gets_a_number(monkeypatch):
+    """Snakemake asks for a name, and a container's user has none."""
+
+    def unknown() -> str:
+        raise KeyError("getpwuid(): uid not found")
+
+    monkeypatch.setenv("USER", "me")
+    name_user()
+    assert os.environ["USER"] == "me"
+    monkeypatch.setattr(getpass, "getuser", unknown)
+    name_user()
+    assert os.environ["USER"] == str(os.getuid())

@@ -51,3 +51,43 @@ def test_a_file_that_is_no_yaml_is_named_with_line_and_column(tmp_path, text, wh
 def test_numbers_with_an_exponent_are_numbers(text, value):
     found = load_yaml(text)
     assert found == value and type(found) is type(value)
+
+
+@pytest.mark.parametrize(
+    "text, where",
+    [
+        ("splats: {iterations: 010}", "line 1, column 22: 010 is octal"),
+        ("variants: {no: {}}", "line 1, column 12: key no is read as bool"),
+        ("variants: {123: {}}", "key 123 is read as int"),
+        ("null: 3", "key null is read as null"),
+        ("frames: &a {stride: *a}", "nested too deeply"),
+        ("variants: &a {x: *a}", "nested too deeply"),
+    ],
+)
+def test_what_yaml_reads_as_another_thing_is_named(tmp_path, text, where):
+    (tmp_path / "mine.yaml").write_text(text)
+    with pytest.raises(UserError, match=f"mine.yaml: .*{where}"):
+        read_yaml(tmp_path / "mine.yaml")
+
+
+def test_aliases_that_stand_for_billions_of_values_are_refused(tmp_path):
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
+    (tmp_path / "mine.yaml").write_text("\n".join(lines))
+    with pytest.raises(UserError, match="100,000"):
+        read_yaml(tmp_path / "mine.yaml")
+
+
+@pytest.mark.parametrize(
+    "text", ['{\n\t"frames": {"stride": 2}\n}', '\ufeff{"frames": {"stride": 2}}', "{frames: {stride: 2,},}"]
+)
+def test_json_with_tabs_or_a_mark_is_read(tmp_path, text):
+    (tmp_path / "mine.json").write_text(text, encoding="utf-8")
+    assert read_yaml(tmp_path / "mine.json") == {"frames": {"stride": 2}}
+
+
+def test_a_repeated_key_of_json_is_named(tmp_path):
+    """Snakemake takes the last one."""
+    (tmp_path / "mine.json").write_text('{"frames": {"stride": 2, "stride": 3}}')
+    with pytest.raises(UserError, match="'stride' is set twice"):
+        read_yaml(tmp_path / "mine.json")

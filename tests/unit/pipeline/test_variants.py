@@ -14,6 +14,7 @@ from egosplat.pipeline.variants import (
     check_target,
     method_of,
     owner,
+    preset_of,
     reaches,
     scene_config,
     variant_config,
@@ -144,6 +145,13 @@ def test_a_variant_shares_artifacts_with_its_parents(name, expected):
         ({"mine": {"splat": {"masking": "none"}}}, "mine", "did you mean 'splats'"),
         ({"mine": {"synthetic": {"seed": 9}}}, "mine", "leave out the section synthetic"),
         ({"mine": {"preset": "fast"}}, "mine", "a variant cannot change preset"),
+        ({"mine": {"data_root": {"adt": "/x"}}}, "mine", "a variant cannot change data_root"),
+        (
+            {"mine": {"formats": {"adt": {"frames": {"stride": 2}}}}},
+            "mine",
+            "a variant cannot change formats",
+        ),
+        ({"mine": {"tables": {"methods": []}}}, "mine", "a variant cannot change tables"),
         ({"mine": {"extends": "nope"}}, "mine", "no variant 'nope'.*take one of: baseline"),
         ({"a": {"extends": "b"}, "b": {"extends": "a"}}, "a", "variant a: circular .* a -> b -> a"),
         (
@@ -194,6 +202,12 @@ def test_a_variant_inherits_the_name_of_a_method_and_configurations_have_no_such
     assert method_of(extending, "mine", "adt/scene1") == "LangSplat"
     assert method_of(BASE, "baseline", "adt/scene1") is None
     assert "method" not in variant_config(BASE, "langsplat", "adt/scene1")
+
+
+def test_the_preset_of_a_variant_is_that_which_it_extends():
+    own = merge(BASE, {"variants": {"draft": {}, "mine": {"extends": ["draft", "baseline"]}}})
+    named = {name: preset_of(own, name, "adt/scene1") for name in (None, "baseline", "draft", "mine")}
+    assert named == {None: "balanced", "baseline": "balanced", "draft": "draft", "mine": "draft"}
 
 
 OTHERS = [name for name, keys in BASE["variants"].items() if "method" in keys]

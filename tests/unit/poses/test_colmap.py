@@ -1,5 +1,6 @@
 """COLMAP on rendered images with known poses, on unusable images, and on real photographs."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -196,7 +197,7 @@ def test_exhaustive_matching_is_advised_for_sequential_matching_only(strategy, a
 def test_a_second_model_is_reported_with_its_frames():
     text = too_few_message(set(range(5)), [{5, 6, 7}, {6, 7, 8, 9, 11}], 12, 0.5, "exhaustive")
     assert "not registered (indices from 0): 5 to 11" in text
-    assert "A second model registers 5 (6 to 9, 11)" in text and "poses.min_registered=0.41" in text
+    assert "A second model registers 5 (6 to 9, 11)" in text
     assert "second model" not in too_few_message(set(range(5)), [], 12, 0.5, "exhaustive")
 
 
@@ -209,10 +210,12 @@ def test_lost_frames_and_models_that_are_left_out_are_told():
     assert lost.startswith("6 of 12 frames have no pose") and "6 to 11" in lost
 
 
-def test_the_suggested_min_registered_would_be_met():
+def test_the_suggested_min_registered_would_be_met_and_keeps_most_of_the_recording():
     for held in range(1, 40):
         text = too_few_message(set(range(held)), [], 40, 1.0, "exhaustive")
-        assert float(text.rpartition("=")[2]) * 40 <= held
+        suggested = re.search(r"poses.min_registered=([\d.]+)", text)
+        assert (suggested is not None) == (held >= 20)
+        assert suggested is None or 0.5 <= float(suggested[1]) <= held / 40
 
 
 def test_long_lists_of_frames_are_shortened():
@@ -242,7 +245,7 @@ def test_a_rotating_camera_is_rejected(room: Any, known: bool):
 
 
 def test_identical_frames_are_rejected(walk_images: Images):
-    with pytest.raises(UserError, match="0.00 px.*the camera stands still"):
+    with pytest.raises(UserError, match="the camera stands still"):
         reconstruct([walk_images[0]] * 5)
 
 

@@ -16,7 +16,7 @@ from egosplat.errors import UserError
 from egosplat.frames.stage import FramesOptions
 from egosplat.frames.stage import run as make_frames
 from egosplat.pipeline.config import defaults
-from egosplat.poses.known import find_parallax
+from egosplat.poses.result import find_parallax
 from egosplat.poses.stage import PosesOptions
 from egosplat.poses.stage import run as make_poses
 from tests.unit.calibration.conftest import HEIGHT, WIDTH, synthetic_model
@@ -55,7 +55,7 @@ def test_a_model_calibrates_the_frames_and_gives_their_poses(recording: Path, ca
     """The way of a user's model through both stages: camera, lens, poses, points, unit, log."""
     frames, poses = run(recording, {"stride": 2})
     assert frames.facts["pictures"] == ["0.png", "2.png", "4.png"] and frames.facts["known_poses"] == "colmap"
-    assert frames.facts["lens"]["model"] == "RADIAL" and frames.facts["camera_known"]
+    assert frames.facts["lenses"][0]["model"] == "RADIAL" and frames.facts["camera_known"]
     camera = frames.facts["camera"]
     np.testing.assert_array_equal(
         poses.read("intrinsics"),
@@ -111,7 +111,7 @@ def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording: Pat
 def test_a_still_camera_has_no_parallax():
     """Poses of a tripod are valid, and no depth follows from them: an alarm says so."""
     points = np.array([[0.0, 0.0, 4.0], [1.0, 0.0, 5.0], [0.0, 1.0, 6.0]])
-    moving, still = np.array([[0.0, 0, 0], [0.3, 0, 0]]), np.array([[0.0, 0, 0], [0.1, 0, 0]])
+    moving, still = np.array([[0.0, 0, 0], [0.6, 0, 0]]), np.array([[0.0, 0, 0], [0.3, 0, 0]])
     assert find_parallax(moving, points) > LIMITS["poses.parallax"].value > find_parallax(still, points) > 0
     assert find_parallax(still, points[:0]) is None and find_parallax(still * 0, points[:0]) == 0
     assert find_parallax(still * 0, points * 0) == 0

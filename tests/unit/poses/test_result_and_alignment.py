@@ -38,9 +38,6 @@ def test_valid_poses_are_accepted():
         ("camera_to_world", random_poses(4) * 1.1, "frame 0 is not a rigid"),
         ("camera_to_world", random_poses(4), "not registered has a pose"),
         ("registered", np.zeros(4, np.bool_), "no frame"),
-        ("points", np.full((5, 3), np.inf), "not finite"),
-        ("up", np.array([0.0, 2.0, 0.0]), "unit vector"),
-        ("up", np.full(3, np.nan), "unit vector"),
     ],
 )
 def test_broken_poses_are_rejected(field: str, value: np.ndarray, message: str):

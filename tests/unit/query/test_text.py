@@ -6,7 +6,7 @@ import torch
 from egosplat.errors import UserError
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
 from egosplat.query.options import CANONICAL
-from egosplat.query.text import Texts, encode_phrases, encode_texts
+from egosplat.query.text import Texts, clean_phrase, encode_phrases, encode_texts, untaught_words
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +37,29 @@ def test_queries_are_encoded_with_their_canonical_phrases(clip):
 
 @pytest.mark.parametrize(
     "phrase, reason",
-    [(" ", "blank"), ("cup " * 200, "shorten it"), ("a\x1b[2J", "control"), ("\udcff", "UTF-8")],
+    [(" ", "blank"), ("\u200b", "blank"), ("cup " * 200, "shorten it"), ("\udcff", "UTF-8")],
 )
 def test_invalid_phrases_are_reported(clip, phrase, reason):
     with pytest.raises(UserError, match=reason):
         encode_phrases(clip, ["cup", phrase])
+
+
+@pytest.mark.parametrize(
+    "phrase",
+    [
+        "cha\u200bir",
+        "chair\ufeff",
+        " chair\n",
+        "\x00chair\x07",
+        "\u202echair",
+        "ch\u00adair",
+        "\u2066chair\u2069",
+    ],
+)
+def test_characters_that_nobody_sees_change_nothing(clip, phrase):
+    """Zero-width, control and direction characters, and soft hyphens."""
+    assert clean_phrase(phrase) == "chair" and untaught_words(clip, phrase) == []
+    assert torch.equal(encode_phrases(clip, [phrase]), encode_phrases(clip, ["chair"]))
 
 
 def test_the_longest_phrase_is_not_cut(clip):

@@ -42,5 +42,46 @@ def test_the_small_model_knows_its_own_words(clip, phrase, words):
     assert untaught_words(clip, phrase) == words
 
 
+SYMBOLS = [
+    "::",
+    "%",
+    "¿",
+    "©",
+    "™",
+    "😀",
+    "👩\u200d🚀",
+    "...",
+    "---",
+    "_",
+    '"',
+    "$",
+    "\u0308",
+    "&amp;",
+    "&#37;",
+    "<>",
+    "☃ ★",
+    "、。",
+]
+
+
+@pytest.mark.parametrize("words", [None, frozenset({"chair"})])
+@pytest.mark.parametrize("phrase", SYMBOLS)
+def test_symbols_are_no_query(clip, phrase, words):
+    """Not even with a published model, which lists no words, and at no score."""
+    untaught = untaught_words(replace(clip, words=words), phrase)
+    assert "no word" in LANGSPLAT.change(min_score=0.0).refusal(1.0, untaught)
+
+
+@pytest.mark.parametrize("phrase", ["chair!", "ＣＨＡＩＲ", "(chair)", "chair 😀", "chair\u200b"])
+def test_a_word_among_symbols_is_a_query(clip, phrase):
+    assert untaught_words(clip, phrase) == []
+
+
+@pytest.mark.parametrize("phrase", ["椅子", "стул", "כיסא", "2", "Ⅷ", "½"])
+def test_letters_and_digits_of_any_script_are_words(clip, phrase):
+    """A published model may know them; the small one does not."""
+    assert untaught_words(replace(clip, words=None), phrase) == [] and untaught_words(clip, phrase)
+
+
 def test_a_model_without_a_list_knows_all_words(clip):
     assert untaught_words(replace(clip, words=None), "zeppelin") == []

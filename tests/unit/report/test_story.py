@@ -52,5 +52,13 @@ def test_names_and_the_scene_page_are_escaped(scene):
 
 
 def test_a_missing_file_is_named(scene):
-    with pytest.raises(UserError, match=r"crops.png: does not exist. Make it: snakemake"):
+    with pytest.raises(UserError, match=r"crops.png: does not exist. Make it: "):
         run([scene / "crops.png"], scene / "story.html", "mine/scene")
+
+
+@pytest.mark.parametrize("name", ["metrics.json", "survey.json"])
+@pytest.mark.parametrize("text", ["{}", "[]", "{"])
+def test_a_document_without_its_content_is_named(scene, name, text):
+    (scene / name).write_text(text)
+    with pytest.raises(UserError, match=f"{name}: "):
+        told(scene)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -93,7 +94,7 @@ def moving(trajectory) -> list[np.ndarray]:
 def scene(tmp_path) -> Callable[..., Path]:
     """``scene(poses, images, **changes)``: a folder with frames.zarr and poses.zarr, five frames per second."""
 
-    def make(trajectory: list[np.ndarray], images: list[np.ndarray], **changes: np.ndarray) -> Path:
+    def make(trajectory: list[np.ndarray], images: list[np.ndarray], **changes: Any) -> Path:
         count = len(trajectory)
         grid = np.linspace(-1.0, 1.0, 12)
         wall = np.stack(np.meshgrid(grid, grid, [WALL]), axis=-1).reshape(-1, 3)
@@ -109,7 +110,7 @@ def scene(tmp_path) -> Callable[..., Path]:
             "points/xyz": points,
             "points/rgb": np.zeros((len(points), 3), np.uint8),
         }
-        facts = camera_facts(CAMERA, device_from_camera=None)
+        facts = camera_facts(CAMERA, device_from_camera=None, notes=changes.pop("notes", {}))
         put_scene(tmp_path, ["frames", "poses"], arrays | changes, facts, options={"method": "auto"})
         return tmp_path
 

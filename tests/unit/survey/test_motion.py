@@ -8,11 +8,11 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.geometry import make_pose
+from egosplat.moving_regions import landing, large_regions, lasting_regions, meetings
 from egosplat.survey.detection import PairMotion, detect_motion
 from egosplat.survey.matching import match_images
 from egosplat.survey.motion import measure_motion
 from egosplat.survey.pairs import choose_pairs, choose_revisits
-from egosplat.survey.regions import landing, large_regions, lasting_regions, meetings
 from egosplat.survey.rigid import View
 
 SECOND = 1_000_000_000
@@ -231,3 +231,19 @@ def test_a_recording_moves_where_an_object_does(room, scene, step, moves):
     )
     assert found.pairs.tolist() == [[0, 1], [1, 2], [2, 3], [3, 4], [4, 5]]
     assert found.voting.min() > 0.3 and (found.share > 0.005 if moves else found.share == 0)
+
+
+def test_without_points_motion_is_the_same_in_any_unit(room, scene):
+    trajectory = [room.pose(x=0.08 * frame, yaw=3.0 * frame) for frame in range(6)]
+    images = [room.image(pose, (0.2, -0.4 + 0.05 * k)) for k, pose in enumerate(trajectory)]
+    points = {"points/xyz": np.zeros((0, 3)), "points/rgb": np.zeros((0, 3), np.uint8)}
+    found = []
+    for unit in (1.0, 1e-5, 1e5):
+        poses = np.stack(trajectory)
+        poses[:, :3, 3] *= unit
+        folder = scene(list(poses), images, notes={"scale": "arbitrary"}, **points)
+        artifacts = (folder / "frames.zarr", FRAMES), (folder / "poses.zarr", POSES)
+        found.append(measure_motion(*(open_artifact(*each) for each in artifacts)))
+    for other in found[1:]:
+        assert other.share == pytest.approx(found[0].share, rel=1e-2)
+        np.testing.assert_allclose(other.voting, found[0].voting, rtol=1e-2)

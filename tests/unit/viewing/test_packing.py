@@ -11,6 +11,7 @@ from egosplat.cli import main
 from egosplat.codes.decoder import Decoder
 from egosplat.viewing.container import pack, unpack
 from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
+from egosplat.viewing.html import scene_html
 from egosplat.viewing.instances import pack_instances
 from egosplat.viewing.palette import fit_palette, pack_codes
 from egosplat.viewing.visibility import SMALLEST, STEP, pack_visibility, to_bytes
@@ -159,3 +160,11 @@ def test_a_scene_without_language_gets_one_line(tmp_path, capsys, monkeypatch):
     said = capsys.readouterr().err
     assert ended.value.code == 2 and "language.zarr" in said and said.count("\n") == 1
     assert not (tmp_path / "scene.html").exists()
+
+
+def test_a_title_is_no_markup():
+    """Neither HTML nor the marks of the page's own parts."""
+    title = """</title></script><script>alert(1)</script>"'><img src=x onerror=alert(1)><!--{data}-->"""
+    page = scene_html(title, "data")
+    assert page.count("<title>") == page.count("</title>") == 1 and page.count('id="data">data</script>') == 1
+    assert "<script>alert" not in page and "<img src=x" not in page

@@ -3,6 +3,7 @@
 import http.client
 import json
 import socket
+import struct
 import threading
 from urllib.parse import quote, urlsplit
 
@@ -79,6 +80,98 @@ def test_pages_of_others_get_nothing(serve, headers, status):
     assert ask(server, **headers)[0] == ask(server, "/encode?phrase=x", **headers)[0] == status
 
 
+HOST, OWN, EVIL = "Host: 127.0.0.1:1", "Origin: http://127.0.0.1:1", "Origin: http://evil.example"
+EMBEDDED = "Sec-Fetch-Site: cross-site"
+
+
+@pytest.mark.parametrize(
+    ("target", "headers", "status"),
+    [
+        *(
+            ("/", [f"Host: {host}"], 200)
+            for host in ("localhost.", "127.0.0.1.:80", "  127.0.0.1\t", "127.0.0.1")
+        ),
+        *(
+            ("/", [f"Host: {host}"], 403)
+            for host in (
+                *(
+                    "evil@127.0.0.1",
+                    "evil.example:80@127.0.0.1",
+                    "127.0.0.1/evil",
+                    "127.0.0.1?evil",
+                    "127.0.0.1#evil",
+                ),
+                *(
+                    "127.0.0.1:port",
+                    "127.0.0.1:-1",
+                    "127.0.0.1:",
+                    "local\thost",
+                    "localhost..",
+                    "127.0.0.1, evil",
+                ),
+                *("[127.0.0.1]", "[::1]", "[::1%lo]", "127.1", "2130706433", "l\xf6calhost", "a" * 60000),
+            )
+        ),
+        *(("/", hosts, 403) for hosts in ([], [HOST, HOST], [HOST, "Host: evil"], ["Host: evil", HOST])),
+        ("/", [HOST, OWN], 200),
+        *(("/", [HOST, *origins], 403) for origins in ([OWN, EVIL], [EVIL, OWN], [OWN, OWN], ["Origin:"])),
+        *(("/", [HOST, f"{OWN}{more}"], 403) for more in ("/", ".evil.example", "0")),
+        ("/", [HOST, EVIL, "Upgrade: websocket", "Connection: Upgrade"], 403),
+        ("/encode?phrase=x", [HOST, "Sec-Fetch-Site: same-origin"], 200),
+        ("/encode?phrase=x", [HOST, EMBEDDED, "Sec-Fetch-Mode: no-cors"], 403),
+        ("/encode?phrase=x", [HOST, "Sec-Fetch-Site: same-site", "Sec-Fetch-Mode: no-cors"], 403),
+        ("/", [HOST, EMBEDDED, "Sec-Fetch-Mode: navigate"], 200),
+        *((target, [HOST], 403) for target in ("http://127.0.0.1:1/", "http://[/", "encode?phrase=x", "*")),
+        *((target, [HOST], 404) for target in ("/../../etc/passwd", "/%2e%2e/etc/passwd", "//etc/passwd")),
+        *(
+            (target, [HOST], 404)
+            for target in ("/encode/", "/%65ncode?phrase=x", "/;x", "/%00", "/\\evil", "/[")
+        ),
+        ("/" + "a" * 70000, [HOST], 414),
+        ("/", [HOST, "X: " + "a" * 70000], 431),
+    ],
+)
+def test_a_browser_alone_is_answered(serve, capfd, target, headers, status):
+    """What no browser sends to this server gets nothing, and no traceback."""
+    server = serve("127.0.0.1")
+    with socket.create_connection(("127.0.0.1", server.server_address[1]), timeout=30) as connection:
+        lines = [f"GET {target} HTTP/1.1", *headers, "", ""]
+        connection.sendall("\r\n".join(lines).encode("latin-1"))
+        assert connection.makefile("rb").readline().split()[1] == str(status).encode()
+    assert capfd.readouterr().err == ""
+
+
+def test_a_browser_that_leaves_early_says_nothing(serve, capfd):
+    """It resets the connection before its answer."""
+    server = serve("127.0.0.1")
+    connection = socket.create_connection(("127.0.0.1", server.server_address[1]))
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    connection.sendall(b"GET / HT")
+    connection.close()
+    assert ask(server)[0] == 200
+    server.shutdown()
+    server.server_close()
+    assert capfd.readouterr().err == ""
+
+
+def test_the_address_of_ipv6_is_in_brackets(serve):
+    try:
+        server = serve("::1")
+    except UserError:
+        pytest.skip("no IPv6 here")
+    assert urlsplit(server.address).hostname == "::1" and not server.token
+    for host, status in (
+        ("[::1]:1", b"200"),
+        ("[::1]", b"200"),
+        ("localhost", b"200"),
+        ("::1", b"403"),
+        ("[::1", b"403"),
+    ):
+        with socket.create_connection(("::1", server.server_address[1]), timeout=30) as connection:
+            connection.sendall(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+            assert connection.makefile("rb").readline().split()[1] == status
+
+
 def test_other_computers_need_the_token(serve):
     """Where they reach the server, its address holds a secret, which the page passes on."""
     server = serve("0.0.0.0")
@@ -89,6 +182,13 @@ def test_other_computers_need_the_token(serve):
     status, page = ask(server, f"/?{address.query}")
     assert status == 200 and f"encode?token={server.token}&amp;phrase=" in page
     assert ask(server, "/encode?phrase=x")[0] == 403
+    for elsewhere in (
+        {"Referer": server.address},
+        {"Cookie": address.query},
+        {"Authorization": server.token},
+    ):
+        assert ask(server, **elsewhere)[0] == 403
+    assert ask(server, f"/?{address.query}&token=x")[0] == 403
     assert ask(server, f"/?{address.query}", Host="evil.example")[0] == 403
 
 
@@ -129,4 +229,5 @@ def test_phrases_without_a_vector_get_a_reason(tmp_path):
     put_page_scene(tmp_path)
     encode = phrase_encoder(open_artifact(tmp_path / "features.zarr", FEATURES), page_options())
     assert sum(value * value for value in encode("red couch")["vector"]) == pytest.approx(1)
-    assert '"zeppelin"' in encode("zeppelin")["why"] and "blank" in encode(" ")["why"]
+    assert '"zeppelin"' in encode("zeppelin")["why"]
+    assert "blank" in encode(" \u200b")["why"] and "no word" in encode("::")["why"]

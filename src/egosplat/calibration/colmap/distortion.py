@@ -24,6 +24,7 @@ from egosplat.calibration.colmap.adjustment import adjust
 from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
 from egosplat.calibration.colmap.mapping import build_models
 from egosplat.calibration.colmap.matching import match_images
+from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.files import scratch_directory
@@ -131,8 +132,9 @@ def _models(
     with scratch_directory("egosplat-lens-") as folder, quiet_colmap():
         project = Project(folder)
         project.write_images(images, camera)
-        pycolmap.set_random_seed(_SEED)
         project.write_mask(valid)
+        check_camera_moves(project)
+        pycolmap.set_random_seed(_SEED)
         project.import_images(camera, camera_known=False)
         check_features(project.extract(camera, threads=threads))
         match_images(project, "exhaustive", overlap=1, seed=_SEED, threads=threads)

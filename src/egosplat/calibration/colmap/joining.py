@@ -24,7 +24,7 @@ class Joined:
     Attributes:
         model: the largest model, with the images of the models that fit to it.
         parts: number of models in it.
-        others: models that could not be joined, the largest first.
+        others: models that could not be joined and have images that ``model`` lacks, the largest first.
         reasons: why not, for each of ``others``.
     """
 
@@ -52,7 +52,9 @@ def join_models(models: list[pycolmap.Reconstruction], camera_known: bool) -> Jo
                 model, parts, joined = larger, parts + 1, True
                 del others[index], reasons[index]
                 break
-    return Joined(model, parts, others, reasons)
+    inside = set(model.reg_image_ids())
+    left = [index for index, other in enumerate(others) if not set(other.reg_image_ids()) <= inside]
+    return Joined(model, parts, [others[index] for index in left], [reasons[index] for index in left])
 
 
 def _join(

@@ -1,6 +1,5 @@
 """COLMAP's third step: incremental mapping, and the choice of the model."""
 
-import math
 import time
 from collections.abc import Iterator
 
@@ -9,6 +8,7 @@ import pycolmap
 from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.joining import Joined, join_models
 from egosplat.calibration.colmap.matching import MatchingResult
+from egosplat.calibration.companions import accept_advice
 from egosplat.errors import UserError
 from egosplat.progress import format_ranges, log
 
@@ -16,8 +16,6 @@ MIN_IMAGES = 3
 # A model with fewer points is noise, not a scene.
 MIN_POINTS = 50
 
-# A smaller median shift between images means that the camera did not move [px].
-_MIN_SHIFT_PX = 1.0
 _SECONDS_BETWEEN_LINES = 5.0
 
 
@@ -104,6 +102,8 @@ def choose_model(
     registered = frames_of_model(joined.model, project)
     others = [frames_of_model(other, project) for other in joined.others]
     if len(registered) < min_registered * frames:
+        if matches.with_parallax == 0:
+            raise UserError(_no_model_message(matches))
         raise UserError(too_few_message(registered, others, frames, min_registered, matches.strategy))
     for line in model_lines(joined.parts, registered, others, joined.reasons, frames):
         log(f"COLMAP: {line}")
@@ -161,13 +161,15 @@ def too_few_message(
         problem += (
             f". A second model registers {len(second)} ({format_ranges(second)}): the two share too few views"
         )
-    # Rounded down, so that the suggested value accepts this model.
-    share = math.floor(100 * len(registered) / frames) / 100
-    wider = "set poses.matching=exhaustive, " if strategy == "sequential" else ""
-    return (
-        f"{problem}\nAdd views in between (a smaller frames.stride), remove blurred and blank frames, "
-        f"{wider}or accept the loss: poses.min_registered={share:g}"
-    )
+    wider = "set poses.matching=exhaustive" if strategy == "sequential" else ""
+    advice = [
+        "Add views in between (a smaller frames.stride)",
+        "take the part that shows one place (frames.start_s, frames.end_s)",
+        "remove blurred and blank frames",
+        wider,
+        accept_advice(len(registered), frames),
+    ]
+    return f"{problem}\n{', or '.join(filter(None, advice))}"
 
 
 def _no_model_message(matches: MatchingResult) -> str:
@@ -175,12 +177,6 @@ def _no_model_message(matches: MatchingResult) -> str:
         return (
             f"COLMAP finds no two frames of the same scene ({matches.compared} pairs compared):"
             " use a smaller frames.stride, or sharper frames"
-        )
-    if matches.median_shift_px < _MIN_SHIFT_PX:
-        return (
-            f"COLMAP finds no parallax: features move by {matches.median_shift_px:.2f} px between frames,"
-            " so the camera stands still; a still camera shows no depth. Use frames of a moving camera, or a larger "
-            "frames.stride"
         )
     if matches.with_parallax == 0:
         return (

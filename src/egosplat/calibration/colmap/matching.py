@@ -127,14 +127,12 @@ class MatchingResult:
         compared: number of pairs compared.
         verified: number of pairs whose matches are consistent with a rigid scene.
         with_parallax: number of verified pairs with parallax: the camera moved past objects at different depths.
-        median_shift_px: median over verified pairs of the median distance between matches [px]; 0 without pairs.
     """
 
     strategy: str
     compared: int
     verified: int
     with_parallax: int
-    median_shift_px: float
 
 
 def match_images(
@@ -164,20 +162,8 @@ def match_images(
 
 def _summary(project: Project, strategy: str, compared: int) -> MatchingResult:
     with pycolmap.Database.open(project.database) as database:
-        pair_ids, geometries = database.read_two_view_geometries()
-        keypoints = {
-            image.image_id: database.read_keypoints(image.image_id) for image in database.read_all_images()
-        }
+        _, geometries = database.read_two_view_geometries()
     kinds = pycolmap.TwoViewGeometryConfiguration
-    verified, with_parallax, shifts = 0, 0, []
-    for pair_id, geometry in zip(pair_ids, geometries, strict=True):
-        inliers = geometry.inlier_matches
-        if len(inliers) == 0:
-            continue
-        verified += 1
-        with_parallax += kinds(geometry.config) in (kinds.CALIBRATED, kinds.UNCALIBRATED)
-        first, second = pycolmap.pair_id_to_image_pair(pair_id)
-        shift = keypoints[first][inliers[:, 0], :2] - keypoints[second][inliers[:, 1], :2]
-        shifts.append(float(np.median(np.linalg.norm(shift, axis=1))))
-    shift_px = float(np.median(shifts)) if shifts else 0.0
-    return MatchingResult(strategy, compared, verified, with_parallax, shift_px)
+    verified = [kinds(geometry.config) for geometry in geometries if len(geometry.inlier_matches)]
+    with_parallax = sum(kind in (kinds.CALIBRATED, kinds.UNCALIBRATED) for kind in verified)
+    return MatchingResult(strategy, compared, len(verified), with_parallax)

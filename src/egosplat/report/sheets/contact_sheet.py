@@ -9,6 +9,7 @@ from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import add_name, ground_axes, inner_point, plt, show
 from egosplat.images import evenly_spaced
@@ -89,8 +90,9 @@ def draw_from_above(axes: Axes, poses: Artifact) -> None:
     axes.quiver(*path[::step].T, *directions[::step].T, scale=28, width=0.0025, color="0.15", zorder=4)
     axes.scatter(*path[0], s=70, c="limegreen", edgecolors="k", zorder=5, label="start")
     axes.scatter(*path[-1], s=70, c="crimson", edgecolors="k", zorder=5, label="end")
-    _widen(axes, LEAST_EXTENT)
-    unit = "arbitrary unit" if poses.facts["notes"].get("scale") == "arbitrary" else "m"
+    unit = length_unit(poses)
+    if unit == "m":
+        _widen(axes, LEAST_EXTENT)
     title = "From above: the points, and the trajectory from dark to light"
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
     if points is not None:

@@ -64,7 +64,7 @@ def _summary(frames: Artifact, splats: Artifact) -> str:
         held_out = f"{count} held out: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
     if count and has_corrections(splats):
         given = Scores(splats.read("held_out/psnr_given"), splats.read("held_out/ssim_given"))
-        held_out += f" (without corrections {given.mean_psnr:.2f} dB, {given.mean_ssim:.3f})"
+        held_out += f" with fitted corrections (as given {given.mean_psnr:.2f} dB, {given.mean_ssim:.3f})"
     return (
         f"{frames.facts['recording']}, origin {splats.origin}\n"
         f"{splats.shape('means')[0]} Gaussians of iteration {facts['iteration']}, "

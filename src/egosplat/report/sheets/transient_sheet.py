@@ -122,7 +122,7 @@ def _draw_probability(
     cell: Axes, photograph: NDArray[np.uint8], probability: NDArray[np.float16]
 ) -> AxesImage:
     """Draw the probability over the photograph, shown in gray."""
-    values = np.nan_to_num(probability.astype(np.float32))
+    values = probability.astype(np.float32)
     show(cell, photograph.mean(axis=2), f"transient probability: mean {values.mean():.1%}", cmap="gray")
     return cell.imshow(values, cmap="inferno", vmin=0.0, vmax=1.0, alpha=HEAT)
 

@@ -13,6 +13,7 @@ from jinja2 import Environment, StrictUndefined
 from egosplat.errors import UserError
 from egosplat.frames.images import read_rgb
 from egosplat.images import LARGEST, encode_webp, shrink_image
+from egosplat.pipeline.making import make_command
 
 _KINDS = (".png", ".jpg", ".jpeg")
 
@@ -61,11 +62,11 @@ def read_picture(path: Path, about: str | None = None) -> Picture:
     if path.suffix.lower() not in _KINDS:
         raise UserError(f"{path}: is not an image for the page; give {', '.join(_KINDS)}")
     if not path.is_file():
-        raise UserError(f"{path}: does not exist. Make it: snakemake --cores 2 {path}")
+        raise UserError(f"{path}: does not exist. Make it: {make_command(path)}")
     try:
         image = read_rgb(path)
     except UserError as error:
-        raise UserError(f"{error} Delete it and make it again: snakemake --cores 2 {path}") from error
+        raise UserError(f"{error} Delete it and make it again: {make_command(path)}") from error
     # Inside the page, so that it can be sent as one file.
     content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY)).decode("ascii")
     name = path.as_posix().rpartition("results/")[2]

@@ -1,7 +1,7 @@
 """The layouts of the paper's five tables."""
 
 from egosplat.evaluation.queries import GROUPS
-from egosplat.evaluation.scored_scenes import FULL, UNTOUCHED, ScoredScene
+from egosplat.evaluation.scored_scenes import FULL, VALIDATION, ScoredScene
 from egosplat.report.tables.paper_numbers import METHODS, METRICS, SCENES
 from egosplat.report.tables.series import OWN
 from egosplat.report.tables.table import AVERAGE, Layout
@@ -80,19 +80,19 @@ LAYOUTS = (
 )
 
 
-def scenes_of(layout: Layout, untouched: bool) -> tuple[str, ...]:
-    """The scenes of a table; untouched apartments appear only in averages."""
-    if not untouched:
+def scenes_of(layout: Layout, validation: bool) -> tuple[str, ...]:
+    """The scenes of a table; validation apartments appear only in averages."""
+    if not validation:
         return layout.scenes
     averaged = any(scene == AVERAGE for scene, _, _ in layout.columns)
-    return UNTOUCHED if averaged and layout.dataset == "adt" else ()
+    return VALIDATION if averaged and layout.dataset == "adt" else ()
 
 
 def in_a_table(scene: ScoredScene) -> bool:
     """Whether any table shows a scene's scores."""
     return any(
         layout.dataset == scene.dataset
-        and scene.scene in scenes_of(layout, scene.untouched)
+        and scene.scene in scenes_of(layout, scene.validation)
         and _has_line(layout, scene)
         for layout in LAYOUTS
     )

@@ -6,10 +6,10 @@ from itertools import count, product
 from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
-from egosplat.evaluation.scored_scenes import CHANCE, FULL, UNTOUCHED, Cell, Cost, ScoredScene
+from egosplat.evaluation.scored_scenes import CHANCE, FULL, VALIDATION, Cell, Cost, ScoredScene
 from egosplat.report.tables.paper_layouts import LAYOUTS, scenes_of
 from egosplat.report.tables.paper_numbers import PAPER_NOTES, find_printed
-from egosplat.report.tables.series import APARTMENTS, NAMES, OWN, UNTOUCHED_APARTMENTS, Series
+from egosplat.report.tables.series import APARTMENTS, NAMES, OWN, VALIDATION_APARTMENTS, Series
 from egosplat.report.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
 
 INTERVALS = (
@@ -73,13 +73,13 @@ def _measured_rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
         (REAL, False): f"Measured by egosplat on {name}",
         (SYNTHETIC, False): f"Measured on {APARTMENTS}: not {name}, not comparable with any row above",
         (SYNTHETIC, True): (
-            f"Measured on {UNTOUCHED_APARTMENTS} ({UNTOUCHED[0]} to {UNTOUCHED[-1]}), used for no choice of settings: "
+            f"Measured on {VALIDATION_APARTMENTS} ({VALIDATION[0]} to {VALIDATION[-1]}): "
             f"not {name}, not comparable with any row above"
         ),
     }
     rows: list[Row] = []
     for kind, title in titles.items():
-        rows += _block(layout, title, [one for one in series if (one.origin, one.untouched) == kind])
+        rows += _block(layout, title, [one for one in series if (one.origin, one.validation) == kind])
     return rows or [_empty_row(layout, REAL, titles[REAL, False], line, name) for line in layout.lines]
 
 
@@ -163,7 +163,7 @@ def _cell(place: str, score: str, group: str, scenes: Mapping[str, ScoredScene])
 def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
     """The scenes of a series that belong to a table."""
     return {
-        name: series.scenes[name] for name in scenes_of(layout, series.untouched) if name in series.scenes
+        name: series.scenes[name] for name in scenes_of(layout, series.validation) if name in series.scenes
     }
 
 

@@ -1,4 +1,4 @@
-"""Group scenes into rows: one method, variant, origin and set of models. Untouched apartments are separate rows."""
+"""Group scenes into rows: one method, variant, origin and set of models. Validation apartments are separate rows."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from egosplat.models.suitability import BRIEF
 NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
 
 APARTMENTS = "synthetic apartments"
-UNTOUCHED_APARTMENTS = "untouched synthetic apartments"
+VALIDATION_APARTMENTS = "validation apartments"
 
 # Name of egosplat's own rows.
 OWN = "EgoSplat"
@@ -24,7 +24,7 @@ class Series:
 
     Attributes:
         dataset, variant, origin: common to all scenes.
-        untouched: whether the scenes are ``UNTOUCHED`` apartments.
+        validation: whether the scenes are ``VALIDATION`` apartments.
         own: whether the method is EgoSplat.
         foreign: whether another program ran the method.
         scenes: scores by name of the scene.
@@ -33,7 +33,7 @@ class Series:
     dataset: str
     variant: str
     origin: str
-    untouched: bool
+    validation: bool
     method: str
     own: bool
     foreign: bool
@@ -44,7 +44,7 @@ class Series:
     def data(self) -> str:
         """Name of the data."""
         if self.origin == "synthetic":
-            return UNTOUCHED_APARTMENTS if self.untouched else APARTMENTS
+            return VALIDATION_APARTMENTS if self.validation else APARTMENTS
         return NAMES.get(self.dataset, self.dataset)
 
     @property
@@ -75,7 +75,7 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
     found: dict[tuple, dict[str, ScoredScene]] = {}
     # Scores of different data, variants or models must not be averaged.
     for one in scenes:
-        key = (one.dataset, one.variant, one.origin, one.untouched, one.method, one.foreign, one.models)
+        key = (one.dataset, one.variant, one.origin, one.validation, one.method, one.foreign, one.models)
         other = found.setdefault(key, {}).setdefault(one.scene, one)
         if other is not one:
             raise UserError(f"{one.path} and {other.path}: are scores of the same scene; give one of them")
@@ -85,14 +85,14 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
             dataset,
             variant,
             origin,
-            untouched,
+            validation,
             method or OWN,
             method is None,
             foreign,
             names[models],
             dict(sorted(own.items())),
         )
-        for (dataset, variant, origin, untouched, method, foreign, models), own in found.items()
+        for (dataset, variant, origin, validation, method, foreign, models), own in found.items()
     ]
     return sorted(series, key=lambda one: (not one.own, one.method, one.variant, one.checkpoints))
 

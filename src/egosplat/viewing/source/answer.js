@@ -135,11 +135,23 @@ function areSame(scene, one, other) {
 // Letters of the longest text that is worth splitting or sending.
 const LONGEST = 2000;
 
-// The vector of a phrase, or the reason why it has none.
+// A phrase without characters that nobody sees, and with single spaces.
+const cleanPhrase = (phrase) => phrase.replace(/\s+/gu, " ").replace(/[\p{Cc}\p{Cf}]/gu, "").trim();
+
+// A score with two decimals, on its side of the least score of an answer.
+function shownScore(score, least) {
+  const shown = Number(score.toFixed(2)), side = score < least ? -1 : 1;
+  return ((shown < least) === (score < least) ? shown : shown + side / 100).toFixed(2);
+}
+
+// The vector of a clean phrase, or the reason why it has none.
 async function encodePhrase(scene, tower, phrase) {
   const { words, taught } = scene.facts, { encoder } = document.documentElement.dataset;
-  if (!phrase.trim()) return { why: "Type the name of a thing." };
-  const known = words.indexOf(phrase.trim().toLowerCase());
+  if (!phrase) return { why: "Type the name of a thing." };
+  if (!/[\p{L}\p{N}]/u.test(phrase)) return { why: "not found: the query holds no word" };
+  // As in Python, where ftfy makes wide letters plain.
+  phrase = phrase.normalize("NFKC");
+  const known = words.indexOf(phrase.toLowerCase());
   if (known >= 0) return { vector: scene.wordVectors[known] };
   if (phrase.length > LONGEST) return { why: "too long: shorten it" };
   if (!tower) return encoder ? encodeAtServer(encoder, phrase) : { why: `not on the page's list of ${words.length} words; egosplat view answers any words` };

@@ -205,6 +205,7 @@ class Page {
 
   async ask(phrase) {
     const begun = performance.now(), question = ++this.questions;
+    phrase = cleanPhrase(phrase);
     const { vector, why } = await encodePhrase(this.scene, this.tower, phrase);
     if (question !== this.questions) return null;
     if (why) {
@@ -219,16 +220,20 @@ class Page {
     const best = things[0], { min_score } = this.scene.facts.query, fitting = things.filter((thing) => thing.score >= min_score);
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
-    this.mark = fitting.length ? { point: best.center, text: `${shortened(phrase)} ${best.score.toFixed(2)}` } : null;
+    this.mark = fitting.length ? { point: best.center, text: `${shortened(phrase)} ${this.score(best.score)}` } : null;
     $("level").value = String(best?.level ?? this.showing.level);
     $("instances").checked = false;
     this.show({ relevancy, level: best?.level ?? this.showing.level, instances: false });
-    const none = best ? `not found: the best match is below ${min_score.toFixed(2)}` : "no Gaussian of the scene has a code";
+    const none = best ? `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}` : "no Gaussian of the scene has a code";
     return this.tell(phrase, { things: fitting, score: best?.score ?? 0, why: fitting.length ? null : none });
   }
 
+  score(score) {
+    return shownScore(score, this.scene.facts.query.min_score);
+  }
+
   tell(phrase, answer) {
-    const score = answer.score === undefined ? "" : ` (${answer.score.toFixed(2)})`;
+    const score = answer.score === undefined ? "" : ` (${this.score(answer.score)})`;
     const number = answer.things?.length ?? 0;
     const outside = number && !this.project(answer.things[0].center) ? ", outside of the view" : "";
     $("answer").textContent = `"${shortened(phrase)}": ${answer.why ? answer.why + score : number > 1 ? `${number} found` : "found"}${outside}`;
@@ -237,7 +242,7 @@ class Page {
   }
 
   thingItem(thing, phrase) {
-    const { facts } = this.scene, button = element("button", `\u2192 Go there: ${thing.score.toFixed(2)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
+    const { facts } = this.scene, button = element("button", `\u2192 Go there: ${this.score(thing.score)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
     const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
     button.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
     button.onclick = () => this.jump(thing, phrase);
@@ -258,7 +263,7 @@ class Page {
     this.camera.lookAt(nearer, thing.center);
     this.pivot = thing.center;
     this.moving = false;
-    this.mark = { point: thing.center, text: `${shortened(phrase)} ${thing.score.toFixed(2)}` };
+    this.mark = { point: thing.center, text: `${shortened(phrase)} ${this.score(thing.score)}` };
     this.showing.level = thing.level;
     $("level").value = String(thing.level);
     this.show({ level: thing.level });
@@ -301,7 +306,7 @@ class Page {
       return null;
     }
     const { words, instances, point } = describe(this.scene, found), { facts } = this.scene;
-    const named = ({ word, score, level }) => `${word} ${score.toFixed(2)} (${facts.levels[level]})`;
+    const named = ({ word, score, level }) => `${word} ${this.score(score)} (${facts.levels[level]})`;
     const fitting = words.filter((word) => word.score >= facts.query.min_score).slice(0, 3);
     const closest = words.length ? `: closest is ${named(words[0])}` : "";
     $("place").textContent = fitting.length ? fitting.map(named).join(", ") : `No word of the list fits${closest}`;

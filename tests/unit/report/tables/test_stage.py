@@ -211,21 +211,21 @@ def test_chance_stands_below_what_was_measured(tables, scored, tmp_path):
     assert "Chance: a random pixel" in (tmp_path / "out" / "tables.html").read_text()
 
 
-def test_untouched_apartments_stand_apart(tables, scored, tmp_path):
+def test_validation_apartments_stand_apart(tables, scored, tmp_path):
     """scene6 to scene10 are in no average of the apartments that defaults were chosen by, nor these in theirs."""
     found = tables(scored("adt/scene1", 0.9), scored("adt/scene6", 0.4), scored("adt/scene7", 0.2))
     own = found["adt_accuracy"]
     own = own[(own.kind == "synthetic") & (own.group == "all") & (own.method == "EgoSplat")]
     averages = own[own.scene == "average"].set_index("data")
     assert averages.percent.to_dict() == pytest.approx(
-        {"synthetic apartments": 90.0, "untouched synthetic apartments": 30.0}
+        {"synthetic apartments": 90.0, "validation apartments": 30.0}
     )
-    assert averages.scenes["untouched synthetic apartments"] == "scene6 scene7"
-    assert own[own.data == "untouched synthetic apartments"].percent.count() == 1
+    assert averages.scenes["validation apartments"] == "scene6 scene7"
+    assert own[own.data == "validation apartments"].percent.count() == 1
     transient = found["adt_transient"]
-    assert "untouched synthetic apartments" not in set(transient.data)
+    assert "validation apartments" not in set(transient.data)
     text = (tmp_path / "out" / "adt_accuracy.md").read_text()
-    assert "(scene6 to scene10), used for no choice of settings" in text
+    assert "validation apartments (scene6 to scene10): not ADT" in text
 
 
 def test_small_checkpoints_on_real_data_are_marked_in_every_format(tables, scored, tmp_path):
@@ -474,7 +474,7 @@ def test_a_file_without_scores_is_named(tables, tmp_path, content, message):
 
 def test_scores_of_an_older_format_are_named_with_what_to_do(tables, scored):
     """Those of format 1 have intervals over queries."""
-    with pytest.raises(UserError, match="scene1/metrics.json.* 1; .* 4") as caught:
+    with pytest.raises(UserError, match="scene1/metrics.json.* 1; .* 5") as caught:
         tables(scored("adt/scene1", format_version=1))
     assert "--force" in str(caught.value) and str(caught.value).count("\n") == 1
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.scores import OPTIONS
+from tests.support.scores import OPTIONS, SETUP
 
 SCENE = "results/adt/scene1"
 QUERIES = 80
@@ -36,9 +36,10 @@ def document(scene: str, accuracy: float, psnr: float | None, stages: Mapping[st
     score |= {"random_pixel": 0.05, "middle_pixel": 0.15}
     rendering = {"frames": 3, "psnr": psnr, "ssim": 0.8}
     return {
-        "format_version": 4,
+        "format_version": 5,
         "scene": scene,
         "origin": "synthetic",
+        **SETUP,
         "notice": None,
         "alarms": [],
         "counts": counts,

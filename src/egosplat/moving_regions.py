@@ -1,15 +1,13 @@
-"""Regions of moving pixels: large enough to be an object, and seen again in the next pair of frames."""
+"""Regions of moving pixels: large enough to be an object, and seen again in the next frames."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import Array
-
 Bools = NDArray[np.bool_]
 Labels = NDArray[np.int32]
 
-# A pair's row, and a region of its first image.
+# A row, of a frame or of a pair of frames, and a region of its first image.
 Region = tuple[int, int]
 
 # Regions narrower than this [px], or smaller than this fraction of the image, are noise.
@@ -32,7 +30,7 @@ def large_regions(mask: Bools) -> Labels:
     return np.where(large[labels], labels, 0)
 
 
-def landing(labels: Labels, flow: NDArray[np.floating], homography: Array) -> Labels:
+def landing(labels: Labels, flow: NDArray[np.floating], homography: NDArray[np.float64]) -> Labels:
     """(h, w) int32: the regions of the first image at their places in the second image.
 
     Args:

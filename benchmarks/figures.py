@@ -1,0 +1,177 @@
+"""Scores, their intervals and paired differences, computed from rows."""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+
+import pandas as pd
+
+from benchmarks.common import markdown
+from benchmarks.rows import Rows
+from benchmarks.scores import mcnemar
+from egosplat.errors import UserError
+from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
+from egosplat.evaluation.scored_scenes import CHANCE, FULL
+
+# Column of the queries that each score averages, its scale, and how it is written.
+SCORES = {"accuracy": ("hit", 100, ".0f", " %"), "mean_iou": ("iou", 1, ".2f", "")}
+
+# Highest PSNR that an interval may reach [dB].
+_MOST_DB = 100.0
+
+KEYS = ["scene", "frame", "category"]
+
+
+def by_scene(rows: pd.DataFrame, column: str, group_by: str = "category") -> list[Clusters]:
+    """The values of a column by scene, clustered by another column; rows without a value are left out."""
+    known = rows.dropna(subset=[column])
+    return [
+        cluster(own[column].astype(float).tolist(), own[group_by].astype(str).tolist())
+        for _, own in known.groupby("scene", sort=True)
+    ]
+
+
+def figure(
+    scenes: list[Clusters], scale: float, form: str, unit: str, least: float = 0.0, most: float = 1.0
+) -> str:
+    """The mean over scenes with its interval, such as ``77 % (68 to 85)``; - for nothing."""
+    if not scenes:
+        return "-"
+    interval = clustered_interval(scenes, RESAMPLING, least=least, most=most)
+    bounds = "" if interval is None else f" ({scale * interval.low:{form}} to {scale * interval.high:{form}})"
+    return f"{scale * mean_of_scenes(scenes):{form}}{unit}{bounds}"
+
+
+def score(rows: Rows, setting: str, name: str, group: str = "all") -> str:
+    """Accuracy or mIoU of a setting."""
+    column, *how = SCORES[name]
+    return figure(by_scene(rows.of("queries", setting, group=group), column), *how)
+
+
+def difference(rows: Rows, one: str, other: str, name: str, group: str = "all") -> str:
+    """Mean difference of two settings on the same queries, in points, with its interval; accuracy also with McNemar's p."""
+    column = SCORES[name][0]
+    paired = pair(rows, one, other, column, group)
+    told = figure(by_scene(paired, "difference"), 100, "+.1f", "", least=-1.0)
+    if name != "accuracy":
+        return told
+    p = mcnemar(int((paired["difference"] > 0).sum()), int((paired["difference"] < 0).sum()))
+    return f"{told}, {'p < 0.001' if p < 0.001 else f'p = {p:.2g}'}"
+
+
+def pair(rows: Rows, one: str, other: str, column: str, group: str = "all") -> pd.DataFrame:
+    """The queries that two settings share, with the ``difference`` of a column."""
+    mine, theirs = (rows.of("queries", name, group=group) for name in (one, other))
+    paired = mine.merge(theirs, on=KEYS, suffixes=("", "_other"))
+    return paired.assign(difference=paired[column] - paired[f"{column}_other"])
+
+
+def psnr(rows: Rows, setting: str, group: str = "all") -> str:
+    """PSNR of held-out frames over all, static or dynamic pixels."""
+    frames = by_scene(rows.of("frames", setting, group=group), "psnr", group_by="frame")
+    return figure(frames, 1, ".1f", " dB", most=_MOST_DB)
+
+
+def presence(rows: Rows, setting: str, what: str) -> str:
+    """Share of whole-scene queries: present things ``answered``, rightly (``right``); ``absent`` things answered."""
+    asked = rows.of("presence", setting, present=int(what != "absent"))
+    # An answer that no frame could verify is not right.
+    right = asked["right"].astype(float).fillna(0) if what == "right" else 1.0
+    return figure(
+        by_scene(asked.assign(value=asked["answered"] * right), "value", group_by="phrase"), 100, ".0f", " %"
+    )
+
+
+def chance(rows: Rows, setting: str, answerer: str) -> str:
+    """Accuracy of a blind answer on a setting's queries."""
+    column = answerer.replace("_pixel", "_hit")
+    return f"{100 * mean_of_scenes(by_scene(rows.of('queries', setting, group='all'), column)):.0f} %"
+
+
+def minutes(rows: Rows, setting: str) -> str:
+    """CPU-minutes a scene."""
+    return f"{rows.of('runs', setting)['cpu_s'].mean() / 60:.1f}"
+
+
+def queries(rows: Rows, setting: str) -> str:
+    """Number of queries."""
+    return str(len(rows.of("queries", setting, group="all")))
+
+
+def score_table(rows: Rows) -> str:
+    """A row for each setting."""
+    columns = (
+        "setting",
+        "queries",
+        "found",
+        "static",
+        "movable",
+        "mIoU",
+        "PSNR",
+        "PSNR, static",
+        "present: right",
+    )
+    table = [
+        [
+            name,
+            queries(rows, name),
+            *(score(rows, name, "accuracy", group) for group in ("all", "static", "dynamic")),
+            score(rows, name, "mean_iou"),
+            *(psnr(rows, name, group) for group in ("all", "static")),
+            *(presence(rows, name, what) for what in ("right", "absent")),
+            minutes(rows, name),
+        ]
+        for name in rows.settings
+    ]
+    return markdown((*columns, "absent: answered", "CPU-min"), table)
+
+
+def difference_table(rows: Rows, more: Sequence[tuple[str, str]] = ()) -> str:
+    """A row for the default against each other setting, and for more pairs."""
+    pairs = [*((FULL, name) for name in rows.settings if name != FULL), *more]
+    table = [
+        [f"{one} against {other}", *(difference(rows, one, other, name) for name in SCORES)]
+        for one, other in pairs
+    ]
+    return markdown(("compared", "accuracy", "mIoU"), table)
+
+
+def chance_line(rows: Rows) -> str:
+    """A sentence on blind answers."""
+    parts = (f"{name} {chance(rows, FULL, key)}" for key, name in CHANCE.items())
+    return f"Found by chance: {', '.join(parts)}."
+
+
+TABLES: Mapping[str, Callable[[Rows], str]] = {
+    "scores": score_table,
+    "differences": difference_table,
+    "blind": chance_line,
+}
+
+FIGURES: Mapping[str, Callable[..., str]] = {
+    "accuracy": lambda rows, setting, *group: score(rows, setting, "accuracy", *group),
+    "mean_iou": lambda rows, setting, *group: score(rows, setting, "mean_iou", *group),
+    "accuracy_difference": lambda rows, one, other, *group: difference(rows, one, other, "accuracy", *group),
+    "mean_iou_difference": lambda rows, one, other, *group: difference(rows, one, other, "mean_iou", *group),
+    "psnr": psnr,
+    "presence": presence,
+    "chance": chance,
+    "minutes": minutes,
+    "queries": queries,
+}
+
+
+def compute(rows: Rows, words: list[str]) -> str:
+    """A table or figure by its words, such as ``accuracy occam`` or ``scores``.
+
+    Raises:
+        UserError: there is no such figure or setting, or words are missing.
+    """
+    known = {**TABLES, **FIGURES}
+    name, *rest = words
+    try:
+        call = inspect.signature(known[name]).bind(rows, *rest)
+    except (KeyError, TypeError):
+        raise UserError(
+            f"{' '.join(words)}: is no figure of rows; give {', '.join(known)}, then its settings"
+        ) from None
+    return known[name](*call.args)

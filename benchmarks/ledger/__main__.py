@@ -1,0 +1,181 @@
+"""Scores of five apartments that nobody has seen: drawn from a text, run once, and kept with every row.
+
+    python -m benchmarks.ledger TEXT             # draw, run, score, and write benchmarks/ledger/TEXT/
+    python -m benchmarks.ledger TEXT --release   # the same, with more settings
+    python -m benchmarks.ledger --report         # every table and interval from the rows
+
+A run needs a clean checkout of one commit to its end: take a worktree of its own. The same command goes on after an
+interruption. A text is run once. Commit its folder.
+"""
+
+import hashlib
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import yaml
+
+from benchmarks.common import ROOT, command
+from benchmarks.figures import TABLES
+from benchmarks.rows import ABOUT, LEDGER, collect, head, read_rows, read_scenes, stamp, write_rows
+from egosplat.errors import UserError
+from egosplat.evaluation.scored_scenes import FULL, ScoredScene
+from egosplat.pipeline.variants import variant_folder
+
+# Variant of each setting, None for the scene's own: one that the workflow knows, or one of CONFIGURATION.
+SETTINGS: dict[str, str | None] = {
+    FULL: None,
+    **{name: name for name in ("draft", "occam", "baseline", "no_masks", "network_masks")},
+}
+
+# What --release adds.
+RELEASE = (
+    "accurate",
+    *("lerf", "legaussians", "semantic_gaussians", "gags", "langsplat", "langsplat2", "splat_feature_solver"),
+)
+
+# Configuration of all runs: what differs from the defaults.
+CONFIGURATION: dict[str, Any] = {"synthetic": {"camera": "real"}}
+
+APARTMENTS = 5
+
+# Smaller seeds are those of the table of scenes, benchmarks, tests and training (training/small_models/worlds.py).
+FIRST_SEED, LAST_SEED = 10_000_000, 999_999_999
+
+# Where scenes are made: ignored by git, a folder for each text and commit.
+WORK = ROOT / "ledger"
+
+
+def draw_seeds(text: str, taken: Collection[int] = (), count: int = APARTMENTS) -> list[int]:
+    """Seeds of apartments for a text: the same for everybody, and none of ``taken`` or twice."""
+    seeds: list[int] = []
+    number = 0
+    while len(seeds) < count:
+        digest = hashlib.sha256(f"egosplat ledger\n{text}\n{number}".encode()).digest()
+        seed = FIRST_SEED + int.from_bytes(digest[:8], "big") % (LAST_SEED - FIRST_SEED + 1)
+        if seed not in taken and seed not in seeds:
+            seeds.append(seed)
+        number += 1
+    return seeds
+
+
+def texts() -> list[str]:
+    """The texts that were run, by date."""
+    found = [path.parent for path in LEDGER.glob(f"*/{ABOUT}")]
+    return [path.name for path in sorted(found, key=lambda path: (read_rows(path).about["date"], path.name))]
+
+
+def check_text(text: str) -> str:
+    """Check that a text may be run; returns the commit to run.
+
+    Raises:
+        UserError: it names no folder, or was run; or the checkout is not clean.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", text):
+        raise UserError(f"{text!r}: give a text of letters, digits, '.', '-' and '_'")
+    if (LEDGER / text).exists():
+        raise UserError(
+            f"{text}: was run already, see benchmarks/ledger/{text}; a text is run once. Give another"
+        )
+    return head()
+
+
+def prepare(folder: Path, seeds: Collection[int]) -> None:
+    """Write the configuration of a run: a table of apartments, and the keys of all of them."""
+    (folder / "config").mkdir(parents=True, exist_ok=True)
+    rows = ["dataset\tscene\tformat\trecording\toptions"]
+    rows += [f"ledger\t{name_of(seed)}\tadt\t-\tsynthetic.seed={seed}" for seed in seeds]
+    (folder / "config/scenes.tsv").write_text("\n".join(rows) + "\n")
+    (folder / "config/config.yaml").write_text(yaml.safe_dump(CONFIGURATION))
+
+
+def name_of(seed: int) -> str:
+    """Name of the scene of a seed."""
+    return f"apartment{seed}"
+
+
+def scores_of(seeds: Collection[int], settings: Mapping[str, str | None]) -> Iterator[str]:
+    """The files of scores of a run."""
+    for seed in seeds:
+        for variant in settings.values():
+            yield f"results/ledger/{name_of(seed)}/{variant_folder(variant)}metrics.json"
+
+
+def snakemake(folder: Path, cores: int, targets: Collection[str], *more: str) -> int:
+    """Make targets in the folder of a run; returns the exit status. Snakemake shows the progress."""
+    words = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "workflow/Snakefile")]
+    words += ["--cores", str(cores), "--rerun-incomplete", *more, "--", *targets]
+    return subprocess.run(words, cwd=folder, check=False, stdout=sys.stderr).returncode
+
+
+def check_commit(scenes: Collection[ScoredScene], commit: str) -> None:
+    """Check that every artifact of every scene was written by the clean checkout of a commit.
+
+    Raises:
+        UserError: one was not, and the row would tell of other code.
+    """
+    for scene in scenes:
+        made = {"metrics.json": scene.document["provenance"], **scene.document["artifacts"]}
+        for name, record in made.items():
+            if record is None or record.get("commit") != commit or not record["clean"]:
+                raise UserError(
+                    f"{scene.path}: {name} was not made by the clean commit {commit[:12]}; "
+                    f"remove {scene.path.parent} and run the command again, without editing the checkout"
+                )
+
+
+def run(text: str, release: bool, cores: int) -> Path:
+    """Draw, run and score the apartments of a text, and write its entry.
+
+    Raises:
+        UserError: see ``check_text`` and ``check_commit``; or a job failed.
+    """
+    commit = check_text(text)
+    settings = SETTINGS | {name: name for name in RELEASE if release}
+    taken = {seed for one in texts() for seed in read_rows(LEDGER / one).about["seeds"]}
+    seeds, folder = draw_seeds(text, taken), WORK / f"{text}-{commit[:12]}"
+    prepare(folder, seeds)
+    if status := snakemake(folder, cores, [*scores_of(seeds, settings)]):
+        raise UserError(
+            f"{folder}: a job failed (exit {status}); see above. The same command goes on from there"
+        )
+    found = read_scenes([folder / "results/ledger" / name_of(seed) for seed in seeds], settings)
+    check_commit([one for own in found.values() for one in own], commit)
+    told = {
+        "text": text,
+        "commit": commit,
+        "seeds": seeds,
+        "release": release,
+        "configuration": CONFIGURATION,
+    }
+    write_rows(LEDGER / text, collect(text, found, **told))
+    return LEDGER / text
+
+
+def report(text: str) -> str:
+    """Every table of a text."""
+    rows = read_rows(LEDGER / text)
+    return "\n\n".join([f"# {text}", stamp(rows.about), *(table(rows) for table in TABLES.values())])
+
+
+@command(__doc__)
+@click.argument("text", required=False)
+@click.option("--release", is_flag=True, help=f"Also {', '.join(RELEASE)}.")
+@click.option("--report", "reported", is_flag=True, help="Print the tables of TEXT, or of all texts.")
+@click.option("--cores", default=len(os.sched_getaffinity(0)), show_default=True, help="Of Snakemake.")
+def main(text: str | None, release: bool, reported: bool, cores: int) -> None:
+    """Run a text, or report."""
+    if not reported and text is None:
+        raise UserError("give a TEXT to run, or --report")
+    if not reported:
+        click.echo(f"wrote {run(text, release, cores)}; commit it", err=True)
+    click.echo("\n\n".join(map(report, [text] if text else texts())) or "no text was run yet")
+
+
+if __name__ == "__main__":
+    main()

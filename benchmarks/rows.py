@@ -1,0 +1,225 @@
+"""Rows of scored scenes beside a page, compressed: each query, held-out frame, whole-scene query and run."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+import pandas as pd
+
+from benchmarks.common import ROOT
+from egosplat.artifacts import usage
+from egosplat.errors import UserError
+from egosplat.evaluation.queries import GROUPS
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.pipeline.variants import variant_folder
+
+LEDGER = ROOT / "benchmarks" / "ledger"
+
+ABOUT = "about.json"
+
+# Columns of each table after scene and setting.
+COLUMNS = {
+    "queries": ("group", "frame", "category", "hit", "iou", "random_hit", "middle_hit"),
+    "frames": ("group", "frame", "pixels", "psnr", "ssim"),
+    "presence": ("phrase", "present", "score", "answered", "untaught", "right"),
+    "runs": ("cpu_s", "peak_memory_mb", "gaussians", "seed", "preset", "recording", "commit", "clean"),
+}
+
+# Decorator: where a benchmark of scored scenes keeps its rows, as ``rows``.
+rows_option = click.option(
+    "--rows", type=click.Path(path_type=Path), help="New folder for the rows: benchmarks/TOPIC/rows."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of one benchmark.
+
+    Attributes:
+        about: commit, machines, date, versions, and whatever else the benchmark tells.
+        tables: by name, with the columns scene, setting and those of ``COLUMNS``.
+    """
+
+    about: Mapping[str, Any]
+    tables: Mapping[str, pd.DataFrame]
+
+    @property
+    def settings(self) -> list[str]:
+        """Names of the settings in their order."""
+        return list(self.tables["runs"]["setting"].unique())
+
+    def of(self, table: str, setting: str, **equal: Any) -> pd.DataFrame:
+        """The rows of a setting whose columns have the given values.
+
+        Raises:
+            UserError: there is no such setting or group.
+        """
+        for what, value, known in (
+            ("setting", setting, self.settings),
+            ("group", equal.get("group", "all"), GROUPS),
+        ):
+            if value not in known:
+                raise UserError(f"{self.about['name']}: has no {what} {value!r}; has {', '.join(known)}")
+        rows = self.tables[table].query("setting == @setting")
+        for column, value in equal.items():
+            rows = rows[rows[column] == value]
+        return rows
+
+
+def read_scenes(folders: Sequence[Path], settings: Mapping[str, str | None]) -> dict[str, list[ScoredScene]]:
+    """Scored scenes by setting, from the scenes' folders and the settings' variants, None for the scene's own.
+
+    Raises:
+        UserError: a file is missing, or scenes were queried or scored by different settings.
+    """
+    found = {
+        setting: [read_scored_scene(folder / variant_folder(variant) / "metrics.json") for folder in folders]
+        for setting, variant in settings.items()
+    }
+    check_protocol([one for scenes in found.values() for one in scenes])
+    return found
+
+
+def collect(name: str, found: Mapping[str, list[ScoredScene]], **about: Any) -> Rows:
+    """Rows of scored scenes by setting.
+
+    Args:
+        about: what else to tell of them.
+    """
+    listed: dict[str, list[tuple[Any, ...]]] = {table: [] for table in COLUMNS}
+    for setting, scenes in found.items():
+        for scene in scenes:
+            for table, row in _rows_of(scene.document):
+                listed[table].append((f"{scene.dataset}/{scene.scene}", setting, *row))
+    tables = {
+        table: pd.DataFrame(rows, columns=["scene", "setting", *COLUMNS[table]])
+        for table, rows in listed.items()
+    }
+    return Rows(
+        {"name": name, **_origin([one for scenes in found.values() for one in scenes]), **about}, tables
+    )
+
+
+def write_rows(folder: Path, rows: Rows) -> None:
+    """Write a new folder of rows.
+
+    Raises:
+        UserError: it is there; rows are never replaced.
+    """
+    if folder.exists():
+        raise UserError(f"{folder}: is there; rows are not replaced. Move it away, or name another folder")
+    made = folder.with_name(f".{folder.name}.tmp")
+    made.mkdir(parents=True)
+    for name, table in rows.tables.items():
+        table.to_csv(made / f"{name}.csv.xz", index=False, float_format="%.6g")
+    digests = {path.name: _digest(path) for path in sorted(made.iterdir())}
+    (made / ABOUT).write_text(json.dumps({**rows.about, "digests": digests}, indent=1, sort_keys=True) + "\n")
+    made.rename(folder)
+
+
+def read_rows(folder: Path) -> Rows:
+    """Read a folder of rows.
+
+    Raises:
+        UserError: there is none, or a table is not the one that was written.
+    """
+    if not (folder / ABOUT).is_file():
+        raise UserError(f"{folder}: has no rows ({ABOUT})")
+    about = json.loads((folder / ABOUT).read_text())
+    for name, digest in about["digests"].items():
+        if _digest(folder / name) != digest:
+            raise UserError(
+                f"{folder / name}: is not the table that was written; get it back: git checkout {folder}"
+            )
+    return Rows(about, {name: pd.read_csv(folder / f"{name}.csv.xz") for name in COLUMNS})
+
+
+def read_source(name: str) -> Rows:
+    """Read rows by their short name: a text of the ledger, or a topic of benchmarks.
+
+    Raises:
+        UserError: see ``read_rows``.
+    """
+    own = LEDGER / name
+    return read_rows(own if own.exists() else ROOT / "benchmarks" / name / "rows")
+
+
+def collect_page(
+    topic: str, folders: Sequence[Path], settings: Mapping[str, str | None], rows: Path | None
+) -> Rows:
+    """Rows of scored scenes in their folders; writes them where asked, and prints what they were measured with.
+
+    Raises:
+        UserError: see ``read_scenes`` and ``write_rows``.
+    """
+    found = collect(topic, read_scenes(folders, settings))
+    if rows is not None:
+        write_rows(rows, found)
+    click.echo(f"{stamp(found.about)}\n")
+    return found
+
+
+def stamp(about: Mapping[str, Any]) -> str:
+    """The line of a page that names commit, machine and date."""
+    return f"Commit {' and '.join(about['commits'])}, {'; '.join(about['machines'])}, {about['date']}."
+
+
+def head() -> str:
+    """The commit of a clean checkout.
+
+    Raises:
+        UserError: it is none.
+    """
+    found = usage.checkout()
+    if found["commit"] is None or not found["clean"]:
+        raise UserError(
+            f"{ROOT}: is no clean checkout; commit, or take a worktree of its own: git worktree add PATH"
+        )
+    return str(found["commit"])
+
+
+def _origin(scenes: list[ScoredScene]) -> dict[str, Any]:
+    records = [
+        record
+        for scene in scenes
+        for record in (scene.document["provenance"], *scene.document["artifacts"].values())
+        if record is not None
+    ]
+    return {
+        "commits": sorted({_short(record) for record in records}),
+        "machines": sorted({record.get("machine", "an unknown machine") for record in records}),
+        "versions": dict(sorted(pair for record in records for pair in record["versions"].items())),
+        "date": datetime.now(UTC).date().isoformat(),
+    }
+
+
+def _short(record: Mapping[str, Any]) -> str:
+    commit = record.get("commit")
+    return f"{commit[:12]}{'' if record['clean'] else ' with changes'}" if commit else "unknown"
+
+
+def _rows_of(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """Table and row of everything that ``metrics.json`` counts."""
+    for query in document["queries"]:
+        for group, truth in query["groups"].items():
+            values = (int(truth["hit"]), truth["iou"], truth["random_hit"], int(truth["middle_hit"]))
+            yield "queries", (group, query["frame"], query["category"], *values)
+    for frame in document["frames"]:
+        for group, region in frame["rendering"].items():
+            yield "frames", (group, frame["frame"], region["pixels"], region["psnr"], region["ssim"])
+    for asked in document.get("presence", {}).get("queries", ()):
+        values = [asked[name] for name in COLUMNS["presence"]]
+        yield "presence", tuple(int(value) if isinstance(value, bool) else value for value in values)
+    records = [one for one in (*document["artifacts"].values(), document["provenance"]) if one is not None]
+    cost = (sum(one["cpu_s"] for one in records), max(one["peak_memory_mb"] for one in records))
+    told = [document[name] for name in ("seed", "preset")] + [document["recording"]["hash"][:16]]
+    yield "runs", (*cost, document["counts"].get("gaussians"), *told, document["commit"], document["clean"])
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

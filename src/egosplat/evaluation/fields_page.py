@@ -1,0 +1,70 @@
+"""Print docs/metrics.md, the fields of ``metrics.json``, from its schema: ``python -m egosplat.evaluation.fields_page``."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from egosplat.pipeline.validation import schema
+
+_ABOUT = """# Fields of metrics.json
+
+`python -m egosplat.evaluation.fields_page` prints this page from [the schema](../src/egosplat/pipeline/schemas/metrics.schema.yaml), a JSON Schema
+(2020-12) in YAML. Each file is checked against it before it is written, and again by each command that reads it and by `egosplat check`.
+`null` is a number that is not defined. `[]` stands for each entry of a list, `NAME` for each name.
+
+**Versions.** `format_version` rises by one with every change of a field: a new one, one that is gone, another meaning, unit or type. A reader takes its own
+version alone and says how to make an older file anew. [CHANGELOG.md](../CHANGELOG.md) says what each version changed.
+
+**Commit and clean** tell which checkout wrote the file, and which wrote each artifact. They are no input: a new commit makes nothing stale, only
+[the code of a stage](architecture.md#what-makes-a-stage-stale) does."""
+
+
+def fields_page() -> str:
+    """The page."""
+    whole = schema("metrics")
+    tables = [_table(None, whole)] + [
+        _table(name, part) for name, part in whole["$defs"].items() if "properties" in part
+    ]
+    return "\n\n".join([_ABOUT, *tables]) + "\n"
+
+
+def _table(name: str | None, part: Mapping[str, Any]) -> str:
+    lines = ["| field | type | what |", "| --- | --- | --- |"]
+    lines += [f"| `{path}` | {kind} | {about} |" for path, kind, about in _rows(part)]
+    return "\n".join([*([f"## {name.capitalize()}", ""] if name else []), *lines])
+
+
+def _rows(part: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str, str]]:
+    """Path, type and description of each field of an object."""
+    fields = dict(part.get("properties", {}))
+    if isinstance(part.get("additionalProperties"), dict):
+        fields["NAME"] = part["additionalProperties"]
+    for key, field in fields.items():
+        optional = "" if key in part.get("required", fields) or key == "NAME" else " (not always)"
+        resolved, kind = _resolved(field)
+        yield f"{above}{key}", kind + optional, resolved.get("description", "").strip()
+        inner = resolved.get("items", resolved)
+        yield from _rows(inner, f"{above}{key}{'[]' if inner is not resolved else ''}.")
+
+
+def _resolved(field: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
+    """A field with its reference resolved, and its type in words. An object that is referred to has its own table."""
+    if "$ref" not in field:
+        return field, _kind(field)
+    name = field["$ref"].rpartition("/")[2]
+    target = schema("metrics")["$defs"][name]
+    if "properties" in target:
+        return field, f"[{name}](#{name})"
+    return {**target, **field}, _kind(target)
+
+
+def _kind(field: Mapping[str, Any]) -> str:
+    if "enum" in field:
+        return ", ".join("null" if one is None else str(one) for one in field["enum"])
+    if "const" in field:
+        return str(field["const"])
+    kinds = field["type"]
+    return kinds if isinstance(kinds, str) else " or ".join(kinds)
+
+
+if __name__ == "__main__":
+    print(fields_page(), end="")

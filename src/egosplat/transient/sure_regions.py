@@ -1,0 +1,110 @@
+"""Regions that the transient network is sure of for several frames: something moves there, whatever the tracks say."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.images import resize_labels, shrunk_size
+from egosplat.moving_regions import Region, large_regions, lasting_regions, meetings
+
+Bools = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+Link = tuple[Region, Region]
+
+# Regions are found at this longer side [px]: the network sees no more.
+_SIDE = 256
+
+# Least share of the picture that a region covers. Of smaller ones most are wrong (docs/method.md#sure-regions).
+_MIN_AREA = 0.01
+
+# Least share of a region's pixels that stand out, and where instances that stand still have more than ``_EXPLAINED`` of it.
+_STANDS_OUT, _STANDS_OUT_THOUGH_EXPLAINED, _EXPLAINED = 0.7, 0.8, 0.8
+
+# A single frame without the region does not end it.
+_MOST_APART = 2
+
+
+def find_regions(sure: Bools, explained: Bools, outstanding: Bools | None) -> Labels:
+    """Number the regions of one frame from 1, at a longer side of ``_SIDE``; 0 elsewhere.
+
+    Args:
+        sure: (H, W) pixels that the network is sure of.
+        explained: (H, W) pixels of instances that stand still.
+        outstanding: (H, W) pixels that stand out from the Gaussians of the warm-up; None if that was not measured.
+    """
+    labels = large_regions(_shrink(sure))
+    area = np.bincount(labels.ravel())
+
+    def share(mask: Bools) -> NDArray[np.float64]:
+        return np.bincount(labels[_shrink(mask)], minlength=len(area)) / np.maximum(area, 1)
+
+    is_explained = share(explained) > _EXPLAINED
+    if outstanding is None:
+        kept = ~is_explained
+    else:
+        kept = share(outstanding) >= np.where(is_explained, _STANDS_OUT_THOUGH_EXPLAINED, _STANDS_OUT)
+    kept &= area >= _MIN_AREA * labels.size
+    kept[0] = False
+    return np.where(kept[labels], labels, 0)
+
+
+def link_regions(labels: Mapping[int, Labels], rows: list[int]) -> list[Link]:
+    """Link the regions of the frames ``rows`` that overlap, each to the row before or, if it meets none there, to the one before that."""
+    links: list[Link] = []
+    for position, frame in enumerate(rows):
+        met: set[int] = set()
+        for before in reversed(rows[max(position - _MOST_APART, 0) : position]):
+            pairs = [pair for pair in meetings(labels[before], labels[frame]) if pair[1] not in met]
+            links += [((before, one), (frame, other)) for one, other in pairs]
+            met |= {other for _, other in pairs}
+    return links
+
+
+@dataclass(frozen=True)
+class RegionMasks:
+    """What moves in each frame: its own lasting regions, and those of the frames before and after a gap.
+
+    Attributes:
+        own: by frame, the (h, w) pixels of its regions.
+        gaps: by frame, for each region that is seen before and after it, the (h, w) pixels there.
+    """
+
+    own: Mapping[int, Bools]
+    gaps: Mapping[int, list[tuple[Bools, Bools]]]
+
+    def mask(self, frame: int, sure: Bools, marked: Bools) -> Bools:
+        """(H, W) moving pixels of a frame, among those that the network is ``sure`` of, in a gap those that it has ``marked``."""
+        found = np.zeros_like(sure)
+        if frame in self.own:
+            found |= _enlarge(self.own[frame], sure) & sure
+        for before, after in self.gaps.get(frame, ()):
+            between = _enlarge(before | after, sure) & marked
+            # Something that moves does not vanish for a frame.
+            found |= between if between.any() else _enlarge(before & after, sure)
+        return found
+
+
+def lasting_masks(labels: Mapping[int, Labels], rows: Iterable[int]) -> RegionMasks:
+    """The regions that last for at least three of the frames ``rows``, and the frames between two that show one."""
+    links = link_regions(labels, sorted(rows))
+    lasting = lasting_regions(links)
+    pixels = {region: labels[region[0]] == region[1] for region in lasting}
+    own: dict[int, Bools] = {}
+    gaps: dict[int, list[tuple[Bools, Bools]]] = {}
+    for (frame, _), mask in pixels.items():
+        own[frame] = own[frame] | mask if frame in own else mask
+    for first, last in links:
+        if first in lasting:
+            for frame in range(first[0] + 1, last[0]):
+                gaps.setdefault(frame, []).append((pixels[first], pixels[last]))
+    return RegionMasks(own, gaps)
+
+
+def _shrink(mask: Bools) -> Bools:
+    return resize_labels(mask, *shrunk_size(mask.shape[1], mask.shape[0], _SIDE)).astype(bool)
+
+
+def _enlarge(mask: Bools, like: Bools) -> Bools:
+    return resize_labels(mask, like.shape[1], like.shape[0]).astype(bool)

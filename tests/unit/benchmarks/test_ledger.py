@@ -1,0 +1,135 @@
+"""The ledger: which apartments a text draws, what may run, and which scores enter."""
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from benchmarks import rows
+from benchmarks.common import ROOT
+from benchmarks.ledger import __main__ as ledger
+from egosplat.errors import UserError
+from tests.support.rows import some_rows
+from tests.unit.benchmarks.test_ablation import answered
+from training.small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS
+
+COMMIT = "c0de" * 10
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch):
+    """A clean checkout with an empty ledger; ``checkout(clean=)`` changes it."""
+
+    def be(clean: bool | None = True) -> None:
+        found = {"commit": None if clean is None else COMMIT, "clean": clean}
+        monkeypatch.setattr(rows.usage, "checkout", lambda: found)
+
+    for module in (ledger, rows):
+        monkeypatch.setattr(module, "LEDGER", tmp_path / "entries")
+    monkeypatch.setattr(ledger, "WORK", tmp_path / "work")
+    monkeypatch.setattr(ledger, "snakemake", lambda *_: pytest.fail("ran"))
+    be()
+    return be
+
+
+def refused(*words: str) -> str:
+    """The one line with which a command ends."""
+    done = CliRunner().invoke(ledger.main, [*words])
+    assert done.exit_code == 1 and len(done.stderr.splitlines()) == 1
+    return done.stderr
+
+
+def test_a_text_draws_the_same_apartments_for_everybody():
+    """The formula of the page; a change of it would change what a text draws."""
+    assert ledger.draw_seeds("a text") == ledger.draw_seeds("a text")
+    assert ledger.draw_seeds("0.0.0") == [80647542, 880724794, 262163697, 545730846, 968581997]
+    many = {seed for number in range(200) for seed in ledger.draw_seeds(str(number))}
+    assert len(many) == 1000
+
+
+def test_no_apartment_is_drawn_twice():
+    first, second, *_ = ledger.draw_seeds("a text")
+    assert ledger.draw_seeds("a text", taken={first})[0] == second
+    assert ledger.draw_seeds("a text", count=50)[:2] == [first, second]
+
+
+def test_no_apartment_of_the_repository_can_be_drawn():
+    """Scenes, benchmarks, tests and training have smaller seeds; of training, those after its first."""
+    most_worlds = 1_000_000
+    assert max(TRAINING_SEEDS, HELD_OUT_SEEDS) + most_worlds < ledger.FIRST_SEED
+    tables = [*ROOT.glob("config/*.tsv"), *ROOT.glob("benchmarks/*/*.tsv"), *ROOT.glob(".test/config/*.tsv")]
+    named = [int(seed) for path in tables for seed in re.findall(r"synthetic\.seed=(\d+)", path.read_text())]
+    assert len(named) > 50 and max(named) < ledger.FIRST_SEED
+
+
+@pytest.mark.parametrize("text", ["", "..", "a/b", "a b", ".hidden", "x" * 101])
+def test_a_text_that_is_no_name_is_refused(checkout, text):
+    assert "give a text" in refused(text)
+
+
+def test_a_second_run_is_refused(checkout):
+    rows.write_rows(ledger.LEDGER / "mine", some_rows())
+    assert "mine: was run already" in refused("mine")
+
+
+@pytest.mark.parametrize("clean", [False, None])
+def test_a_checkout_that_is_not_clean_is_refused(checkout, clean):
+    checkout(clean)
+    assert "no clean checkout" in refused("mine")
+    assert not ledger.WORK.exists()
+
+
+def test_a_failed_run_writes_no_entry_and_goes_on_with_the_same_command(checkout, monkeypatch):
+    calls = []
+    monkeypatch.setattr(
+        ledger, "snakemake", lambda folder, cores, targets: calls.append((folder, targets)) or 1
+    )
+    for _ in range(2):
+        assert "a job failed (exit 1)" in refused("mine", "--release")
+    assert calls[0] == calls[1] and not ledger.LEDGER.exists()
+    folder, targets = calls[0]
+    assert folder == ledger.WORK / f"mine-{COMMIT[:12]}"
+    seeds = ledger.draw_seeds("mine")
+    scene = f"results/ledger/apartment{seeds[0]}"
+    assert {f"{scene}/metrics.json", f"{scene}/variants/draft/metrics.json"} <= set(targets)
+    assert f"{scene}/variants/accurate/metrics.json" in targets
+    assert len(targets) == len(seeds) * (len(ledger.SETTINGS) + len(ledger.RELEASE))
+    with (folder / "config/scenes.tsv").open() as table:
+        found = [row["options"] for row in csv.DictReader(table, delimiter="\t")]
+    assert found == [f"synthetic.seed={seed}" for seed in seeds]
+    assert yaml.safe_load((folder / "config/config.yaml").read_text())["synthetic"] == {"camera": "real"}
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"commit": "beef"}, {"clean": False}, {"artifacts": {"splats.zarr": {"commit": "beef", "clean": True}}}],
+)
+def test_scores_of_other_code_do_not_enter(changed):
+    own = {"commit": COMMIT, "clean": True}
+    scene = answered(("cup", True, 0.5))
+    scene = replace(scene, document={**scene.document, "provenance": own, "artifacts": {"splats.zarr": own}})
+    ledger.check_commit([scene], COMMIT)
+    artifacts = changed.pop("artifacts", scene.document["artifacts"])
+    other = replace(scene, document={**scene.document, "provenance": own | changed, "artifacts": artifacts})
+    with pytest.raises(UserError, match="not made by the clean commit c0dec0dec0de"):
+        ledger.check_commit([other], COMMIT)
+
+
+def test_the_report_is_computed_from_the_rows_alone(checkout):
+    rows.write_rows(ledger.LEDGER / "mine", some_rows())
+    said = CliRunner().invoke(ledger.main, ["--report"], catch_exceptions=False).stdout
+    assert said.startswith("# mine\n\nCommit c0de, a processor, 2 cores, 2026-01-01.")
+    assert "| full against other | +" in said and said.count("\n| other | 22 |") == 1
+
+
+def test_every_entry_is_as_it_was_written():
+    """Entries are only added: digests of tables, and one text a folder."""
+    for path in Path(rows.LEDGER).glob("*/about.json"):
+        found = rows.read_rows(path.parent).about
+        assert found["text"] == path.parent.name
+        assert set(found["seeds"]) == set(ledger.draw_seeds(found["text"], count=ledger.APARTMENTS))
+        assert sum(one.stat().st_size for one in path.parent.iterdir()) < 1_000_000

@@ -1,0 +1,375 @@
+"""Pictures beside known poses: how they lie, a camera for each, masks, transparency, folders."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat.artifacts.frames import FRAMES, shown_pixels
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.calibration.lens import Lens, Rectifier, shared_pinhole
+from egosplat.errors import UserError
+from egosplat.export.dataset import DataSet, _write_images, write_nerfstudio
+from egosplat.frames import annotations_stage
+from egosplat.frames.files import frames_files, pictures_of
+from egosplat.frames.plain import PlainRecording
+from egosplat.frames.stage import FramesOptions
+from egosplat.frames.stage import run as make_frames
+from egosplat.gaussians.pixel_weights import open_masking
+from egosplat.geometry import Camera
+from egosplat.pipeline.config import defaults
+from egosplat.poses.stage import PosesOptions
+from egosplat.poses.stage import run as make_poses
+from tests.support.recordings import copy_files
+
+WIDTH, HEIGHT = 64, 48
+OPTIONS = {"resolution": 64, "stride": 1, "start_s": 0.0, "end_s": None}
+NAMES = [f"{number}.png" for number in range(1, 5)]
+CAMERA = {"fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "w": WIDTH, "h": HEIGHT}
+
+
+def picture(width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
+    """Red grows to the right, green downward."""
+    image = np.full((height, width, 3), 90, np.uint8)
+    image[..., 0] = np.linspace(20, 220, width)[None]
+    image[..., 1] = np.linspace(20, 220, height)[:, None]
+    return image
+
+
+def save(path: Path, image: np.ndarray, orientation: int | None = None) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    exif = Image.Exif()
+    if orientation:
+        exif[0x0112] = orientation
+    Image.fromarray(image).save(path, exif=exif)
+
+
+def write_transforms(folder: Path, names: list[str], camera: dict | None = None, **changes: object) -> Path:
+    """A camera that moves to the right; ``changes`` of a frame may be a list, with an entry a frame."""
+    frames = []
+    for index, name in enumerate(names):
+        pose = np.diag([1.0, -1.0, -1.0, 1.0])
+        pose[0, 3] = 0.3 * index
+        own = {key: value[index] if isinstance(value, list) else value for key, value in changes.items()}
+        frames.append({"file_path": name, "transform_matrix": pose.tolist()} | own)
+    (folder / "transforms.json").write_text(json.dumps((camera or CAMERA) | {"frames": frames}))
+    return folder
+
+
+def write_model(folder: Path, names: list[str], cameras: list[str], camera_of: list[int]) -> Path:
+    """A COLMAP model as text, without points."""
+    (folder / "colmap").mkdir(parents=True)
+    rows = [f"{i + 1} 1 0 0 0 {-0.3 * i} 0 0 {camera_of[i]} {name}\n\n" for i, name in enumerate(names)]
+    (folder / "colmap" / "cameras.txt").write_text(
+        "".join(f"{i + 1} {one}\n" for i, one in enumerate(cameras))
+    )
+    (folder / "colmap" / "images.txt").write_text("".join(rows))
+    (folder / "colmap" / "points3D.txt").write_text("")
+    return folder
+
+
+def make(recording: Path, **poses: object) -> tuple[Artifact, Artifact]:
+    """Frames and known poses of a recording."""
+    made, written = recording.parent / "frames.zarr", recording.parent / "poses.zarr"
+    keys = defaults()["frames"] | {"resolution": 64, "evaluation_frames": 0}
+    make_frames(recording, made, FramesOptions(**keys), format="plain")
+    make_poses(recording, made, written, PosesOptions(**defaults()["poses"] | {"method": "known"} | poses))
+    return open_artifact(made, FRAMES), open_artifact(written, POSES)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Four pictures in a folder."""
+    for name in NAMES:
+        save(tmp_path / "recording" / name, picture())
+    return tmp_path / "recording"
+
+
+@pytest.mark.parametrize("kind", ["colmap", "transforms"])
+@pytest.mark.parametrize("orientation", [2, 3, 6])
+@pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (WIDTH, WIDTH)])
+def test_pictures_lie_as_their_files_have_them(tmp_path, capsys, kind, orientation, size):
+    """COLMAP, hloc and nerfstudio ignore EXIF orientation, so it would contradict their poses."""
+    recording, image = tmp_path / "recording", picture(*size)
+    for name in NAMES:
+        save(recording / name, image, orientation)
+    numbers = CAMERA | {"w": size[0], "h": size[1]}
+    if kind == "colmap":
+        write_model(recording, NAMES, [f"PINHOLE {size[0]} {size[1]} 60 60 32 24"], [1] * 4)
+    else:
+        write_transforms(recording, NAMES, numbers)
+    (shown,) = PlainRecording(recording, **OPTIONS).read_frames(np.array([2]))
+    np.testing.assert_array_equal(shown, image)
+    assert "4 pictures of" in capsys.readouterr().err
+    (turned,) = PlainRecording(recording, **OPTIONS, known_poses="none").read_frames(np.array([2]))
+    assert turned.shape != image.shape or (turned != image).any()
+
+
+def test_pictures_are_turned_if_only_this_is_the_size_of_their_camera(tmp_path, capsys):
+    """The poses are of pictures that some tool had turned."""
+    for name in NAMES:
+        save(tmp_path / name, picture(), 6)
+    write_transforms(tmp_path, NAMES, CAMERA | {"w": HEIGHT, "h": WIDTH, "cx": 24.0, "cy": 32.0})
+    recording = PlainRecording(tmp_path, **OPTIONS)
+    (shown,) = recording.read_frames(np.array([0]))
+    np.testing.assert_array_equal(shown, np.rot90(picture(), -1))
+    assert recording.capture.facts["turned"] and "turned by it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["colmap", "transforms"])
+def test_a_camera_of_another_size_is_named(folder, kind):
+    """Pictures that were made smaller after the reconstruction."""
+    if kind == "colmap":
+        write_model(folder, NAMES, ["PINHOLE 128 96 120 120 64 48"], [1] * 4)
+    else:
+        write_transforms(folder, NAMES, CAMERA | {"w": 128, "h": 96})
+    with pytest.raises(
+        UserError, match=r"(cameras.txt|transforms.json): for 128x96 px, but .* 64x48 \(1.png\)"
+    ):
+        PlainRecording(folder, **OPTIONS)
+
+
+def test_two_cameras_become_one_that_both_see(tmp_path):
+    """Pictures of two lenses and sizes show a direction at the same pixel."""
+    lenses = [
+        Lens("OPENCV", 64, 48, (60.0, 60.0, 31.0, 25.0, 0.1, 0.0, 0.0, 0.0)),
+        Lens("PINHOLE", 96, 128, (110.0, 110.0, 48.0, 64.0)),
+    ]
+    target = shared_pinhole(lenses, [3, 1])
+    views = np.array([lens.inner_view() for lens in lenses])
+    assert target.fx == pytest.approx(lenses[0].pinhole.fx)
+    corners = np.array([[0, 0], [target.width, target.height]])
+    left, top, right, bottom = ((corners - [target.cx, target.cy]) / target.fx).ravel()
+    assert (views[:, :2] <= [left + 1e-9, top + 1e-9]).all() and (
+        views[:, 2:] >= [right - 1e-9, bottom - 1e-9]
+    ).all()
+    for lens in lenses:
+        rows, columns = np.mgrid[: lens.height, : lens.width] + 0.5
+        rays = lens.colmap().cam_from_img(np.stack([columns.ravel(), rows.ravel()], 1))
+        # Brightness is the direction.
+        image = np.zeros((lens.height, lens.width, 3), np.uint8)
+        image[..., :2] = (128 + 200 * rays).round().reshape(lens.height, lens.width, 2)
+        shown = Rectifier(lens, target).image(image).astype(float)
+        y, x = np.mgrid[: target.height, : target.width] + 0.5
+        np.testing.assert_allclose(shown[..., 0], 128 + 200 * (x - target.cx) / target.fx, atol=1.5)
+        np.testing.assert_allclose(shown[..., 1], 128 + 200 * (y - target.cy) / target.fy, atol=1.5)
+
+
+def test_cameras_without_a_common_view_are_named():
+    """A telephoto lens of less than a pixel of the others."""
+    lenses = [Lens("PINHOLE", 64, 48, (focal, focal, 32.0, 24.0)) for focal in (60.0, 60.0, 1e6)]
+    with pytest.raises(UserError, match="3 cameras of the known poses share no view"):
+        shared_pinhole(lenses, [1, 1, 1])
+
+
+def test_names_that_are_no_path_match_no_picture(folder):
+    """No traceback of the file system's."""
+    write_transforms(folder, ["a/" * 3000 + "1.png", "\0.png"])
+    assert PlainRecording(folder, **OPTIONS).capture.facts["pictures"] == NAMES
+
+
+def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
+    """hloc's model of two phones: every picture from its own camera, and its annotation with it."""
+    recording, names = tmp_path / "recording", ["a.png", "b.png", "c.png"]
+    for name in names:
+        save(recording / name, picture(*((HEIGHT, WIDTH) if name == "b.png" else (WIDTH, HEIGHT))))
+    save(recording / "unknown.png", picture(50, 50))
+    cameras = [f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 60 32 24 0.05", f"PINHOLE {HEIGHT} {WIDTH} 60 60 24 32"]
+    write_model(recording, names, cameras, [1, 2, 1])
+    ids = np.zeros((WIDTH, HEIGHT), np.uint8)
+    ids[:, 24:] = 7
+    save(recording / "annotations/b.png", ids)
+    table = "id\tname\tcategory\tmotion_type\n7\tright\tright\tstatic\n"
+    (recording / "annotations/instances.tsv").write_text(table)
+    frames, poses = make(recording)
+    told = capsys.readouterr().err
+    assert "2 cameras" in told and "leaves out 1 pictures whose camera is not known" in told
+    assert frames.facts["pictures"] == names and frames.facts["lens_of_frame"] == [0, 1, 0]
+    camera, valid = Camera(**frames.facts["camera"]), frames.read("valid")
+    assert (
+        valid.all()
+        and valid.shape == (camera.height, camera.width)
+        and abs(camera.width - camera.height) <= 2
+    )
+    assert poses.read("registered").all()
+    rgb = frames.read("rgb").astype(int)
+    # The middle of every picture looks ahead.
+    middle = rgb[:, round(camera.cy), round(camera.cx), :2]
+    assert np.abs(middle - 120).max() <= 5
+    keys = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
+    every = defaults()["frames"] | {"resolution": 64, "evaluation_frames": 3, "holdout": False}
+    make_frames(recording, tmp_path / "frames.zarr", FramesOptions(**every), format="plain")
+    annotations_stage.run(recording, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", keys)
+    found = open_artifact(tmp_path / "annotations.zarr", annotations_stage.ANNOTATIONS)
+    assert found.read("annotated").tolist() == [False, True, False]
+    labels = found.row("instance_map", 1)
+    columns = np.flatnonzero(labels[0] >= 0)
+    assert abs(columns[0] - camera.cx) <= 1 and columns[-1] == camera.width - 1
+
+
+def test_a_mask_of_the_folder_needs_pictures_of_one_size(tmp_path):
+    """It cannot be the mask of all."""
+    save(tmp_path / "a.png", picture())
+    save(tmp_path / "b.png", picture(HEIGHT, WIDTH))
+    save(tmp_path / "valid.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
+    write_model(
+        tmp_path, ["a.png", "b.png"], ["PINHOLE 64 48 60 60 32 24", "PINHOLE 48 64 60 60 24 32"], [1, 2]
+    )
+    with pytest.raises(UserError, match="valid.png: the pictures have several sizes"):
+        PlainRecording(tmp_path, **OPTIONS)
+
+
+def write_masks(folder: Path, *, suffix: str = "png") -> np.ndarray:
+    """A mask for each picture that hides the left border in all and a square in each; (F, H, W) of what it shows."""
+    shown = np.ones((4, HEIGHT, WIDTH), bool)
+    shown[:, :, :8] = False
+    for index in range(4):
+        shown[index, 8:24, 16 + 8 * index : 24 + 8 * index] = False
+        save(folder / f"masks/{index}.{suffix}", shown[index].astype(np.uint8) * 255)
+    return shown
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_masks_of_frames_are_read(folder, suffix):
+    """What no frame shows is invalid; the rest counts in no loss, and stays in the picture."""
+    shown = write_masks(folder, suffix=suffix)
+    write_transforms(folder, NAMES, mask_path=[f"masks/{index}.{suffix}" for index in range(4)])
+    frames, _ = make(folder)
+    valid = frames.read("valid")
+    np.testing.assert_array_equal(valid, shown.any(axis=0))
+    np.testing.assert_array_equal(frames.read("masked"), valid & ~shown)
+    np.testing.assert_array_equal(shown_pixels(frames, 2, valid), shown[2])
+    np.testing.assert_array_equal(frames.row("rgb", 1)[valid], picture()[valid])
+    assert not frames.row("rgb", 1)[~valid].any()
+    masking = open_masking("none", frames, transient_path=None, masks_path=None)
+    np.testing.assert_array_equal(masking.frames(np.array([3, 1]))[1].numpy(), valid & ~shown[1])
+
+
+def test_equal_masks_are_the_border_of_every_picture(folder):
+    save(folder / "masks/all.png", np.pad(np.full((HEIGHT, WIDTH - 8), 255, np.uint8), ((0, 0), (8, 0))))
+    write_transforms(folder, NAMES, mask_path="masks/all.png")
+    frames, _ = make(folder)
+    assert not frames.has("masked") and frames.read("valid").sum() == HEIGHT * (WIDTH - 8)
+    assert open_masking("none", frames, transient_path=None, masks_path=None).frames(np.arange(4)) is None
+
+
+def test_a_mask_of_another_size_is_named(folder):
+    save(folder / "masks/all.png", np.full((10, 10), 255, np.uint8))
+    write_transforms(folder, NAMES, mask_path="masks/all.png")
+    with pytest.raises(UserError, match="all.png: 10x10 px, but the frames are 64x48"):
+        PlainRecording(folder, **OPTIONS)
+
+
+def test_the_export_of_a_scene_is_read_again(folder, tmp_path):
+    """Frames, poses, masks and the valid pixels survive egosplat's own transforms.json."""
+    write_masks(folder)
+    write_transforms(folder, NAMES, mask_path=[f"masks/{index}.png" for index in range(4)])
+    frames, poses = make(folder)
+    camera = Camera(**frames.facts["camera"])
+    exported = tmp_path / "exported" / "recording"
+    exported.mkdir(parents=True)
+    data = DataSet(
+        camera,
+        np.arange(4),
+        poses.read("camera_to_world"),
+        np.zeros((0, 3)),
+        np.zeros((0, 3), np.uint8),
+        "real",
+    )
+    _write_images(exported, data, frames, None)
+    write_nerfstudio(data, exported)
+    again, poses_again = make(exported)
+    for name in ("rgb", "valid", "masked"):
+        np.testing.assert_array_equal(again.read(name), frames.read(name))
+    np.testing.assert_allclose(poses_again.read("camera_to_world"), poses.read("camera_to_world"), atol=1e-12)
+    assert again.facts["camera"] == pytest.approx(frames.facts["camera"])
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_transparent_pixels_are_not_valid(folder, known):
+    """Below them lies any color. What is transparent in every picture is invalid, the rest masked."""
+    alpha = np.full((4, HEIGHT, WIDTH), 255, np.uint8)
+    alpha[:, :, :8] = 0
+    alpha[1, 10:20, 20:30] = 200
+    for index, name in enumerate(NAMES):
+        save(folder / name, np.dstack([picture(), alpha[index]]))
+    if known:
+        write_transforms(folder, NAMES)
+    recording = PlainRecording(folder, **OPTIONS, lens="pinhole")
+    opaque, capture = alpha == 255, recording.capture
+    np.testing.assert_array_equal(capture.valid, opaque.any(axis=0))
+    for index in range(4):
+        np.testing.assert_array_equal(capture.masked(index), capture.valid & ~opaque[index])
+    (shown,) = recording.read_frames(np.array([1]))
+    assert not shown[~opaque[1]].any() and (shown[opaque[1]] == picture()[opaque[1]]).all()
+
+
+def test_a_picture_without_an_opaque_pixel_is_named(folder):
+    save(folder / "2.png", np.dstack([picture(), np.full((HEIGHT, WIDTH), 254, np.uint8)]))
+    with pytest.raises(UserError, match="2.png: no pixel is opaque"):
+        PlainRecording(folder, **OPTIONS, lens="pinhole")
+
+
+LAYOUTS = {
+    "nerfstudio's project": (
+        [f"images/frame_{i:05d}.png" for i in range(1, 5)],
+        "images/frame_00001.png",
+        str,
+    ),
+    "blender's names": ([f"./train/r_{i}" for i in range(4)], "train/r_0.png", lambda name: f"{name}.png"),
+    "two folders": ([f"cam{c}/{i}.png" for c in (1, 2) for i in (1, 2)], "cam1/1.png", str),
+    "COLMAP's project": ([f"{i}.png" for i in range(4)], "images/0.png", lambda name: f"images/{name}"),
+    "Windows": (
+        [f".\\images\\{i}.png" for i in range(4)],
+        "images/0.png",
+        lambda name: name.replace("\\", "/"),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ["colmap", "transforms"])
+@pytest.mark.parametrize("names, first, file_of", LAYOUTS.values(), ids=LAYOUTS)
+def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, names, first, file_of):
+    """The scene is the project's folder; smaller copies and masks beside the pictures are none of them."""
+    recording = tmp_path / "recording"
+    for name in names:
+        save(recording / file_of(name), picture())
+    save(recording / "images_2/frame_00001.png", picture(32, 24))
+    if kind == "colmap":
+        write_model(recording, names, ["PINHOLE 64 48 60 60 32 24"], [1] * 4)
+    else:
+        write_transforms(recording, names)
+    if kind == "colmap" and first == "images/0.png":
+        (recording / "sparse").mkdir()
+        (recording / "colmap").rename(recording / "sparse/0")
+    if kind == "transforms":
+        (recording / "colmap").mkdir()  # with nerfstudio's database
+    frames, poses = make(recording)
+    assert frames.facts["pictures"][0] == first and len(frames.facts["pictures"]) == 4
+    np.testing.assert_allclose(poses.read("camera_to_world")[:, 0, 3], [0.0, 0.3, 0.6, 0.9])
+    (tmp_path / "copy").mkdir()
+    files = [*frames_files("plain", recording, "auto"), *pictures_of("frames", "plain", recording, "auto")]
+    copied = PlainRecording(copy_files(files, recording, tmp_path / "copy"), **OPTIONS)
+    assert frames.facts | json.loads(json.dumps(copied.capture.facts)) == frames.facts
+
+
+def test_masks_count_as_files_of_the_recording(folder):
+    """A mask that is overwritten makes the frames stale."""
+    write_masks(folder)
+    write_transforms(folder, NAMES, mask_path="masks/1.png")
+    assert folder / "masks/1.png" in pictures_of("frames", "plain", folder, "auto")
+    assert folder / "masks/1.png" not in pictures_of("frames", "plain", folder, "none")
+
+
+def test_points_that_are_not_finite_are_told(folder, capsys):
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    head = f"ply\nformat ascii 1.0\nelement vertex 3\n{axes}end_header\n"
+    (folder / "points.ply").write_text(f"{head}0 0 4\nnan 1 2\n1 inf 2\n")
+    write_transforms(folder, NAMES, CAMERA | {"ply_file_path": "points.ply", "aabb_scale": 16})
+    _, poses = make(folder)
+    told = capsys.readouterr().err
+    assert poses.shape("points/xyz")[0] == 1 and "leaves out 2 of 3 points, which are not finite" in told
+    assert "these keys do not count: aabb_scale" in told

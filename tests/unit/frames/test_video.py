@@ -1,0 +1,95 @@
+"""Videos as cameras and other programs write them: times out of order, codecs without a decoder, files cut off."""
+
+import numpy as np
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.frames.split import split_frames
+from egosplat.frames.video import Video, rebuild_times
+from tests.unit.frames.conftest import grey_frames, write_video
+from tests.unit.frames.test_plain import ffmpeg
+
+COUNT = 20
+
+# One frame of 64 x 64.
+AV1 = bytes.fromhex(
+    "444b49460000200041563031400040000f0000000100000001000000000000001f000000000000000000000012000a0a00000002afff"
+    "8d5f3008320f1000ba02082041010000080095d08a"
+)
+
+ENCODED = {
+    "b_frames.avi": ("-c:v", "libx264", "-bf", "3", "-x264-params", "b-adapt=0"),
+    "stream.h264": ("-c:v", "libx264", "-bf", "3"),
+    "stream.m2v": ("-c:v", "mpeg2video", "-bf", "2", "-r", "25"),
+    "program.mpg": ("-c:v", "mpeg2video", "-bf", "2", "-r", "25"),
+}
+
+
+@pytest.fixture
+def source(tmp_path):
+    return write_video(tmp_path / "source.mp4", grey_frames(COUNT), fps=25.0)
+
+
+def greens(video):
+    return np.array(
+        [int(frame[20, 48, 1]) for frame in video.read_frames(np.arange(len(video.timestamp_ns)))]
+    )
+
+
+@pytest.mark.parametrize("name", ENCODED)
+def test_frames_whose_times_are_missing_or_out_of_order_get_even_times(source, capsys, name):
+    """These files are sound: the decoder yields every frame in the order in which it is shown."""
+    path = source.with_name(name)
+    ffmpeg("-i", source, *ENCODED[name], path)
+    video = Video(path)
+    np.testing.assert_allclose(video.timestamp_ns, np.arange(COUNT) * 40e6, atol=1e3)
+    assert np.abs(greens(video) - 10 * np.arange(COUNT)).max() <= 5
+    assert f"{path}: the times" in (said := capsys.readouterr().err) and "25 a second" in said
+
+
+def test_joined_streams_go_on_where_the_first_one_ends(source):
+    part, joined = source.with_name("part.ts"), source.with_name("joined.ts")
+    ffmpeg("-i", source, "-c:v", "mpeg2video", part)
+    joined.write_bytes(2 * part.read_bytes())
+    video = Video(joined)
+    np.testing.assert_allclose(video.timestamp_ns, np.arange(2 * COUNT) * 40e6, atol=1e3)
+    assert np.abs(greens(video) - np.tile(10 * np.arange(COUNT), 2)).max() <= 5
+
+
+@pytest.mark.parametrize(
+    ("read", "declared", "step"),
+    [
+        ([40, 80, 120, 0], 25.0, 40.0),
+        ([0, 50, 100, 0, 50, 100], 25.0, 50.0),
+        ([0, 0, 0], 25.0, 40.0),
+        ([0, 0, 0], 0.0, 1e3 / 30),
+        ([90, 60, 30], 50.0, 20.0),
+    ],
+)
+def test_the_step_is_the_one_between_frames_else_the_declared_one(read, declared, step):
+    times, rate = rebuild_times(np.array(read, np.float64), declared)
+    np.testing.assert_allclose(times, np.arange(len(read)) * step)
+    assert rate == pytest.approx(1e3 / step)
+
+
+def test_a_codec_without_a_decoder_is_named_with_the_command_that_converts_it(tmp_path):
+    path = tmp_path / "clip.ivf"
+    path.write_bytes(AV1)
+    with pytest.raises(UserError, match=r"codec AV01.*ffmpeg -i clip.ivf .*clip_h264.mp4") as caught:
+        Video(path)
+    assert "0x" not in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_an_empty_or_cut_off_video_asks_for_another_copy(source, share):
+    content = source.read_bytes()
+    source.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(UserError, match="source.mp4: .*(0 bytes|incomplete).*Copy it again") as caught:
+        Video(source)
+    assert "0x" not in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("holdout", [False, True])
+def test_a_recording_of_one_frame_is_told_from_a_wrong_split(holdout):
+    with pytest.raises(UserError, match="^1 frame .*needs 2"):
+        split_frames(1, 0, holdout)

@@ -1,0 +1,75 @@
+"""A camera that stands still is told from one that moves, before COLMAP starts."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from egosplat.calibration.colmap.database import Project
+from egosplat.calibration.colmap.movement import check_camera_moves
+from egosplat.errors import UserError
+from egosplat.geometry import Camera
+
+Images = list[NDArray[np.uint8]]
+RNG = np.random.default_rng(0)
+HAND = RNG.integers(0, 256, (60, 50, 3), dtype=np.uint8)
+
+
+def tripod(picture: NDArray[np.uint8], count: int = 12) -> Images:
+    """A picture with noise, before which a textured patch moves."""
+    images = []
+    for index in range(count):
+        noisy = np.clip(picture + RNG.normal(0, 4, picture.shape), 0, 255).astype(np.uint8)
+        noisy[60:120, 10 + 9 * index : 60 + 9 * index] = HAND
+        images.append(noisy)
+    return images
+
+
+def check(images: Images, folder: Path) -> None:
+    project = Project(folder)
+    height, width = images[0].shape[:2]
+    project.write_images(images, Camera(width, height, 210.0, 210.0, width / 2, height / 2))
+    check_camera_moves(project)
+
+
+def covered(images: Images) -> Images:
+    """Somebody stands before the camera in one of the frames."""
+    return [*images[:-1], RNG.integers(0, 256, images[0].shape, dtype=np.uint8)]
+
+
+@pytest.mark.parametrize("change", [list, covered])
+def test_a_tripod_before_which_something_moves_is_told(
+    walk_images: Images, tmp_path: Path, change: Callable[[Images], Images]
+):
+    with pytest.raises(UserError, match=r"stands still: \d+% .* pairs of frames.*\n.*frames.start_s"):
+        check(change(tripod(walk_images[0])), tmp_path)
+
+
+def lettered(images: Images) -> Images:
+    """A camera writes the time into a corner."""
+    return [
+        cv2.putText(image.copy(), "12:30:15", (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255,) * 3)
+        for image in images
+    ]
+
+
+def late(images: Images) -> Images:
+    """The camera stands for most of the recording, and moves at its end."""
+    return [*tripod(images[0], 16), *images[5:]]
+
+
+@pytest.mark.parametrize("change", [list, lettered, late])
+def test_a_camera_that_moves_somewhere_is_not_rejected(
+    walk_images: Images, tmp_path: Path, change: Callable[[Images], Images]
+):
+    check(change(walk_images), tmp_path)
+
+
+def test_a_pan_and_frames_without_features_are_left_to_colmap(room: Any, tmp_path: Path):
+    (tmp_path / "pan").mkdir()
+    check(room.images(room.pan(10)), tmp_path / "pan")
+    check([np.full((180, 240, 3), 90, np.uint8)] * 5, tmp_path)

@@ -1,0 +1,74 @@
+"""The validation apartments: tuning apartments with other seeds, made by name alone; no model is trained on them."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from egosplat.evaluation.scored_scenes import VALIDATION
+from egosplat.pipeline import config
+from egosplat.pipeline.scenes import Scene, read_scenes
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = ROOT / "config" / "scenes.tsv"
+NAME = re.compile(r"scene(?:6|7|8|9|10)\b|scene\{[^}]*\b(?:6|7|8|9|10)\b|/scene\*|/scene\[")
+"""One of them by name, among others in braces, or by a pattern that takes them along."""
+
+
+@pytest.fixture(scope="module")
+def scenes() -> dict[tuple[str, str], Scene]:
+    return read_scenes(config.defaults() | {"scenes": str(TABLE)})
+
+
+@pytest.fixture(scope="module")
+def validation(scenes) -> list[Scene]:
+    return [scenes["adt", name] for name in VALIDATION]
+
+
+def tracked() -> list[str]:
+    """The repository's text files, also where it is not a checkout."""
+    done = subprocess.run(["git", "ls-files"], check=False, cwd=ROOT, capture_output=True, text=True)
+    names = done.stdout.splitlines()
+    if done.returncode:
+        found = [path.relative_to(ROOT) for path in ROOT.rglob("*") if path.is_file()]
+        names = [str(path) for path in found if not path.parts[0].startswith((".", "results", "logs"))]
+    suffixes = (".py", ".yaml", ".yml", ".tsv", ".smk", ".md", ".sh", "Makefile", "Snakefile", ".toml")
+    return [name for name in names if name.endswith(suffixes) and (ROOT / name).is_file()]
+
+
+def test_validation_scenes_are_made_only_by_name(scenes, validation):
+    assert all(scene.synthetic for scene in validation)
+    others = {f"{world}{number}" for world in ("busy", "foreign") for number in range(1, 6)}
+    assert {name for (_, name), scene in scenes.items() if scene.by_name} == {*VALIDATION, *others}
+
+
+def test_validation_scenes_differ_only_in_their_seed(scenes, validation):
+    for scene in validation:
+        seed = {"synthetic": {"seed": scene.config["synthetic"]["seed"]}}
+        assert scene.config == config.merge(scenes["adt", "scene1"].config, seed)
+
+
+def test_seeds_of_validation_scenes_are_used_nowhere_else(validation):
+    seeds = {scene.config["synthetic"]["seed"] for scene in validation}
+    assert len(seeds) == len(VALIDATION)
+    spelled = "|".join(f"{str(seed)[:-3]}[_,]?{str(seed)[-3:]}" for seed in seeds)
+    number = re.compile(rf"(?<![\d_.])(?:{spelled})(?!\d)")
+    named = [name for name in tracked() if number.search((ROOT / name).read_text(encoding="utf-8"))]
+    assert named == ["config/scenes.tsv"]
+
+
+def test_training_does_not_name_them():
+    text = {
+        name: (ROOT / name).read_text(encoding="utf-8") for name in tracked() if name.startswith("training/")
+    }
+    assert "training/README.md" in text
+    assert [name for name, content in text.items() if NAME.search(content)] == []
+
+
+@pytest.mark.parametrize(
+    "text", ["adt/scene6", "scene{1,2,10}/metrics.json", "results/adt/scene*", "adt/scene[0-9]"]
+)
+def test_seed_search_pattern_matches_names_of_validation_scenes(text):
+    assert NAME.search(text)
+    assert not NAME.search("results/adt/scene{1,2,3,4,5}/metrics.json adt/scene1 scene60")
