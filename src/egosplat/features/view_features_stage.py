@@ -59,7 +59,9 @@ def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeat
     frames, instances = open_artifact(frames_path, FRAMES), open_artifact(instances_path, INSTANCES)
     check_made_from(instances, frames, axes=("frame", "height", "width"))
     used = (options.clip_model, options.clip_checkpoint)
-    inputs = _Inputs(frames, instances, load_open_clip(*used, options.device, options.precision), options.hull)
+    inputs = _Inputs(
+        frames, instances, load_open_clip(*used, options.device, options.precision), options.hull
+    )
     model = _model_facts(inputs.clip, *used)
     record = provenance.begin_from(
         "view_features",

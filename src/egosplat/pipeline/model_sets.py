@@ -12,6 +12,7 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     "small": {
         "models": dict.fromkeys(("sam2_config", "sam2_checkpoint", "clip_model", "clip_checkpoint"), "small"),
         "segments": {"image_size": 512},
+        "view_features": {"cut": "hull"},
         "features": {"mismatched_views": "keep_own"},
         "transient": {"encoder_weights": None},
         "query": {"temperature": 10.0, "min_score": 0.78},
@@ -24,6 +25,7 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
             "clip_checkpoint": PUBLISHED,
         },
         "segments": {"image_size": None},
+        "view_features": {"cut": "mask"},
         "features": {"mismatched_views": "average"},
         "transient": {"encoder_weights": PUBLISHED},
         "query": {"temperature": 1.0, "min_score": 0.0},

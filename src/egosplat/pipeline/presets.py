@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
+from egosplat.pipeline.model_sets import DEFAULTS
+from egosplat.pipeline.published import PUBLISHED
 
 # Preset file by name of the variant.
 FILES = {name: name for name in ("draft", "fast", "balanced", "accurate")} | {"paper_scaled": "paper"}
@@ -27,10 +29,13 @@ _KEPT = QUESTIONS | {"models", "transient.lr", "frames.focal"}
 # Further keys that keep the scene's value with ``paper_scaled``.
 _SCALED = {"frames.resolution"}
 
+# Sections in which what comes with the paper's models is the paper's reading, which other models can follow.
+_OF_THE_PAPER = ("view_features", "features", "query")
+
 
 @functools.cache
 def preset_keys(name: str, folder: Path, format: str) -> Config:
-    """Get the keys of a preset as those of a variant. ``paper_scaled`` is ``paper`` at the scene's resolution.
+    """Get the keys of a preset as those of a variant. ``paper_scaled`` is ``paper`` at the scene's resolution and models.
 
     Args:
         name: one of ``FILES``.
@@ -48,6 +53,9 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
         for section, key in _paths(read_yaml(folder / f"{file}.yaml")):
             if section not in kept and f"{section}.{key}" not in kept:
                 keys.setdefault(section, {})[key] = values[section][key]
+    if FILES[name] == "paper":
+        for section in _OF_THE_PAPER:
+            keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
     return keys
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.features.crops import cut_crop, find_regions, resize
+from egosplat.features.crops import cut_crop, fill_hull, find_regions, resize
 
 
 def test_each_instance_has_its_area_and_box_at_any_level():
@@ -62,3 +62,22 @@ def test_shrinking_averages():
     stripes = np.zeros((64, 64, 3), np.uint8)
     stripes[:, ::2] = 200
     assert np.abs(resize(stripes, (8, 8), "bicubic").astype(int)[:, 1:-1] - 100).max() < 8
+
+
+def test_the_hull_fills_what_a_mask_leaves_out():
+    mask = np.zeros((7, 9), bool)
+    mask[1:6, 1] = mask[1, 1:8] = mask[5, 1:8] = True
+    expected = np.zeros((7, 9), bool)
+    expected[1:6, 1:8] = True
+    np.testing.assert_array_equal(fill_hull(mask), expected)
+    for empty_or_thin in (np.zeros((3, 3), bool), np.eye(1, dtype=bool), np.eye(5, dtype=bool)):
+        np.testing.assert_array_equal(fill_hull(empty_or_thin), empty_or_thin)
+
+
+def test_a_crop_by_the_hull_shows_the_picture_inside_the_hull():
+    rgb = np.arange(7 * 9 * 3, dtype=np.uint8).reshape(7, 9, 3) + 1
+    labels = np.full((7, 9), -1, np.int32)
+    labels[1:6, 1] = labels[1, 1:8] = labels[5, 1:8] = 3
+    crop = cut_crop(rgb, labels, 3, np.array([1, 1, 8, 6]), hull=True)
+    np.testing.assert_array_equal(crop[1:6], rgb[1:6, 1:8])
+    assert not crop[[0, 6]].any()

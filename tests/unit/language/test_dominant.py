@@ -71,7 +71,9 @@ def test_each_gaussian_has_the_code_of_one_instance(wall, settings, prepared):
     torch.testing.assert_close(found.code[shown, 1], torch.from_numpy(CODES)[larger[shown]])
     middle = found.share[:, 0] > 0
     assert bool(middle.any())
-    torch.testing.assert_close(found.code[middle, 0], torch.from_numpy(CODES[2]).expand(int(middle.sum()), -1))
+    torch.testing.assert_close(
+        found.code[middle, 0], torch.from_numpy(CODES[2]).expand(int(middle.sum()), -1)
+    )
     assert float(found.share.min()) >= 0.0 and float(found.share.max()) <= 1.0
     far = wall.means[:, 1].abs() > 1.2  # no instance at level 0 there
     assert float(found.share[far, 0].max()) == 0.0 and float(found.code[far, 0].abs().max()) == 0.0

@@ -25,6 +25,7 @@ VALUES = {
         "clip_checkpoint": "published",
     },
     "segments": {"image_size": None},
+    "view_features": {"cut": "mask"},
     "features": {"mismatched_views": "average"},
     "transient": {"encoder_weights": "published"},
     "query": {"temperature": 1.0, "min_score": 0.0},

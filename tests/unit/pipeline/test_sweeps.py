@@ -106,6 +106,9 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     assert draft["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300
     assert (paper["splats"]["iterations"], paper["features"]["dims"]) == (30000, 3)
     assert paper["transient"]["encoder_weights"] is None
+    assert (paper["query"]["temperature"], paper["query"]["min_score"]) == (1.0, 0.0)
+    assert (paper["features"]["mismatched_views"], paper["view_features"]["cut"]) == ("average", "mask")
+    assert draft["query"] == base["query"] and draft["view_features"]["cut"] == "hull"
 
 
 @pytest.mark.parametrize("name", ["draft", "balanced"])
