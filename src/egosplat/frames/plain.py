@@ -84,8 +84,15 @@ class PlainRecording:
         self.capture = Capture.of_video(times[self._frames], full.scaled_to(width, height), False, reduced)
         evidence, calibrated = None, bool(self._calibration.lenses)
         if not calibrated:
+            count = len(self._frames)
+            masked = any(self._is_masked(index) for index in range(count))
             estimated, evidence = lens_of_frames(
-                lens, self.read_frames, len(self._frames), reduced, self.capture.camera
+                lens,
+                self.read_frames,
+                count,
+                reduced,
+                self.capture.camera,
+                self._shown if masked else None,
             )
             self._calibration = Calibration(
                 [estimated.scaled_to(full.width, full.height)] if estimated else []
