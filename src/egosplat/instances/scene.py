@@ -62,7 +62,9 @@ class Scene:
         found = render_things(self.gaussians, self.beliefs, self.camera, camera_to_world, self.settings, size)
         firsts = np.array([self.first(level) for level in range(len(found))], np.int32)
         rendered = np.where(found >= 0, found + firsts[:, None, None], np.int32(-1))
-        return np.where(self.shown(frame), keep_outlines(rendered, self.named.drawn(frame, labels)), np.int32(-1))
+        return np.where(
+            self.shown(frame), keep_outlines(rendered, self.named.drawn(frame, labels)), np.int32(-1)
+        )
 
     def strongest(self) -> Labels:
         """(N, L) int32 thing that each Gaussian belongs to most at each level, -1 for none."""

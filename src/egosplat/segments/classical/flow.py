@@ -51,8 +51,7 @@ def find_origins(
     before = valid if before is None else before
     height, width = valid.shape
     small = [
-        resize_to_side(one, shown, options.flow_side)
-        for one, shown in ((previous, before), (current, valid))
+        resize_to_side(one, shown, options.flow_side) for one, shown in ((previous, before), (current, valid))
     ]
     colors = [cv2.cvtColor(one.rgb, cv2.COLOR_RGB2LAB) for one in small]
     # CIELAB lightness, 0 to 100, as uint8: optical flow needs one 8-bit channel.
