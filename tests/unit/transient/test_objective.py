@@ -140,4 +140,4 @@ def test_the_penalty_is_of_the_pixels_that_a_picture_shows(views):
     one = make()
     loss = one.loss(views.picture(0).requires_grad_(), views, 0)
     loss.backward()
-    assert float(loss) == 0 and not any(weight.grad.any() for weight in one.net.parameters())
+    assert loss.item() == 0 and not any(weight.grad.any() for weight in one.net.parameters())
