@@ -35,7 +35,7 @@ def color_shares(film: Config, instances: Sequence[Instance]) -> Shares:
     Raises:
         UserError: these keys make other instances.
     """
-    world = make_world(**{key: film[key] for key in ("seed", "seconds", "objects", "motion")})
+    world = make_world(**{key: film[key] for key in ("seed", "seconds", "objects", "motion", "world")})
     numbers = {one.instance_id: one.name for one in world.instances}
     if other := [one.name for one in instances if numbers.get(one.id) != one.name]:
         raise UserError(

@@ -53,13 +53,13 @@ def read_truth(recording: Path, frames: Artifact) -> Truth:
     )
     if reader is None:
         raise ValueError(f"{recording}: is not annotated")
-    moved = _moved(recording / "scene_objects.csv")
+    moved = moved_objects(recording / "scene_objects.csv")
     moves = [one.instance_type == "human" or one.id in moved for one in reader.instances]
     names = [one.name for one in reader.instances]
     return Truth(names, np.array(moves), reader, frames.read("timestamp_ns"))
 
 
-def _moved(table: Path) -> set[int]:
+def moved_objects(table: Path) -> set[int]:
     """Ids of the objects that move."""
     rows = pd.read_csv(table)
     places = rows.groupby("object_uid")[["t_wo_x[m]", "t_wo_y[m]", "t_wo_z[m]"]]

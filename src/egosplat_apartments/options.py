@@ -13,6 +13,11 @@ class SyntheticOptions(Options):
     seed: Natural = 0
     """Seed of the apartment. Two seeds share no layout. The table of scenes sets it for each scene."""
 
+    world: Literal["usual", "busy", "foreign"] = "usual"
+    """What is recorded. usual: the apartments that the small models were trained on. busy: a fuller room in which two
+    people carry one thing after another, each to several places where it rests for seconds. foreign: furniture, floor
+    plans, textures and lights that no model was trained on (benchmarks/worlds/README.md)."""
+
     size: Annotated[int, Field(ge=64, le=1408)] = 704
     """Side of the square frames in pixels. Time grows with its square."""
 
@@ -22,8 +27,8 @@ class SyntheticOptions(Options):
     seconds: Positive = 24.0
     """Length of the recording in seconds. A longer recording covers more of the room, from more sides."""
 
-    objects: Annotated[int, Field(ge=16, le=40)] = 24
-    """Number of nameable objects in the room."""
+    objects: Annotated[int, Field(ge=16, le=60)] = 24
+    """Number of nameable objects in the room. A usual or foreign room holds about 40, a busy one 50."""
 
     motion: Share = 0.5
     """Fraction of the recording, 0 to 1, during which people are active. 0 is a static scene."""

@@ -22,7 +22,10 @@ from egosplat_apartments.world.world import World, make_world
 
 def run(output: Path, options: SyntheticOptions) -> None:
     """Write the recording's folder at ``output``."""
-    world = {name: getattr(options, name) for name in ("seed", "size", "fps", "seconds", "objects", "motion")}
+    world = {
+        name: getattr(options, name)
+        for name in ("seed", "size", "fps", "seconds", "objects", "motion", "world")
+    }
     effects = make_effects(options)
     sequence = make_sequence(name=f"synthetic_apartment_seed{options.seed}", **world, effects=effects)
     write_sequence(sequence, output, jpeg_quality=effects.jpeg_quality)
@@ -42,6 +45,7 @@ def make_sequence(
     seconds: float,
     objects: int = 24,
     motion: float | str = 0.5,
+    world: str = "usual",
     effects: Effects = IDEAL,
 ) -> Sequence:
     """Make a recording of a furnished apartment.
@@ -52,15 +56,16 @@ def make_sequence(
         objects: number of labeled objects, 16 to 40.
         motion: ``none``, ``low``, ``high``, or the fraction 0..1 of the time in which people are at work.
             Carrying one object takes some seconds, so a short recording may have a larger fraction.
+        world: ``usual``, ``busy`` or ``foreign``.
         effects: of the camera; their JPEG quality is for ``write_sequence``.
 
     Raises:
         UserError: the objects do not fit.
         ValueError: ``motion`` is out of range.
     """
-    world = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion)
-    renderer = make_renderer(world, make_lens(size))
-    return record_world(world, renderer, name=name, fps=fps, seconds=seconds, effects=effects)
+    made = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion, world=world)
+    renderer = make_renderer(made, make_lens(size))
+    return record_world(made, renderer, name=name, fps=fps, seconds=seconds, effects=effects)
 
 
 def record_world(
@@ -93,6 +98,8 @@ def record_world(
         frame_count=count,
         wearer=world.people[0].instance.instance_id if world.people else None,
         estimated_pose=estimated_trajectory(device_pose, effects, drift, *span),
+        # The usual recordings keep their files.
+        rests=() if world.kind == "usual" else world.rests(seconds),
     )
 
 

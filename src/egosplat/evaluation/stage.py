@@ -62,7 +62,7 @@ def run(
     options: MetricsOptions,
     *,
     title: str,
-    method: str | None,
+    method: str | None = None,
     preset: str | None = None,
     world_seed: int | None = None,
     camera: str | None = None,

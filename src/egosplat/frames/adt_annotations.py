@@ -69,7 +69,7 @@ class AdtAnnotations:
         video, opened = adt_video(folder), open_video(folder)
         device = device_calibration(opened, video)
         self._rectification = rectification(device, camera, upright, video)
-        self._provider = _open_segmentation(folder, self._path)
+        self._provider = open_segmentation(folder, self._path)
         self._log_covered(opened.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME))
         self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
 
@@ -163,7 +163,12 @@ def _instance(path: Path, key: str, entry: object) -> Instance:
     return Instance(identity, str(name), str(category), motion_type, instance_type)
 
 
-def _open_segmentation(folder: Path, path: Path) -> AriaDigitalTwinDataProvider:
+def open_segmentation(folder: Path, path: Path) -> AriaDigitalTwinDataProvider:
+    """Open the segmentation at ``path`` of the recording in ``folder``.
+
+    Raises:
+        UserError: it cannot be read.
+    """
     paths = AriaDigitalTwinDataPaths()
     paths.aria_vrs_filepath = str(adt_video(folder))
     paths.segmentations_filepath = str(path)

@@ -49,6 +49,8 @@ def write_sequence(sequence: Sequence, folder: Path, *, jpeg_quality: int = 95) 
                 truth.add(frame, truth_ns)
                 captures.append(frame.capture_ns)
         truth.write(scratch)
+        if sequence.rests:
+            _write_rests(scratch / "truth", sequence)
         write_documents(scratch, sequence)
         capture_ns = np.array(captures, dtype=np.int64)
         truth_times = np.array([ground_truth_ns(time) for time in captures], dtype=np.int64)
@@ -215,6 +217,25 @@ def _velocities(
     linear = np.einsum("nij,nj->ni", to_device, last[:, :3, 3] - first[:, :3, 3]) / seconds
     angular = Rotation.from_matrix(compose(to_device, last[:, :3, :3])).as_rotvec() / seconds
     return linear, angular
+
+
+def _write_rests(folder: Path, sequence: Sequence) -> None:
+    """Write ``rests.tsv``: where each object that people carry lies, and from when until when."""
+    folder.mkdir()
+    names = {one.instance_id: one.name for one in sequence.instances}
+    rows = [
+        (
+            one.instance_id,
+            names[one.instance_id],
+            one.support_id,
+            names[one.support_id],
+            one.from_ns,
+            one.until_ns,
+        )
+        for one in sequence.rests
+    ]
+    columns = ["object_uid", "object", "place_uid", "place", "from[ns]", "until[ns]"]
+    pd.DataFrame(rows, columns=columns).to_csv(folder / "rests.tsv", sep="\t", index=False)
 
 
 def _write_points(path: Path, sequence: Sequence) -> None:

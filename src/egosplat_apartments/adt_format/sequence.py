@@ -77,6 +77,21 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class Rest:
+    """A time in which an object that people carry lies still.
+
+    Attributes:
+        instance_id: of the object; support_id: of the object on which it lies.
+        from_ns, until_ns: device time.
+    """
+
+    instance_id: int
+    support_id: int
+    from_ns: int
+    until_ns: int
+
+
+@dataclass(frozen=True)
 class Sequence:
     """A whole recording; ``frames`` is lazy, so memory does not grow with the length.
 
@@ -91,6 +106,7 @@ class Sequence:
         frames: yields the frames in order of time.
         wearer: instance id of the person who wears the device, or None.
         estimated_pose: as ``device_pose``, of the closed-loop trajectory; None if that is exact.
+        rests: of the objects that people carry, by object and time; ``truth/rests.tsv`` holds them, if there are any.
     """
 
     name: str
@@ -108,6 +124,7 @@ class Sequence:
     frame_count: int
     wearer: int | None = None
     estimated_pose: Callable[[NDArray[np.int64]], NDArray[np.float64]] | None = None
+    rests: tuple[Rest, ...] = ()
 
 
 # From a capture timestamp to the middle of the exposure: half the rolling shutter

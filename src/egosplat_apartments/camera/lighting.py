@@ -1,6 +1,6 @@
 """Light: a ceiling lamp, the sun through the windows, and one bounce of both, baked at vertices."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +8,8 @@ from scipy.sparse import coo_array, diags_array
 
 from egosplat_apartments.camera.raycasting import Floats, Geometry, RayScene, lengths
 from egosplat_apartments.objects.atlas import Atlas
-from egosplat_apartments.world.room import Room
+from egosplat_apartments.world.room import Light, Room
 
-# Warm light: more red than blue.
-_LAMP_POWER = np.array([7.5, 6.8, 5.8], dtype=np.float32)
-_SUN_POWER = np.array([5.5, 4.9, 4.0], dtype=np.float32)
 # Stands in for light that has bounced more than once.
 _AMBIENT = np.array([0.3, 0.29, 0.28], dtype=np.float32)
 # Rays of a vertex; ``_smoothed`` averages over its neighbors, too.
@@ -30,11 +27,14 @@ class Lights:
     Attributes:
         lamp: (3,) float32 position in the world; sun: (3,) float32 unit vector towards it.
         windows: (3,) lower left corner, width and height vectors and inward normal of each window.
+        lamp_power, sun_power: (3,) float32 in red, green and blue.
     """
 
     lamp: Floats
     sun: Floats
     windows: tuple[tuple[Floats, Floats, Floats, Floats], ...]
+    lamp_power: Floats = field(default_factory=lambda: np.array(Light().lamp, dtype=np.float32))
+    sun_power: Floats = field(default_factory=lambda: np.array(Light().sun, dtype=np.float32))
 
     def direct(self, scenes: list[RayScene], points: Floats, normals: Floats) -> Floats:
         """(N, 3) irradiance from lamp and sun, with shadows, at (N, 3) points with (N, 3) unit normals."""
@@ -47,7 +47,7 @@ class Lights:
         strength = np.maximum(facing, 0) / (0.5 + distance**2)
         # Surfaces within 0.12 m of the lamp's position cast no shadow.
         strength[_blocked(scenes, origins, way, distance - 0.12, strength > 0)] = 0
-        return strength[:, None] * _LAMP_POWER + self._sunlight(scenes, origins, normals)
+        return strength[:, None] * self.lamp_power + self._sunlight(scenes, origins, normals)
 
     def _sunlight(self, scenes: list[RayScene], origins: Floats, normals: Floats) -> Floats:
         """Sunlight; shadow rays are cast only where the sun is visible through a window."""
@@ -66,7 +66,7 @@ class Lights:
         way = np.broadcast_to(self.sun, origins.shape)
         # The window's frame lies a little beyond the wall's plane and casts a shadow too.
         lit &= ~_blocked(scenes, origins, way, reach + 0.11, lit)
-        return (facing * lit)[:, None] * _SUN_POWER
+        return (facing * lit)[:, None] * self.sun_power
 
 
 def _dot(vectors: Floats, other: Floats) -> Floats:
@@ -101,12 +101,17 @@ def make_lights(room: Room, rng: np.random.Generator) -> Lights:
     sun = (
         -room.normal(wall)
         + room.right(wall) * rng.uniform(-0.7, 0.7)
-        + np.array([0.0, rng.uniform(0.7, 1.1), 0.0])
+        + np.array([0.0, rng.uniform(*room.light.sun_rise), 0.0])
     )
-    lamp = np.array([0.0, room.height - 0.2, 0.0])
-    return Lights(
-        lamp.astype(np.float32), (sun / np.linalg.norm(sun, axis=-1)).astype(np.float32), tuple(windows)
+    x, z = room.light.place
+    vectors = (
+        np.array([x, room.height - room.light.drop, z]),
+        sun / np.linalg.norm(sun, axis=-1),
+        room.light.lamp,
+        room.light.sun,
     )
+    lamp, sun, lamp_power, sun_power = (np.asarray(one, dtype=np.float32) for one in vectors)
+    return Lights(lamp, sun, tuple(windows), lamp_power, sun_power)
 
 
 def bake(

@@ -196,6 +196,21 @@ def wish_list(rng: Rng, objects: int) -> list[Kind]:
     return [*_CORE_FURNITURE, *chosen, *_CORE_THINGS, *rest[:split], *late, *rest[split:], *fill]
 
 
+def busy_wish_list(rng: Rng, objects: int) -> list[Kind]:
+    """Kinds as ``wish_list`` has them, for people who carry things: more tables and shelves, and less that never moves."""
+    by_name = {kind.prototype: kind for kind in (*REST, *(kind for group in GROUPS for kind in group))}
+    groups = [kind for number in rng.permutation(len(GROUPS)) for kind in GROUPS[number]]
+    tables = [
+        by_name[name] for name in ("NightStand", "NightStand", "WhiteCabinet", "ArmChair", "FloatingShelf")
+    ]
+    rest = [REST[number] for number in rng.permutation(len(REST)) if REST[number] not in tables]
+    carried = [kind for kind in rest if kind.hand and kind.stands_on]
+    # What stands on tables alone and never moves would leave no room on them.
+    others = [kind for kind in rest if kind not in carried and kind.place != _TABLE]
+    fill = [(CUP, BOOK, BOX, ARTWORK, LYING_BOOK)[number % 5] for number in range(3 * objects)]
+    return [*_CORE_FURNITURE, *groups, *tables, BOOKCASE, *_CORE_THINGS, *carried, *others, *fill]
+
+
 def random_ids(rng: Rng, count: int) -> list[int]:
     """Distinct instance ids with as many digits as ADT's: sixteen."""
     ids: set[int] = set()

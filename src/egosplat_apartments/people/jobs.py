@@ -53,10 +53,10 @@ class Job:
     grip_s: float
     release_s: float
 
-    def reach(self, times: Array) -> Array:
+    def reach(self, times: Array, reaching_s: float = REACHING_S) -> Array:
         """(N,) 0..1: how far the arms are stretched to the object; 1 while they hold it."""
-        return smoothstep((times - self.grip_s) / REACHING_S + 1) * smoothstep(
-            (self.release_s - times) / REACHING_S + 1
+        return smoothstep((times - self.grip_s) / reaching_s + 1) * smoothstep(
+            (self.release_s - times) / reaching_s + 1
         )
 
     def bend(self, times: Array) -> tuple[Array, Array]:
@@ -81,24 +81,33 @@ def length_of(route: Array) -> float:
 def find_errands(apartment: Apartment, rng: Rng, count: int) -> list[Errand]:
     """Up to ``count`` feasible errands, in random order."""
     layout = Layout(apartment.room, list(apartment.things))
-    things = [thing for thing in apartment.things if thing.kind.hand]
-    carriable = [thing for thing in things if _in_reach(apartment, thing.support, thing.surface)]
-    surfaces = [
-        (thing, surface)
-        for thing in apartment.things
-        for surface in thing.model.surfaces
-        if _in_reach(apartment, thing.number, surface)
-    ]
+    carriable, surfaces = carriable_things(apartment), surfaces_in_reach(apartment)
     errands: list[Errand] = []
     for _ in range(_TRIES if carriable else 0):
         thing = carriable[rng.integers(len(carriable))]
         support, surface = surfaces[rng.integers(len(surfaces))]
-        errand = _errand(layout, apartment.plan, thing, support, surface, rng)
+        errand = make_errand(layout, apartment.plan, thing, support, surface, rng)
         if errand is not None:
             errands.append(errand)
         if len(errands) == count:
             break
     return errands
+
+
+def carriable_things(apartment: Apartment) -> list[Placed]:
+    """The objects that a person can pick up."""
+    things = [thing for thing in apartment.things if thing.kind.hand]
+    return [thing for thing in things if _in_reach(apartment, thing.support, thing.surface)]
+
+
+def surfaces_in_reach(apartment: Apartment) -> list[tuple[Placed, Surface]]:
+    """The surfaces on which a person can put an object, with the object that each belongs to."""
+    return [
+        (thing, surface)
+        for thing in apartment.things
+        for surface in thing.model.surfaces
+        if _in_reach(apartment, thing.number, surface)
+    ]
 
 
 def _in_reach(apartment: Apartment, support: int | None, surface: Surface | None) -> bool:
@@ -114,9 +123,10 @@ def _in_reach(apartment: Apartment, support: int | None, surface: Surface | None
     )
 
 
-def _errand(
+def make_errand(
     layout: Layout, plan: FloorPlan, thing: Placed, support: Placed, surface: Surface, rng: Rng
 ) -> Errand | None:
+    """An errand that puts a thing at a random free place on a surface; None if that place does not suit."""
     if support.number == thing.support:
         return None
     target = on_surface(support, surface, thing.kind, thing.model, rng)

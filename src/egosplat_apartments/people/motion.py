@@ -91,17 +91,17 @@ def plan_head(apartment: Apartment, rng: Rng, seconds: float, errand: Errand | N
     speed = float(np.clip(_TOUR_M / seconds, *_SPEEDS_M_S))
     span = (-_LEAD_S, seconds + _LEAD_S)
     plan, needed = apartment.plan, speed * (span[1] - span[0]) + 1.0
-    tour = _tour(plan, rng)
+    tour = tour_of(plan, rng)
     if errand is None:
-        route = make_route(plan, _long_enough(plan, tour, tour[0], needed, 1))
+        route = make_route(plan, long_enough(plan, tour, tour[0], needed, 1))
         walk = make_walk(route, np.array(span), np.array([0.3, 0.3 + speed * (span[1] - span[0])]), [], span)
-        return _looking_around(apartment, walk, [], rng, span)
+        return looking_around(apartment, walk, [], rng, span)
     job = _schedule(errand, seconds)
     # An errand that outlasts the recording is still planned to its end.
     span = (-_LEAD_S, max(seconds, job.release_s + REACHING_S) + _LEAD_S)
     needed = speed * (span[1] - span[0]) + 1.0
-    before = _long_enough(plan, tour, errand.pick_stand, needed, -1)[::-1]
-    after = _long_enough(plan, tour, errand.put_stand, needed, 1)
+    before = long_enough(plan, tour, errand.pick_stand, needed, -1)[::-1]
+    after = long_enough(plan, tour, errand.put_stand, needed, 1)
     route = make_route(plan, [*before, *after])
     taken, put = route.stops[[len(before) - 1, len(before)]]
     stops = np.array(
@@ -123,15 +123,20 @@ def plan_head(apartment: Apartment, rng: Rng, seconds: float, errand: Errand | N
         put + speed * (stops[5] - stops[4]),
     ]
     walk = make_walk(route, stops, np.array(along), [job], span, SHOULDERS_BEHIND_M)
-    return _looking_around(apartment, walk, [job], rng, span)
+    return looking_around(apartment, walk, [job], rng, span)
 
 
-def _looking_around(
-    apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, span: tuple[float, float]
+def looking_around(
+    apartment: Apartment,
+    walk: Walk,
+    jobs: list[Job],
+    rng: Rng,
+    span: tuple[float, float],
+    turn_per_s: float = _TURN_PER_S,
 ) -> HeadMotion:
     """Add the gaze; the body turns with it."""
     grid = control_times(*span)
-    controls = _gaze(apartment, walk, jobs, rng, grid)
+    controls = _gaze(apartment, walk, jobs, rng, grid, turn_per_s)
     return HeadMotion(walk.facing(grid, controls[:, 0]), SmoothTrack(grid, controls), tuple(jobs))
 
 
@@ -143,7 +148,7 @@ def _schedule(errand: Errand, seconds: float) -> Job:
     return Job(errand, grip, grip + carrying)
 
 
-def _tour(plan: FloorPlan, rng: Rng, stops: int = 6) -> list[Array]:
+def tour_of(plan: FloorPlan, rng: Rng, stops: int = 6) -> list[Array]:
     """Places far from one another, in an order that goes around the room."""
     cells = np.argwhere(plan.inside & (plan.clearance > 0.33))
     places = plan.place(cells if len(cells) > stops else np.argwhere(plan.inside))
@@ -157,7 +162,7 @@ def _tour(plan: FloorPlan, rng: Rng, stops: int = 6) -> list[Array]:
     return sorted(chosen, key=lambda place: turn * np.arctan2(*(place - middle)))
 
 
-def _long_enough(plan: FloorPlan, tour: list[Array], start: Array, needed_m: float, step: int) -> list[Array]:
+def long_enough(plan: FloorPlan, tour: list[Array], start: Array, needed_m: float, step: int) -> list[Array]:
     """Stops along the tour from a place, in one direction, until the route is long enough."""
     number = int(np.argmin([np.linalg.norm(place - start, axis=-1) for place in tour]))
     stops = [start]
@@ -172,7 +177,9 @@ def _length(plan: FloorPlan, stops: list[Array]) -> float:
     return float(sum(np.linalg.norm(b - a, axis=-1) for a, b in itertools.pairwise(stops)))
 
 
-def _gaze(apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, grid: Array) -> Array:
+def _gaze(
+    apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, grid: Array, turn_per_s: float
+) -> Array:
     """(K, 2) yaw and pitch of a gaze from object to object, and at the carried one around grip and release."""
     state = walk.controls
     eyes = np.stack([state[:, 0], EYES_M - state[:, 4], state[:, 1]], axis=-1)
@@ -193,7 +200,7 @@ def _gaze(apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, grid: Arr
         carrying = (grid > job.grip_s) & (grid < job.release_s)
         pitch[carrying] = np.minimum(pitch[carrying], -0.4)
     pitch = limited(pitch, _NOD_PER_S * STEP_S)
-    return np.column_stack([limited(yaw, _TURN_PER_S * STEP_S), pitch])
+    return np.column_stack([limited(yaw, turn_per_s * STEP_S), pitch])
 
 
 def _fixations(apartment: Apartment, grid: Array, eyes: Array, heading: Array, rng: Rng) -> Array:

@@ -20,7 +20,7 @@ from egosplat_apartments.people.motion import SHOULDERS_BEHIND_M, HeadMotion
 from egosplat_apartments.people.smooth import smoothstep
 from egosplat_apartments.people.walk import Route, Walk, make_route, make_walk
 from egosplat_apartments.world.apartment import Apartment
-from egosplat_apartments.world.room import corridor_bounds
+from egosplat_apartments.world.room import hidden_place
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,8 @@ _SPEED_M_S = 0.85
 _PAUSE_S, _LONGEST_PAUSE_S = 1.9, 4.5
 _KEEP_APART_M = 0.58
 _ATTEMPTS, _SHIFTS = 30, 10
+# Where a visitor holds an object, forward and up from the walk's place.
+OTHER_HOLD = (0.34, 0.98)
 # Objects wider than twice this are held with both hands.
 _OPEN_HAND_M = 0.06
 
@@ -41,6 +43,8 @@ class Person:
         limbs: names of the limbs that are rendered.
         hold: offset forward and up [m] from the walk's place to the carried object.
         behind_m: distance of the body behind the walk's place, which for the wearer is the camera.
+        both_hands: whether small objects are held with both hands, too.
+        reaching_s: time from the start of a reach to the grip, and from the release until the arm hangs again.
     """
 
     instance: Instance
@@ -50,6 +54,8 @@ class Person:
     limbs: tuple[str, ...]
     hold: tuple[float, float]
     behind_m: float
+    both_hands: bool = False
+    reaching_s: float = REACHING_S
 
     def bodies(self) -> list[Body]:
         """The limbs as rigid bodies, posed by ``limb_poses``."""
@@ -62,11 +68,12 @@ class Person:
         """The posture at a time, with objects at ``poses`` (by object number)."""
         x, z, heading, walked, crouch, lean = self.walk.track(time).tolist()
         x, z = x - self.behind_m * np.sin(heading), z - self.behind_m * np.cos(heading)
-        reaches = [float(job.reach(np.array(time))) for job in self.jobs]
+        reaches = [float(job.reach(np.array(time), self.reaching_s)) for job in self.jobs]
         busy = int(np.argmax(reaches)) if reaches else -1
         hands: tuple[Array | None, Array | None] = (None, None)
         if busy >= 0 and reaches[busy] > 0:
-            hands = _grip(self.jobs[busy], poses[self.jobs[busy].errand.thing.number], heading)
+            pose = poses[self.jobs[busy].errand.thing.number]
+            hands = _grip(self.jobs[busy], pose, heading, self.both_hands)
         speed = float(np.abs(self.walk.track(time + 0.05)[3] - self.walk.track(time - 0.05)[3])) / 0.1
         lively = float(smoothstep(speed / 0.5)) * (self.behind_m == 0)
         reach = max(reaches, default=0.0)
@@ -85,7 +92,11 @@ class Person:
 
     def thing_poses(self, time: float) -> dict[int, Array]:
         """(4, 4) pose at a time of every object that this person carries at some time, by object number."""
-        return {job.errand.thing.number: self._carried(job, time) for job in self.jobs}
+        latest: dict[int, Job] = {}
+        for job in self.jobs:
+            if job.errand.thing.number not in latest or job.grip_s <= time:
+                latest[job.errand.thing.number] = job
+        return {number: self._carried(job, time) for number, job in latest.items()}
 
     def _carried(self, job: Job, time: float) -> Array:
         errand = job.errand
@@ -111,7 +122,7 @@ def _yaw(pose: Array) -> float:
     return float(np.arctan2(pose[0, 2], pose[2, 2]))
 
 
-def _grip(job: Job, pose: Array, heading: float) -> tuple[Array | None, Array | None]:
+def _grip(job: Job, pose: Array, heading: float, both: bool) -> tuple[Array | None, Array | None]:
     """Targets of the palms on an object: both sides of it, or only the right one."""
     lower, upper = bounds_at(job.errand.thing.model, pose)
     center = (lower + upper) / 2
@@ -119,7 +130,8 @@ def _grip(job: Job, pose: Array, heading: float) -> tuple[Array | None, Array | 
     half = float((np.abs(right) * (upper - lower)).sum()) / 2
     grip = half + 0.015
     size = np.ptp(bounds_at(job.errand.thing.model, np.eye(4)), axis=0)
-    left = None if min(size[0], size[2]) / 2 < _OPEN_HAND_M else center - grip * right
+    small = min(size[0], size[2]) / 2 < _OPEN_HAND_M
+    left = None if small and not both else center - grip * right
     return left, center + grip * right
 
 
@@ -184,8 +196,7 @@ def _needed_s(errand: Errand) -> float:
 def _other_route(apartment: Apartment, errands: Sequence[Errand]) -> Route:
     """Route from out of sight in the corridor to all stands and back."""
     room = apartment.room
-    left, _, near, far = corridor_bounds(room)
-    hidden = room.at(room.door.wall, left + 0.35, 0.0, -(near + far) / 2)[[0, 2]]
+    hidden = hidden_place(room)
     stands = [stand for errand in errands for stand in (errand.pick_stand, errand.put_stand)]
     return make_route(apartment.plan, [hidden, *stands, hidden])
 
@@ -220,7 +231,7 @@ def _other_walk(
 
 def make_other(uid: int, plan: tuple[Walk, tuple[Job, ...]], clothes: Clothes) -> Person:
     """The visitor, rendered from head to foot."""
-    return Person(_human(uid, "Skeleton_T"), plan[0], plan[1], clothes, tuple(LIMBS), (0.34, 0.98), 0.0)
+    return Person(_human(uid, "Skeleton_T"), plan[0], plan[1], clothes, tuple(LIMBS), OTHER_HOLD, 0.0)
 
 
 def _human(uid: int, name: str) -> Instance:

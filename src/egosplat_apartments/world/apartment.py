@@ -1,6 +1,7 @@
 """A randomly furnished apartment: the room, its objects, and their names and ids in ADT's style."""
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,22 +39,36 @@ class Apartment:
     plan: FloorPlan
 
 
-def make_apartment(rng: Rng, objects: int) -> Apartment:
+@dataclass(frozen=True)
+class Style:
+    """What distinguishes the apartments of a world: how the room is made, what its surfaces look like, and its things."""
+
+    room: Callable[[Rng], Room] = random_room
+    shell: Callable[[Room, Rng], list[Part]] = build_shell
+    wishes: Callable[[Rng, int], list[Kind]] = wish_list
+    build: Callable[[Kind, Rng], Model] = lambda kind, rng: kind.build(rng)
+
+
+USUAL = Style()
+
+
+def make_apartment(rng: Rng, objects: int, style: Style = USUAL) -> Apartment:
     """Furnish an apartment.
 
     Args:
-        objects: number of labeled objects, without the shell; 16 to 40.
+        objects: number of labeled objects, without the shell; 16 or more.
+        style: of the world.
 
     Raises:
         UserError: the objects do not fit.
     """
     for _ in range(_LAYOUTS):
-        layout = _furnish(random_room(rng), rng, objects)
+        layout = _furnish(style.room(rng), rng, objects, style)
         if layout is None:
             continue
         plan = floor_plan(layout)
         if plan.walkable_m2 >= _LEAST_WALK_M2 and plan.reaches_door:
-            shell = tuple(build_shell(layout.room, rng))
+            shell = tuple(style.shell(layout.room, rng))
             return Apartment(
                 layout.room, shell, tuple(layout.placed), tuple(_instances(layout, shell, rng)), plan
             )
@@ -63,15 +78,15 @@ def make_apartment(rng: Rng, objects: int) -> Apartment:
     )
 
 
-def _furnish(room: Room, rng: Rng, objects: int) -> Layout | None:
+def _furnish(room: Room, rng: Rng, objects: int, style: Style) -> Layout | None:
     """A layout with exactly ``objects`` objects, including ``CORE``; None if they do not fit."""
     layout = Layout(room)
     layout.keep_clear.append(opening_box(room, room.door))
     models: dict[str, Model] = {}
     variants: Counter[str] = Counter()
-    for kind in wish_list(rng, objects):
+    for kind in style.wishes(rng, objects):
         if kind.varied or kind.prototype not in models:
-            models[kind.prototype] = kind.build(rng)
+            models[kind.prototype] = style.build(kind, rng)
         named = (
             replace(kind, prototype=f"{kind.prototype}{variants[kind.prototype] + 1:02d}")
             if kind.varied

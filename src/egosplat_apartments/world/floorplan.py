@@ -123,8 +123,7 @@ def floor_plan(layout: Layout) -> FloorPlan:
     grid = np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1)
     in_room = (np.abs(grid) < half - _MARGIN_M).all(axis=-1)
     free = in_room | _corridor_cells(room, grid)
-    for thing in layout.placed:
-        lower, upper = thing.bounds
+    for lower, upper in (*(thing.bounds for thing in layout.placed), *room.blocks):
         if lower[1] < _HEAD_ROOM_M:
             free &= ~((grid > lower[[0, 2]]) & (grid < upper[[0, 2]])).all(axis=-1)
     clearance = ndimage.distance_transform_edt(free) * _CELL_M

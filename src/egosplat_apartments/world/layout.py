@@ -68,7 +68,7 @@ class Layout:
         ):
             return False
         # Boxes stand in for shapes.
-        others = [thing.bounds for thing in self.placed if thing.number not in ignore]
+        others = [thing.bounds for thing in self.placed if thing.number not in ignore] + [*self.room.blocks]
         return not any(boxes_touch(bounds, other, 0.01) for other in others)
 
 

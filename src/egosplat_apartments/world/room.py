@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from egosplat_apartments.objects.textures import Rng
 
 Array = NDArray[np.float64]
+Range = tuple[float, float]
 
 CORRIDOR_DEPTH_M, CORRIDOR_WIDTH_M = 1.3, 3.0
 
@@ -38,17 +39,37 @@ class Opening:
 
 
 @dataclass(frozen=True)
+class Light:
+    """Lamp and sun of a room.
+
+    Attributes:
+        place: (x, z) of the lamp from the middle of the room; drop: distance below the ceiling [m].
+        lamp, sun: power in red, green and blue.
+        sun_rise: least and largest rise of the sun for each meter towards it [m].
+    """
+
+    place: tuple[float, float] = (0.0, 0.0)
+    drop: float = 0.2
+    # Warm light: more red than blue.
+    lamp: tuple[float, float, float] = (7.5, 6.8, 5.8)
+    sun: tuple[float, float, float] = (5.5, 4.9, 4.0)
+    sun_rise: tuple[float, float] = (0.7, 1.1)
+
+
+@dataclass(frozen=True)
 class Room:
-    """The room's size and openings.
+    """The room's size and openings, what is built into it, and its light.
 
     World axes: y up, the floor at y = 0, the room's center above the origin. The inward normals of walls 0..3
-    are +z, +x, -z, -x.
+    are +z, +x, -z, -x. ``blocks`` are (2, 3) boxes in the room that belong to the building.
     """
 
     width: float
     depth: float
     height: float
     openings: tuple[Opening, ...]
+    blocks: tuple[Array, ...] = ()
+    light: Light = Light()
 
     def normal(self, wall: int) -> Array:
         """(3,) inward unit normal of a wall."""
@@ -82,9 +103,9 @@ class Room:
         return tuple(opening for opening in self.openings if not opening.door)
 
 
-def random_room(rng: Rng) -> Room:
+def random_room(rng: Rng, widths: Range = (5.0, 5.8), depths: Range = (4.1, 4.8)) -> Room:
     """A room with a door and two windows in three different walls."""
-    width, depth, height = rng.uniform(5.0, 5.8), rng.uniform(4.1, 4.8), rng.uniform(2.5, 2.7)
+    width, depth, height = rng.uniform(*widths), rng.uniform(*depths), rng.uniform(2.5, 2.7)
     room = Room(width, depth, height, ())
     walls = rng.permutation(4)
     door_left = rng.uniform(0.25, room.length(int(walls[0])) - 1.2)
@@ -98,11 +119,22 @@ def random_room(rng: Rng) -> Room:
     return Room(width, depth, height, tuple(openings))
 
 
+def busy_room(rng: Rng) -> Room:
+    """A room in which two people have space to work."""
+    return random_room(rng, (6.2, 7.0), (5.2, 5.8))
+
+
 def corridor_bounds(room: Room) -> tuple[float, float, float, float]:
     """Left and right end along the door's wall, near and far distance behind it [m]."""
     middle = (room.door.left + room.door.right) / 2
     half = CORRIDOR_WIDTH_M / 2
     return middle - half, middle + half, REVEAL_M, REVEAL_M + CORRIDOR_DEPTH_M
+
+
+def hidden_place(room: Room) -> Array:
+    """(2,) x and z of a place in the corridor that is out of sight from the room."""
+    left, _, near, far = corridor_bounds(room)
+    return room.at(room.door.wall, left + 0.35, 0.0, -(near + far) / 2)[[0, 2]]
 
 
 def opening_box(room: Room, opening: Opening) -> Array:

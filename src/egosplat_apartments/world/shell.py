@@ -99,7 +99,7 @@ def build_shell(room: Room, rng: Rng) -> list[Part]:
         _ceiling(room, rng),
         *_lamp(room, rng),
         *_walls(room, rng),
-        *_skirting(room, rng),
+        *skirting(room, rng),
     ]
     for opening in room.windows:
         parts += window_parts(room, opening, rng)
@@ -186,7 +186,7 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
         parts.append(
             Part(
                 f"wall {wall}",
-                _with_holes(room, wall, holes),
+                with_holes(room, wall, holes),
                 make_texture(picture, length, room.height, surface="flowered paper"),
             )
         )
@@ -200,7 +200,7 @@ def _faint(ink: Color, ground: Color) -> Color:
     return red, green, blue
 
 
-def _with_holes(room: Room, wall: int, holes: list[Opening]) -> Shape:
+def with_holes(room: Room, wall: int, holes: list[Opening]) -> Shape:
     """A wall with holes for its openings; the texture is continuous across the pieces."""
     cuts = sorted({0.0, room.length(wall), *(cut for hole in holes for cut in (hole.left, hole.right))})
     pieces = []
@@ -219,7 +219,7 @@ def _piece(room: Room, wall: int, along: tuple[float, float], heights: tuple[flo
     return Shape(flat.vertices, flat.normals, flat.uv + (along[0], room.height - heights[1]), flat.faces)
 
 
-def _skirting(room: Room, rng: Rng) -> list[Part]:
+def skirting(room: Room, rng: Rng) -> list[Part]:
     pieces = []
     for wall in range(4):
         gap = (room.door.left - 0.06, room.door.right + 0.06) if room.door.wall == wall else (0.0, 0.0)

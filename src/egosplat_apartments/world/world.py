@@ -1,21 +1,32 @@
 """A furnished apartment, its people, and the pose of everything at any moment."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
-from egosplat_apartments.adt_format.sequence import Instance
+from egosplat_apartments.adt_format.sequence import Instance, Rest
 from egosplat_apartments.camera.raycasting import Body, Geometry, build_geometry
-from egosplat_apartments.objects.catalogue import random_ids
-from egosplat_apartments.people.jobs import Errand, find_errands
+from egosplat_apartments.objects.catalogue import busy_wish_list, random_ids
+from egosplat_apartments.objects.foreign import build_foreign
+from egosplat_apartments.people.chores import HOLD, LEAST_WORK_S, PEOPLE_CARRY, REACH_S, Chores, plan_chores
+from egosplat_apartments.people.jobs import Errand, Job, find_errands
 from egosplat_apartments.people.limbs import random_clothes
 from egosplat_apartments.people.motion import HeadMotion, plan_head
 from egosplat_apartments.people.people import Person, make_other, make_wearer, plan_other
-from egosplat_apartments.world.apartment import Apartment, make_apartment
+from egosplat_apartments.world.apartment import USUAL, Apartment, Style, make_apartment
+from egosplat_apartments.world.foreign import foreign_room, foreign_shell
+from egosplat_apartments.world.room import busy_room
 
 Array = NDArray[np.float64]
+
+# Worlds by name.
+STYLES = {
+    "usual": USUAL,
+    "busy": Style(room=busy_room, wishes=busy_wish_list),
+    "foreign": Style(room=foreign_room, shell=foreign_shell, build=build_foreign),
+}
 
 # Named fractions of the time in which people are at work.
 MOTIONS = {"none": 0.0, "low": 0.25, "high": 1.0}
@@ -32,6 +43,7 @@ class World:
     Attributes:
         apartment: the room and its objects; head: the wearer's head; people: the wearer and a visitor.
         geometry: all surfaces; seed: for the randomness of rendering; start_ns: start of the recording.
+        kind: name of the world.
     """
 
     apartment: Apartment
@@ -40,6 +52,7 @@ class World:
     geometry: Geometry
     seed: int
     start_ns: int
+    kind: str = "usual"
 
     @property
     def instances(self) -> list[Instance]:
@@ -62,6 +75,32 @@ class World:
             if one.motion_type == "dynamic"
         }
 
+    def rests(self, seconds: float) -> tuple[Rest, ...]:
+        """Where each carried object lies, and from when until when, in a recording of this length."""
+        ids = [one.instance_id for one in self.apartment.instances[1:]]
+        rests = []
+        for jobs in self.jobs_of.values():
+            ends = [0.0, *(job.release_s for job in jobs)]
+            supports = [jobs[0].errand.thing.support, *(job.errand.support for job in jobs)]
+            for first, last, support in zip(
+                ends, [*(job.grip_s for job in jobs), seconds], supports, strict=True
+            ):
+                moments = (self.start_ns + round(1e9 * float(np.clip(s, 0, seconds))) for s in (first, last))
+                rests.append(Rest(ids[jobs[0].errand.thing.number], ids[support], *moments))
+        return tuple(rests)
+
+    @property
+    def jobs_of(self) -> dict[int, list[Job]]:
+        """The jobs of each carried object in order of time, by object number."""
+        jobs = [job for person in self.people for job in person.jobs]
+        numbers = sorted({job.errand.thing.number for job in jobs})
+        return {
+            number: sorted(
+                (job for job in jobs if job.errand.thing.number == number), key=lambda job: job.grip_s
+            )
+            for number in numbers
+        }
+
     def body_poses(self, seconds: float) -> dict[int, Array]:
         """(4, 4) pose of every body that is not static, by its number in the geometry."""
         moved = self.moved_things(seconds)
@@ -81,14 +120,20 @@ class World:
         }
 
 
-def make_world(*, seed: int, seconds: float, objects: int, motion: float | str) -> World:
+def make_world(
+    *, seed: int, seconds: float, objects: int, motion: float | str, world: str = "usual"
+) -> World:
     """Make the world to be rendered; parameters as for ``make_sequence``."""
     share = MOTIONS[motion] if isinstance(motion, str) else float(motion)
     if not 0 <= share <= 1:
         raise ValueError(f"motion is {motion}, not within 0..1")
     layout_rng, motion_rng, people_rng = (np.random.default_rng([seed, stream]) for stream in range(3))
-    apartment, errands = _apartment(layout_rng, objects, share > 0)
-    head, people = _plan_motion(apartment, errands, motion_rng, people_rng, seconds, share * seconds)
+    if world == "busy" and share > 0:
+        apartment, chores = _busy_apartment(layout_rng, motion_rng, objects, seconds, share * seconds)
+        head, people = chores.head, _busy_people(apartment, chores, people_rng)
+    else:
+        apartment, errands = _apartment(layout_rng, objects, share > 0, STYLES[world])
+        head, people = _plan_motion(apartment, errands, motion_rng, people_rng, seconds, share * seconds)
     carried = {job.errand.thing.number for person in people for job in person.jobs}
     bodies = [Body(apartment.instances[0].instance_id, apartment.shell, np.eye(4), "static")]
     for one, thing in zip(apartment.instances[1:], apartment.things, strict=True):
@@ -96,13 +141,15 @@ def make_world(*, seed: int, seconds: float, objects: int, motion: float | str) 
         bodies.append(Body(one.instance_id, thing.model.parts, thing.pose, role))
     bodies += [body for person in people for body in person.bodies()]
     start_ns = 80_000_000_000_000 + int(motion_rng.integers(20_000_000_000_000))
-    return World(apartment, head, people, build_geometry(bodies), seed, start_ns)
+    return World(apartment, head, people, build_geometry(bodies), seed, start_ns, world)
 
 
-def _apartment(rng: np.random.Generator, objects: int, at_work: bool) -> tuple[Apartment, list[Errand]]:
+def _apartment(
+    rng: np.random.Generator, objects: int, at_work: bool, style: Style
+) -> tuple[Apartment, list[Errand]]:
     """An apartment and, if ``at_work``, at least one errand for people to run."""
     for _ in range(_HOMES):
-        apartment = make_apartment(rng, objects)
+        apartment = make_apartment(rng, objects, style)
         errands = find_errands(apartment, rng, _ERRANDS) if at_work else []
         if errands or not at_work:
             return apartment, errands
@@ -110,6 +157,30 @@ def _apartment(rng: np.random.Generator, objects: int, at_work: bool) -> tuple[A
         f"synthetic.objects = {objects}: in {_HOMES} apartments no object can be carried. "
         "Use another number or another synthetic.seed."
     )
+
+
+def _busy_apartment(
+    rng: np.random.Generator, motion_rng: np.random.Generator, objects: int, seconds: float, work_s: float
+) -> tuple[Apartment, Chores]:
+    """A busy apartment, and what its people do for ``work_s`` seconds."""
+    # Less is never enough, so no apartment is tried.
+    for _ in range(_HOMES if work_s >= LEAST_WORK_S else 0):
+        apartment = make_apartment(rng, objects, STYLES["busy"])
+        chores = plan_chores(apartment, motion_rng, seconds, work_s)
+        if chores is not None:
+            return apartment, chores
+    raise UserError(
+        f"synthetic.world = busy: two people find no time or room to carry {PEOPLE_CARRY} objects in {work_s:g} s "
+        "of work. Use synthetic.seconds=60 with synthetic.motion=1, or another synthetic.seed."
+    )
+
+
+def _busy_people(apartment: Apartment, chores: Chores, rng: np.random.Generator) -> tuple[Person, ...]:
+    first, second = _new_ids(apartment, rng)[:2]
+    wearer = replace(
+        make_wearer(first, chores.head, random_clothes(rng)), hold=HOLD, both_hands=True, reaching_s=REACH_S
+    )
+    return wearer, make_other(second, chores.visitor, random_clothes(rng))
 
 
 def _plan_motion(
@@ -147,14 +218,19 @@ def _people(
     """The wearer and, for longer work, a second person; nobody without work."""
     if work_s <= 0:
         return ()
-    used = {one.instance_id for one in apartment.instances}
-    ids = [uid for uid in random_ids(rng, 4) if uid not in used]
+    ids = _new_ids(apartment, rng)
     people = [make_wearer(ids[0], head, random_clothes(rng))]
     if work_s >= _OTHER_FROM_S:
         plan = plan_other(apartment, errands, rng, head, seconds, work_s)
         if plan is not None:
             people.append(make_other(ids[1], plan, random_clothes(rng)))
     return tuple(people)
+
+
+def _new_ids(apartment: Apartment, rng: np.random.Generator) -> list[int]:
+    """At least two ids that no object has."""
+    used = {one.instance_id for one in apartment.instances}
+    return [uid for uid in random_ids(rng, 4) if uid not in used]
 
 
 def camera_pose(world: World, seconds: float) -> Array:

@@ -33,6 +33,14 @@ def test_the_same_seed_gives_the_same_recording(still):
         assert one.with_people.visibility == other.with_people.visibility
 
 
+def test_the_usual_world_keeps_its_random_numbers(recorded):
+    """Ids and the start are drawn after all else of their streams, so one draw more or fewer changes them."""
+    ids = [one.instance_id for one in recorded.world.instances]
+    assert (ids[0], ids[-3]) == (5100817765649879, 5513215158558033), "of the layout"
+    assert (ids[-1], recorded.world.start_ns) == (6693632101829635, 86720083449620), "of people and motion"
+    assert recorded.sequence.rests == ()
+
+
 def test_without_motion_the_scene_is_static_and_empty(still):
     sequence, frames = still
     assert all(one.instance_type == "object" for one in sequence.instances)

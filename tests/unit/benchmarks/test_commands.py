@@ -8,7 +8,13 @@ from click.testing import CliRunner
 from benchmarks.common import ROOT
 
 # Commands beside the topics' own.
-MORE = ("instances.broken_tracks", "instances.growth", "language.blends", "real_camera.still_masks")
+MORE = (
+    "instances.broken_tracks",
+    "instances.growth",
+    "language.blends",
+    "real_camera.still_masks",
+    "worlds.known",
+)
 TOPICS = sorted(path.parent.name for path in (ROOT / "benchmarks").glob("*/__main__.py"))
 
 

@@ -100,4 +100,4 @@ def test_seeds_are_far_from_those_of_recordings():
         int(options.partition("synthetic.seed=")[2].split()[0])
         for options in rows[rows.dataset == "adt"].options
     ]
-    assert len(seeds) == 10 and max(seeds) < worlds.TRAINING_SEEDS < worlds.HELD_OUT_SEEDS
+    assert len(set(seeds)) == 20 and max(seeds) < worlds.TRAINING_SEEDS < worlds.HELD_OUT_SEEDS
