@@ -36,6 +36,10 @@ CAMERA_FILE, VALID_MASK = "camera.json", "valid.png"
 # The table of instances in the folder of a plain recording's annotations.
 INSTANCES_TABLE = "instances.tsv"
 
+# instant-ngp's mask of a picture lies next to it, as PREFIX + its name without suffix + .png: pixels that are not black
+# move, and are left out.
+DYNAMIC_MASK = "dynamic_mask_"
+
 _PARTS = (r"ZY\d+", r"H\d+", r"C\d+", r"N\d+", r"S\d+", r"s\d+", r"T\d+")
 _SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(f"({part})" for part in _PARTS) + "$")
 
@@ -80,6 +84,7 @@ def pictures_of(stage: str, format: str, recording: Path, known_poses: str) -> l
         return list_masks(masks) if masks and stage == "annotations" else []
     folders = picture_folders(recording, known_poses) if recording.is_dir() else []
     pictures = [picture for folder in folders for picture in list_pictures(folder)]
+    pictures += [mask for folder in folders for mask in dynamic_masks(folder)]
     pictures += mask_files(recording, known_poses)
     if stage == "annotations" and is_annotated(format, recording):
         pictures += list_masks(companion_path(recording, ANNOTATIONS))
@@ -105,7 +110,21 @@ def adt_video(folder: Path) -> Path:
 def list_pictures(folder: Path) -> list[Path]:
     """The pictures of a plain recording, in no order."""
     files = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != "."]
-    return [path for path in files if path.name != VALID_MASK and path.is_file()]
+    return [path for path in files if not _is_mask(path.name) and path.is_file()]
+
+
+def dynamic_masks(folder: Path) -> list[Path]:
+    """instant-ngp's masks of single pictures in a folder, sorted."""
+    return sorted(folder.glob(f"{DYNAMIC_MASK}*.png"))
+
+
+def dynamic_mask(picture: Path) -> Path:
+    """Path of instant-ngp's mask of a picture, which need not exist."""
+    return picture.with_name(f"{DYNAMIC_MASK}{picture.stem}.png")
+
+
+def _is_mask(name: str) -> bool:
+    return name == VALID_MASK or (name.startswith(DYNAMIC_MASK) and name.endswith(".png"))
 
 
 def list_masks(folder: Path) -> list[Path]:

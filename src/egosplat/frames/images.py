@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from egosplat.errors import UserError
-from egosplat.frames.files import list_pictures
+from egosplat.frames.files import DYNAMIC_MASK, dynamic_mask, dynamic_masks, list_pictures
 from egosplat.progress import log
 
 # Time between images. A folder has no clock: one second per image makes seconds equal image numbers.
@@ -59,6 +59,10 @@ class ImageFolder:
         if others:
             log(f"{path}: ignores {others}")
         _check_names(listed)
+        self._masks = {mask for each in folders for mask in dynamic_masks(each)}
+        if self._masks:
+            used = len(self._masks & {dynamic_mask(image) for image in listed})
+            log(f"{path}: {used} of {len(self._masks)} {DYNAMIC_MASK}*.png leave pixels of a picture out")
         self._list([_Header.read(image) for image in listed])
 
     def _list(self, headers: "list[_Header]") -> None:
@@ -87,6 +91,11 @@ class ImageFolder:
     def has_alpha(self, frame: int) -> bool:
         """Whether an image has transparent pixels, or may have."""
         return self._headers[frame].alpha
+
+    def mask(self, frame: int) -> Path | None:
+        """instant-ngp's mask of an image: pixels that are not black are left out; None without one."""
+        path = dynamic_mask(self.paths[frame])
+        return path if path in self._masks else None
 
     def check_sizes(self) -> None:
         """Check that all images have the same size.

@@ -156,6 +156,11 @@ def has_alpha(source: Video | ImageFolder, frame: int) -> bool:
     return isinstance(source, ImageFolder) and source.has_alpha(frame)
 
 
+def dynamic_mask_of(source: Video | ImageFolder, frame: int) -> Path | None:
+    """The mask next to a picture whose white pixels are left out; None without one."""
+    return source.mask(frame) if isinstance(source, ImageFolder) else None
+
+
 def picture_names(source: Video | ImageFolder) -> list[str]:
     """The path of each image from the folder, or the number of each frame of a video, from 0."""
     if isinstance(source, ImageFolder):

@@ -15,7 +15,14 @@ from egosplat.errors import UserError
 from egosplat.frames.files import VALID_MASK
 from egosplat.frames.images import ImageFolder, read_mask, read_valid
 from egosplat.frames.keys import ReaderKeys
-from egosplat.frames.picture_cameras import Calibration, calibrate, has_alpha, picture_names, size_of
+from egosplat.frames.picture_cameras import (
+    Calibration,
+    calibrate,
+    dynamic_mask_of,
+    has_alpha,
+    picture_names,
+    size_of,
+)
 from egosplat.frames.recording import Capture
 from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
 from egosplat.frames.video import Video, open_source
@@ -84,8 +91,15 @@ class PlainRecording:
         self.capture = Capture.of_video(times[self._frames], full.scaled_to(width, height), False, reduced)
         evidence, calibrated = None, bool(self._calibration.lenses)
         if not calibrated:
+            count = len(self._frames)
+            masked = any(self._is_masked(index) for index in range(count))
             estimated, evidence = lens_of_frames(
-                lens, self.read_frames, len(self._frames), reduced, self.capture.camera
+                lens,
+                self.read_frames,
+                count,
+                reduced,
+                self.capture.camera,
+                self._shown if masked else None,
             )
             self._calibration = Calibration(
                 [estimated.scaled_to(full.width, full.height)] if estimated else []
@@ -121,6 +135,11 @@ class PlainRecording:
         shown = np.stack([np.packbits(self._shown(index), axis=1) for index in frames])
         # What no frame shows is the picture's own border; the rest are pixels of single frames.
         valid = np.bitwise_or.reduce(shown)
+        if not valid.any():
+            raise UserError(
+                f"{self._source.path}: masks leave no pixel of any picture. White shows the scene (mask_path of "
+                "transforms.json, valid.png); in dynamic_mask_*.png black does."
+            )
         left_out = valid & ~shown
 
         def masked(index: int) -> NDArray[np.bool_]:
@@ -137,7 +156,8 @@ class PlainRecording:
         frame = int(self._frames[index])
         lens = self._calibration.lens_index(frame)
         differs = lens != self._calibration.lens_index(int(self._frames[0])) and not self._valid.all()
-        return differs or bool(self._calibration.mask(frame)) or has_alpha(self._source, frame)
+        masks = self._calibration.mask(frame), dynamic_mask_of(self._source, frame)
+        return differs or any(masks) or has_alpha(self._source, frame)
 
     def _shown(self, index: int) -> NDArray[np.bool_]:
         """(H, W) bool: pixels of a rectified frame that ``valid.png``, its own mask and its transparency all leave."""
@@ -148,6 +168,8 @@ class PlainRecording:
             shown = np.ones((height, width), bool)
         if path := self._calibration.mask(frame):
             shown = shown & read_mask(path, width, height)
+        if path := dynamic_mask_of(self._source, frame):
+            shown = shown & ~read_mask(path, width, height)
         if has_alpha(self._source, frame):
             shown = shown & self._source.read_opaque(frame)
         camera = self.capture.camera

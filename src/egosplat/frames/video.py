@@ -16,12 +16,17 @@ from egosplat.progress import log, track
 # Frames a second of a stream without any time or rate.
 _ASSUMED_RATE = 30.0
 
+# Containers that store the number of frames. That of others is estimated from the duration, which sound may lengthen.
+_COUNTED = (".mp4", ".m4v", ".mov", ".3gp", ".avi")
+# An estimate is wrong by less: frames a second, and a share of all frames.
+_SECONDS_OFF, _SHARE_OFF = 1.0, 0.1
+
 
 class Video:
-    """Frames and presentation times of a video; a rotation in its metadata is applied.
+    """Frames and presentation times of a video; a rotation in its metadata is applied, and its pixels are made square.
 
     Attributes:
-        width, height: size of the frames after rotation [px].
+        width, height: size of the frames after rotation, with square pixels [px].
         timestamp_ns: (N,) int64: presentation time of each frame since the first, from the container; valid for
             variable frame rates too. Times that do not increase are rebuilt, see ``rebuild_times``.
     """
@@ -42,7 +47,7 @@ class Video:
             raise UserError(
                 f"{path}: no frame can be decoded{_codec(capture)}{_reason(messages)}. {_advice(path)}"
             )
-        if len(milliseconds) < declared or messages:
+        if len(milliseconds) < self._least(declared, capture.get(cv2.CAP_PROP_FPS)) or messages:
             log(
                 f"{path}: {len(milliseconds)} of {declared} declared frames can be read"
                 f"{_reason(messages)}; is it complete?"
@@ -52,7 +57,15 @@ class Video:
             times, rate = rebuild_times(times, capture.get(cv2.CAP_PROP_FPS))
             log(f"{path}: the times of its frames are missing or out of order; taken as {rate:g} a second")
         self.timestamp_ns = np.round((times - times[0]) * 1e6).astype(np.int64)
+        num, den = (capture.get(one) for one in (cv2.CAP_PROP_SAR_NUM, cv2.CAP_PROP_SAR_DEN))
+        self._pixel_aspect = num / den if num > 0 and den > 0 else 1.0
+        self._lies = capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180 == 90
         self.height, self.width = next(self.read_frames(np.array([0]))).shape[:2]
+        if self._pixel_aspect != 1.0:
+            log(
+                f"{path}: its pixels are {num:g}:{den:g}; frames are resampled to square ones, "
+                f"{self.width}x{self.height}"
+            )
 
     def read_frames(self, frames: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
         """Yield the (height, width, 3) uint8 RGB frame of each number; numbers increase.
@@ -69,7 +82,25 @@ class Video:
                 decoded, image = capture.retrieve() if position == frame else (False, None)
             if not decoded:
                 raise UserError(f"{self.path}: frame {frame} cannot be decoded{_reason(messages)}.")
-            yield cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+            yield self._squared(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+
+    def _squared(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """An image with square pixels: its side that was stored as the width is scaled."""
+        if self._pixel_aspect == 1.0:
+            return image
+        height, width = image.shape[:2]
+        if self._lies:
+            height = max(1, round(height * self._pixel_aspect))
+        else:
+            width = max(1, round(width * self._pixel_aspect))
+        method = cv2.INTER_AREA if self._pixel_aspect < 1.0 else cv2.INTER_LINEAR
+        return cv2.resize(image, (width, height), interpolation=method)
+
+    def _least(self, declared: int, rate: float) -> float:
+        """Number of frames below which a video with a declared number of them is incomplete."""
+        if self.path.suffix.lower() in _COUNTED:
+            return declared
+        return (1.0 - _SHARE_OFF) * declared - _SECONDS_OFF * max(rate, 0.0)
 
     def _open(self) -> cv2.VideoCapture:
         if not self.path.is_file():

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.gaussians.stored_rows import StoredRows, stored_rows
@@ -104,7 +105,7 @@ def split_views(train: Mask, evaluation: Mask, registered: Mask) -> Split:
 def read_views(
     frames: Artifact, poses: Artifact, chosen: Mask, device: torch.device, *, resolution: int | None = None
 ) -> Views:
-    """Read frames, as many as ``stored_rows`` holds in memory. Nothing is masked.
+    """Read frames, as many as ``stored_rows`` holds in memory. Only what the frames' own masks leave out is masked.
 
     Args:
         frames, poses: artifacts.
@@ -123,14 +124,19 @@ def read_views(
         lambda position: shrink_image(frames.row("rgb", rows[position]), resolution),
     )
     # A pixel is valid only if every pixel averaged into it lies inside the lens circle.
-    valid = resize_mask(frames.read("valid"), width, height)
+    every = frames.read("valid")
+    valid = resize_mask(every, width, height)
+
+    def masked(position: int) -> Mask:
+        return valid & ~resize_mask(shown_pixels(frames, int(rows[position]), every), width, height)
+
     camera = Camera.from_matrix(poses.read("intrinsics"), full_width, full_height)
     return Views(
         frame=rows.astype(np.int64),
         pictures=pictures,
         camera_to_world=poses.read("camera_to_world")[rows],
         valid=valid_weight(valid, device),
-        transient=None,
+        transient=stored_rows(len(rows), (height, width), "bool", masked) if frames.has("masked") else None,
         camera=camera.scaled_to(width, height),
         device=device,
     )

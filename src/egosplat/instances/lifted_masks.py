@@ -131,6 +131,7 @@ class MaskLifter:
         segments: Artifact,
         valid: NDArray[np.bool_],
         keys: InstancesOptions,
+        shown: Callable[[int], NDArray[np.bool_]] | None = None,
     ) -> None:
         """Set up.
 
@@ -140,21 +141,25 @@ class MaskLifter:
             segments: segments artifact.
             valid: (H, W) bool, pixels that show the scene.
             keys: of the stage.
+            shown: returns the (H, W) bool pixels of a frame that show the scene; None: ``valid`` for all.
         """
-        self.gaussians, self.views, self.segments, self.valid, self.keys = (
+        self.shown = shown or (lambda _: valid)
+        self.gaussians, self.views, self.segments, self.keys = (
             gaussians,
             views,
             segments,
-            valid,
             keys,
         )
         self.settings = training_options(keys).render
         self._pixels = nearest_pixels(valid.shape, views.camera)
-        self.valid_pixels = valid[self._pixels]
 
     def labels(self, frame: int) -> Labels:
         """(L, h, w) labels of a frame of segments.zarr at the working size."""
         return self.segments.row("labels", frame)[:, *self._pixels]
+
+    def shown_pixels(self, frame: int) -> NDArray[np.bool_]:
+        """(h, w) bool pixels of a frame at the working size that show the scene."""
+        return self.shown(frame)[self._pixels]
 
     def lift(self, select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]]) -> LiftedMasks | None:
         """Lift the masks of all views; None if no view has a mask.
@@ -166,7 +171,7 @@ class MaskLifter:
 
         def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
             labels, unseen = select(self.labels(frame))
-            return labels, self.valid_pixels & ~unseen
+            return labels, self.shown_pixels(frame) & ~unseen
 
         views = self.views
         has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)

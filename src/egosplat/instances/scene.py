@@ -1,5 +1,6 @@
 """The things of all levels of a scene, on its Gaussians."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,7 @@ class Scene:
         level: (K,) int8 level of each thing; the things of a level follow each other.
         masks: (K,) int32 number of merged masks.
         named: the masks and their things.
-        valid: (H, W) bool, pixels that show the scene.
+        shown: returns the (H, W) bool pixels of a frame that show the scene.
         camera: at the working size.
         settings: render settings.
         counts: numbers of masks, runs, ... by level, for the facts.
@@ -46,7 +47,7 @@ class Scene:
     level: NDArray[np.int8]
     masks: NDArray[np.int32]
     named: NamedMasks
-    valid: NDArray[np.bool_]
+    shown: Callable[[int], NDArray[np.bool_]]
     camera: Camera
     settings: RenderSettings
     counts: dict[str, dict[str, int]]
@@ -61,7 +62,9 @@ class Scene:
         found = render_things(self.gaussians, self.beliefs, self.camera, camera_to_world, self.settings, size)
         firsts = np.array([self.first(level) for level in range(len(found))], np.int32)
         rendered = np.where(found >= 0, found + firsts[:, None, None], np.int32(-1))
-        return np.where(self.valid, keep_outlines(rendered, self.named.drawn(frame, labels)), np.int32(-1))
+        return np.where(
+            self.shown(frame), keep_outlines(rendered, self.named.drawn(frame, labels)), np.int32(-1)
+        )
 
     def strongest(self) -> Labels:
         """(N, L) int32 thing that each Gaussian belongs to most at each level, -1 for none."""
@@ -137,7 +140,7 @@ def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
         np.concatenate(level),
         np.concatenate(masks).astype(np.int32),
         NamedMasks.concatenate(named),
-        lifter.valid,
+        lifter.shown,
         lifter.views.camera,
         lifter.settings,
         counts,

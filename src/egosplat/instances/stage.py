@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.instances import INSTANCES, TRACKS
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.poses import POSES
@@ -69,7 +69,10 @@ def run(
     training = split_views(*flags).training
     key = provenance.key_of(record)
     gaussians, views, cameras = train_geometry(frames, poses, training, options, output, key)
-    lifter = MaskLifter(gaussians, views, segments, frames.read("valid"), options)
+    valid = frames.read("valid")
+    lifter = MaskLifter(
+        gaussians, views, segments, valid, options, lambda frame: shown_pixels(frames, frame, valid)
+    )
     tracks = MovingTracks(segments, _standing(lifter, MovingTracks(segments), frames))
     scene = find_scene(lifter, tracks)
     rows = np.flatnonzero(kept & poses.read("registered"))
@@ -117,15 +120,18 @@ def _write_things(
     """Label the frames ``rows`` with the things, draw what moves over them in all frames, and write both."""
     shape, count = segments.shape("labels"), len(scene.level)
     nothing = np.full(shape[1:], -1, np.int32)
-    shown, empty = set(rows.tolist()), 0
+    posed, empty, pixels = set(rows.tolist()), 0, 0
     with create(output, INSTANCES, record) as artifact:
         artifact.allocate("labels", shape)
         for frame in track(range(shape[0]), "writing labels"):
             found = segments.row("labels", frame)
-            things = scene.label(frame, found, camera_to_world[frame]) if frame in shown else nothing
+            things = scene.label(frame, found, camera_to_world[frame]) if frame in posed else nothing
             labels = tracks.draw(found, things, count)
             artifact.put_row("labels", frame, labels)
-            empty += int((labels[:, scene.valid] < 0).all(axis=0).sum()) if frame in shown else 0
+            if frame in posed:
+                seen = scene.shown(frame)
+                empty += int((labels[:, seen] < 0).all(axis=0).sum())
+                pixels += int(seen.sum())
         moving = np.arange(count + len(tracks.level)) >= count
         level = np.concatenate([scene.level, tracks.level])
         artifact.put("instances/level", level)
@@ -134,10 +140,9 @@ def _write_things(
         artifact.put("instances/moving", moving)
         artifact.put("gaussians/xyz", scene.gaussians.means.cpu().numpy())
         artifact.put("gaussians/instance", scene.strongest())
-        pixels = max(len(shown) * int(scene.valid.sum()), 1)
         figures = {
             "merging": scene.counts,
-            "pixels_without_instance": empty / pixels,
+            "pixels_without_instance": empty / max(pixels, 1),
             "standing_tracks": len(tracks.standing),
         }
         artifact.facts = _facts(segments, level, source) | figures

@@ -46,6 +46,7 @@ def colmap_poses(
     seed: int,
     threads: int | None = None,
     workdir: Path | None = None,
+    shown: Iterable[NDArray[np.bool_]] | None = None,
 ) -> Poses:
     """Estimate the poses of upright images of one camera, in order of time.
 
@@ -58,6 +59,7 @@ def colmap_poses(
         min_registered: required fraction of registered images, 0 to 1.
         seed: of everything random in COLMAP.
         threads: for features and matches; None: all of this process. The result does not depend on it.
+        shown: (H, W) bool of each image, if some show the scene in fewer pixels than ``valid``; read once.
         workdir: parent of the temporary folder, which takes a few MB per image; None: the system's.
 
     Returns:
@@ -76,6 +78,8 @@ def colmap_poses(
         if frames < MIN_IMAGES:
             raise UserError(f"COLMAP needs {MIN_IMAGES} frames or more, not {frames}: use more frames")
         project.write_mask(valid)
+        if shown is not None:
+            project.write_masks(shown)
         check_camera_moves(project)
         pycolmap.set_random_seed(seed)
         project.import_images(camera, camera_known)

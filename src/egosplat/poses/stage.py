@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.writer import create
@@ -98,14 +98,16 @@ def _from_file(recording: Path, kind: str, frames: Artifact, options: PosesOptio
 
 
 def _from_colmap(frames: Artifact, options: PosesOptions) -> Poses:
-    count = frames.shape("rgb")[0]
+    count, valid = frames.shape("rgb")[0], frames.read("valid")
+    shown = (shown_pixels(frames, index, valid) for index in range(count))
     return load_module("poses", "colmap").colmap_poses(
         (frames.row("rgb", index) for index in range(count)),
-        frames.read("valid"),
+        valid,
         Camera(**frames.facts["camera"]),
         frames.facts["camera_known"],
         matching=options.matching,
         overlap=OVERLAP,
         min_registered=options.min_registered,
         seed=COLMAP_SEED,
+        shown=shown if frames.has("masked") else None,
     )

@@ -51,6 +51,7 @@ class MovingTracker(Tracker):
         length: int,
         valid: NDArray[np.bool_],
         options: SegmentsOptions,
+        shown: Callable[[int], NDArray[np.bool_]] | None = None,
     ) -> None:
         """Set up for a video.
 
@@ -58,9 +59,9 @@ class MovingTracker(Tracker):
             probability: returns the (H, W) probability in 0..1 that a frame's pixels move; not finite counts as 0.
             frames: indices of the frames that may be prompted.
             length: number of frames of the video; all are tracked through.
-            sam2, images, valid, options: see ``Tracker``.
+            sam2, images, valid, options, shown: see ``Tracker``.
         """
-        super().__init__(sam2, images, length, valid, options)
+        super().__init__(sam2, images, length, valid, options, shown)
         self._probability = probability
         self._training, self._prompted = frames, frozenset(prompted_frames(frames, options))
 
@@ -92,7 +93,7 @@ class MovingTracker(Tracker):
 
     def _search_area(self, frame: int) -> tuple[Tensor, float]:
         # Hands are small: as few pixels as a mask may have are searched.
-        moving = self._inside & (self._moving(frame) >= _STARTS * self._options.threshold)
+        moving = self._inside(frame) & (self._moving(frame) >= _STARTS * self._options.threshold)
         return moving, self._options.min_area * moving.numel()
 
     def _may_start(self, frame: int, found: Candidates) -> Candidates:
@@ -105,12 +106,12 @@ class MovingTracker(Tracker):
 
     def _moving(self, frame: int) -> Tensor:
         """(M, M) float32 probability at the size of the model's masks."""
-        large = torch.from_numpy(self._values(frame))[None, None].to(self._inside.device)
-        return F.interpolate(large, self._inside.shape, mode="area")[0, 0]
+        large = torch.from_numpy(self._values(frame))[None, None].to(self._device)
+        return F.interpolate(large, self._size, mode="area")[0, 0]
 
     def _values(self, frame: int) -> NDArray[np.float32]:
-        """(H, W) probability; 0 where the pixel is not valid."""
-        return np.where(self._valid, self._probability(frame).astype(np.float32), np.float32(0))
+        """(H, W) probability; 0 where the pixel does not show the scene."""
+        return np.where(self._shown(frame), self._probability(frame).astype(np.float32), np.float32(0))
 
 
 def _mean_reaches(least: float, masks: Tensor, probability: Tensor) -> Tensor:

@@ -32,6 +32,7 @@ class SingleFrames:
         options: SegmentsOptions,
         movers: MovingTracker | None = None,
         points: Callable[[int], Tensor | None] = lambda _: None,
+        shown: Callable[[int], NDArray[np.bool_]] | None = None,
     ) -> None:
         """Set up for a video.
 
@@ -45,11 +46,13 @@ class SingleFrames:
             options: of the stage.
             movers: tracks what moves through all frames, after the masks are found; None to track nothing.
             points: returns the (P, 2) points of a frame index, x, y in [0, 1]; None for a grid, in crops as well.
+            shown: returns the (H, W) bool pixels of a frame index that show the scene; None: ``valid`` for all.
         """
-        self._sam2, self._images, self._valid, self._options = sam2, images, valid, options
+        self._sam2, self._images, self._options = sam2, images, options
         self._frames, self._length = prompted_frames(frames, options), length
-        self._movers, self._points = movers, points
-        self._labels = LabelMaps((len(LEVELS), *valid.shape))
+        self._movers, self._points, self._shown = movers, points, shown or (lambda _: valid)
+        self._empty = np.full((len(LEVELS), *valid.shape), -1, np.int32)
+        self._labels = LabelMaps(self._empty.shape)
         self._instances: list[Track] = []
         self._done = 0
 
@@ -74,9 +77,8 @@ class SingleFrames:
                 self._segment(frame)
                 self._done += 1
                 save()
-        empty = np.full((len(LEVELS), *self._valid.shape), -1, np.int32)
         for frame in set(range(self._length)) - set(self._frames):
-            self._labels[frame] = empty
+            self._labels[frame] = self._empty
         found = Segmented(self._labels, self._instances, [], {"key_frames": self._frames})
         if self._movers is None:
             return found
@@ -102,12 +104,13 @@ class SingleFrames:
     def _segment(self, frame: int) -> None:
         image, placed = self._images(frame), self._points(frame)
         points = grid_points(self._options.points_per_side) if placed is None else placed
-        # Where the lens shows nothing, there is nothing to segment.
-        points = points[lie_in(points, torch.from_numpy(self._valid))]
+        shown = self._shown(frame)
+        # Where a frame shows nothing, there is nothing to segment.
+        points = points[lie_in(points, torch.from_numpy(shown))]
         with self._sam2.at_side(self._options.image_size):
             found = prompt(self._sam2, encode(self._sam2, image), points, self._options)
         if self._options.crops_per_side > 1 and placed is None:
-            found = prompt_with_crops(self._sam2, image, self._valid, found, self._options)
+            found = prompt_with_crops(self._sam2, image, shown, found, self._options)
         labels = []
         for level, candidates in enumerate(found):
             masks = filter_masks(candidates, self._options)
@@ -115,5 +118,5 @@ class SingleFrames:
             scores = zip(masks.predicted_iou.tolist(), masks.stability.tolist(), strict=True)
             self._instances += [Track(level, frame, iou, stability) for iou, stability in scores]
             ids = list(range(first, len(self._instances)))
-            labels.append(paint([(ids, masks.logits)], self._valid, self._sam2.compute.device))
+            labels.append(paint([(ids, masks.logits)], shown, self._sam2.compute.device))
         self._labels[frame] = np.stack(labels)

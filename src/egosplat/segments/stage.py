@@ -1,6 +1,7 @@
 """Stage ``segments``: segment the frames at three levels and track the instances through the video."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from torch import Tensor
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
@@ -60,7 +61,7 @@ def run(
     # The key makes the checkpoint of other inputs or options invalid.
     checkpoint = Checkpoint(output, provenance.key_of(made))
     if options.segmenter == "classical":
-        segmented = segment_video(video.image, len(video.frame), frames.read("valid"))
+        segmented = segment_video(video.image, len(video.frame), video.valid, video.shown)
     else:
         segmented = _track_with_sam2(video, options, checkpoint)
     try:
@@ -91,6 +92,15 @@ class _Video:
     def image(self, place: int) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 RGB image of the frame at a place in the video."""
         return self.source.row("rgb", self.frame[place])
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """(H, W) bool: pixels inside the lens circle."""
+        return self.source.read("valid")
+
+    def shown(self, place: int) -> NDArray[np.bool_]:
+        """(H, W) bool: pixels of the frame at a place that show the scene."""
+        return shown_pixels(self.source, int(self.frame[place]), self.valid)
 
     def probability(self, place: int) -> NDArray[np.float16]:
         """(H, W) float16 probability in 0..1 that a pixel moves."""
@@ -129,12 +139,12 @@ def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkp
 
     model = (options.sam2_config, options.sam2_checkpoint, options.device, options.precision)
     side = None if options.single_frames else options.image_size
-    sam2, valid = load_sam2(*model, side), video.source.read("valid")
+    sam2, valid, shown = load_sam2(*model, side), video.valid, video.shown
     if not options.single_frames:
-        return Tracker(sam2, video.image, len(video.frame), valid, options).run(checkpoint)
+        return Tracker(sam2, video.image, len(video.frame), valid, options, shown).run(checkpoint)
     about = (video.trained(), len(video.frame), valid, options)
-    movers = MovingTracker(sam2, video.image, video.probability, *about) if video.transient else None
-    return SingleFrames(sam2, video.image, *about, movers, video.points).run(checkpoint)
+    movers = MovingTracker(sam2, video.image, video.probability, *about, shown) if video.transient else None
+    return SingleFrames(sam2, video.image, *about, movers, video.points, shown).run(checkpoint)
 
 
 def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:
@@ -150,13 +160,13 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
         )
     first = labels[0]
     artifact.allocate("labels", (count, *first.shape))
-    occupancy = Occupancy(len(final.kept), video.source.read("valid"))
+    occupancy = Occupancy(len(final.kept))
     counted = segmented.notes["key_frames"] if single else range(len(video.frame))
     for frame in track(range(count), "writing labels"):
         place = place_of.get(frame)
         row = np.full_like(first, -1) if place is None else final.table[labels[place]]
         if place in counted:
-            occupancy.add(row)
+            occupancy.add(row, video.shown(place_of[frame]))
         artifact.put_row("labels", frame, row)
     chosen = [segmented.instances[number] for number in final.kept]
     artifact.put("instances/level", np.array([one.level for one in chosen], dtype=np.int8))
@@ -192,29 +202,34 @@ def _to_frame_indices(notes: dict[str, Any], video: _Video) -> dict[str, Any]:
 class Occupancy:
     """Coverage statistics of N instances over the segmented frames."""
 
-    def __init__(self, instances: int, valid: NDArray[np.bool_]) -> None:
-        """Start with no frame; ``instances``: N, ``valid``: (H, W) bool, pixels that show the scene."""
+    def __init__(self, instances: int) -> None:
+        """Start with no frame; ``instances``: N."""
         self._frames_of = np.zeros(instances, np.int64)
-        self._valid = valid
         self._frames = 0
-        self._empty_pixels = 0
+        self._pixels = self._empty_pixels = 0
 
-    def add(self, labels: NDArray[np.int32]) -> None:
-        """Count one frame; ``labels``: (L, H, W) instance at each level, -1 for none."""
+    def add(self, labels: NDArray[np.int32], shown: NDArray[np.bool_]) -> None:
+        """Count one frame.
+
+        Args:
+            labels: (L, H, W) instance at each level, -1 for none.
+            shown: (H, W) bool, pixels that show the scene.
+        """
         found = np.unique(labels)
         self._frames_of[found[found >= 0]] += 1
         self._frames += 1
-        self._empty_pixels += int(((labels < 0).all(axis=0) & self._valid).sum())
+        self._empty_pixels += int(((labels < 0).all(axis=0) & shown).sum())
+        self._pixels += int(shown.sum())
 
     def figures(self, *, tracked: bool = True) -> dict[str, float]:
-        """Share of valid pixels without an instance at any level, mean instances per frame, mean frames per instance.
+        """Share of the pixels that show the scene without an instance at any level, mean instances per frame, mean frames per instance.
 
         Without ``tracked``, an instance is a mask of one frame, and the last figure is left out.
         """
         views = int(self._frames_of.sum())
         lengths = {"frames_per_instance": views / max(len(self._frames_of), 1)} if tracked else {}
         return {
-            "pixels_without_instance": self._empty_pixels / max(self._frames * int(self._valid.sum()), 1),
+            "pixels_without_instance": self._empty_pixels / max(self._pixels, 1),
             "instances_per_frame": views / max(self._frames, 1),
             **lengths,
         }

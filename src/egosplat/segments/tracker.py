@@ -53,14 +53,17 @@ class Tracker:
         frames: int,
         valid: NDArray[np.bool_],
         options: SegmentsOptions,
+        shown: Callable[[int], NDArray[np.bool_]] | None = None,
     ) -> None:
         """Set up for a video.
 
         Args:
             images: returns the (H, W, 3) uint8 RGB image of a frame index.
             valid: (H, W) bool, pixels that show the scene.
+            shown: returns the (H, W) bool pixels of a frame index that show the scene; None: ``valid`` for all.
         """
-        self._sam2, self._images, self._frames, self._valid = sam2, images, frames, valid
+        self._sam2, self._images, self._frames = sam2, images, frames
+        self._shown = shown or (lambda _: valid)
         self._options = options
         self._levels = [Level() for _ in LEVELS]
         self._instances: list[Track] = []
@@ -71,9 +74,9 @@ class Tracker:
         self._key_frames: list[int] = []
         self._ahead = self._back = 0
         side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
-        inside = torch.from_numpy(valid)[None, None].float()
-        # A pixel of the small masks is valid if more than half of its area is.
-        self._inside = (F.interpolate(inside, (side, side), mode="area")[0, 0] > 0.5).to(sam2.compute.device)
+        self._size, self._device = (side, side), sam2.compute.device
+        # Most recordings have the same pixels in every frame: they are shrunk once.
+        self._inside_of: tuple[NDArray[np.bool_], Tensor] | None = None
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
         """Track the video in both directions, resuming from the checkpoint if it holds a state."""
@@ -136,6 +139,15 @@ class Tracker:
         """A function that reads and encodes a frame when it is first called."""
         return cache(lambda: encode(self._sam2, self._images(frame)))
 
+    def _inside(self, frame: int) -> Tensor:
+        """(M, M) bool pixels of the small masks of which more than half the area shows the scene."""
+        shown = self._shown(frame)
+        if self._inside_of is None or self._inside_of[0] is not shown:
+            large = torch.from_numpy(shown)[None, None].float()
+            inside = F.interpolate(large, self._size, mode="area")[0, 0] > 0.5
+            self._inside_of = shown, inside.to(self._device)
+        return self._inside_of[1]
+
     def _prompts(self, frame: int) -> bool:
         """Whether new objects are searched for in a frame."""
         keys = self._options
@@ -144,7 +156,8 @@ class Tracker:
     def _search_area(self, frame: int) -> tuple[Tensor, float]:
         """(M, M) bool pixels where new objects are searched for, and the number of untracked ones that is too few."""
         # Slivers between masks are no reason to prompt.
-        return self._inside, _MIN_UNCOVERED * float(self._inside.sum())
+        inside = self._inside(frame)
+        return inside, _MIN_UNCOVERED * float(inside.sum())
 
     def _may_start(self, frame: int, found: Candidates) -> Candidates:
         """The masks that may start a track."""
@@ -168,8 +181,8 @@ class Tracker:
         if self._prompts(frame):
             self._add_new_tracks(encoded, frame, seen)
         for level, found in zip(self._levels, seen, strict=True):
-            level.overlaps.add(*stack_masks(found, self._inside))
-        self._labels[frame] = np.stack([self._paint(found) for found in seen])
+            level.overlaps.add(*stack_masks(found, self._inside(frame)))
+        self._labels[frame] = np.stack([self._paint(found, frame) for found in seen])
         if self._prompts(frame):
             self._end_duplicates()
 
@@ -204,25 +217,26 @@ class Tracker:
         ]
         add_shared(self._levels, seen)
         for number, (level, found) in enumerate(zip(self._levels, seen, strict=True)):
-            back = stack_masks(found, self._inside)
+            back = stack_masks(found, self._inside(frame))
             level.overlaps.add(*back)
             # Tracks of the forward pass are compared by their labels, because their logits are not kept.
             level.overlaps.add_between(*back, *self._as_masks(labels[number]))
             # Labels of the forward pass take precedence.
-            labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(found))
+            labels[number] = np.where(labels[number] >= 0, labels[number], self._paint(found, frame))
         self._labels[frame] = labels
 
     def _add_new_tracks(
         self, encoded: Callable[[], EncodedImage], frame: int, seen: list[list[LevelMasks]]
     ) -> None:
         """Prompt the pixels that a level does not cover, and start tracks of the new objects found there."""
-        tracked = [stack_masks(found, self._inside)[1] for found in seen]
+        inside = self._inside(frame)
+        tracked = [stack_masks(found, inside)[1] for found in seen]
         area, least = self._search_area(frame)
         free = [area & ~union(masks) for masks in tracked]
         searched = [number for number, place in enumerate(free) if float(place.sum()) > least]
         points = grid_points(self._options.points_per_side)
         # SAM2 gives the masks of all levels for one prompt, so a point is prompted if any level needs it.
-        wanted = torch.zeros_like(self._inside)
+        wanted = torch.zeros_like(inside)
         for number in searched:
             wanted |= free[number]
         points = points[lie_in(points, wanted).cpu()]
@@ -230,7 +244,7 @@ class Tracker:
             return
         self._key_frames.append(frame)
         found = prompt(self._sam2, encoded(), points, self._options)
-        begun: LevelMasks = [], self._inside.new_zeros(0, *self._inside.shape)
+        begun: LevelMasks = [], inside.new_zeros(0, *self._size)
         # Coarse levels first: a finer mask equal to a coarser one shares its track.
         for number in reversed(searched):
             new = filter_masks(self._may_start(frame, found[number]), self._options)
@@ -282,17 +296,15 @@ class Tracker:
         self._instances += [Track(level, frame, iou, stability) for iou, stability in scores]
         return list(range(first, len(self._instances)))
 
-    def _paint(self, seen: list[LevelMasks]) -> NDArray[np.int32]:
-        return paint(seen, self._valid, self._sam2.compute.device)
+    def _paint(self, seen: list[LevelMasks], frame: int) -> NDArray[np.int32]:
+        return paint(seen, self._shown(frame), self._device)
 
     def _as_masks(self, labels: NDArray[np.int32]) -> LevelMasks:
         """The instances of a label map as masks at the size of the model's masks."""
-        side = self._inside.shape[0]
+        side = self._size[0]
         # Labels cannot be averaged: the pixel in the middle of each cell stands for it.
         rows, columns = ((np.arange(side) + 0.5) * length / side for length in labels.shape)
-        small = torch.from_numpy(labels[np.ix_(rows.astype(int), columns.astype(int))]).to(
-            self._inside.device
-        )
+        small = torch.from_numpy(labels[np.ix_(rows.astype(int), columns.astype(int))]).to(self._device)
         ids = [number for number in small.unique().tolist() if number >= 0]
         masks = small == torch.tensor(ids, dtype=small.dtype, device=small.device)[:, None, None]
         return ids, masks

@@ -153,19 +153,31 @@ def _view_sets(
         # Held-out frames are scored on all pixels that show the scene: masks must not make a score better.
         replace(held_out, transient=masking.of_the_user().frames(held_out.frame)),
     )
-    _check_left(view_sets.training)
+    _check_left(view_sets.training, masking)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())
     log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
     return view_sets
 
 
-def _check_left(views: Views) -> None:
+def _check_left(views: Views, masking: Masking) -> None:
     # Without this, training would run to its end with a loss of 0.
-    weights = (views.weight(index) for index in range(len(views)))
-    if not any(weight is None or bool(weight.any()) for weight in weights):
+    if _has_weight(views):
+        return
+    if masking.masked and not _has_weight(
+        replace(views, transient=masking.of_the_user().frames(views.frame))
+    ):
         raise UserError(
-            "splats.masking leaves no pixel of any training frame; raise masks.threshold, or set splats.masking to none"
+            f"{masking.masked.path}: the pictures' own masks or transparency leave no pixel of any training frame; "
+            "white shows the scene in a mask_path of transforms.json, and black in dynamic_mask_*.png"
         )
+    raise UserError(
+        "splats.masking leaves no pixel of any training frame; raise masks.threshold, or set splats.masking to none"
+    )
+
+
+def _has_weight(views: Views) -> bool:
+    weights = (views.weight(index) for index in range(len(views)))
+    return any(weight is None or bool(weight.any()) for weight in weights)
 
 
 def _named(view_sets: ViewSets) -> dict[str, Any]:

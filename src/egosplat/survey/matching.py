@@ -51,20 +51,26 @@ class Match:
 
 
 def match_images(
-    first: Gray, second: Gray, valid: Bools, intrinsics: Array, poses: tuple[Array, Array]
+    first: Gray,
+    second: Gray,
+    valid: Bools,
+    intrinsics: Array,
+    poses: tuple[Array, Array],
+    second_valid: Bools | None = None,
 ) -> Match:
     """Match two images.
 
     Args:
         first, second: (h, w) uint8.
-        valid: (h, w) bool, of both.
+        valid: (h, w) bool, of both, or of the first if there is a ``second_valid``.
         intrinsics: (3, 3) matrix [px].
         poses: (4, 4) camera_to_world of each.
     """
     homography = rotation_homography(intrinsics, *poses)
+    there = valid if second_valid is None else second_valid
     rotated = _warp(second, homography)
     ahead = (pixel_grid(*valid.shape) * homography[2, :2]).sum(axis=2) + homography[2, 2] > 0
-    common = valid & ahead & (_warp(valid.astype(np.uint8), homography) > 0)
+    common = valid & ahead & (_warp(there.astype(np.uint8), homography) > 0)
     # The border of the common view is blanked in both images, so that it is an edge without motion.
     first = np.where(common, first, np.uint8(_BLANK))
     aligned = np.where(common, equalize(rotated, first[common], rotated[common]), np.uint8(_BLANK))

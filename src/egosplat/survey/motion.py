@@ -1,11 +1,13 @@
 """Detect motion in a recording: optical flow that neither the known poses nor a small error of theirs explains."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert
@@ -84,7 +86,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     """Measure motion between pairs of frames throughout a recording."""
     times_ns, registered = frames.read("timestamp_ns"), poses.read("registered")
     camera_to_world, points = poses.read("camera_to_world"), poses.read("points/xyz")
-    valid, camera = _working_view(frames, poses)
+    valid, shown, camera = _working_view(frames, poses)
     unit = _unit_of(poses, camera_to_world[registered])
     depths = median_depths(camera, camera_to_world, registered, points)
     pairs = choose_pairs(times_ns, registered)
@@ -97,9 +99,10 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     ):
         images = [_gray(frames.row("rgb", frame), valid.shape[::-1]) for frame in (first, second)]
         pair_poses = camera_to_world[first], camera_to_world[second]
-        match = match_images(*images, valid, camera.matrix, pair_poses)
+        here, there = shown(int(first)), shown(int(second))
+        match = match_images(*images, here, camera.matrix, pair_poses, there)
         view = _view(camera, pair_poses, depths[first], points, unit)
-        found.append(detect_motion(match, view, valid, search=row < len(pairs)))
+        found.append(detect_motion(match, view, here, search=row < len(pairs)))
         judged = np.isfinite(found[-1].noise_px) and row < len(pairs)
         lights.append(match.light if judged else None)
         # Flow is kept where something moves, for the next pair.
@@ -140,15 +143,22 @@ def _lasting(
     return found
 
 
-def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Camera]:
-    """Valid pixels and camera at the size at which flow is computed."""
+def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[int], Bools], Camera]:
+    """Valid pixels, pixels of each frame that show the scene, and camera, at the size at which flow is computed."""
     _, height, width, _ = frames.shape("rgb")
     scale = min(1.0, SIDE / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height).scaled_to(*size)
-    valid = cv2.resize(frames.read("valid").astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    # A small pixel is valid if all the pixels averaged into it are; the tolerance is for float32.
-    return valid > 1 - 1e-6, camera
+    full = frames.read("valid")
+
+    def shrink(mask: Bools) -> Bools:
+        # A small pixel is valid if all the pixels averaged into it are; the tolerance is for float32.
+        return cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 1 - 1e-6
+
+    valid = shrink(full)
+    if not frames.has("masked"):
+        return valid, lambda _: valid, camera
+    return valid, lambda frame: shrink(shown_pixels(frames, frame, full)), camera
 
 
 def _gray(rgb: NDArray[np.uint8], size: tuple[int, int]) -> Gray:

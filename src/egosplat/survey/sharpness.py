@@ -1,11 +1,12 @@
 """Find blurred frames whose view sharper frames show as well."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert, transform
 from egosplat.images import measure_sharpness
@@ -53,38 +54,45 @@ class Views:
         valid: (H, W) bool: pixels that show the scene.
         camera_to_world: (F, 4, 4) float64.
         depths: (F,) float64 median depth [m]; NaN if unknown.
+        shown_in: returns the (H, W) bool pixels of a frame that show the scene; None: ``valid`` for all.
     """
 
     camera: Camera
     valid: Bools
     camera_to_world: Array
     depths: Array
+    shown_in: Callable[[int], Bools] | None = None
 
     def shown(self, frame: int, others: Sequence[int]) -> bool:
         """Whether every place of a frame, at its median depth, is in the picture of one of the other frames."""
-        missing = transform(self.camera_to_world[frame], self._places(self.depths[frame]))
+        missing = transform(self.camera_to_world[frame], self._places(frame))
         for other in others:
             pixels = self.camera.project(transform(invert(self.camera_to_world[other]), missing))
             inside = self.camera.contains(pixels)
             column, row = np.where(inside[:, None], pixels, 0.0).astype(np.int64).T
-            missing = missing[~(inside & self.valid[row, column])]
+            missing = missing[~(inside & self._shown(other)[row, column])]
         return not len(missing)
 
-    def _places(self, depth: float) -> Array:
-        """(P, 3) points at a depth, evenly over the valid pixels."""
+    def _shown(self, frame: int) -> Bools:
+        return self.valid if self.shown_in is None else self.shown_in(frame)
+
+    def _places(self, frame: int) -> Array:
+        """(P, 3) points at a frame's median depth, evenly over the pixels that show the scene."""
         along = (np.arange(_PLACES) + 0.5) / _PLACES
         v, u = np.meshgrid(along * self.camera.height, along * self.camera.width, indexing="ij")
-        kept = self.valid[v.astype(np.int64), u.astype(np.int64)]
+        kept = self._shown(frame)[v.astype(np.int64), u.astype(np.int64)]
         x = (u[kept] - self.camera.cx) / self.camera.fx
         y = (v[kept] - self.camera.cy) / self.camera.fy
-        return depth * np.stack([x, y, np.ones_like(x)], axis=1)
+        return self.depths[frame] * np.stack([x, y, np.ones_like(x)], axis=1)
 
 
 def measure_all(frames: Artifact) -> Array:
     """(F,) float64 sharpness of every frame of a recording; NaN without edges."""
     valid, count = frames.read("valid"), frames.shape("rgb")[0]
     rows = track(range(count), "measuring sharpness", unit="frame")
-    return np.array([measure_sharpness(frames.row("rgb", frame), valid) for frame in rows])
+    return np.array(
+        [measure_sharpness(frames.row("rgb", frame), shown_pixels(frames, frame, valid)) for frame in rows]
+    )
 
 
 def find_blurred(

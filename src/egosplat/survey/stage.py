@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.geometry import Camera
@@ -92,7 +92,8 @@ def _geometry(frames: Artifact, poses: Artifact) -> Views:
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height)
     camera_to_world, registered = poses.read("camera_to_world"), poses.read("registered")
     depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
-    return Views(camera, frames.read("valid"), camera_to_world, depths)
+    valid = frames.read("valid")
+    return Views(camera, valid, camera_to_world, depths, lambda frame: shown_pixels(frames, frame, valid))
 
 
 def _optional(frames: Artifact) -> NDArray[np.bool_]:

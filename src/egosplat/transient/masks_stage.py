@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.instances import INSTANCES, is_track
 from egosplat.artifacts.masks import BY_INSTANCES, BY_NETWORK, MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -100,7 +100,7 @@ def run(
     levels = set(range(len(names))) if options.level == "all" else {names.index(options.level)}
     # Training frames alone decide: evaluation frames must not influence training.
     rows = np.flatnonzero(frames.read("train"))
-    found = _find(transient, instances, rows)
+    found = _find(frames, transient, instances, rows)
     level, tracks = instances.read("instances/level"), is_track(instances)
     called = _called(found, level, levels, options)
     chosen, facts = _choose(found, called, np.isin(level, sorted(levels)), options)
@@ -110,12 +110,12 @@ def run(
     if options.sure_probability is not None and not facts["withheld"]:
         static = called & looks_static(found.outstanding, options.stands_out)
         still = stands_still(tracks, instances.read("instances/masks"), static)
-        regions = _find_regions(transient, instances, still, called, rows, options.sure_probability)
+        regions = _find_regions(frames, transient, instances, still, called, rows, options.sure_probability)
     with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", found.by_probability.scores.astype(np.float32))
         artifact.put("instances/stands_out", found.outstanding.scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
-        share, by_regions = _put_refined(artifact, transient, instances, chosen, regions, options)
+        share, by_regions = _put_refined(artifact, frames, transient, instances, chosen, regions, options)
         artifact.facts = {
             "threshold": options.threshold,
             "level": options.level,
@@ -140,15 +140,23 @@ class _Found:
     mean_probability: float
 
 
-def _find(transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> _Found:
+def _labels(frames: Artifact, instances: Artifact, frame: int) -> NDArray[np.int32]:
+    """(L, H, W) instances of a frame; -1 where its own mask leaves the pixel out: it says nothing of an instance."""
+    labels = instances.row("labels", frame)
+    return np.where(shown_pixels(frames, frame, labels >= 0), labels, np.int32(-1))
+
+
+def _find(frames: Artifact, transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> _Found:
     """Score the instances on the frames ``rows``."""
     count = instances.shape("instances/level")[0]
     by_probability, outstanding, total = InstanceScores(count), InstanceScores(count), 0.0
     measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
     for frame in track(rows, "scoring instances", total=len(rows)):
-        labels, probability = instances.row("labels", frame), transient.row("probability", frame)
+        labels, probability = _labels(frames, instances, frame), transient.row("probability", frame)
         by_probability.add(labels, probability)
-        total += float(probability.astype(np.float64).mean())
+        shown = shown_pixels(frames, frame, np.ones(probability.shape, bool))
+        values = probability.astype(np.float64)
+        total += float((values if shown.all() else np.where(shown, values, 0.0)).mean())
         if measured[frame]:
             outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
     return _Found(by_probability, outstanding, total / max(len(rows), 1))
@@ -189,6 +197,7 @@ def _choose(
 
 
 def _find_regions(
+    frames: Artifact,
     transient: Artifact,
     instances: Artifact,
     still: NDArray[np.bool_],
@@ -205,8 +214,9 @@ def _find_regions(
     measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
     regions = {}
     for frame in track(rows.tolist(), "finding regions", total=len(rows)):
-        labels = instances.row("labels", frame)
+        labels = _labels(frames, instances, frame)
         sure = (transient.row("probability", frame) >= sure_probability) & compared
+        sure = shown_pixels(frames, frame, sure)
         sure &= ~refined_mask(labels, still & called)
         outstanding = transient.row("stands_out", frame) if measured[frame] else None
         regions[frame] = find_regions(sure, refined_mask(labels, still), outstanding)
@@ -215,6 +225,7 @@ def _find_regions(
 
 def _put_refined(
     artifact: Writer,
+    frames: Artifact,
     transient: Artifact,
     instances: Artifact,
     chosen: NDArray[np.bool_],
@@ -227,14 +238,14 @@ def _put_refined(
     masked, by_instances = 0, 0
     for frame in track(range(count), "writing masks"):
         probability = transient.row("probability", frame)
-        mask = refined_mask(instances.row("labels", frame), chosen)
+        mask = refined_mask(_labels(frames, instances, frame), chosen)
         mask = without_static_pixels(mask, probability, options.pixel_probability)
         by_instances += int(mask.sum())
         if options.sure_probability is not None:
             sure, marked = (
                 probability >= one for one in (options.sure_probability, options.pixel_probability)
             )
-            mask |= regions.mask(frame, sure, marked)
+            mask |= shown_pixels(frames, frame, regions.mask(frame, sure, marked))
         masked += int(mask.sum())
         artifact.put_row("refined", frame, mask)
     every = max(count * height * width, 1)

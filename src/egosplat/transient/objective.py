@@ -67,17 +67,22 @@ class InitialObjective(Objective):
         picture = views.picture(index)
         factor = CHANNELS[self._options.residual]
         self._iteration += 1
-        self._measure(image.detach() - picture, views, index)
+        # Pixels that the frame's own mask leaves out have no weight.
+        shown = views.weight(index)
+        self._measure(image.detach() - picture, shown, index, len(views))
         if self._warming_up:
-            return factor * l2(image, picture, views.valid)
+            return factor * l2(image, picture, shown)
         probability = self.net(picture, *picture.shape[:2])
         self._probability[self._iteration - 1] = probability.detach().mean()
         # Not detached: L_init trains H through this weight.
         static = 1.0 - probability
-        weight = static if views.valid is None else views.valid * static
+        weight = static if shown is None else shown * static
+        # Nor are they static: H is not told to call them so.
+        own = None if views.transient is None else views.transient[index].to(probability.device)
+        told = probability if own is None else probability.masked_fill(own, 0.0)
         # For a constant residual e of a pixel, the optimum is M = 0 if e < penalty, else 1
         # (docs/method.md#transient-loss). H only approaches it, depending on learning rate and iterations.
-        return factor * l2(image, picture, weight) + self._penalty(index) * probability.mean()
+        return factor * l2(image, picture, weight) + self._penalty(index) * told.mean()
 
     def step(self) -> None:
         """Update H, except during warm-up and if a gradient is not finite."""
@@ -95,10 +100,10 @@ class InitialObjective(Objective):
         means = self._probability.cpu().double().numpy()
         return np.array([means[a:b].mean() for a, b in pairwise(ends)])
 
-    def _measure(self, difference: Tensor, views: Views, index: int) -> None:
+    def _measure(self, difference: Tensor, shown: Tensor | None, index: int, views: int) -> None:
         if self._in_residuals and (self._warming_up or not self.residuals.has(index)):
             squared = CHANNELS[self._options.residual] * difference.square().mean(-1)
-            self.residuals.measure(index, len(views), squared, views.valid)
+            self.residuals.measure(index, views, squared, shown)
 
     def _penalty(self, index: int) -> Tensor | float:
         penalty = self._options.transient_penalty

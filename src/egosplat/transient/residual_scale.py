@@ -35,19 +35,19 @@ class ResidualScale:
         return index in self._measured
 
     @torch.no_grad()
-    def measure(self, index: int, views: int, residual: Tensor, valid: Tensor | None) -> None:
+    def measure(self, index: int, views: int, residual: Tensor, shown: Tensor | None) -> None:
         """Replace the measurement of one view.
 
         Args:
             index, views: number of the view, and of all views.
             residual: (H, W) squared difference to the render; a value that is not finite is left out.
-            valid: (H, W), above 0 inside the lens circle; None for everywhere.
+            shown: (H, W), above 0 where the view shows the scene; None for everywhere.
         """
         if not len(self.scale):
             self.scale = residual.new_full((views,), torch.nan)
             self._stands_out = residual.new_zeros((views, -(-residual.numel() // 8)), dtype=torch.uint8)
             self._size = residual.shape[0], residual.shape[1]
-        counts = residual.isfinite() if valid is None else residual.isfinite() & (valid > 0)
+        counts = residual.isfinite() if shown is None else residual.isfinite() & (shown > 0)
         # NaN instead of a selection, whose unknown size would make the CPU wait for a GPU.
         residual = torch.where(counts, residual, torch.nan)
         self.scale[index] = residual.nanmedian()

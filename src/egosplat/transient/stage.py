@@ -221,7 +221,7 @@ def _put_probability(
     """Predict every frame and store the probabilities.
 
     Returns:
-        The mean over all pixels of all frames.
+        The mean over all frames of the mean over all pixels that a frame's own mask leaves.
     """
     # In mode train, prediction changes the running statistics; they are stored already.
     net.train(options.batch_norm == "train")
@@ -232,8 +232,16 @@ def _put_probability(
         picture = shrink_image(frames.row("rgb", frame), options.resolution)
         # Predicted at the working size and enlarged to the frame: the network was trained at that size.
         probability = net(torch.from_numpy(picture).to(device).float() / 255.0, height, width).cpu()
-        total += float(probability.mean())
+        total += _mean_of_shown(probability, frames, frame)
         artifact.put_row("probability", frame, probability.numpy().astype(np.float16))
     mean = total / max(count, 1)
     log(f"mean probability of being transient: {mean:.4f}")
     return mean
+
+
+def _mean_of_shown(probability: torch.Tensor, frames: Artifact, frame: int) -> float:
+    """Mean over the pixels that a frame's own mask leaves; 0 if it leaves none."""
+    if not frames.has("masked"):
+        return float(probability.mean())
+    shown = torch.from_numpy(~frames.row("masked", frame))
+    return float(probability[shown].mean()) if shown.any() else 0.0

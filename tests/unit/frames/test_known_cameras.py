@@ -13,7 +13,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.calibration.lens import Lens, Rectifier, shared_pinhole
 from egosplat.errors import UserError
 from egosplat.export.dataset import DataSet, _write_images, write_nerfstudio
-from egosplat.frames import annotations_stage
+from egosplat.frames import annotations_stage, plain
 from egosplat.frames.files import frames_files, pictures_of
 from egosplat.frames.plain import PlainRecording
 from egosplat.frames.stage import FramesOptions
@@ -373,3 +373,38 @@ def test_points_that_are_not_finite_are_told(folder, capsys):
     told = capsys.readouterr().err
     assert poses.shape("points/xyz")[0] == 1 and "leaves out 2 of 3 points, which are not finite" in told
     assert "these keys do not count: aabb_scale" in told
+
+
+def test_masks_of_instant_ngp_are_no_pictures(folder, capsys):
+    """White pixels of ``dynamic_mask_NAME.png`` are left out of the picture NAME; one without a picture is no picture either."""
+    moves = np.zeros((HEIGHT, WIDTH), np.uint8)
+    moves[8:20, 30:40] = 255
+    for name in ("1", "9"):
+        save(folder / f"dynamic_mask_{name}.png", moves)
+    write_transforms(folder, NAMES)
+    frames, _ = make(folder)
+    assert frames.facts["pictures"] == NAMES and frames.read("valid").all()
+    np.testing.assert_array_equal(frames.read("masked"), np.multiply.outer(np.arange(4) == 0, moves > 0))
+    assert "1 of 2 dynamic_mask_" in capsys.readouterr().err
+    pictures = pictures_of("frames", "plain", folder, "auto")
+    assert folder / "dynamic_mask_1.png" in pictures and len(pictures) == len(set(pictures)) == 6
+
+
+def test_masks_that_leave_nothing_are_an_error(folder):
+    for index in range(1, 5):
+        save(folder / f"dynamic_mask_{index}.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
+    write_transforms(folder, NAMES)
+    with pytest.raises(UserError, match="masks leave no pixel.*dynamic_mask_"):
+        PlainRecording(folder, **OPTIONS)
+
+
+def test_the_lens_is_looked_for_in_the_pixels_that_a_picture_shows(folder, monkeypatch):
+    """Edges of transparency are no features."""
+    alpha = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    alpha[:, 40:] = 0
+    save(folder / "2.png", np.dstack([picture(), alpha]))
+    given = []
+    monkeypatch.setattr(plain, "lens_of_frames", lambda *about: given.append(about[-1]) or (None, None))
+    PlainRecording(folder, **OPTIONS)
+    np.testing.assert_array_equal(given[0](1), alpha > 0)
+    assert given[0](2).all()

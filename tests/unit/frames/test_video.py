@@ -93,3 +93,33 @@ def test_an_empty_or_cut_off_video_asks_for_another_copy(source, share):
 def test_a_recording_of_one_frame_is_told_from_a_wrong_split(holdout):
     with pytest.raises(UserError, match="^1 frame .*needs 2"):
         split_frames(1, 0, holdout)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "size"), [((), (70, 48)), (("-display_rotation", "90"), (48, 70))], ids=["upright", "turned"]
+)
+def test_pixels_that_are_not_square_are_resampled(source, capsys, rotation, size):
+    """64 x 48 stored pixels of 12:11 show 70 x 48 square ones; the right edge of the red half stays in the middle."""
+    stored, path = source.with_name("stored.mp4"), source.with_name("anamorphic.mp4")
+    ffmpeg("-i", source, "-c:v", "libx264", "-vf", "setsar=12/11", stored)
+    ffmpeg(*rotation, "-i", stored, "-c", "copy", path)
+    video = Video(path)
+    assert (video.width, video.height) == size and "12:11" in capsys.readouterr().err
+    (frame,) = video.read_frames(np.array([2]))
+    upright = np.rot90(frame, -1) if rotation else frame
+    red = upright[24, :, 0].astype(int) - upright[24, :, 1]
+    assert frame.shape == (*size[::-1], 3) and (red > 100).sum() == pytest.approx(35, abs=1)
+
+
+def test_square_pixels_are_left_as_they_are(source, capsys):
+    assert Video(source).width == 64 and "square" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("seconds", "incomplete"), [(0.9, False), (6.0, True)])
+def test_an_estimated_number_of_frames_is_no_promise(source, capsys, seconds, incomplete):
+    """FLV has no number of frames; OpenCV takes it from the duration, here of the sound."""
+    path = source.with_name("clip.flv")
+    sound = ("-f", "lavfi", "-i", "anullsrc=r=44100", "-t", seconds)
+    ffmpeg("-i", source, *sound, "-c:v", "flv1", "-c:a", "pcm_s16le", path)
+    assert len(Video(path).timestamp_ns) == COUNT
+    assert ("declared frames" in capsys.readouterr().err) == incomplete

@@ -193,3 +193,18 @@ def test_segments_of_other_frames_are_rejected(scene, tmp_path_factory):
         stage.run(
             folder / "frames.zarr", folder / "poses.zarr", folder / "other.zarr", folder / "x.zarr", options()
         )
+
+
+def test_pixels_that_a_frame_leaves_out_neither_vote_nor_get_a_label(scene, truth):
+    """Half of the frames hide their left half, where their masks, if they counted, would be one with the right square's."""
+    hidden = np.zeros((FRAMES, SIZE, SIZE), bool)
+    hidden[::4, :, : SIZE // 2] = True
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(0, FRAMES, 2):
+        labels[frame, 1] = np.where(hidden[frame], RIGHT, truth[frame]) + frame
+    found = run(scene(labels=labels, masked=hidden))
+    assert found.read("instances/level").tolist() == [1, 1]
+    labels, shown = found.read("labels")[:, 1], ~hidden
+    assert (labels[hidden] == -1).all()
+    assert max((labels == other)[shown].mean() for other in (truth, 1 - truth)) > 0.95
+    assert found.facts["pixels_without_instance"] < 0.05

@@ -286,10 +286,14 @@ def test_colmap_leaves_no_temporary_files(
     assert "mapping: 4 of 4 images" in output.err
 
 
-def features_of(images: Images, valid: NDArray[np.bool_], folder: Path) -> Project:
+def features_of(
+    images: Images, valid: NDArray[np.bool_], folder: Path, shown: NDArray[np.bool_] | None = None
+) -> Project:
     project = Project(folder)
     project.write_images(images, CAMERA)
     project.write_mask(valid)
+    if shown is not None:
+        project.write_masks(shown)
     project.import_images(CAMERA, True)
     project.extract(CAMERA, threads=1)
     return project
@@ -359,3 +363,17 @@ def test_real_photographs_are_all_registered_and_their_camera_is_found(real_data
     assert poses.notes["reprojection_error_px"] < 1.0
     assert poses.camera.fx == pytest.approx(TUM_CAMERA.fx, rel=0.03)
     assert len(poses.points) > 1000
+
+
+def test_no_feature_lies_where_an_image_s_own_mask_leaves_pixels_out(walk_images: Images, tmp_path: Path):
+    """The mask of each image hides another part; the shared one hides the top of all."""
+    valid, shown = EVERYWHERE.copy(), np.stack([EVERYWHERE] * 3)
+    valid[:30] = False
+    shown[:, :30], shown[1, :, :120], shown[2, :, 120:] = False, False, False
+    project = features_of(walk_images[:3], valid, tmp_path, shown)
+    with pycolmap.Database.open(project.database) as database:
+        images = sorted(database.read_all_images(), key=lambda image: image.name)
+        points = [np.asarray(database.read_keypoints(image.image_id))[:, :2] for image in images]
+    assert min(map(len, points)) > 50 and min(one[:, 1].min() for one in points) > 30
+    assert points[1][:, 0].min() > 120 and points[2][:, 0].max() < 120
+    assert points[0][:, 0].min() < 110 and points[0][:, 0].max() > 130

@@ -73,3 +73,19 @@ def test_a_pan_and_frames_without_features_are_left_to_colmap(room: Any, tmp_pat
     (tmp_path / "pan").mkdir()
     check(room.images(room.pan(10)), tmp_path / "pan")
     check([np.full((180, 240, 3), 90, np.uint8)] * 5, tmp_path)
+
+
+def test_what_stays_where_each_picture_leaves_pixels_out_does_not_make_the_camera_stand_still(
+    walk_images: Images, tmp_path: Path
+):
+    """Half of each picture shows the same thing, as on a helmet; masks of the pictures hide it."""
+    images = [image.copy() for image in walk_images]
+    for image in images:
+        image[:, :120] = walk_images[0][:, :120]
+    height, width = images[0].shape[:2]
+    project = Project(tmp_path)
+    project.write_images(images, Camera(width, height, 210.0, 210.0, width / 2, height / 2))
+    with pytest.raises(UserError, match="stands still"):
+        check_camera_moves(project)
+    project.write_masks(np.arange(width) >= np.full((len(images), height, 1), 120))
+    check_camera_moves(project)

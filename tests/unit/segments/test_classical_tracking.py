@@ -157,3 +157,13 @@ def test_wrong_input_is_rejected():
     """An image without colors is a programming error."""
     with pytest.raises(ValueError, match="image"):
         list(track([frame(20)[0][..., 0]], VALID, "whole", OPTIONS))
+
+
+def test_pixels_that_a_frame_leaves_out_have_no_label():
+    """The box is hidden in the third frame, and everything in the fourth."""
+    images, masks = zip(*(frame(column) for column in (20, 25, 30, 35, 40)), strict=True)
+    shown = [VALID, VALID, ~masks[2], ~VALID, VALID]
+    found = [levels[-1] for levels in track_levels(iter(images), VALID, OPTIONS, iter(shown))]
+    for labels, inside in zip(found, shown, strict=True):
+        assert (labels[~inside] == -1).all() and (labels >= 0).any() == inside.any()
+    assert iou(found[2] == found[1][10, 10], ~masks[2]) > 0.8, "the wall goes on"

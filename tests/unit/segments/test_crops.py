@@ -127,3 +127,26 @@ def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
     assert [len(one) for one in points] == [8, 8, 0, 8, 0]
     assert float(points[0][:, 0].max()) == pytest.approx(0.375)
     assert (found.labels[0][:, :, 50:] == -1).all() and (found.labels[0] >= 0).any()
+
+
+def test_pixels_that_a_frame_leaves_out_are_not_prompted(sam2, monkeypatch):
+    """The first frame hides its right, the second all."""
+    image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
+    shown = np.zeros((2, 96, 128), bool)
+    shown[0, :, :50] = True
+    points = []
+
+    def recorded(sam2, encoded, given, options, frame_share=1.0):
+        points.append(len(given))
+        return prompt(sam2, encoded, given, options, frame_share)
+
+    for module in (crops, single_frames):
+        monkeypatch.setattr(module, "prompt", recorded)
+    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(-1.0, 0.0, 0.1, -1.0))
+    options = SegmentsOptions(crops_per_side=2, image_size=512, points_per_side=4, key_frame_stride=1)
+    every = np.ones((96, 128), bool)
+    about = sam2, lambda _: image, np.arange(2), 2, every, options
+    found = SingleFrames(*about, shown=shown.__getitem__).run()
+    assert points == [8, 8, 0, 8, 0] + 5 * [0]
+    assert (found.labels[0][:, :, 50:] == -1).all() and (found.labels[0] >= 0).any()
+    assert (found.labels[1] == -1).all()

@@ -57,7 +57,7 @@ def test_frames_that_a_survey_drops_are_skipped(frames, tmp_path, keys, survey_t
     survey, output = survey_that_keeps(tmp_path, [1, 2, 5]), tmp_path / "segments.zarr"
     seen = []
 
-    def look(images, count, valid):
+    def look(images, count, valid, shown):
         seen.extend(int(images(place)[20, :, 0].argmax()) for place in range(count))
         labels = LabelMaps((3, SIDE, SIDE))
         for place in range(count):

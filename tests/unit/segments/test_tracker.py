@@ -282,3 +282,22 @@ def test_a_mask_matches_the_one_of_highest_iou():
         match_masks(masks, masks[:0], 0.5).tolist() == [-1, -1, -1]
         and match_masks(masks[:0], masks, 0.5).tolist() == []
     )
+
+
+def test_pixels_that_a_frame_leaves_out_are_neither_prompted_nor_labeled(sam2, images, monkeypatch):
+    """Frame 0 shows nothing, frame 2 its left half; the tracks go on behind the masks of frame 3."""
+    shown = np.ones((FRAMES, HEIGHT, WIDTH), bool)
+    shown[0], shown[2, :, 28:], shown[3, :20] = False, False, False
+    asked = []
+
+    def recorded(sam2, encoded, points, options):
+        asked.append(points)
+        return prompt(sam2, encoded, points, options)
+
+    monkeypatch.setattr(tracking, "prompt", recorded)
+    every = np.ones((HEIGHT, WIDTH), bool)
+    found = Tracker(sam2, images.__getitem__, FRAMES, every, OPTIONS, shown.__getitem__).run()
+    assert found.notes["key_frames"] == [2] and float(asked[0][:, 0].max()) < 0.5
+    for frame in range(FRAMES):
+        assert (found.labels[frame][:, ~shown[frame]] == -1).all()
+    assert (found.labels[3][:, 20:] >= 0).any()

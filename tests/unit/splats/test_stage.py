@@ -21,6 +21,7 @@ from egosplat.errors import UserError
 from egosplat.gaussians import stored_rows
 from egosplat.gaussians.io import STORED, read_gaussians
 from egosplat.splats import stage
+from tests.support.scenes import put
 from tests.support.waiting import wait_for
 
 KEYS = {"masking": "none", "iterations": 40, "max_gaussians": 60, "evaluate_every": 20, "sh_degree": 1}
@@ -88,6 +89,18 @@ def test_masking_auto_needs_the_survey(scene):
     with pytest.raises(UserError, match="splats.masking = auto.*--masking"):
         run(folder, masking="auto")
     assert not (folder / "splats.zarr").exists()
+
+
+@pytest.mark.parametrize("hides", [True, False])
+def test_masks_that_leave_no_pixel_are_named(scene, pictures, hides):
+    """Those of the recording, or those that ``splats.masking`` chooses."""
+    folder = scene(masked=np.full(pictures.shape[:3], hides))
+    put(folder, "masks", {"refined": np.ones(pictures.shape[:3], bool)}, made_from=["frames"])
+    named = "frames.zarr: .*dynamic_mask_" if hides else "^splats.masking leaves no pixel.*masks.threshold"
+    options = stage.SplatsOptions(**KEYS | {"masking": "refined"})
+    paths = (folder / f"{name}.zarr" for name in ("frames", "poses", "splats"))
+    with pytest.raises(UserError, match=named):
+        stage.run(*paths, options, masks_path=folder / "masks.zarr")
 
 
 def test_the_gaussians_are_restored_from_the_artifact(scene):

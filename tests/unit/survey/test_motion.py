@@ -247,3 +247,22 @@ def test_without_points_motion_is_the_same_in_any_unit(room, scene):
     for other in found[1:]:
         assert other.share == pytest.approx(found[0].share, rel=1e-2)
         np.testing.assert_allclose(other.voting, found[0].voting, rtol=1e-2)
+
+
+def test_pixels_that_a_frame_leaves_out_do_not_move(room, scene):
+    """An object moves where the masks of the frames hide it, and nowhere else."""
+    trajectory = [room.pose(x=0.08 * frame, yaw=3.0 * frame) for frame in range(6)]
+    images = [room.image(pose, (0.2, -0.4 + 0.05 * k)) for k, pose in enumerate(trajectory)]
+    without = [room.image(pose) for pose in trajectory]
+    masked = np.stack(
+        [cv2.dilate(cv2.absdiff(*pair), np.ones((3, 3))) > 0 for pair in zip(images, without, strict=True)]
+    )
+    assert 0.01 < masked.mean() < 0.5
+    moves, hidden = (_measured(scene(trajectory, images, **own)) for own in ({}, {"masked": masked}))
+    assert moves.share > 0.005 and hidden.share == 0
+    assert 0.1 < hidden.voting.min() and hidden.voting.sum() < moves.voting.sum()
+
+
+def _measured(folder):
+    artifacts = (folder / "frames.zarr", FRAMES), (folder / "poses.zarr", POSES)
+    return measure_motion(*(open_artifact(*each) for each in artifacts))

@@ -1,5 +1,7 @@
 """Blurred frames are dropped where sharper frames show the same, and no place is lost."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import frames_for_gaussians, kept_frames
 from egosplat.artifacts.reader import open_artifact
 from egosplat.geometry import Camera, make_pose
-from egosplat.survey.sharpness import Views, find_blurred
+from egosplat.survey.sharpness import Views, find_blurred, measure_all
 from tests.unit.survey.test_stage import surveyed
 
 CAMERA = Camera(64, 64, 32.0, 32.0, 32.0, 32.0)
@@ -98,3 +100,27 @@ def test_a_blurred_frame_trains_nothing(scene, trajectory, still):
     ):
         assert np.flatnonzero(~kept).tolist() == [4] and recorded == {"kept_frames": found["views"]["digest"]}
     assert surveyed(folder, min_view_change_deg=0.0, blur_limit=0.0)["views"]["left_out"] == []
+
+
+def test_a_place_that_a_frame_leaves_out_is_not_shown_there():
+    """Frame 2 is blurred; the sharper frames hide its middle, or it hides its middle itself."""
+    hidden = np.ones((64, 64), bool)
+    hidden[20:44, 16:48] = False
+    for hiding, replaced in (((0, 1, 3), []), ((0, 1), [2]), ((0, 1, 2, 3), [2])):
+        shown = {frame: hidden if frame in hiding else np.ones((64, 64), bool) for frame in range(4)}
+        seen = replace(views([0, 4, 6, 8], valid=np.ones((64, 64), bool)), shown_in=shown.__getitem__)
+        found = find_blurred(np.array([2.0, 2.1, 0.8, 2.0]), seen, *[np.ones(4, bool)] * 2, min_scatters=4.0)
+        assert list(found.replaced_by) == replaced
+
+
+def test_edges_that_a_frame_leaves_out_do_not_make_it_sharp(scene, trajectory, still):
+    """Frame 4 is blurred but for its upper half, which its mask hides."""
+    blurred, masked = cv2.blur(still[4], (15, 15)), np.zeros((len(still), *still[4].shape[:2]), bool)
+    half = len(blurred) // 2
+    blurred[:half], masked[4, :half] = still[4][:half], True
+    images = [blurred if frame == 4 else one for frame, one in enumerate(still)]
+    values = [
+        measure_all(open_artifact(scene(trajectory, images, **own) / "frames.zarr", FRAMES))
+        for own in ({}, {"masked": masked})
+    ]
+    assert values[1][4] < values[0][4] - 0.5 and (np.delete(values[1], 4) == np.delete(values[0], 4)).all()

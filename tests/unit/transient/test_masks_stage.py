@@ -188,3 +188,24 @@ def test_nothing_is_masked_where_half_is_transient(scene, probability, max_share
     masks = run(folder, threshold=0.45, max_share=max_share)
     assert masks.facts["withheld"] == reason
     assert masks.read("refined").any() == masks.read("instances/transient").any() == (reason is None)
+
+
+@pytest.mark.parametrize("sure_probability", [None, 0.4])
+def test_pixels_that_a_frame_leaves_out_say_nothing_of_an_instance(scene, pictures, sure_probability):
+    """The square is transient where its own masks hide it alone: it is not transient, and not masked again."""
+    hidden = (pictures == 255).all(axis=-1)
+    hidden[:, :, 16:] = False
+    made = predicted(scene(masked=hidden))
+    labels = open_artifact(made / "instances.zarr", INSTANCES).read("labels")
+    predict(made, np.where(hidden, 1.0, np.where(labels[:, 2] == 0, 0.1, 0.0)))
+    masks = run(made, sure_probability=sure_probability)
+    assert masks.read("instances/score")[0] == pytest.approx(0.1, abs=1e-3)
+    assert not masks.read("refined").any()
+    assert masks.facts["mean_probability"] < 0.02
+
+
+def test_a_masked_instance_is_not_masked_again(scene, pictures):
+    hidden = (pictures == 255).all(axis=-1)
+    hidden[:, :, 16:] = False
+    refined = run(predicted(scene(masked=hidden))).read("refined")
+    np.testing.assert_array_equal(refined, (pictures == 255).all(axis=-1) & ~hidden)

@@ -116,3 +116,28 @@ def test_residuals_of_the_warm_up_are_kept_and_resumed(views):
     steps(first, views, 4, 0.1)
     second.load_state_dict(first.state_dict())
     assert steps(second, views, 8, 0.4) == losses[4:]
+
+
+@pytest.mark.parametrize("penalty_unit", ["absolute", "residual"])
+def test_a_picture_s_own_mask_leaves_pixels_out(views, penalty_unit):
+    """What is masked is far off: it gives no gradient, no residual, and H is not told that it is static."""
+    masked = torch.zeros(6, 32, 32, dtype=torch.bool)
+    masked[0, :, 20:] = True
+    views = replace(views, transient=masked)
+    one = make(warmup=1, penalty_unit=penalty_unit)
+    for _ in range(2):
+        image = (views.picture(0) + 0.1 + 0.8 * masked[0, ..., None]).requires_grad_()
+        one.loss(image, views, 0).backward()
+        assert not image.grad[masked[0]].any() and image.grad[~masked[0]].abs().min() > 0
+    if penalty_unit == "residual":
+        assert float(one.residuals.scale[0]) == pytest.approx(0.01, rel=1e-3)
+        assert not one.residuals.stands_out(0).any()
+
+
+def test_the_penalty_is_of_the_pixels_that_a_picture_shows(views):
+    """With every pixel masked, nothing trains H."""
+    views = replace(views, transient=torch.ones(6, 32, 32, dtype=torch.bool))
+    one = make()
+    loss = one.loss(views.picture(0).requires_grad_(), views, 0)
+    loss.backward()
+    assert loss.item() == 0 and not any(weight.grad.any() for weight in one.net.parameters())

@@ -37,6 +37,7 @@ class Project:
         self.database = folder / "database.db"
         self.images = folder / "images"
         self.mask = folder / "mask.png"
+        self.masks = folder / "masks"
         self.pairs = folder / "pairs.txt"
         self.vocabulary = folder / "vocabulary.bin"
         self.models = folder / "models"
@@ -89,14 +90,21 @@ class Project:
 
     def write_mask(self, valid: NDArray[np.bool_]) -> None:
         """Write the mask of all images unless every pixel is valid; COLMAP finds no features where it is 0."""
-        if valid.all():
-            return
-        # The edge of the lens circle is a strong feature that moves with the camera, so the region is shrunk.
-        margin = max(2, round(valid.shape[0] * _MASK_MARGIN))
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
-        # The border of the image is not such an edge.
-        shrunk = cv2.erode(valid.astype(np.uint8) * 255, kernel, borderValue=255)
-        _write_png(self.mask, shrunk)
+        if not valid.all():
+            _write_png(self.mask, _shrunk(valid))
+
+    def write_masks(self, shown: Iterable[NDArray[np.bool_]]) -> None:
+        """Write the mask of each image, (H, W) bool: the pixels that show the scene; features are found there only."""
+        self.masks.mkdir()
+        for name, mask in zip(self.names, shown, strict=True):
+            self.check_free_space()
+            # COLMAP appends the suffix to the whole name.
+            _write_png(self.masks / f"{name}.png", _shrunk(mask))
+
+    def mask_of(self, name: str) -> NDArray[np.uint8] | None:
+        """(H, W) mask of an image, 0 where no features are found; None if they are everywhere."""
+        path = self.masks / f"{name}.png" if self.masks.exists() else self.mask
+        return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.exists() else None
 
     def import_images(self, camera: Camera, camera_known: bool) -> None:
         """Enter the images in order, and their camera; an unknown camera is marked as a guess."""
@@ -150,7 +158,18 @@ class Project:
         )
         if self.mask.exists():
             options.camera_mask_path = self.mask
+        if self.masks.exists():
+            options.mask_path = self.masks
         return options
+
+
+def _shrunk(shown: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """A mask of 0 and 255, without the pixels near its edge."""
+    # The edge of the lens circle is a strong feature that moves with the camera, so the region is shrunk.
+    margin = max(2, round(shown.shape[0] * _MASK_MARGIN))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1))
+    # The border of the image is not such an edge.
+    return cv2.erode(shown.astype(np.uint8) * 255, kernel, borderValue=255)
 
 
 def _write_png(path: Path, image: NDArray[np.uint8]) -> None:

@@ -44,6 +44,7 @@ _CLOSER = 8
 _SEED = 0
 
 ReadFrames = Callable[[NDArray[np.int64]], Iterable[NDArray[np.uint8]]]
+ShownIn = Callable[[int], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class Evidence:
 
 
 def estimate_lens(
-    read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera
+    read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera, shown: ShownIn | None = None
 ) -> tuple[Lens, Evidence]:
     """Estimate a radial lens from some frames, and whether they ask for it.
 
@@ -97,13 +98,15 @@ def estimate_lens(
         count: number of frames.
         valid: (H, W) bool: pixels that show the scene.
         camera: a guess.
+        shown: returns the (H, W) bool pixels of a frame that show the scene; None: ``valid`` for all.
 
     Raises:
         UserError: COLMAP cannot build a model of ``MIN_PICTURES`` of them.
     """
     found = 0
     for frames in _choices(count):
-        models = _models(read(frames), valid, camera)
+        masks = None if shown is None else map(shown, frames.tolist())
+        models = _models(read(frames), valid, camera, masks)
         model = max(models, key=lambda one: one.num_reg_images(), default=None)
         found = model.num_reg_images() if model else 0
         if model and 2 * found >= len(frames) and found >= MIN_PICTURES:
@@ -124,7 +127,10 @@ def _choices(count: int) -> Iterator[NDArray[np.int64]]:
 
 
 def _models(
-    images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], camera: Camera
+    images: Iterable[NDArray[np.uint8]],
+    valid: NDArray[np.bool_],
+    camera: Camera,
+    shown: Iterable[NDArray[np.bool_]] | None,
 ) -> list[pycolmap.Reconstruction]:
     """COLMAP's models of images, with a radial camera."""
     # The result does not depend on the number of threads.
@@ -133,6 +139,8 @@ def _models(
         project = Project(folder)
         project.write_images(images, camera)
         project.write_mask(valid)
+        if shown is not None:
+            project.write_masks(shown)
         check_camera_moves(project)
         pycolmap.set_random_seed(_SEED)
         project.import_images(camera, camera_known=False)
@@ -211,13 +219,18 @@ def _squared_errors(model: pycolmap.Reconstruction, image: pycolmap.Image) -> ND
 
 
 def lens_of_frames(
-    wanted: str, read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera
+    wanted: str,
+    read: ReadFrames,
+    count: int,
+    valid: NDArray[np.bool_],
+    camera: Camera,
+    shown: ShownIn | None = None,
 ) -> tuple[Lens | None, dict[str, float | int | bool] | None]:
     """The lens that frames are rectified from, and the evidence, by ``frames.lens``.
 
     Args:
         wanted: ``auto``: a lens if the frames ask for it. ``radial``: always. ``pinhole``: never.
-        read, count, valid, camera: see ``estimate_lens``.
+        read, count, valid, camera, shown: see ``estimate_lens``.
 
     Raises:
         UserError: ``radial`` is wanted, and the lens cannot be estimated.
@@ -226,7 +239,7 @@ def lens_of_frames(
         return None, None
     log("lens: looking for distortion in the frames (frames.lens=pinhole skips this)")
     try:
-        lens, evidence = estimate_lens(read, count, valid, camera)
+        lens, evidence = estimate_lens(read, count, valid, camera, shown)
         rectified = evidence.distorted or wanted == "radial"
         if rectified:
             lens.check("the estimated lens")

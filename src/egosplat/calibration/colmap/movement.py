@@ -40,10 +40,9 @@ def check_camera_moves(project: Project) -> None:
         UserError: the camera stands still.
     """
     spread = np.linspace(0, len(project.names) - 1, min(_FRAMES, len(project.names))).round().astype(int)
-    mask = cv2.imread(str(project.mask), cv2.IMREAD_GRAYSCALE) if project.mask.exists() else None
     names = [project.names[index] for index in spread]
     found = [
-        _features(cv2.imread(str(project.images / name), cv2.IMREAD_GRAYSCALE), mask)
+        _features(cv2.imread(str(project.images / name), cv2.IMREAD_GRAYSCALE), project.mask_of(name))
         for name in track(names, "COLMAP: does the camera move", unit="frame")
     ]
     shares = [share_that_stays(*pair) for pair in itertools.combinations(found, 2)]

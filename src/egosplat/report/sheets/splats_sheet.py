@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import label_log_axis, middles_of_parts, plt, show
 from egosplat.gaussians.evaluation import Scores
@@ -112,7 +113,7 @@ def _draw_frame(cells: NDArray[np.object_], frames: Artifact, splats: Artifact, 
     """Draw a photograph, its render and their difference in one column; returns the difference."""
     frame = splats.read("held_out/frame")[row]
     photograph, render = frames.row("rgb", frame), splats.row("held_out/render", row)
-    error = error_map(photograph, render, frames.read("valid"))
+    error = error_map(photograph, render, shown_pixels(frames, int(frame), frames.read("valid")))
     psnr, ssim = splats.read("held_out/psnr")[row], splats.read("held_out/ssim")[row]
     above, middle, below = cells
     show(above, photograph, f"held out, frame {frame}", 10)

@@ -39,20 +39,25 @@ def find_origins(
     current: NDArray[np.uint8],
     valid: NDArray[np.bool_],
     options: ClassicalOptions,
+    before: NDArray[np.bool_] | None = None,
 ) -> Origins:
     """Trace every pixel back by dense inverse search (Kroeger et al. 2016), with a forward-backward check.
 
     Args:
         previous, current: (H, W, 3) uint8 RGB.
         valid: (H, W) bool, of both images; pixels outside have no influence and are no origins.
+        before: (H, W) bool, of the previous image if its pixels are others.
     """
+    before = valid if before is None else before
     height, width = valid.shape
-    small = [resize_to_side(one, valid, options.flow_side) for one in (previous, current)]
+    small = [
+        resize_to_side(one, shown, options.flow_side) for one, shown in ((previous, before), (current, valid))
+    ]
     colors = [cv2.cvtColor(one.rgb, cv2.COLOR_RGB2LAB) for one in small]
     # CIELAB lightness, 0 to 100, as uint8: optical flow needs one 8-bit channel.
-    before, now = (np.rint(one[..., 0] * 2.55).astype(np.uint8) for one in colors)
-    motion = find_motion(now, before)
-    backward, forward = _flow(now, before, motion), _flow(before, now, np.linalg.inv(motion))
+    earlier, now = (np.rint(one[..., 0] * 2.55).astype(np.uint8) for one in colors)
+    motion = find_motion(now, earlier)
+    backward, forward = _flow(now, earlier, motion), _flow(earlier, now, np.linalg.inv(motion))
     shape = small[0].valid.shape
     agrees = is_consistent(backward, forward, options.flow_error * small[0].unit)
     agrees &= _look_alike(*colors, backward, small[0].unit, options)
@@ -65,7 +70,7 @@ def find_origins(
     columns = np.rint(columns + backward[..., 0] * scale[0]).astype(np.int64)
     within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     rows, columns = rows.clip(0, height - 1), columns.clip(0, width - 1)
-    return Origins(rows, columns, agrees & within & valid & valid[rows, columns])
+    return Origins(rows, columns, agrees & within & valid & before[rows, columns])
 
 
 def _look_alike(

@@ -4,6 +4,7 @@ It is the baseline for SAM2, and an alternative for recordings unlike SAM2's tra
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +21,22 @@ Labels = NDArray[np.int32]
 
 
 def segment_video(
-    images: Callable[[int], NDArray[np.uint8]], frames: int, valid: NDArray[np.bool_]
+    images: Callable[[int], NDArray[np.uint8]],
+    frames: int,
+    valid: NDArray[np.bool_],
+    shown: Callable[[int], NDArray[np.bool_]] | None = None,
 ) -> Segmented:
     """Segment a video: regions of each level, tracked by optical flow. A region's track is an instance.
 
     Args:
         images: returns the (H, W, 3) uint8 RGB image of a frame index.
         valid: (H, W) bool, pixels that show the scene.
+        shown: returns the (H, W) bool pixels of a frame index that show the scene; None: ``valid`` for all.
     """
     labels = LabelMaps((len(LEVELS), *valid.shape))
     instances: list[Track] = []
-    tracked = track_levels(map(images, range(frames)), valid, ClassicalOptions())
+    inside = map(shown, range(frames)) if shown else None
+    tracked = track_levels(map(images, range(frames)), valid, ClassicalOptions(), inside)
     known: list[dict[int, int]] = [{} for _ in LEVELS]
     for frame, levels in enumerate(progress(tracked, "tracking regions", total=frames)):
         maps = []
@@ -54,13 +60,17 @@ def _to_instance_numbers(regions: NDArray[np.int32], numbers: dict[int, int]) ->
 
 
 def track_levels(
-    images: Iterable[NDArray[np.uint8]], valid: NDArray[np.bool_], options: ClassicalOptions
+    images: Iterable[NDArray[np.uint8]],
+    valid: NDArray[np.bool_],
+    options: ClassicalOptions,
+    shown: Iterable[NDArray[np.bool_]] | None = None,
 ) -> Iterator[list[Labels]]:
     """Track the regions of all ``LEVELS``; a region that comes into view starts a new track. Holds two frames in memory.
 
     Args:
         images: (H, W, 3) uint8 RGB each.
         valid: (H, W) bool, of all images.
+        shown: (H, W) bool of each image, which then takes the place of ``valid``.
 
     Yields:
         For each level, (H, W) int32 track number of each pixel, -1 for none. The first frame's numbers are those of its
@@ -69,20 +79,22 @@ def track_levels(
     Raises:
         ValueError: wrong shape or element type.
     """
-    previous = None
+    previous, before = None, valid
     labels = [np.full(valid.shape, -1, dtype=np.int32) for _ in LEVELS]
     tracks = [0] * len(LEVELS)
-    for image in images:
-        fine, *levels = partition(image, valid, options)
-        if previous is not None:
-            origins = find_origins(previous, image, valid, options)
+    for image, inside in zip(images, repeat(valid) if shown is None else shown, strict=False):
+        fine, *levels = partition(image, inside, options)
+        if previous is not None and before.any() and inside.any():
+            origins = find_origins(previous, image, inside, options, before)
             labels = [propagate(one, origins, fine, options) for one in labels]
+        else:
+            labels = [np.full_like(one, -1) for one in labels]
         # In the first frame every region becomes a track, however small.
-        least = options.new_area * valid.sum() if previous is not None else 1
+        least = options.new_area * inside.sum() if previous is not None else 1
         for number, regions in enumerate(levels):
             labels[number] = open_tracks(labels[number], regions, tracks[number], least)
             tracks[number] = max(tracks[number], int(labels[number].max(initial=-1)) + 1)
-        previous = image
+        previous, before = image, inside
         yield list(labels)
 
 
