@@ -114,7 +114,7 @@ def test_a_survey_of_other_frames_is_rejected(scene, trajectory, still, moving):
 @pytest.mark.parametrize(
     "content, message",
     [
-        (None, "does not exist. Make it: snakemake"),
+        (None, "survey.json: does not exist"),
         ("{", "cannot be read as JSON"),
         ("[]", "value = .. is not allowed"),
         ({"format_version": 99}, "has format 99"),
