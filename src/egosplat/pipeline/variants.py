@@ -59,7 +59,11 @@ def variant_config(base: Config, name: str, where: str) -> Config:
         UserError: there is no such variant, or one of its keys is not allowed.
     """
     merged = base
+    shared = (*keys_of(GeneralOptions), "tables", "tradeoff")
     for one in _ancestry(base["variants"], name, where):
+        for key in filter(base["variants"][one].__contains__, shared):
+            if base["variants"][one][key] != base[key]:
+                raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
         keys = {key: value for key, value in base["variants"][one].items() if key not in (EXTENDS, METHOD)}
         merged = configuration.overlaid(merged, keys)
     merged = configuration.validate(merged, f"variant {name}")
@@ -67,9 +71,6 @@ def variant_config(base: Config, name: str, where: str) -> Config:
         raise UserError(
             f"variant {name}: variants share the scene's recording; leave out the section synthetic"
         )
-    for key in (*keys_of(GeneralOptions), "tables", "tradeoff"):
-        if merged[key] != base[key]:
-            raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
     return merged
 
 
