@@ -107,6 +107,7 @@ def write_recording(folder: Path, count: int, size: int) -> None:
     points = {"points/xyz": rng.uniform([-4, -2, 3], [4, 2, 5], (POINTS, 3))}
     points["points/rgb"] = rng.integers(256, size=(POINTS, 3), dtype=np.uint8)
     points |= {"camera_to_world": pose, "intrinsics": camera.matrix, "registered": np.ones(count, bool)}
+    points["up"] = np.array([0.0, -1.0, 0.0])
     with created(folder, POSES, "frames") as artifact:
         _put(artifact, POSES, points, count)
         artifact.facts = facts

@@ -112,7 +112,6 @@ def flip(chunk: Path, position: int) -> None:
 @pytest.mark.parametrize(
     "damage, problem",
     [
-        (lambda file: file.unlink(), "not found"),
         (lambda file: cut(file, 0), "only 0 bytes"),
         (lambda file: cut(file, 60), "only 60 bytes"),
         (lambda file: cut(file, 3000), "truncated: 3000 bytes"),
@@ -120,9 +119,14 @@ def flip(chunk: Path, position: int) -> None:
         (lambda file: file.write_text("hello " * 1000), "not a VRS file"),
     ],
 )
-def test_a_missing_or_damaged_vrs_file_is_named(scene, refused, damage, problem):
+def test_a_damaged_vrs_file_is_named(scene, refused, damage, problem):
     damage(scene / "recording/video.vrs")
     assert f"recording/video.vrs: {problem}" in refused(*frames(scene))
+
+
+def test_a_missing_vrs_file_is_named(scene, refused):
+    (scene / "recording/video.vrs").unlink()
+    assert "scene/recording: has no video.vrs or recording.vrs" in refused(*frames(scene))
 
 
 def test_a_missing_recording_is_named(scene, refused):

@@ -18,8 +18,7 @@ from tests.support.scenes import put
 def poses(path, shift=0.0, registered=(True, True)):
     matrices = np.tile(np.eye(4), (2, 1, 1))
     matrices[1, 0, 3] = 2.0 + shift
-    arrays = {"camera_to_world": matrices, "registered": np.array(registered)}
-    return put(path.parent, "poses", arrays | {"points/xyz": np.full((3, 3), np.nan)})
+    return put(path.parent, "poses", {"camera_to_world": matrices, "registered": np.array(registered)})
 
 
 def test_differences_of_artifacts_are_measured(tmp_path):

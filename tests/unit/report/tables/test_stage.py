@@ -493,7 +493,7 @@ def test_pictures_are_on_the_page(tables, tmp_path):
     for path, message in (
         ("a.svg", "is not an image for the page"),
         ("a.png", "does not exist"),
-        ("b.png", "b.png: not a readable image .* Delete it and make it again: snakemake"),
+        ("b.png", "b.png: not a readable image .* Delete it and make it again"),
     ):
         with pytest.raises(UserError, match=message):
             tables(pictures=[tmp_path / path])
