@@ -89,7 +89,7 @@ def test_a_color_that_another_thing_has_in_part_is_not_asked(stripes):
 
 def test_colors_of_an_apartment_are_those_of_its_surfaces():
     """Shares of what is seen, and what is seen of nothing has none; other keys make other things, which is said."""
-    film = {"seed": 5, "seconds": 4.0, "objects": 16, "motion": 0.0}
+    film = {"seed": 5, "seconds": 4.0, "objects": 16, "motion": 0.0, "world": "usual"}
     made = make_world(**film)
     instances = [
         Instance(one.instance_id, one.name, one.category, one.motion_type, one.instance_type)
