@@ -46,8 +46,8 @@ class CodeTargets:
         self._instances, self._features, self._device = instances, features, device
         check_made_from(features, instances, axes=("instance",))
         self._instance, self._frame = features.read("instance"), features.read("frame")
-        self._code = features.read("code")
-        self._common = features.read("consistent_code")
+        # Those of the views, then those of the instances.
+        self._codes = np.concatenate([features.read("code"), features.read("consistent_code")])
         seen = features.read("views") > 0
         views_alone = features.provenance["options"]["supervision"] == "view"
         # Instances whose consistent code serves frames without a view of theirs.
@@ -57,24 +57,23 @@ class CodeTargets:
         self._levels, self.level = np.unique(instances.read("instances/level"), return_inverse=True)
         names = instances.facts["levels"]
         self.levels = [names[level] for level in self._levels]
-        self.channels = self._code.shape[1]
+        self.channels = self._codes.shape[1]
 
     def uncompressed(self) -> "CodeTargets":
         """Return the same targets as features instead of codes, for methods that learn a compression of their own."""
         found = copy(self)
-        found._code, found._common = self._features.read("supervision"), self._features.read("consistent")
-        found.channels = found._code.shape[1]
+        found._codes = np.concatenate([self._features.read("supervision"), self._features.read("consistent")])
+        found.channels = found._codes.shape[1]
         return found
 
     @property
     def rows(self) -> NDArray[np.float32]:
         """(R, C) codes of all views of all instances that have a feature."""
-        return self._code[self._named[self._instance]]
+        return self._codes[: len(self._instance)][self._named[self._instance]]
 
     def code_rows(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return the (R + I, C) codes of R views, then the consistent ones of I instances, and the instance of each."""
-        codes = np.concatenate([self._code, self._common])
-        return codes, np.concatenate([self._instance, np.arange(len(self._common))]).astype(np.int64)
+        return self._codes, np.concatenate([self._instance, np.arange(len(self._named))])
 
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""
@@ -104,10 +103,7 @@ class CodeTargets:
         Arguments as of ``at``. It is the view's row, or the instance's where it has no view in the frame.
         """
         found = self.labels(frame)[:, pixels[:, 1], pixels[:, 0]].cpu().numpy()
-        rows: NDArray[np.int64] = len(self._code) + np.arange(len(self._common))
-        views = np.flatnonzero(self._frame == frame)
-        rows[self._instance[views]] = views
-        return np.append(np.where(self._usable_in(frame), rows, -1), -1)[found]
+        return self._rows_in(frame)[found]
 
     def labels(self, frame: int) -> Tensor:
         """(L, H, W) int64 instance of each pixel of a frame, -1 for none."""
@@ -134,11 +130,17 @@ class CodeTargets:
         usable[owners] = self._named[owners]
         return usable
 
+    def _rows_in(self, frame: int) -> NDArray[np.int64]:
+        """Return the (N + 1,) row of ``code_rows`` of each instance in the frame, -1 for no target; no label is last."""
+        # The instance's own row; that of the frame's view replaces it where there is one.
+        rows: NDArray[np.int64] = len(self._instance) + np.arange(len(self._named))
+        views = np.flatnonzero(self._frame == frame)
+        rows[self._instance[views]] = views
+        return np.append(np.where(self._usable_in(frame), rows, -1), -1)
+
     def _table(self, frame: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Return the (N + 1, C) code of each instance in the frame, and (N + 1,) whether it has one; no label is last."""
-        # The consistent code first; the code of the frame's own view replaces it where there is one.
-        codes, usable = self._common.copy(), self._usable_in(frame)
-        rows: NDArray[np.intp] = np.flatnonzero(self._frame == frame)
-        codes[self._instance[rows]] = self._code[rows]
-        codes[~usable] = 0.0
-        return np.concatenate([codes, np.zeros((1, codes.shape[1]), codes.dtype)]), np.append(usable, False)
+        rows = self._rows_in(frame)
+        codes = self._codes[rows]
+        codes[rows < 0] = 0.0
+        return codes, rows >= 0
