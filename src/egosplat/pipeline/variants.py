@@ -61,8 +61,8 @@ def variant_config(base: Config, name: str, where: str) -> Config:
     merged = base
     shared = (*keys_of(GeneralOptions), "tables", "tradeoff")
     for one in _ancestry(base["variants"], name, where):
-        for key in filter(base["variants"][one].__contains__, shared):
-            if base["variants"][one][key] != base[key]:
+        for key in shared:
+            if base["variants"][one].get(key, base[key]) != base[key]:
                 raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
         keys = {key: value for key, value in base["variants"][one].items() if key not in (EXTENDS, METHOD)}
         merged = configuration.overlaid(merged, keys)
