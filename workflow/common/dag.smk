@@ -5,6 +5,7 @@ Parameters hold the options of a stage and the content hash of its code and mode
 changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
 """
 
+from egosplat.calibration.splat_source import source_files
 from egosplat.frames.files import (
     annotations_files,
     digest_of_files,
@@ -12,7 +13,7 @@ from egosplat.frames.files import (
     pictures_of,
 )
 from egosplat.frames.recording_files import is_annotated
-from egosplat.models.checkpoints import content_hash, model_hashes
+from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.chosen import chosen_value
 from egosplat.pipeline.config import stage_sections
@@ -249,6 +250,15 @@ def encoder_weights(wildcards):
     name = config_of(wildcards)["transient"]["encoder_weights"]
     path = Path(name).expanduser() if name else None
     return content_hash(path)[:16] if path and path.is_file() else "none"
+
+
+def source_content(wildcards):
+    """Get a hash of the Gaussians of another program, as above."""
+    source = config_of(wildcards)["splats"]["source"]
+    try:
+        return joint_hash(source_files(source)) if source else "none"
+    except UserError:
+        return "none"
 
 
 def is_recording_annotated(wildcards):

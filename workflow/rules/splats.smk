@@ -25,6 +25,7 @@ rule splats:
         gpu=gpus("splats"),
     params:
         **params("splats"),
+        source=source_content,
     shell:
         "egosplat splats {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 

@@ -1,4 +1,4 @@
-"""Read the vertices of a PLY file: positions and colors."""
+"""Read the vertices of a PLY file: all columns, or positions and colors."""
 
 from pathlib import Path
 
@@ -22,6 +22,8 @@ _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = b"end_header"
 # Color of points without one.
 _GREY = 128
+# What damaged content raises.
+_DAMAGE = (OSError, ValueError, KeyError, IndexError, TypeError)
 
 
 def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
@@ -33,15 +35,31 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     Raises:
         UserError: the file is missing, damaged, or does not begin with its vertices.
     """
+    vertices = read_vertices(path)
     try:
-        vertices = _vertices(path.read_bytes())
         points = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)
         colors = np.full(points.shape, _GREY, np.uint8)
         if {"red", "green", "blue"} <= set(vertices.dtype.names):
             colors = _in_bytes(np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1))
-    except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
-        raise UserError(f"{path}: not a readable PLY file of points ({str(error)[:100]}).") from error
+    except _DAMAGE as error:
+        raise _unreadable(path, error) from error
     return points, colors
+
+
+def read_vertices(path: Path) -> NDArray[np.void]:
+    """Read the table of vertices of a PLY file, text or binary, with the columns that the header names.
+
+    Raises:
+        UserError: the file is missing, damaged, or does not begin with its vertices.
+    """
+    try:
+        return _vertices(path.read_bytes())
+    except _DAMAGE as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> UserError:
+    return UserError(f"{path}: not a readable PLY file of points ({str(error)[:100]}).")
 
 
 def _in_bytes(colors: NDArray[np.generic]) -> NDArray[np.uint8]:

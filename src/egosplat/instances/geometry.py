@@ -12,6 +12,7 @@ from egosplat.gaussians.camera_options import chosen_corrections, make_correctio
 from egosplat.gaussians.corrections import applied, corrected_poses
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.initialization import scene_extent
+from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.objective import L1Ssim
 from egosplat.gaussians.options import GROW_GRAD2D, TrainingOptions
@@ -81,6 +82,15 @@ def train_geometry(
         applied(views, corrections.values, corrections.compression),
         corrected_poses(cameras, every),
     )
+
+
+def given_geometry(
+    frames: Artifact, poses: Artifact, splats: Artifact, training: Mask, keys: InstancesOptions
+) -> tuple[Gaussians, Views, NDArray[np.float64]]:
+    """The Gaussians that another program trained, with views and poses; arguments and result as ``train_geometry``."""
+    device = training_device(keys.backend)
+    views = read_views(frames, poses, training, device, resolution=keys.resolution)
+    return read_gaussians(splats).to(device), views, poses.read("camera_to_world")
 
 
 def nearest_pixels(size: tuple[int, int], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -16,10 +16,11 @@ from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.gaussians.camera_options import resolve_camera
 from egosplat.gaussians.training_views import split_views
-from egosplat.instances.geometry import train_geometry
+from egosplat.instances.geometry import given_geometry, train_geometry
 from egosplat.instances.lifted_masks import MaskLifter
 from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
@@ -39,6 +40,7 @@ def run(
     options: InstancesOptions,
     *,
     survey_path: Path | None = None,
+    splats_path: Path | None = None,
 ) -> None:
     """Write the instances artifact.
 
@@ -48,6 +50,7 @@ def run(
         frames_path, poses_path, segments_path, output: paths.
         options: of the stage.
         survey_path: path of the survey, which excludes frames and decides keys that are ``auto``.
+        splats_path: path of Gaussians that another program trained; None: temporary ones are trained.
 
     Raises:
         UserError: the inputs do not belong together, no training frame has a pose, or no mask is left.
@@ -58,7 +61,12 @@ def run(
     check_made_from(segments, frames, axes=("frame", "height", "width"))
     options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
-    record = provenance.begin_from("instances", options.as_dict() | by_survey, (frames, poses, segments))
+    given = () if splats_path is None else (open_artifact(splats_path, SPLATS),)
+    for splats in given:
+        check_made_from(splats, frames, poses)
+    record = provenance.begin_from(
+        "instances", options.as_dict() | by_survey, (frames, poses, segments, *given)
+    )
     if options.source == AUTO:
         # Masks of single frames are no tracks.
         options = options.change(source="masks" if segments.facts.get("single_frames") else TRACKS)
@@ -68,7 +76,10 @@ def run(
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags).training
     key = provenance.key_of(record)
-    gaussians, views, cameras = train_geometry(frames, poses, training, options, output, key)
+    if given:
+        gaussians, views, cameras = given_geometry(frames, poses, given[0], training, options)
+    else:
+        gaussians, views, cameras = train_geometry(frames, poses, training, options, output, key)
     valid = frames.read("valid")
     lifter = MaskLifter(
         gaussians, views, segments, valid, options, lambda frame: shown_pixels(frames, frame, valid)

@@ -3,7 +3,7 @@
 import functools
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,11 @@ def content_hash(path: Path) -> str:
     """SHA-256 of a file's content, 64 hexadecimal digits; cached while its size and modification time are unchanged."""
     stat = path.stat()
     return _sha256(path, stat.st_size, stat.st_mtime_ns)
+
+
+def joint_hash(files: Iterable[Path]) -> str:
+    """Hash of the content of files in their order, 16 hexadecimal digits."""
+    return hashlib.sha256(" ".join(map(content_hash, files)).encode()).hexdigest()[:16]
 
 
 def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:

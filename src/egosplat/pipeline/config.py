@@ -97,6 +97,8 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
     }
     if found["segments"]["point_prompts"] == DEPTH:
         _check_prompts(found, where)
+    if found["splats"]["source"] is not None:
+        _check_source(found, where)
     return found
 
 
@@ -136,6 +138,17 @@ def _check_prompts(values: Mapping[str, Any], where: str) -> None:
             raise UserError(
                 f"{where}: segments.point_prompts = {DEPTH} needs {section}.{key} = {needed}, "
                 f"not {values[section][key]}; in a variant, extend each_frame"
+            )
+
+
+def _check_source(values: Mapping[str, Any], where: str) -> None:
+    needs = {("splats", "language"): ("after",)}
+    needs |= {("camera", key): ("off", "auto") for key in keys_of(section_options()["camera"])}
+    for (section, key), allowed in needs.items():
+        if values[section][key] not in allowed:
+            raise UserError(
+                f"{where}: splats.source: the Gaussians are trained already, so {section}.{key} must be {allowed[0]}, "
+                f"not {values[section][key]}"
             )
 
 

@@ -64,9 +64,14 @@ def tracks_by_survey(config: Config) -> bool:
     return tracks_what_moves(config) and config["segments"]["track_moving"] == AUTO
 
 
+def takes_splat(config: Config) -> bool:
+    """Whether another program trained the scene's Gaussians. Masks are merged on them, and no camera is corrected."""
+    return config["splats"]["source"] is not None
+
+
 def corrects_by_survey(config: Config) -> bool:
     """Whether the survey chooses a key of the section camera."""
-    return AUTO in (config["camera"][name] for name in CAMERA)
+    return AUTO in (config["camera"][name] for name in CAMERA) and not takes_splat(config)
 
 
 def survey_decides(config: Config) -> bool:
@@ -86,8 +91,9 @@ def decide(config: Config, survey: Survey) -> Config:
         chosen["splats"] = {"masking": masking}
     if tracks_by_survey(config):
         chosen["segments"] = {"track_moving": "always" if masking == "refined" else "never"}
-    by_survey = [name for name in CAMERA if config["camera"][name] == AUTO]
-    chosen["camera"] = {name: "on" if survey["camera"][name] else "off" for name in by_survey}
+    if corrects_by_survey(config):
+        by_survey = [name for name in CAMERA if config["camera"][name] == AUTO]
+        chosen["camera"] = {name: "on" if survey["camera"][name] else "off" for name in by_survey}
     return merge(config, chosen)
 
 
@@ -108,7 +114,10 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
         moving = ("transient",) if tracks_what_moves(config) else ()
         return (*views, *moving, *(("prompts",) if prompts_by_depth(config) else ()))
-    wanted = views + _MASKS[config["splats"]["masking"]]
+    if stage == "splats" and takes_splat(config):
+        return ()
+    given = ("splats",) if stage == "instances" and takes_splat(config) else ()
+    wanted = views + given + _MASKS[config["splats"]["masking"]]
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 
 
@@ -139,6 +148,8 @@ def stages_behind(stages: Iterable[str], config: Config) -> list[str]:
 def training_frames(stage: str, config: Config, survey: Survey) -> str:
     """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
     if not leaves_frames_out(config):
+        return ALL_FRAMES
+    if stage == "splats" and takes_splat(config):
         return ALL_FRAMES
     if stage != "splats":
         return survey["views"]["digest"]

@@ -89,6 +89,7 @@ _MASKING = {
     "masks": "if splats.masking is refined",
 }
 _MOVING = {"transient": "to track what moves: if segments.prompting is each_frame"}
+_GIVEN = {"splats": "if splats.source is given"}
 _PROMPTS = {"prompts": "if segments.point_prompts is depth"}
 _JOINT = {
     "instances": "if splats.language is joint",
@@ -191,7 +192,7 @@ _STAGES = (
         options="egosplat.instances.options:InstancesOptions",
         output="instances.zarr",
         inputs=("frames", "poses", "segments"),
-        optional=_TRAINING_FRAMES,
+        optional=_TRAINING_FRAMES | _GIVEN,
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
     ),
     Stage(

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from egosplat.calibration.splat_source import source_files
 from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
@@ -130,7 +131,8 @@ def check_target(scenes: Mapping[tuple[str, str], Scene], target: Target) -> Non
     """
     scene = find_scene(scenes, target.dataset, target.scene)
     check_recording(scene)
-    scene_config(scene, target.variant)
+    if source := scene_config(scene, target.variant)["splats"]["source"]:
+        source_files(source)
     if target.variant is None:
         return
     stage = target.name.partition(".")[0]

@@ -8,6 +8,7 @@ import numpy as np
 
 from egosplat.calibration.companions import accept_advice, known_poses_path
 from egosplat.calibration.contents import Contents
+from egosplat.calibration.gsplat_world import gsplat_world
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
@@ -78,6 +79,9 @@ def known_poses(
         **contents.notes,
     }
     log(_summary(path, notes, meters_per_unit))
+    gsplat = gsplat_world(contents.camera_to_world, contents.points) if kind == "colmap" else None
+    if gsplat is not None:
+        notes["gsplat_world"] = gsplat.tolist()
     up = mean_camera_up(camera_to_world[registered])
     points = contents.points[kept] * scale
     return Poses(camera_to_world, registered, camera, points, contents.point_rgb[kept], up, notes).check()

@@ -4,12 +4,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from egosplat.pipeline.options import READING, Count, Positive, Share
+from egosplat.pipeline.options import READING, Count, Positive, Share, Text
 from egosplat.pipeline.shared_options import BackendOptions, CameraOptions, NearPlaneOptions, SeedOptions
 
 
 class SplatsOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions):
     """Training of the 3D Gaussians."""
+
+    source: Text | None = None
+    """File of Gaussians that another program trained on the recording, .ply or .spz; nothing trains then
+    (docs/recordings.md#a-trained-splat). Its folder is relative to the working directory. null: train."""
 
     masking: Literal["auto", "none", "initial", "refined"] = "auto"
     """Pixels that training leaves out because they move. refined: transient instances, as in the paper. initial:

@@ -4,6 +4,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
@@ -16,6 +18,7 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
+from egosplat.calibration.splat_source import source_files
 from egosplat.codes.joint_objective import JointLanguage, initial_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
@@ -31,16 +34,18 @@ from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import ViewSets, resume_and_train
-from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.training_state import Curves, TrainingState
 from egosplat.gaussians.training_views import (
     Mask,
     Views,
     read_views,
     split_views,
 )
+from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
 from egosplat.splats.corrections import put_corrections
 from egosplat.splats.held_out import put_held_out
+from egosplat.splats.imported import import_gaussians
 from egosplat.splats.options import SplatsOptions
 
 
@@ -69,9 +74,12 @@ def run(
 
     Raises:
         UserError: no training frame has a pose, an input is missing or does not belong to the others, the backend
-            cannot run, or training diverges.
+            cannot run, training diverges, or the Gaussians of ``source`` cannot be read or do not fit.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    if options.source is not None:
+        _import(output, frames, poses, options, source_files(options.source))
+        return
     options = resolve_camera(options, survey_path)
     kept, by_survey = frames_for_gaussians(frames, survey_path, options.masking)
     masking = open_masking(options.masking, frames, transient_path=transient_path, masks_path=masks_path)
@@ -107,6 +115,33 @@ def run(
     resume_and_train(state, view_sets, training, checkpoint)
     _write(output, record, state, view_sets, training, poses, masking)
     checkpoint.remove()
+
+
+def _import(
+    output: Path, frames: Artifact, poses: Artifact, options: SplatsOptions, files: list[Path]
+) -> None:
+    """Write the Gaussians of another program instead of training any."""
+    check_made_from(poses, frames, axes=("frame",))
+    record = provenance.begin_from(
+        "splats", options.as_dict(), [frames, poses], {"source": joint_hash(files)}
+    )
+    training = training_options(options)
+    device = training_device(options.backend)
+    gaussians, source = import_gaussians(files, frames, poses, training.render, device)
+    masking = open_masking("none", frames, transient_path=None, masks_path=None)
+    every = np.ones(frames.shape("rgb")[0], bool)
+    # What the other program trained on is not known: evaluation frames are rendered, and may be among it.
+    view_sets = _view_sets(frames, poses, every, masking, training)
+    held_out, degree = view_sets.held_out, gaussians.sh_degree
+    with create(output, SPLATS, record) as artifact:
+        scores = put_held_out(artifact, gaussians, held_out, training.render, degree)
+        put_gaussians(artifact, gaussians)
+        put_curves(artifact, Curves())
+        artifact.put("held_out/frame", held_out.frame)
+        extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
+        untrained = {"iteration": 0, "skipped_rows": 0, "training_s": 0.0, "history_s": [], "source": source}
+        artifact.facts = _facts(view_sets, training, extent, degree) | untrained
+    log(f"{gaussians.count} Gaussians; evaluation frames{_summary(scores, None)}")
 
 
 def training_options(options: SplatsOptions) -> TrainingOptions:
@@ -210,7 +245,13 @@ def _write(
         put_gaussians(artifact, gaussians)
         put_curves(artifact, state.curves)
         artifact.put("held_out/frame", held_out.frame)
-        artifact.facts = _facts(state, view_sets, options, sh_degree) | facts
+        trained = {
+            "iteration": state.iteration,
+            "skipped_rows": state.optimizer.skipped_rows,
+            "training_s": round(state.seconds, 3),
+            "history_s": state.curves.seconds,
+        }
+        artifact.facts = _facts(view_sets, options, state.extent, sh_degree) | trained | facts
     log(
         f"{gaussians.count} Gaussians of iteration {state.iteration}; held out{_summary(scores, corrections)}"
     )
@@ -223,18 +264,12 @@ def _summary(scores: Scores, corrections: Corrections | None) -> str:
     return f" {poses}: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
 
 
-def _facts(
-    state: TrainingState, view_sets: ViewSets, options: TrainingOptions, sh_degree: int
-) -> dict[str, Any]:
+def _facts(view_sets: ViewSets, options: TrainingOptions, extent: float, sh_degree: int) -> dict[str, Any]:
     views = view_sets.training
     return {
         "camera": asdict(views.camera),
         "rasterizer": rasterizer_used(options.render.backend, views.device),
-        "extent_m": state.extent,
+        "extent_m": extent,
         "views": {name: len(some) for name, some in _named(view_sets).items()},
-        "iteration": state.iteration,
         "sh_degree_in_use": sh_degree,
-        "skipped_rows": state.optimizer.skipped_rows,
-        "training_s": round(state.seconds, 3),
-        "history_s": state.curves.seconds,
     }

@@ -1,0 +1,65 @@
+"""Move Gaussians to another world: turned, shifted and scaled, with their view-dependent colors."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from egosplat.gaussians.model import Gaussians
+from egosplat.geometry import is_rigid, transform
+from egosplat.rasterize.reference.spherical_harmonics import sh_basis
+
+# Directions in which the colors before and after must agree, several for each of the 16 functions of degree 3.
+_DIRECTIONS = 200
+
+
+def split_similarity(matrix: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """The scale of a (4, 4) similarity, and its (3, 3) rotation.
+
+    Raises:
+        ValueError: it is no rotation with a scale and a shift.
+    """
+    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3]))) or np.nan
+    rigid = matrix.copy()
+    rigid[:3, :3] /= scale
+    if not is_rigid(rigid, 1e-3):
+        raise ValueError("no rotation with a scale and a shift")
+    return scale, rigid[:3, :3]
+
+
+def moved(gaussians: Gaussians, matrix: NDArray[np.float64]) -> Gaussians:
+    """Apply a (4, 4) similarity to Gaussians on the CPU; the identity leaves every bit.
+
+    Raises:
+        ValueError: see ``split_similarity``.
+    """
+    scale, rotation = split_similarity(matrix)
+    if np.array_equal(matrix, np.eye(4)):
+        return gaussians
+    shifted = replace(
+        gaussians,
+        means=torch.from_numpy(transform(matrix, gaussians.means.numpy())).float(),
+        log_scales=gaussians.log_scales + float(np.log(scale)),
+    )
+    if np.array_equal(rotation, np.eye(3)):
+        return shifted
+    turn = Rotation.from_matrix(rotation)
+    quats = turn * Rotation.from_quat(gaussians.quats.double().numpy(), scalar_first=True)
+    mixing = _sh_turn(turn.as_matrix(), gaussians.sh_degree)
+    return replace(
+        shifted,
+        quats=torch.from_numpy(quats.as_quat(scalar_first=True)).float(),
+        sh=torch.einsum("jk,nkc->njc", mixing, gaussians.sh),
+    )
+
+
+def _sh_turn(rotation: NDArray[np.float64], degree: int) -> Tensor:
+    """(K, K) matrix that gives turned Gaussians their colors from the turned directions."""
+    random = np.random.default_rng(0).normal(size=(_DIRECTIONS, 3))
+    directions = torch.from_numpy(random / np.linalg.norm(random, axis=1, keepdims=True))
+    turned = directions @ torch.from_numpy(rotation).T
+    found = torch.linalg.lstsq(sh_basis(degree, turned), sh_basis(degree, directions)).solution
+    return found.float()

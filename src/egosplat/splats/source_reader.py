@@ -1,0 +1,169 @@
+"""Read Gaussians that another program trained: .ply of 3DGS, compressed .ply of SuperSplat, .spz."""
+
+import gzip
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from egosplat.calibration.ply import read_vertices
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.similarity import moved
+from egosplat.progress import log
+
+_MAGIC, _GZIP = b"NGSP", b"\x1f\x8b"
+_SPZ_VERSIONS = (2, 3, 4)
+
+# What a header of SuperSplat's compressed format names.
+_PACKED = b"packed_position"
+
+# Number of f_rest columns: three colors of the coefficients above degree 0, for degrees 0 to 3.
+_RESTS = {0: 0, 9: 1, 24: 2, 45: 3}
+
+# Logit that stands for an opacity of 1 or 0, which some programs write as infinite.
+_OPAQUE = 15.0
+
+_SPZ_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def read_source(path: Path) -> Gaussians:
+    """Read the Gaussians of a file, in its world, without those that have a number that is not finite.
+
+    Raises:
+        UserError: the file is damaged, or holds something else than 3D Gaussians of spherical harmonics up to degree 3.
+    """
+    with path.open("rb") as file:
+        head = file.read(65536)
+    if head.startswith(b"ply"):
+        found = _read_packed(path) if _PACKED in head.partition(b"end_header")[0] else _read_ply(path)
+    elif head.startswith((_GZIP, _MAGIC)):
+        found = _read_spz(path, head)
+    else:
+        raise UserError(
+            f"{path}: neither a .ply nor an .spz file. Export .ply; SuperSplat reads .splat, .ksplat and .sog, and writes it"
+        )
+    return _usable(found, path)
+
+
+def _read_ply(path: Path) -> Gaussians:
+    table = read_vertices(path)
+    degree = _check_columns(table.dtype.names, path)
+    count = (degree + 1) ** 2 - 1
+
+    def columns(*names: str) -> NDArray[np.float32]:
+        # A double beyond float32 becomes infinite and is left out.
+        with np.errstate(over="ignore"):
+            return np.stack([table[name] for name in names], axis=-1).astype(np.float32)
+
+    # All coefficients of red, then of green, then of blue.
+    rest = columns(*_numbered("f_rest", 3 * count)).reshape(-1, 3, count) if count else None
+    first = columns(*_numbered("f_dc", 3))[:, None]
+    return _gaussians(
+        columns(*"xyz"),
+        columns(*_numbered("rot", 4)),
+        columns(*_numbered("scale", 3)),
+        columns("opacity")[:, 0],
+        first if rest is None else np.concatenate([first, rest.transpose(0, 2, 1)], axis=1),
+    )
+
+
+def _check_columns(names: tuple[str, ...], path: Path) -> int:
+    """The degree of spherical harmonics of a file with these columns.
+
+    Raises:
+        UserError: they are not those of 3D Gaussians.
+    """
+    has, rests = {*names}, sum(name.startswith("f_rest_") for name in names)
+    if lacking := [name for name in (*_numbered("scale", 2), "opacity") if name not in has]:
+        what = (
+            f"has no {lacking[0]}: a mesh or a point cloud, not Gaussians. Give the file that training wrote"
+        )
+    elif "scale_2" not in has:
+        what = "has two scales: the flat Gaussians of 2DGS. Train 3D Gaussians on the same pictures"
+    elif "filter_3D" in has:
+        what = "has filter_3D of Mip-Splatting. Give the file that its create_fused_ply.py writes"
+    elif "f_dc_0" not in has:
+        what = "has no f_dc_0. Export with --ply-color-mode sh_coeffs of ns-export, or from SuperSplat"
+    elif rests not in _RESTS:
+        what = f"has {rests} columns f_rest_, no spherical harmonics of degree 0 to 3. Export up to degree 3"
+    else:
+        needed = (*"xyz", *_numbered("rot", 4), *_numbered("f_dc", 3), *_numbered("f_rest", rests))
+        if not (lacking := [name for name in needed if name not in has]):
+            return _RESTS[rests]
+        what = f"has no {lacking[0]}. Export it again, with all properties"
+    raise UserError(f"{path}: {what}")
+
+
+def _numbered(name: str, count: int) -> tuple[str, ...]:
+    return tuple(f"{name}_{number}" for number in range(count))
+
+
+def _read_packed(path: Path) -> Gaussians:
+    try:
+        return _of_gsply(_gsply(path).plyread(path))
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        raise UserError(
+            f"{path}: not a readable compressed .ply ({str(error)[:100]}). Export an uncompressed .ply"
+        ) from error
+
+
+def _read_spz(path: Path, head: bytes) -> Gaussians:
+    try:
+        if head.startswith(_GZIP):
+            with gzip.open(path) as file:
+                head = file.read(8)
+        magic, version = head[:4], struct.unpack("<I", head[4:8])[0]
+    except (OSError, EOFError, struct.error) as error:
+        raise UserError(f"{path}: not a readable .spz file ({error}). Export it again, or a .ply") from error
+    if magic != _MAGIC or version not in _SPZ_VERSIONS:
+        what = f"is .spz of version {version}" if magic == _MAGIC else "is packed by gzip, and no .spz"
+        raise UserError(f"{path}: {what}; versions 2 to 4 are read. Export a .ply")
+    try:
+        found = _of_gsply(_gsply(path).read_spz(path))
+    except (ValueError, OSError) as error:
+        raise UserError(f"{path}: not a readable .spz file ({str(error)[:100]}). Export a .ply") from error
+    # The axes are those of OpenGL, where a .ply file of the same training has those of COLMAP.
+    return moved(found, _SPZ_AXES)
+
+
+def _gsply(path: Path) -> Any:
+    try:
+        import gsply
+    except ImportError:
+        raise UserError(
+            f'{path}: gsply, which reads it, is not installed: pip install "egosplat[export]", or export a plain .ply'
+        ) from None
+    return gsply
+
+
+def _of_gsply(data: Any) -> Gaussians:
+    sh = data.sh0[:, None]
+    if data.shN is not None and data.shN.size:
+        sh = np.concatenate([sh, data.shN], axis=1)
+    return _gaussians(data.means, data.quats, data.scales, data.opacities, sh)
+
+
+def _gaussians(*arrays: NDArray[np.floating[Any]]) -> Gaussians:
+    """Gaussians of centers, quaternions, log scales, logit opacities and spherical harmonics."""
+    parts = [torch.from_numpy(np.ascontiguousarray(array, np.float32)) for array in arrays]
+    return Gaussians(*parts, features=torch.zeros(len(parts[0]), 0))
+
+
+def _usable(gaussians: Gaussians, path: Path) -> Gaussians:
+    if not gaussians.count:
+        raise UserError(f"{path}: holds no Gaussian. Export it again")
+    logits = gaussians.logit_opacities.nan_to_num(float("nan"), _OPAQUE, -_OPAQUE)
+    gaussians = replace(gaussians, logit_opacities=logits)
+    whole = gaussians.finite() & (gaussians.quats.norm(dim=1) > 0)
+    if not whole.any():
+        raise UserError(
+            f"{path}: none of {gaussians.count} Gaussians has finite numbers. Train or export it again"
+        )
+    if lost := int((~whole).sum()):
+        log(f"{path}: leaves out {lost} of {gaussians.count} Gaussians, whose numbers are not finite")
+    return gaussians.select(whole)
