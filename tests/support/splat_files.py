@@ -28,11 +28,19 @@ def gsplat_columns(gaussians: Gaussians) -> Columns:
 
 
 def ply(
-    columns: Columns, order: str = "binary_little_endian", number: str = "float", comments: tuple[str, ...] = ()
+    columns: Columns,
+    order: str = "binary_little_endian",
+    number: str = "float",
+    comments: tuple[str, ...] = (),
 ) -> bytes:
     """A .ply file with one element, ``vertex``."""
     count = len(next(iter(columns.values())))
-    lines = ["ply", f"format {order} 1.0", *(f"comment {each}" for each in comments), f"element vertex {count}"]
+    lines = [
+        "ply",
+        f"format {order} 1.0",
+        *(f"comment {each}" for each in comments),
+        f"element vertex {count}",
+    ]
     lines += [f"property {number} {name}" for name in columns]
     head = "\n".join([*lines, "end_header", ""]).encode()
     table = np.stack(list(columns.values()), axis=1)
@@ -52,7 +60,9 @@ def packed_ply(gaussians: Gaussians) -> bytes:
         position, scale = parts["means"][rows], parts["log_scales"][rows]
         color = parts["sh"][rows, 0] * SH_C0 + 0.5
         shares = [_share(values) for values in (position, scale, color)]
-        chunks.append(np.concatenate([np.concatenate([v.min(0), v.max(0)]) for v in (position, scale, color)]))
+        chunks.append(
+            np.concatenate([np.concatenate([v.min(0), v.max(0)]) for v in (position, scale, color)])
+        )
         alpha = 1 / (1 + np.exp(-parts["logit_opacities"][rows]))
         words.append(
             np.stack(
@@ -75,7 +85,12 @@ def packed_ply(gaussians: Gaussians) -> bytes:
         lines += [f"element sh {count}", *(f"property uchar f_rest_{number}" for number in range(3 * rest))]
     head = "\n".join([*lines, "end_header", ""]).encode()
     sh = np.clip((coefficients / 8 + 0.5) * 256, 0, 255).astype(np.uint8)
-    return head + np.array(chunks, "<f4").tobytes() + np.concatenate(words).astype("<u4").tobytes() + sh.tobytes()
+    return (
+        head
+        + np.array(chunks, "<f4").tobytes()
+        + np.concatenate(words).astype("<u4").tobytes()
+        + sh.tobytes()
+    )
 
 
 def _share(values: NDArray) -> NDArray:
@@ -87,7 +102,9 @@ def _bits(shares: NDArray, widths: tuple[int, ...]) -> NDArray[np.uint32]:
     packed = np.zeros(len(shares), np.uint32)
     for column, width in enumerate(widths):
         most = (1 << width) - 1
-        packed = packed << np.uint32(width) | np.clip(shares[:, column] * most + 0.5, 0, most).astype(np.uint32)
+        packed = packed << np.uint32(width) | np.clip(shares[:, column] * most + 0.5, 0, most).astype(
+            np.uint32
+        )
     return packed
 
 

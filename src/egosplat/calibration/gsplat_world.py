@@ -12,9 +12,9 @@ _UP = np.array([0.0, -1.0, 0.0])
 
 
 def gsplat_world(camera_to_world: Array, points: Array) -> Array | None:
-    """The (4, 4) similarity from the world of a COLMAP model to gsplat's; None where gsplat finds none.
+    """The (4, 4) similarity from the world of a COLMAP model to gsplat's, up to the signs of two axes; None without any.
 
-    The .ply file of gsplat does not tell of it.
+    The .ply file of gsplat does not tell of it. The signs depend on its version and its linear algebra.
 
     Args:
         camera_to_world: (F, 4, 4), all images of the model.
@@ -24,13 +24,7 @@ def gsplat_world(camera_to_world: Array, points: Array) -> Array | None:
     by_cameras = _of_cameras(camera_to_world)
     if len(points) < 3 or not np.isfinite(by_cameras).all():
         return None
-    points = transform(by_cameras, points)
-    by_points = _principal_axes(points)
-    height = transform(by_points, points)[:, 2]
-    # Most points are taken to lie near the floor.
-    if np.median(height) > height.mean():
-        by_points = compose(np.diag([1.0, -1.0, -1.0, 1.0]), by_points)
-    return compose(by_points, by_cameras)
+    return compose(_principal_axes(transform(by_cameras, points)), by_cameras)
 
 
 def _of_cameras(camera_to_world: Array) -> Array:

@@ -22,7 +22,7 @@ def split_similarity(matrix: NDArray[np.float64]) -> tuple[float, NDArray[np.flo
     Raises:
         ValueError: it is no rotation with a scale and a shift.
     """
-    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3]))) or np.nan
+    scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3])))) or np.nan
     rigid = matrix.copy()
     rigid[:3, :3] /= scale
     if not is_rigid(rigid, 1e-3):

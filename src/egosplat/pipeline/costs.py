@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from egosplat.pipeline.config import Config, stage_values
-from egosplat.pipeline.dag import prompts_by_depth, segments_single_frames
+from egosplat.pipeline.dag import prompts_by_depth, segments_single_frames, takes_splat
 
 # Levels of instances.
 _LEVELS = 3
@@ -137,6 +137,7 @@ _IN_ARTIFACTS: dict[str, tuple[tuple[str, str, slice], ...]] = {
     "frames": (("frames", "rgb", slice(0, 1)), ("instances", "labels", slice(0, 1))),
     "pixels": (("frames", "rgb", slice(1, 3)), ("instances", "labels", slice(2, 4))),
     "instances": (("instances", "instances/level", slice(0, 1)),),
+    "gaussians": (("splats", "means", slice(0, 1)),),
     "numbers": (("view_features", "feature", slice(0, 2)),),
 }
 
@@ -223,7 +224,10 @@ class Sizes:
     def gaussians(self) -> float:
         """The most Gaussians that are trained [millions]."""
         section = "transient" if self._stage == "transient" else "splats"
-        return self._config[section]["max_gaussians"] / 1e6
+        most = self._config[section]["max_gaussians"]
+        # A limit of training does not hold for Gaussians of another program.
+        given = section == "splats" and takes_splat(self._config)
+        return (self._read("gaussians", most) if given else most) / 1e6
 
     @property
     def codes(self) -> float:

@@ -139,10 +139,13 @@ def _moving(files: SceneFiles) -> Iterator[str]:
 def _gaussians(files: SceneFiles) -> Iterator[str]:
     splats = files["splats"]
     views = splats.facts["views"]
-    yield f"{splats.shape('means')[0]} Gaussians, trained on {views['training']} frames."
+    given = splats.facts.get("source")
+    where = f"read from {given['file']}" if given else f"trained on {views['training']} frames"
+    yield f"{splats.shape('means')[0]} Gaussians, {where}."
     psnr = splats.read("held_out/psnr")
     if len(psnr := psnr[np.isfinite(psnr)]):
-        yield f"Mean PSNR of {len(psnr)} held-out frames: {psnr.mean():.1f} dB, the worst {psnr.min():.1f} dB."
+        kind = "evaluation" if given else "held-out"
+        yield f"Mean PSNR of {len(psnr)} {kind} frames: {psnr.mean():.1f} dB, the worst {psnr.min():.1f} dB."
 
 
 def _language(files: SceneFiles) -> Iterator[str]:

@@ -26,12 +26,16 @@ Matrix = NDArray[np.float64]
 # Pictures that are compared, and their longer side [px].
 _VIEWS, _SIDE = 8, 256
 
-# A pixel is compared where Gaussians hide this share of what is behind them, and pictures if so many pixels are.
+# A pixel is compared where Gaussians hide this share of what is behind them, and a picture if this share of its pixels is.
 _OPAQUE, _LEAST_SHOWN = 0.5, 0.005
 
-# By how much a render must be nearer to a picture than one color [dB], and the rank of that picture among all, from the worst.
-# On a real desk, whole and cut to parts: 7 dB and more in its own world, 3 dB and less 3 % of its size or 10 degrees beside it.
-_LEAST_GAIN, _BETTER = 5.0, 0.75
+# By how much a render must be nearer to a picture than one color [dB]. On a real desk, whole and cut to parts: 7 dB and more
+# in its own world, 3 dB and less if it is 3 % of its size or 10 degrees beside it.
+_LEAST_GAIN = 5.0
+
+# Rank of that picture among all, from the worst, where Gaussians cover most of the pictures and where they do not. What others
+# hid in the whole scene shows where a part is cut out.
+_MOST, _MIDDLE, _BETTER = 0.5, 0.5, 0.75
 
 # What nerfstudio applies to COLMAP's world where its transforms.json does not say so.
 _OLD_APPLIED = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0]]
@@ -117,34 +121,32 @@ def _compared(frames: Artifact, poses: Artifact, device: torch.device) -> Views:
 
 
 def fit(gaussians: Gaussians, views: Views, settings: RenderSettings, world: str) -> Fit:
-    """Compare renders with the pictures where the Gaussians cover them: an edited scene may show a part alone.
-
-    Gaussians that others hid in the whole scene show where a part is cut out, so the better pictures count.
-    """
+    """Compare renders with the pictures where the Gaussians cover them: an edited scene may show a part alone."""
     found = [_compare(gaussians, views, settings, index) for index in range(len(views))]
-    shown = sorted((pair for pair in found if pair is not None), key=lambda pair: pair[0] - pair[1])
-    return Fit(world, *(shown[int(_BETTER * (len(shown) - 1))] if shown else (-np.inf, 0.0)))
+    shown = sorted((one[:2] for one in found if one[2] >= _LEAST_SHOWN), key=lambda pair: pair[0] - pair[1])
+    if not shown:
+        return Fit(world, -np.inf, 0.0)
+    rank = _MIDDLE if np.mean([one[2] for one in found]) >= _MOST else _BETTER
+    return Fit(world, *shown[int(rank * (len(shown) - 1))])
 
 
 @torch.no_grad()
 def _compare(
     gaussians: Gaussians, views: Views, settings: RenderSettings, index: int
-) -> tuple[float, float] | None:
-    """PSNR of a render and of one color, laid over the picture [dB]; None if the render covers too little of it."""
+) -> tuple[float, float, float]:
+    """PSNR of a render and of one color, laid over the picture where the render covers it [dB], and the share covered."""
     pose, degree = views.camera_to_world[index], gaussians.sh_degree
     image, alpha, _ = render(gaussians, views.camera, pose, settings, sh_degree=degree, background=None)
     picture, weight = views.picture(index), views.weight(index)
     covered = alpha[..., 0] >= _OPAQUE
     if weight is not None:
         covered &= weight > 0.5
-    if covered.float().mean() < _LEAST_SHOWN:
-        return None
     share, truth = alpha[covered].double(), picture[covered].double()
     color = (share.square() * truth).sum(dim=0) / share.square().sum()
     errors = image[..., :3][covered].double() - share * truth, share * (color - truth)
     # A byte's rounding is the least error of a picture.
-    found = [-10 * math.log10(max(float(error.square().mean()), 1e-6)) for error in errors]
-    return found[0], found[1]
+    psnr, plain = (-10 * math.log10(max(float(error.square().mean()), 1e-6)) for error in errors)
+    return psnr, plain, float(covered.float().mean())
 
 
 def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str, Matrix]]:
@@ -168,7 +170,9 @@ def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str,
     if not np.array_equal(unit, np.eye(4)):
         yield "the recording's, in meters", np.eye(4)
     if (gsplat := notes.get("gsplat_world")) is not None:
-        yield "gsplat's normalized world", compose(unit, np.linalg.inv(np.array(gsplat)))
+        for signs in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]):
+            undone = np.linalg.inv(compose(np.diag([*signs, 1.0]), np.array(gsplat)))
+            yield "gsplat's normalized world", compose(unit, undone)
     scale = np.diag([*[notes.get("applied_scale", 1.0)] * 3, 1.0])
     yield "COLMAP's, before applied_transform", compose(unit, compose(scale, applied[-1]))
     for axes, diagonal in (("y and z", [1, -1, -1]), ("x and y", [-1, -1, 1]), ("x and z", [-1, 1, -1])):

@@ -23,6 +23,7 @@ from egosplat.pipeline.dag import (
     tracks_by_survey,
     training_frames,
 )
+from egosplat.pipeline.variants import reaches
 from egosplat.pipeline.stages import STAGES, load_module
 
 BASE = defaults()
@@ -253,3 +254,39 @@ def test_a_story_tells_of_instances_that_only_masks_read():
     assert {"segments", "instances", "masks", "transient_sheet", "tiles", "survey"} <= set(told)
     assert set(told).isdisjoint({"features", "instances_sheet", "scene_page", "metrics"})
     assert len(told) == len(set(told))
+
+
+SOURCE = {"splats": {"source": "point_cloud.ply"}}
+
+
+@pytest.mark.parametrize("masking", ["none", "initial", "refined", "auto"])
+def test_gaussians_of_another_program_stand_before_what_is_merged_on_them(masking):
+    """No training, so no masks before it; masks of what moves still hide it from the codes. The graph has no cycle."""
+    config = merge(BASE, {"splats": SOURCE["splats"] | {"masking": masking}})
+    assert "splats" in inputs_of("instances", config) and optional_inputs_of("splats", config) == ()
+    assert set(inputs_of("splats", config)) - {"survey"} == {"frames", "poses"}
+    assert (set(inputs_of("language", config)) >= {"masks"}) == (masking in ("refined", "auto"))
+    order = stages_behind(["metrics"], config)
+    assert not reaches("metrics", config, config) and {"instances", "splats"} <= set(order)
+    assert training_frames("splats", config, survey("refined")) == ALL_FRAMES
+    assert "splats" not in inputs_of("instances", BASE)
+
+
+def test_no_survey_corrects_the_camera_of_trained_gaussians():
+    config = merge(BASE, SOURCE | {"camera": {"refine_poses": "auto", "compensate_exposure": "auto"}})
+    decided = decide(config, survey("none"))
+    assert decided["splats"]["masking"] == "none"
+    assert decided["camera"] == config["camera"] and "survey" not in inputs_of("splats", decided)
+
+
+@pytest.mark.parametrize(
+    "keys, named",
+    [
+        ({"camera": {"refine_poses": "on"}}, "camera.refine_poses must be off, not on"),
+        ({"camera": {"compensate_exposure": "on"}}, "camera.compensate_exposure must be off, not on"),
+        ({"splats": {"language": "joint"}}, "splats.language must be after, not joint"),
+    ],
+)
+def test_keys_that_train_contradict_trained_gaussians(keys, named):
+    with pytest.raises(UserError, match=f"splats.source: .*{named}"):
+        validate(merge(merge(BASE, SOURCE), keys))

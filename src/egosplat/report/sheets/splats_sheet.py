@@ -66,6 +66,12 @@ def _summary(frames: Artifact, splats: Artifact) -> str:
     if count and has_corrections(splats):
         given = Scores(splats.read("held_out/psnr_given"), splats.read("held_out/ssim_given"))
         held_out += f" with fitted corrections (as given {given.mean_psnr:.2f} dB, {given.mean_ssim:.3f})"
+    if given := facts.get("source"):
+        return (
+            f"{frames.facts['recording']}, origin {splats.origin}\n"
+            f"{splats.shape('means')[0]} Gaussians of {given['file']}, trained elsewhere, maybe on these frames, too: "
+            f"PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}; {facts['rasterizer']}"
+        )
     return (
         f"{frames.facts['recording']}, origin {splats.origin}\n"
         f"{splats.shape('means')[0]} Gaussians of iteration {facts['iteration']}, "
@@ -78,6 +84,10 @@ def _draw_curves(axes: NDArray[np.object_], splats: Artifact) -> None:
     """Draw loss, PSNR and number of Gaussians over the iterations."""
     iteration = splats.read("curve/iteration")
     above, middle, below = axes
+    if not len(iteration):  # Gaussians of another program
+        for one in axes:
+            one.set_axis_off()
+        return
     above.semilogy(iteration, splats.read("curve/loss"), color="0.75", linewidth=0.8)
     above.semilogy(iteration, _smoothed(splats.read("curve/loss")), color="tab:blue")
     above.set(ylabel="loss")
