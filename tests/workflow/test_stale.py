@@ -233,26 +233,6 @@ def test_other_encoder_weights_rerun_transient(workdir):
     assert workdir.stale(*workdir.MAIN, config=config) == AFTER_TRANSIENT
 
 
-def test_other_gaussians_of_another_program_rerun_what_follows_and_nothing_else(workdir):
-    """The content counts: of the file, and of nerfstudio's transform beside it."""
-    config = "{splats: {source: splat.ply, masking: none}, camera: {refine_poses: off, compensate_exposure: off}}"
-    after = {*AFTER_INSTANCES, "splats", "splats_sheet"} - {"masks", "transient_sheet"}
-    artifact = Artifact(workdir.folder / "results/adt/scene1/splats.zarr", SPLATS)
-    write_ply(workdir.folder / "splat.ply", geometry_columns(read_gaussians(artifact)), "synthetic")
-    (workdir.folder / "mine.yaml").write_text(config)
-    done = workdir.snakemake("mine.yaml", "--", "results/adt/scene1/language.zarr")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert workdir.stale("results/adt/scene1/language.zarr", config=config) == set()
-    (workdir.folder / "splat.ply").touch()
-    assert workdir.stale("results/adt/scene1/language.zarr", config=config) == set()
-
-    with (workdir.folder / "splat.ply").open("ab") as file:
-        file.write(b" ")
-    made = {"splats", "instances", "view_features", "features", "language"}
-    assert workdir.stale("results/adt/scene1/language.zarr", config=config) == made
-    assert made < after
-
-
 def test_a_new_room_reruns_nothing(workdir):
     (workdir.folder / "src/egosplat/another").mkdir()
     (workdir.folder / "src/egosplat/another/__init__.py").write_text("# a comment\n")

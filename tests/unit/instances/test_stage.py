@@ -9,6 +9,7 @@ from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.instances.lifted_masks import lift_masks
+from tests.support.scenes import put
 from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, LEFT, RIGHT, SIZE, options
 
 
@@ -208,3 +209,27 @@ def test_pixels_that_a_frame_leaves_out_neither_vote_nor_get_a_label(scene, trut
     assert (labels[hidden] == -1).all()
     assert max((labels == other)[shown].mean() for other in (truth, 1 - truth)) > 0.95
     assert found.facts["pixels_without_instance"] < 0.05
+
+
+def test_masks_are_merged_on_given_gaussians(scene, truth):
+    """Those of another program are neither trained nor changed, and no key of training matters."""
+    folder = scene()
+    wall = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 60), np.linspace(-1, 1, 40)), -1).reshape(-1, 2)
+    means = np.column_stack([wall, np.full(len(wall), DISTANCE)]).astype(np.float32)
+    arrays = {
+        "means": means,
+        "quats": np.tile(np.float32([1, 0, 0, 0]), (len(means), 1)),
+        "log_scales": np.full((len(means), 3), np.log(0.025), np.float32),
+        "logit_opacities": np.full(len(means), 4, np.float32),
+        "sh": np.zeros((len(means), 1, 3), np.float32),
+    }
+    put(folder, "splats", arrays, made_from=["frames", "poses"])
+    paths = [folder / f"{name}.zarr" for name in ("frames", "poses", "segments", "instances")]
+    found = {}
+    for iterations in (1, 20):
+        stage.run(*paths, options(iterations=iterations), splats_path=folder / "splats.zarr")
+        found[iterations] = verify(folder / "instances.zarr", SCHEMAS)
+    assert found[1].digest == found[20].digest and np.array_equal(found[20].read("gaussians/xyz"), means)
+    labels = found[20].read("labels")[:, 1]
+    assert max((labels == truth).mean(), (labels == 1 - truth).mean()) > 0.95
+    assert "splats.zarr" in found[20].provenance["inputs"]

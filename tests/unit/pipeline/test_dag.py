@@ -23,8 +23,8 @@ from egosplat.pipeline.dag import (
     tracks_by_survey,
     training_frames,
 )
-from egosplat.pipeline.variants import reaches
 from egosplat.pipeline.stages import STAGES, load_module
+from egosplat.pipeline.variants import reaches
 
 BASE = defaults()
 METHODS = section_keys("language")["method"]["enum"]
