@@ -172,10 +172,12 @@ def export_command() -> click.Command:
                 ["--format"],
                 type=click.Choice(list(FORMATS)),
                 help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, "
-                "colmap), or the scene page (html). [default: by the suffix of --output, else ply]",
+                "colmap), the scene page (html), or all of these over time for Rerun (rrd). [default: by the suffix of --output, else ply]",
             ),
             click.Option(
-                ["--query"], metavar="WORDS", help="Only the Gaussians of the best answer; ply and spz."
+                ["--query"],
+                metavar="WORDS",
+                help="Only the Gaussians of the best answer; ply and spz. Boxes of answers to words between commas; rrd.",
             ),
             click.Option(
                 ["--output"], type=ARTIFACT, help="Output file or folder.  [default: a name in FOLDER]"

@@ -18,6 +18,7 @@ from egosplat.export.formats import Exporting
 from egosplat.export.instance_cloud import export_instances
 from egosplat.export.page import write_page
 from egosplat.export.ply import code_columns, geometry_columns, write_ply
+from egosplat.export.rerun_recording import export_rerun
 from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
 from egosplat.progress import log
@@ -50,6 +51,9 @@ def run(folder: Path, what: Exporting, options: AskingOptions, scene: Scene | No
         files = {"clip_model": clip["model"], "clip_checkpoint": clip["checkpoint"]}
         keys = {name: getattr(options, name) for name in AskingOptions.model_fields}
         write_page(folder, what.output, ScenePageOptions(**keys | files))
+    elif what.format == "rrd":
+        phrases = [phrase.strip() for phrase in (what.query or "").split(",") if phrase.strip()]
+        export_rerun(scene or open_scene(folder, options), what.output, phrases)
     else:
         chosen = None
         if what.query is not None:

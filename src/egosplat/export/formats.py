@@ -8,7 +8,7 @@ from egosplat.files import check_new_folder, check_output
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.pipeline.stages import STAGES
 
-# The artifacts that each format needs: Gaussians, a point cloud, images with cameras, the scene page.
+# The artifacts that each format needs: Gaussians, a point cloud, images with cameras, the scene page, all of these over time.
 FORMATS = {
     "ply": ("splats",),
     "spz": ("splats",),
@@ -16,13 +16,15 @@ FORMATS = {
     "nerfstudio": ("frames", "poses", "splats"),
     "colmap": ("frames", "poses", "splats"),
     "html": STAGES["scene_page"].inputs,
+    "rrd": STAGES["scene_page"].inputs,
 }
 
 # Suffix of the file of each format; the others are folders.
-_SUFFIXES = {"ply": ".ply", "spz": ".spz", "instances": ".ply", "html": ".html"}
+_SUFFIXES = {"ply": ".ply", "spz": ".spz", "instances": ".ply", "html": ".html", "rrd": ".rrd"}
 
-# Formats that can hold the answer to a query alone.
+# Formats that can hold the answer to a query alone, and one that shows answers in the scene.
 _OF_QUERIES = ("ply", "spz")
+_WITH_ANSWERS = "rrd"
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,8 @@ class Exporting:
     Attributes:
         format: a key of ``FORMATS``.
         output: file or folder.
-        query: words; only the Gaussians of the best answer are written. None writes all.
+        query: words; only the Gaussians of the best answer are written, or, of rrd, answers to words between commas. None
+            writes all Gaussians and no answer.
         codes: also write the codes and shares of language.zarr to a .ply file.
     """
 
@@ -57,12 +60,14 @@ def plan_export(
         UserError: the scene lacks an artifact, or the output may not be written or has another suffix than the format.
     """
     format = format or format_of(output)
-    if query is not None and format not in _OF_QUERIES:
-        raise UserError(f"--query: goes with --format {' or '.join(_OF_QUERIES)}, not {format}")
+    if query is not None and format not in (*_OF_QUERIES, _WITH_ANSWERS):
+        raise UserError(
+            f"--query: goes with --format {', '.join(_OF_QUERIES)} or {_WITH_ANSWERS}, not {format}"
+        )
     asked = ASKED if query is not None else ()
     coded = ("language",) if codes and format == "ply" else ()
     check_scene_folder(folder, dict.fromkeys((*FORMATS[format], *asked, *coded)))
-    name = own_name(format, query)
+    name = own_name(format, None if format == _WITH_ANSWERS else query)
     output = output or folder / name
     if format in _SUFFIXES:
         check_output(output, name, overwrite=overwrite)
@@ -87,6 +92,6 @@ def format_of(output: Path | None) -> str:
 
 def own_name(format: str, query: str | None) -> str:
     """Name of the file or folder that the command writes by default."""
-    names = {"instances": "instances", "ply": "scene", "spz": "scene", "html": "scene"}
+    names = {"instances": "instances", "ply": "scene", "spz": "scene", "html": "scene", "rrd": "scene"}
     name = names.get(format, format) if query is None else "answer"
     return f"{name}{_SUFFIXES.get(format, '')}"

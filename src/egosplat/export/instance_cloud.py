@@ -19,7 +19,7 @@ from egosplat.report.sheets.instances_sheet import palette
 _GREY = 96
 
 # Gaussians that are less opaque show no surface.
-_LEAST_OPACITY = 0.5
+LEAST_OPACITY = 0.5
 
 
 def export_instances(scene: Path, output: Path) -> None:
@@ -32,7 +32,7 @@ def export_instances(scene: Path, output: Path) -> None:
     """
     splats, instances = map(open_artifact, locate(scene, "splats", "instances"), (SPLATS, INSTANCES))
     gaussians = read_gaussians(splats)
-    on_surface = gaussians.opacities >= _LEAST_OPACITY
+    on_surface = gaussians.opacities >= LEAST_OPACITY
     xyz = gaussians.select(on_surface).means.numpy()
     owner = instances_of_gaussians(instances, xyz)
     if owner is None:

@@ -310,8 +310,8 @@ class Scene:
 
         Args:
             path: file or folder to write.
-            format: ply, spz, instances, nerfstudio, colmap or html; None for what the suffix of ``path`` says.
-            query: only the Gaussians of the best answer to these words; ply and spz.
+            format: ply, spz, instances, nerfstudio, colmap, html or rrd; None for what the suffix of ``path`` says.
+            query: only the Gaussians of the best answer to these words; ply and spz. Boxes of the answers; rrd.
             codes: also write the language codes; ply.
             overwrite: whether a file that is there may be replaced.
 

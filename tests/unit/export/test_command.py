@@ -71,6 +71,34 @@ def test_the_answer_to_a_query(scene, export, tmp_path):
     assert len(read_spz(tmp_path / "cup.spz").means) == len(means)
 
 
+def test_rerun_reads_its_recording(scene, export, tmp_path):
+    """By its own reader: a pose, a picture and instances for each frame, points, and a box for each answer."""
+    loader = pytest.importorskip("rerun.recording")
+    status, said = export("--query", "couch, elephant", "--output", tmp_path / "scene.rrd")
+    assert status == 0 and "4 frames, 2 answers" in said
+    rows: dict[str, list[dict]] = {}
+    for chunk in loader.load_recording(tmp_path / "scene.rrd").chunks():
+        rows.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
+    placed = {row["frame"]: row for row in rows["/world/camera"] if row.get("frame") is not None}
+    found = [np.ravel(placed[frame]["Transform3D:translation"]) for frame in POSED]
+    assert sorted(placed) == POSED and np.allclose(found, poses(scene)[:, :3, 3])
+    turn = np.reshape(placed[POSED[-1]]["Transform3D:mat3x3"], (3, 3), order="F")
+    assert np.allclose(turn, poses(scene)[-1, :3, :3], atol=1e-6)
+    assert len(rows["/world/camera/picture"]) == len(rows["/world/camera/instances"]) == len(POSED)
+    (points,), (couch,), (elephant,) = (
+        rows[f"/world/{name}"] for name in ("gaussians", "answers/couch", "answers/elephant")
+    )
+    assert 0 < len(points["Points3D:positions"]) <= 700
+    assert couch["Boxes3D:centers"][0][0] < -0.3 and couch["Boxes3D:labels"][0].startswith("couch 0.")
+    assert not elephant["Boxes3D:centers"]
+
+
+def test_without_rerun_its_extra_is_named(export, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    status, said = export("--output", tmp_path / "scene.rrd")
+    assert status == 1 and 'pip install "egosplat[rerun]"' in said and not (tmp_path / "scene.rrd").exists()
+
+
 def test_a_query_without_an_answer_exports_nothing(scene, export, tmp_path):
     status, said = export("--query", "elephant", "--output", tmp_path / "x.ply")
     assert status == 2 and "elephant" in said and "Traceback" not in said

@@ -1,0 +1,100 @@
+"""Write a scene for Rerun (rerun.io): cameras with pictures and instances over time, Gaussians as points, answers as boxes."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.locating import locate
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.splats import SPLATS
+from egosplat.errors import UserError
+from egosplat.export.instance_cloud import LEAST_OPACITY
+from egosplat.files import atomic_file
+from egosplat.gaussians.initialization import SH_C0
+from egosplat.gaussians.io import read_gaussians
+from egosplat.geometry import known_poses
+from egosplat.progress import log, track
+from egosplat.query.answers import Answer
+from egosplat.query.finished_scene import Scene
+from egosplat.report.sheets.instances_sheet import palette
+
+
+def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
+    """Write a .rrd file; it is complete or absent.
+
+    Args:
+        phrases: queries of the whole scene, whose answers become boxes.
+
+    Raises:
+        UserError: rerun-sdk is not installed, or an artifact is missing or damaged.
+    """
+    try:
+        import rerun as rr
+    except ImportError:
+        raise UserError('rerun-sdk is not installed; it comes with: pip install "egosplat[rerun]"') from None
+    answers = list(scene.answers(phrases)) if phrases else []
+    up = scene.artifact("poses").read("up")
+    axis = int(np.abs(up).argmax())
+    axes = getattr(rr.ViewCoordinates, f"RIGHT_HAND_{'XYZ'[axis]}_{'UP' if up[axis] > 0 else 'DOWN'}")
+    with (
+        atomic_file(output) as scratch,
+        rr.RecordingStream("egosplat", recording_id=scene.folder.name) as stream,
+    ):
+        stream.save(scratch)
+        stream.log("world", axes, static=True)
+        stream.log("world/gaussians", _points(rr, scene.folder), static=True)
+        for answer in answers:
+            stream.log(f"world/answers/{answer.phrase}", _boxes(rr, answer), static=True)
+            log(f"{answer.phrase}: {answer.refusal or f'{len(answer.things)} boxes'}")
+        frames = _log_frames(rr, stream, scene)
+        # What is left is written before the file gets its name.
+        stream.disconnect()
+    log(f"{output}: {frames} frames, {len(answers)} answers")
+
+
+def _boxes(rr: Any, answer: Answer) -> Any:
+    return rr.Boxes3D(
+        centers=[thing.center for thing in answer.things],
+        sizes=[thing.size for thing in answer.things],
+        labels=[f"{answer.phrase} {thing.score:.2f}" for thing in answer.things],
+    )
+
+
+def _points(rr: Any, folder: Path) -> Any:
+    """The Gaussians on surfaces, with their size and their color from all sides."""
+    gaussians = read_gaussians(open_artifact(*locate(folder, "splats"), SPLATS))
+    some = gaussians.select(gaussians.opacities >= LEAST_OPACITY)
+    colors = (some.sh[:, 0].numpy() * SH_C0 + 0.5).clip(0, 1)
+    radii = some.scales.median(dim=1).values.numpy()
+    return rr.Points3D(some.means.numpy(), colors=(colors * 255).astype(np.uint8), radii=radii)
+
+
+def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
+    """Log the frames with a pose, with the instances of the coarsest level; returns their number."""
+    camera = scene.camera
+    instances = open_artifact(*locate(scene.folder, "instances"), INSTANCES)
+    times = scene.artifact("frames").read("timestamp_ns")
+    colors = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8)
+    # Class 0 is no instance, which is transparent.
+    classes = [
+        (0, "none", (0, 0, 0, 0)),
+        *((i + 1, f"{i}", (*c, 255)) for i, c in enumerate(colors.tolist())),
+    ]
+    stream.log("world", rr.AnnotationContext(classes), static=True)
+    lens = rr.Pinhole(image_from_camera=camera.matrix, width=camera.width, height=camera.height)
+    stream.log("world/camera", lens, static=True)
+    known = known_poses(scene.poses)
+    for frame in track(known.tolist(), "writing frames"):
+        pose = scene.poses[frame]
+        stream.set_time("frame", sequence=frame)
+        stream.set_time("time", duration=int(times[frame] - times[0]) / 1e9)
+        stream.log("world/camera", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
+        stream.log("world/camera/picture", rr.Image(scene.frames[frame]).compress(jpeg_quality=90))
+        labels = instances.row("labels", frame)[-1]
+        stream.log(
+            "world/camera/instances", rr.SegmentationImage((labels + 1).astype(np.uint16), opacity=0.4)
+        )
+    return len(known)
