@@ -77,6 +77,7 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
             "gaussians/xyz": gaussians.means.numpy(),
             "gaussians/instance": owner,
             "instances/level": np.repeat([0, 1], len(WORDS)).astype(np.int8),
+            "labels": np.zeros((count, len(LEVELS), CAMERA.height, CAMERA.width), np.int32),
         },
         {"levels": LEVELS, "source": "masks", "instances": dict.fromkeys(LEVELS, len(WORDS))},
         made_from=["frames", "poses"],

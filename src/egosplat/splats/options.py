@@ -11,14 +11,14 @@ from egosplat.pipeline.shared_options import BackendOptions, CameraOptions, Near
 class SplatsOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions):
     """Training of the 3D Gaussians."""
 
-    source: Text | None = None
-    """File of Gaussians that another program trained on the recording, .ply or .spz; nothing trains then
-    (docs/recordings.md#a-trained-splat). Its folder is relative to the working directory. null: train."""
-
     masking: Literal["auto", "none", "initial", "refined"] = "auto"
     """Pixels that training leaves out because they move. refined: transient instances, as in the paper. initial:
     the network's probability alone, as in EgoLifter. none: no pixels; neither network nor instances are needed.
     auto: refined if the survey finds motion, else none."""
+
+    source: Text | None = None
+    """File of Gaussians that another program trained on the recording, .ply or .spz, so that nothing trains
+    (docs/recordings.md#a-trained-splat). Relative to the working directory. null: train here."""
 
     language: Literal["after", "joint"] = "after"
     """When the Gaussians get their codes (docs/method.md#joint-or-after). after: in the stage language, with color
