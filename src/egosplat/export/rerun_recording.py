@@ -74,7 +74,6 @@ def _points(rr: Any, folder: Path) -> Any:
 
 def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
     """Log the frames with a pose, with the instances of the coarsest level; returns their number."""
-    camera = scene.camera
     instances = open_artifact(*locate(scene.folder, "instances"), INSTANCES)
     times = scene.artifact("frames").read("timestamp_ns")
     colors = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8)
@@ -84,16 +83,16 @@ def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
         *((i + 1, f"{i}", (*c, 255)) for i, c in enumerate(colors.tolist())),
     ]
     stream.log("world", rr.AnnotationContext(classes), static=True)
-    lens = rr.Pinhole(image_from_camera=camera.matrix, width=camera.width, height=camera.height)
+    size = {"width": scene.camera.width, "height": scene.camera.height}
+    lens = rr.Pinhole(image_from_camera=scene.camera.matrix, **size)
     stream.log("world/camera", lens, static=True)
-    known = known_poses(scene.poses)
-    for frame in track(known.tolist(), "writing frames"):
-        pose = scene.poses[frame]
+    known = known_poses(scene.poses).tolist()
+    for frame in track(known, "writing frames"):
+        pose, labels = scene.poses[frame], instances.row("labels", frame)[-1]
         stream.set_time("frame", sequence=frame)
         stream.set_time("time", duration=int(times[frame] - times[0]) / 1e9)
         stream.log("world/camera", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
         stream.log("world/camera/picture", rr.Image(scene.frames[frame]).compress(jpeg_quality=90))
-        labels = instances.row("labels", frame)[-1]
         stream.log(
             "world/camera/instances", rr.SegmentationImage((labels + 1).astype(np.uint16), opacity=0.4)
         )

@@ -40,7 +40,11 @@ def read_source(path: Path) -> Gaussians:
     with path.open("rb") as file:
         head = file.read(65536)
     if head.startswith(b"ply"):
-        found = _read_packed(path) if _PACKED in head.partition(b"end_header")[0] else _read_ply(path)
+        found = (
+            _read_by_gsply(path, "plyread")
+            if _PACKED in head.partition(b"end_header")[0]
+            else _read_ply(path)
+        )
     elif head.startswith((_GZIP, _MAGIC)):
         found = _read_spz(path, head)
     else:
@@ -103,15 +107,6 @@ def _numbered(name: str, count: int) -> tuple[str, ...]:
     return tuple(f"{name}_{number}" for number in range(count))
 
 
-def _read_packed(path: Path) -> Gaussians:
-    try:
-        return _of_gsply(_gsply(path).plyread(path))
-    except (ValueError, KeyError, TypeError, OSError) as error:
-        raise UserError(
-            f"{path}: not a readable compressed .ply ({str(error)[:100]}). Export an uncompressed .ply"
-        ) from error
-
-
 def _read_spz(path: Path, head: bytes) -> Gaussians:
     try:
         if head.startswith(_GZIP):
@@ -119,33 +114,34 @@ def _read_spz(path: Path, head: bytes) -> Gaussians:
                 head = file.read(8)
         magic, version = head[:4], struct.unpack("<I", head[4:8])[0]
     except (OSError, EOFError, struct.error) as error:
-        raise UserError(f"{path}: not a readable .spz file ({error}). Export it again, or a .ply") from error
+        raise _damaged(path, error) from error
     if magic != _MAGIC or version not in _SPZ_VERSIONS:
         what = f"is .spz of version {version}" if magic == _MAGIC else "is packed by gzip, and no .spz"
         raise UserError(f"{path}: {what}; versions 2 to 4 are read. Export a .ply")
-    try:
-        found = _of_gsply(_gsply(path).read_spz(path))
-    except (ValueError, OSError) as error:
-        raise UserError(f"{path}: not a readable .spz file ({str(error)[:100]}). Export a .ply") from error
     # The axes are those of OpenGL, where a .ply file of the same training has those of COLMAP.
-    return moved(found, _SPZ_AXES)
+    return moved(_read_by_gsply(path, "read_spz"), _SPZ_AXES)
 
 
-def _gsply(path: Path) -> Any:
+def _read_by_gsply(path: Path, function: str) -> Gaussians:
     try:
         import gsply
     except ImportError:
         raise UserError(
             f'{path}: gsply, which reads it, is not installed: pip install "egosplat[export]", or export a plain .ply'
         ) from None
-    return gsply
-
-
-def _of_gsply(data: Any) -> Gaussians:
-    sh = data.sh0[:, None]
-    if data.shN is not None and data.shN.size:
-        sh = np.concatenate([sh, data.shN], axis=1)
+    try:
+        data = getattr(gsply, function)(path)
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        raise _damaged(path, error) from error
+    rest = [] if data.shN is None else [data.shN]
+    sh = np.concatenate([data.sh0[:, None], *rest], axis=1)
     return _gaussians(data.means, data.quats, data.scales, data.opacities, sh)
+
+
+def _damaged(path: Path, error: Exception) -> UserError:
+    return UserError(
+        f"{path}: not a readable packed file ({str(error)[:100]}). Export it again, or an uncompressed .ply"
+    )
 
 
 def _gaussians(*arrays: NDArray[np.floating[Any]]) -> Gaussians:

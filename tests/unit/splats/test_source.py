@@ -135,7 +135,7 @@ BAD = {
     "cut off": (lambda one: ply(gsplat_columns(one))[:-9], "not a readable PLY"),
     "text, cut off": (lambda one: ply(gsplat_columns(one), "ascii")[:-9000], "not a readable PLY"),
     "no end of the header": (lambda one: b"ply\nformat ascii 1.0\n", "not a readable PLY"),
-    "packed, cut off": (lambda one: packed_ply(one)[:-99], "compressed .ply.*uncompressed"),
+    "packed, cut off": (lambda one: packed_ply(one)[:-99], "not a readable packed file.*uncompressed .ply"),
     "no Gaussian": (
         lambda one: ply(gsplat_columns(one.select(torch.zeros(0, dtype=torch.int64)))),
         "no Gaussian",
@@ -143,8 +143,11 @@ BAD = {
     "nothing finite": (edited(x=np.nan), "none of 40 Gaussians"),
     "spz 1": (header(1), "version 1; versions 2 to 4"),
     "spz 9": (header(9), "version 9; versions 2 to 4"),
-    "spz, cut off": (lambda one: gzip.compress(gzip.decompress(spz(one, 3))[:-99]), "not a readable .spz"),
-    "half a gzip": (lambda one: spz(one, 3)[:12], "not a readable .spz"),
+    "spz, cut off": (
+        lambda one: gzip.compress(gzip.decompress(spz(one, 3))[:-99]),
+        "not a readable packed file",
+    ),
+    "half a gzip": (lambda one: spz(one, 3)[:12], "not a readable packed file"),
     "another gzip": (header(3, 7), "no .spz"),
     "a picture": (lambda _: b"\x89PNG\r\n", "neither a .ply nor an .spz.*SuperSplat"),
     "empty": (lambda _: b"", "neither a .ply nor an .spz"),
