@@ -74,7 +74,7 @@ def track(items: Iterable[Item], what: str, total: int | None = None, unit: str 
         yield item
         done += 1
         now = time.perf_counter()
-        if now - last >= _SECONDS_BETWEEN_LINES:
+        if now - last >= _SECONDS_BETWEEN_LINES and done != total:
             last = now
             log(_line(what, done, total, now - start, unit))
     log(_line(what, done, total, time.perf_counter() - start, unit))

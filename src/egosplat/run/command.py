@@ -77,10 +77,8 @@ def _parsed(pairs: Iterable[str]) -> dict[str, str]:
 
 def _about(source: Source, scene: Scene) -> str:
     stride = scene.config["frames"]["stride"]
-    if source.count is None:
-        return f"{source.about}, {source.path}"
-    every = f", {-(-source.count // stride)} of them taken (frames.stride={stride})" if stride > 1 else ""
-    return f"{source.about}, {source.count} frames{every}, {source.path}"
+    taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
+    return f"{source.about}{taken}, {source.path}"
 
 
 def _command(scene: Scene, cores: int, settings: Sequence[str]) -> list[str]:

@@ -39,7 +39,7 @@ class Source:
     Attributes:
         format: ``plain`` or ``adt``.
         path: folder or file, as the table of scenes names it.
-        about: what it is, in a few words.
+        about: what it is, in a few words, with the number of its frames.
         count: number of its frames; None if it is not known before they are read.
         options: keys that suit it, by name in the table of scenes.
         known: whether it has poses.
@@ -120,8 +120,9 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
     kind = find_known_poses(folder, known_poses)
     pictures = open_source(folder, kind)
     assert isinstance(pictures, ImageFolder)
-    about = "pictures" if kind is None else f"pictures with poses ({KNOWN_POSES[kind]})"
-    return Source("plain", folder, about, len(pictures.paths), kind is not None)
+    count = len(pictures.paths)
+    about = f"{count} pictures" + ("" if kind is None else f" with poses ({KNOWN_POSES[kind]})")
+    return Source("plain", folder, about, count, kind is not None)
 
 
 def _read_glasses(video: Path) -> Source:
@@ -147,11 +148,10 @@ def _read_video(path: Path, known_poses: str) -> Source:
         Video(path)  # says why
         raise UserError(f"{path}: is no video that can be read. {_TAKES}")
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
-    if find_known_poses(path, known_poses):
-        return Source("plain", path, "a video with poses", max(count, 0) or None, True)
-    if count <= 0:
-        return Source("plain", path, "a video", None, False)
-    return Source("plain", path, "a video", count, False, {"frames.stride": str(stride_for(count, rate))})
+    known = find_known_poses(path, known_poses) is not None
+    about = "a video" + (f" of {count} frames" if count > 0 else "") + (" with poses" if known else "")
+    options = {} if known or count <= 0 else {"frames.stride": str(stride_for(count, rate))}
+    return Source("plain", path, about, count if count > 0 else None, known, options)
 
 
 def stride_for(count: int, rate: float) -> int:

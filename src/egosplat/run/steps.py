@@ -34,6 +34,7 @@ _ENDED = re.compile(r"Finished jobid: \d+ \(Rule: (\w+)\)")
 _DONE = re.compile(r"(\d+) of (\d+) steps \(.*\) done")
 _FAILED = re.compile(r"Error in rule (\w+):")
 _LOG = re.compile(r" +log: (.+) \(check log file")
+_ALARM = re.compile(r"\w+: (alarm|warning): ")
 _NOTHING, _OWN = "Nothing to be done", "egosplat: "
 
 
@@ -127,6 +128,8 @@ class Steps:
             return self._plan(found[1], int(found[2]))
         elif line.startswith(_NOTHING):
             return ["every step is up to date"]
+        elif self.running and _ALARM.match(line):
+            return [line]
         elif not self.running and not self._failing:
             return self._pass_on(line)
         return []
