@@ -111,7 +111,7 @@ def run_snakemake(words: Sequence[str], steps: Steps) -> int:
     try:
         assert process.stdout is not None
         for line in process.stdout:
-            screen.show(steps.read(line.rstrip("\n")), line.strip() if steps.running else "")
+            screen.show(steps.read(line.rstrip("\n")), steps.work)
         return process.wait()
     except BaseException:
         _stop(process)
@@ -136,14 +136,16 @@ class Screen:
     """Lines that stay, and on a terminal below them one that is written over: the last line of a running step."""
 
     def __init__(self) -> None:
-        self._hint = sys.stderr.isatty()
+        self._is_terminal, self._hint = sys.stderr.isatty(), ""
 
     def show(self, lines: Sequence[str], hint: str) -> None:
         """Show lines, then a hint in place of the last one."""
-        if self._hint:
+        redrawn = self._is_terminal and (bool(lines) or hint != self._hint)
+        if redrawn:
             sys.stderr.write("\r\x1b[K")
         for line in lines:
             log(line)
-        if self._hint and hint:
+        if redrawn:
             sys.stderr.write(hint[: shutil.get_terminal_size().columns - 1])
             sys.stderr.flush()
+        self._hint = hint

@@ -92,6 +92,7 @@ class Steps:
     Attributes:
         running: time at which each running step began.
         failed: log of each step that failed.
+        work: the last line of a running step, or the names of those that run.
         said: what Snakemake and the workflow said that is about no step.
     """
 
@@ -106,6 +107,7 @@ class Steps:
         self.running: dict[str, float] = {}
         self.failed: dict[str, Path] = {}
         self.said: list[str] = []
+        self.work = ""
         self._left: set[str] = set()
         self._ended: list[str] = []
         self._surveyed, self._failing = False, ""
@@ -114,8 +116,11 @@ class Steps:
 
     def read(self, line: str) -> list[str]:
         """Take one line of Snakemake or of a step; get the lines for the user, mostly none."""
+        if line.partition(": ")[0] in self.running:
+            self.work = line
         if found := _BEGUN.fullmatch(line):
             self.running[found[1]] = self._clock()
+            self.work = f"{', '.join(self.running)} ..."
         elif found := _ENDED.fullmatch(line):
             self._ended.append(found[1])
         elif found := _DONE.fullmatch(line):
@@ -157,6 +162,7 @@ class Steps:
     def _end(self, done: str, total: str) -> str:
         step, now = self._ended[-1], self._clock()
         took = now - self.running.pop(step, now)
+        self.work = f"{', '.join(self.running)} ..." if self.running else ""
         self._last_end, self._expected_s = now, self._expected_s + self._forecast.seconds(step)
         left = f"; about {duration(self.remaining_s())} left" if done != total else ""
         return f"{done:>2}/{total} {step}: {describe(step)}, {duration(took)}{left}"

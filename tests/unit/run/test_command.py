@@ -1,5 +1,9 @@
 """The command line of ``egosplat run``, and the call of Snakemake."""
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -84,3 +88,51 @@ def test_a_failed_run_is_an_error_with_its_message(calls, tmp_path, monkeypatch)
     )
     with pytest.raises(UserError, match="^a: is wrong$"):
         make_scene(Wish(tmp_path / "photos"))
+
+
+def test_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):
+    shown = []
+    monkeypatch.setattr("egosplat.viewing.command.run", lambda *given, **keys: shown.append((given[0], keys)))
+    assert CliRunner().invoke(cli, ["run", str(tmp_path / "photos"), "--open"]).exit_code == 0
+    assert shown == [(Path("results/mine/photos"), {"browse": True})]
+
+
+SNAKEMAKE = """
+import pathlib, signal, time
+print("egosplat: begun", flush=True)
+try:
+    time.sleep(600)
+except KeyboardInterrupt:
+    time.sleep(0.2)
+    pathlib.Path("ended").write_text("as asked")
+    raise SystemExit(1)
+"""
+CALLER = """
+from egosplat.progress import show_log
+from egosplat.run.command import run_snakemake
+from egosplat.run.steps import Steps
+show_log()
+try:
+    run_snakemake(["pretended"], Steps(None, 1.0))
+except KeyboardInterrupt:
+    raise SystemExit(130)
+"""
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_snakemake_ends_first_and_once(tmp_path, ending):
+    """Only ``egosplat run`` gets the signal, as from a scheduler; Snakemake then removes what is unfinished."""
+    (tmp_path / "pretended.py").write_text(SNAKEMAKE)
+    path = os.pathsep.join([str(ROOT / "src"), str(tmp_path)])
+    # What a shell starts in the background ignores interrupts, and so do its children; on a terminal none does.
+    process = subprocess.Popen(
+        ["env", "--default-signal=INT", sys.executable, "-c", CALLER],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": path},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None and process.stderr.readline() == "begun\n"
+    process.send_signal(ending)
+    assert process.wait(timeout=300) == 130
+    assert (tmp_path / "ended").read_text() == "as asked"
