@@ -60,7 +60,7 @@ def make_scene(wish: Wish) -> Scene:
     log(f"{scene.name}: {_about(source, scene)}; preset {config['preset']}")
     cores = wish.cores or len(os.sched_getaffinity(0))
     words = _command(scene, cores, settings)
-    log(f"This runs, and goes on after an end: {shlex.join(words)}")
+    log(f"Snakemake's command, to go on with: {shlex.join(words)}")
     steps = Steps(Forecast(scene, source.count, source.known), machine_pace(cores))
     if run_snakemake(words, steps):
         raise UserError(steps.explain())

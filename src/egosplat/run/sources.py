@@ -1,5 +1,6 @@
 """What a file or folder is as a recording: its format, its number of frames, and the keys that suit it."""
 
+import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,7 +56,7 @@ class Source:
 
 def name_of(given: Path) -> str:
     """Make the name of a scene from that of its file or folder."""
-    path = given.resolve()
+    path = Path(os.path.abspath(given))
     stem = path.name if path.is_dir() else path.stem
     return re.sub("[^A-Za-z0-9_-]+", "_", stem).strip("_")[:60] or "scene"
 
@@ -74,7 +75,8 @@ def read_source(given: Path, unpacked: Path, known_poses: str = AUTO) -> Source:
         raise UserError(f"{given}: is a URL; download it and give the file")
     if not given.exists():
         raise UserError(f"{given}: does not exist. {_TAKES}")
-    path, suffix = given.resolve(), given.suffix.lower()
+    # Not resolved: a link has the name that suits Snakemake.
+    path, suffix = Path(os.path.abspath(given)), given.suffix.lower()
     if path.is_dir():
         return _read_folder(find_recording(path), known_poses)
     if suffix == ".zip":
@@ -90,14 +92,14 @@ def read_source(given: Path, unpacked: Path, known_poses: str = AUTO) -> Source:
 
 def find_recording(folder: Path) -> Path:
     """Find the folder of a recording in a folder: itself, or below it while there is a single folder to go on with."""
-    while not (_has_recording(folder) or _files(folder, _VIDEOS)):
-        inner = [
-            one for one in folder.iterdir() if one.is_dir() and one.name[0] != "." and one.name not in _ASIDE
-        ]
-        if len(inner) != 1:
-            break
+    while not (_has_recording(folder) or _files(folder, _VIDEOS)) and len(inner := _folders(folder)) == 1:
         (folder,) = inner
     return folder
+
+
+def _folders(folder: Path) -> list[Path]:
+    found = [one for one in folder.iterdir() if one.is_dir() and one.name[0] != "."]
+    return sorted(one for one in found if one.name not in _ASIDE)
 
 
 def _has_recording(folder: Path) -> bool:
@@ -113,10 +115,13 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
     for name in ADT_VIDEOS:
         if (folder / name).exists():
             return _read_glasses(folder / name)
-    videos = _files(folder, _VIDEOS)
-    if videos and not _has_recording(folder):
-        names = ", ".join(path.name for path in videos[:3])
-        raise UserError(f"{folder}: holds no pictures, but {names}; give one video, such as {videos[0]}")
+    if not _has_recording(folder):
+        others = _files(folder, _VIDEOS) or [one for one in _folders(folder) if _has_recording(one)]
+        if others:
+            names = ", ".join(path.name for path in others[:3])
+            raise UserError(
+                f"{folder}: holds no pictures, but {names}; give one of them, such as {others[0]}"
+            )
     kind = find_known_poses(folder, known_poses)
     pictures = open_source(folder, kind)
     assert isinstance(pictures, ImageFolder)

@@ -77,8 +77,8 @@ class Forecast:
             return _PAGE_S
         config = self._config()
         frames = (self.count or UNREAD_FRAMES) / config["frames"]["stride"]
-        made = [str(self.scene.results / f"{stage}.zarr") for stage in STAGES]
-        sizes = Sizes(step, config, [path for path in made if os.path.isdir(path)], frames)
+        made = [self.scene.results / f"{stage}.zarr" for stage in STAGES]
+        sizes = Sizes(step, config, [str(path) for path in made if (path / "zarr.json").is_file()], frames)
         return 60 * minutes(step, config, sizes)
 
     def _config(self) -> Config:
@@ -110,7 +110,7 @@ class Steps:
         self.work = ""
         self._left: set[str] = set()
         self._ended: list[str] = []
-        self._surveyed, self._failing = False, ""
+        self._surveyed, self._failing, self._cause = False, "", ""
         self._begun = self._last_end = clock()
         self._expected_s = 0.0
 
@@ -135,6 +135,8 @@ class Steps:
             return ["every step is up to date"]
         elif self.running and _ALARM.match(line):
             return [line]
+        elif self.running and line.startswith(_OWN):
+            self._cause = line.removeprefix(_OWN)
         elif not self.running and not self._failing:
             return self._pass_on(line)
         return []
@@ -174,8 +176,13 @@ class Steps:
 
     def explain(self) -> str:
         """Say why the run failed, in a line or two for each step."""
-        told = [f"{step}: {last_message(log)}\nThe whole log: {log}" for step, log in self.failed.items()]
+        told = [f"{step}: {self._message(log)}\nThe whole log: {log}" for step, log in self.failed.items()]
         return "\n".join(told or self._last_said())
+
+    def _message(self, log: Path) -> str:
+        """A step's last message. One that was killed left none: the shell around it says so."""
+        message = last_message(log)
+        return self._cause if self._cause and message.startswith("See ") else message
 
     def _last_said(self) -> list[str]:
         own = [number for number, line in enumerate(self.said) if line.startswith(_OWN)]

@@ -14,9 +14,17 @@ DATASET = "mine"
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split ``dataset/scene``; a name without a dataset is one of ``mine``. The check of the row refuses wrong letters."""
-    dataset, slash, scene = name.rpartition("/")
-    return (dataset, scene) if slash else (DATASET, scene)
+    """Split ``dataset/scene``; a name without a dataset is one of ``mine``.
+
+    Raises:
+        UserError: it has another form. The check of the row refuses names that are too long or taken.
+    """
+    if (found := re.fullmatch(r"(?:(?!benchmark/)([a-z0-9_]+)/)?([A-Za-z0-9_-]+)", name)) is None:
+        raise UserError(
+            f"--name {name}: is no dataset/scene, as in mine/kitchen_2: dataset of small letters, digits and _, and not "
+            "benchmark; scene of letters, digits, _ and -"
+        )
+    return found[1] or DATASET, found[2]
 
 
 def put_row(config: Config, row: Mapping[str, str]) -> Scene:

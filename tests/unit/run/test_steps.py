@@ -120,6 +120,14 @@ def test_a_failed_step_gives_its_message_and_its_log(run, tmp_path, log):
     )
 
 
+def test_a_killed_step_is_said_to_be_killed(run, tmp_path):
+    """Its log has no message; the shell around it has one."""
+    read, steps = run
+    failure = report("results/poses.zarr", str(tmp_path / "poses.log")).replace("frames", "poses")
+    assert not read(begun("poses") + "egosplat: the stage was killed\n" + failure)
+    assert steps.explain().startswith("poses: the stage was killed\n")
+
+
 @pytest.mark.parametrize(
     "text, said",
     [

@@ -69,11 +69,13 @@ def test_the_name_of_a_row_in_the_tracked_table_is_refused(put, tmp_path):
 @pytest.mark.parametrize(
     "name, options, said",
     [
-        ("Mine/kitchen", "", "dataset"),
-        ("benchmark/kitchen", "", "dataset"),
-        ("a/b/c", "", "dataset"),
-        ("mine/", "", "scene"),
-        ("mine/my kitchen", "", "scene"),
+        ("Mine/kitchen", "", "--name"),
+        ("benchmark/kitchen", "", "--name"),
+        ("a/b/c", "", "--name"),
+        ("mine/", "", "--name"),
+        ("mine/my kitchen", "", "--name"),
+        ("../../kitchen", "", "--name"),
+        ("k" * 101, "", "scene"),
         ("kitchen", "frames.strid=3", "frames.strid"),
         ("kitchen", "frames.stride=no", "frames.stride"),
     ],
