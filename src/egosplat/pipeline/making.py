@@ -4,18 +4,10 @@ import re
 import shlex
 from pathlib import Path
 
-from egosplat.pipeline.home import SNAKEFILE, snakefile
-
 # Where the workflow puts results, which its targets name from the folder of the workflow.
 _RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
 
-# In a folder with this table and no workflow, `egosplat run` made the results.
-_TABLE = Path("config/scenes.local.tsv")
-
-
-def _workflow_flag() -> str:
-    path = snakefile()
-    return "" if path == SNAKEFILE or not _TABLE.is_file() else f"--snakefile {shlex.quote(str(path))} "
+_WORKFLOW = Path("workflow/Snakefile")
 
 
 def make_command(path: Path, flag: str = "") -> str:
@@ -29,8 +21,8 @@ def make_command(path: Path, flag: str = "") -> str:
         return "run its command again"
     root, target = Path(place[: found.start(1)]), shlex.quote(found[1])
     if root.resolve() == Path.cwd():
-        return f"snakemake {_workflow_flag()}--cores 2 {flag}{target}"
+        return f"snakemake --cores 2 {flag}{target}"
     # Results may lie apart from the workflow, by Snakemake's option --directory.
-    if SNAKEFILE.is_file() and not (root / SNAKEFILE).is_file():
+    if _WORKFLOW.is_file() and not (root / _WORKFLOW).is_file():
         return f"snakemake --cores 2 {flag}--directory {shlex.quote(str(root))} {target}"
     return f"cd {shlex.quote(str(root))} && snakemake --cores 2 {flag}{target}"

@@ -5,9 +5,8 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import read_yaml, resolve
-from egosplat.pipeline.home import presets_folder
 from egosplat.pipeline.making import make_command
-from egosplat.pipeline.scenes import requested_targets, tables_of
+from egosplat.pipeline.scenes import requested_targets
 from egosplat.pipeline.sweeps import read_scenes_with_points
 from egosplat.pipeline.variant_folders import shared_with
 from egosplat.pipeline.variants import check_target
@@ -16,7 +15,7 @@ from egosplat.pipeline.variants import check_target
 EXAMPLE = "results/adt/scene1"
 
 # The configuration of the workflow in the working directory.
-_CONFIG = Path("config/config.yaml")
+_CONFIG, _PRESETS = Path("config/config.yaml"), Path("config/presets")
 
 # Artifacts of a scene that can be asked; its codes name one more, features or tiles.
 ASKED = ("frames", "poses", "splats", "language")
@@ -54,11 +53,10 @@ def _advice(folder: Path) -> str:
         return f"Give the folder of a finished scene, such as {EXAMPLE}"
     what = "scene" if found[0].variant is None else "variant"
     command = make_command(folder / "metrics.json")
+    if not _CONFIG.is_file():
+        return f"Make the {what} in the folder of the workflow: {command}"
     try:
-        config = resolve(read_yaml(_CONFIG) if _CONFIG.is_file() else {}, presets_folder())
-        if not tables_of(config)[0].is_file():
-            return f"Make the {what} in the folder of the workflow: {command}"
-        check_target(read_scenes_with_points(config, presets_folder()), found[0])
+        check_target(read_scenes_with_points(resolve(read_yaml(_CONFIG), _PRESETS), _PRESETS), found[0])
     except UserError as error:
         return str(error)
     return f"Make the {what}: {command}"

@@ -87,15 +87,6 @@ def test_a_result_is_made_from_any_working_directory(place, command, tmp_path, m
     assert make_command(Path(place.format(here=tmp_path))) == command
 
 
-def test_results_of_a_folder_without_a_workflow_are_made_by_that_of_the_source_tree(tmp_path, monkeypatch):
-    """As ``egosplat run`` leaves it."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "config").mkdir()
-    (tmp_path / "config/scenes.local.tsv").touch()
-    place = f"--snakefile {shlex.quote(str(ROOT / 'workflow/Snakefile'))}"
-    assert make_command(Path("results/a/b/x.json")) == f"snakemake {place} --cores 2 results/a/b/x.json"
-
-
 def test_results_apart_from_the_workflow_are_made_from_its_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     target = "--directory '/my work' results/a/b/x.json"
