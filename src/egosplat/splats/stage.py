@@ -190,7 +190,7 @@ def _view_sets(
     )
     _check_left(view_sets.training, masking)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())
-    log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
+    log(f"frames: {counts}; rendered on {rasterizer_used(options.render.backend, device)}")
     return view_sets
 
 
@@ -253,7 +253,7 @@ def _write(
         }
         artifact.facts = _facts(view_sets, options, state.extent, sh_degree) | trained | facts
     log(
-        f"{gaussians.count} Gaussians of iteration {state.iteration}; held out{_summary(scores, corrections)}"
+        f"{gaussians.count} Gaussians after {state.iteration} iterations; held out{_summary(scores, corrections)}"
     )
 
 
