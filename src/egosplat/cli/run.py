@@ -48,6 +48,7 @@ def run_command() -> click.Command:
         name: str | None,
         preset: str | None,
         pairs: tuple[str, ...],
+        splat: str | None,
         cores: int | None,
         words: tuple[str, ...],
         show: bool,
@@ -56,6 +57,12 @@ def run_command() -> click.Command:
 
         if any(not word.strip() for word in words):
             raise click.UsageError(f"{_WORDS}: a word is empty")
+        if splat is not None:
+            if any(map(str.isspace, splat)):
+                raise click.UsageError(
+                    f"--splat {splat}: has a space in its name; rename it, or give a link to it"
+                )
+            pairs = (*pairs, f"splats.source={splat}")
         try:
             folder = make_scene(Wish(source, name, preset, pairs, cores)).results
         except KeyboardInterrupt:
@@ -91,6 +98,11 @@ def run_command() -> click.Command:
                 multiple=True,
                 metavar="KEY=VALUE",
                 help="Key of this scene, as in frames.stride=3. May be repeated.",
+            ),
+            click.Option(
+                ["--splat"],
+                type=click.Path(exists=True, dir_okay=False),
+                help="Gaussians that another program trained on SOURCE, .ply or .spz: none are trained.",
             ),
             click.Option(
                 ["--cores"], type=click.IntRange(min=1), help="Number of processors. [default: all]"

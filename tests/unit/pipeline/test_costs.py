@@ -4,6 +4,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from egosplat.gaussians.stored_rows import IN_MEMORY
@@ -12,6 +13,7 @@ from egosplat.pipeline.config import defaults, merge, resolve
 from egosplat.pipeline.costs import COSTS, Sizes, cost_of, gpus, memory_mb, minutes, runtime_min
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.stages import STAGES as STAGES_BY_NAME
+from tests.support.scenes import put
 
 ROOT = Path(__file__).resolve().parents[3]
 STAGES = ("segments", "view_features", "features", "transient", "splats", "language", "metrics")
@@ -240,9 +242,20 @@ def test_the_headers_are_those_of_the_schemas():
         "frames": {"frame"},
         "pixels": {"height", "width"},
         "instances": {"instance"},
+        "gaussians": {"gaussian"},
         "numbers": {"view", "channel"},
     }
     for size, sources in costs._IN_ARTIFACTS.items():
         for artifact, array, axes in sources:
             dims = SCHEMAS[artifact].fields[array].dims[axes]
             assert set(dims) == names[size] and len(dims) == axes.stop - axes.start, (size, artifact)
+
+
+def test_the_gaussians_of_another_program_are_counted(tmp_path):
+    """Training's limit does not hold for them; before they are read their number is not known."""
+    put(tmp_path, "splats", {"means": np.zeros((7000, 3), np.float32)})
+    config = merge(defaults(), {"splats": {"source": "scene.ply", "max_gaussians": 10}})
+    paths = [str(tmp_path / "splats.zarr")]
+    assert Sizes("language", config, paths).gaussians == 0.007
+    trained = merge(config, {"splats": {"source": None}})
+    assert Sizes("splats", config).gaussians == Sizes("language", trained, paths).gaussians == 1e-5

@@ -136,3 +136,16 @@ def test_snakemake_ends_first_and_once(tmp_path, ending):
     process.send_signal(ending)
     assert process.wait(timeout=300) == 130
     assert (tmp_path / "ended").read_text() == "as asked"
+
+
+def test_a_trained_splat_becomes_a_key_of_the_scene(calls, tmp_path):
+    """A file that is missing or has a space, which no row can hold, is named."""
+    (tmp_path / "scene.ply").touch()
+    (tmp_path / "my scene.ply").touch()
+    for name, status in (("scene.ply", 0), ("my scene.ply", 2), ("absent.ply", 2)):
+        done = CliRunner().invoke(cli, ["run", str(tmp_path / "photos"), "--splat", str(tmp_path / name)])
+        assert done.exit_code == status, done.output
+        assert (name in done.stderr) == bool(status)
+    assert len(calls) == 1
+    row = Path("config/scenes.local.tsv").read_text().splitlines()[-1]
+    assert row.split("\t")[-1].split()[-1] == f"splats.source={tmp_path / 'scene.ply'}"
