@@ -88,6 +88,8 @@ def run(
     else:
         coded = method.give_codes(gaussians, views, settings, targets, options, checkpoint)
     geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"
+    if given := splats.facts.get("source"):
+        geometry = f"geometry of {given['file']}"
     stands_in = [*method.list_stand_ins(options.segmenter), *coded.stands_in, geometry]
     _write(
         output,
