@@ -32,7 +32,7 @@ def table(tmp_path) -> str:
 def test_a_row_is_read_beside_the_table_and_without_it(put, tmp_path):
     scene = put(options="frames.stride=3")
     assert scene.config["frames"]["stride"] == 3
-    assert [*read_scenes(defaults())] == [("mine", "kitchen")]
+    assert ("mine", "kitchen") in read_scenes(defaults())
     (tmp_path / "config/scenes.tsv").write_text(f"{HEAD}adt\tscene1\tadt\t-\tsynthetic.seed=1\n")
     assert [*read_scenes(defaults())] == [("adt", "scene1"), ("mine", "kitchen")]
 
