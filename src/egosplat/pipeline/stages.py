@@ -225,7 +225,7 @@ _STAGES = (
     Stage(
         "splats",
         "egosplat.splats.stage",
-        "Train 3D Gaussians on the frames.",
+        "Train 3D Gaussians on the frames, or read them.",
         options="egosplat.splats.options:SplatsOptions",
         output="splats.zarr",
         inputs=("frames", "poses"),
