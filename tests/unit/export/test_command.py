@@ -107,7 +107,7 @@ def test_a_query_without_an_answer_exports_nothing(scene, export, tmp_path):
 
 def test_a_query_needs_gaussians(export, tmp_path):
     status, said = export("--query", "cup", "--format", "colmap", "--output", tmp_path / "x")
-    assert status == 2 and "--format ply or spz" in said
+    assert status == 2 and "--format ply, spz or rrd" in said
 
 
 def test_instances_as_a_point_cloud(scene, export, tmp_path):
