@@ -10,7 +10,7 @@ from egosplat.pipeline.options import Options, Share
 class SurveyOptions(Options):
     """Decisions that the frames and poses of a scene allow: whether what moves is masked, and which frames to train on. survey.json holds the evidence for each."""
 
-    min_moving_share: Share = 0.01
+    min_moving_share: Share = 0.008
     """Smallest share of the picture that keeps moving from which it is tracked and masked (for splats.masking and
     segments.track_moving auto). Below it the network, the masks and the tracks are left out: they cost a quarter of
     the time and change no score (benchmarks/ablation/README.md). A scene in which motion cannot be measured is masked."""
