@@ -95,7 +95,8 @@ class GeneralOptions(Options):
     the configuration replace its values."""
 
     scenes: Text = "config/scenes.tsv"
-    """Table of scenes, one row each. Relative to the working directory."""
+    """Table of scenes, one row each. Relative to the working directory. scenes.local.tsv beside it, which egosplat run
+    writes, is read too."""
 
     data_root: dict[str, Text | None] = Field(default={})
     """Folder that holds the recordings of each dataset, or null. Without a folder for adt, scenes 1 to 5 of adt are
