@@ -16,6 +16,7 @@ from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
 from egosplat.pipeline.config_table import json_schema, keys_page
+from egosplat.pipeline.home import snakefile
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
@@ -37,7 +38,7 @@ _BUILT: dict[str, Callable[[], click.Command]] = {
 # The groups of commands in ``--help``; all others are stages, or pages of several scenes.
 _GROUPS = {
     "Ask and look": ("query", "view", "page", "export", "movie", "check"),
-    "Set up": ("doctor", "models", "keys"),
+    "Set up": ("doctor", "models", "keys", "snakefile"),
 }
 
 # One line of help for each command that is built on demand, because building it imports its options.
@@ -176,6 +177,12 @@ def story(files: tuple[Path, ...], title: str, output: Path, overwrite: bool) ->
 def keys(schema: bool) -> None:
     """Print all configuration keys with defaults and descriptions as a Markdown page."""
     click.echo(json.dumps(json_schema(), indent=2) if schema else keys_page())
+
+
+@cli.command(name="snakefile", short_help="Print the path of the workflow, for snakemake --snakefile.")
+def print_snakefile() -> None:
+    """Print the path of the workflow: snakemake --snakefile "$(egosplat snakefile)" results/adt/scene1/metrics.json"""
+    click.echo(snakefile())
 
 
 CONFIGFILE = click.option(

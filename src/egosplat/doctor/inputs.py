@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
-import egosplat
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError, user_message
 from egosplat.files import expand_home
@@ -12,6 +11,7 @@ from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
+from egosplat.pipeline.home import CONFIG, PRESETS, own_or_shipped
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, table_of
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
@@ -21,11 +21,6 @@ MIB = 1024**2
 
 # The number of missing recordings that are named.
 NAMED = 5
-
-# The file that the workflow reads first, relative to the working directory.
-SHIPPED = Path("config/config.yaml")
-
-PRESETS = Path("config/presets")
 
 
 def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
@@ -108,13 +103,13 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
     Raises:
         UserError: a file or an option cannot be read, or a key or value is not allowed.
     """
-    read = [path for path in (SHIPPED, *files) if path in files or path.is_file()]
+    read = [own_or_shipped(CONFIG), *files]
     config: Config = {}
     for path in read:
         config = merge(config, read_yaml(path))
     for option in options:
         config = merge(config, _parsed(option))
-    return resolve(config, _presets()), [*map(str, read), *options]
+    return resolve(config, own_or_shipped(PRESETS)), [*map(str, read), *options]
 
 
 def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[Config]:
@@ -138,11 +133,6 @@ def _parsed(option: str) -> Config:
     for name in reversed(names):
         content = {name: content}
     return content
-
-
-def _presets() -> Path:
-    """The presets of the working directory, else those of the source tree."""
-    return PRESETS if PRESETS.is_dir() else Path(egosplat.__file__).resolve().parents[2] / PRESETS
 
 
 def model_findings(config: Config) -> Iterator[Finding]:

@@ -29,6 +29,7 @@ NEUTRAL = {
     "egosplat.errors",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
+    "egosplat.pipeline.home",
     "egosplat.pipeline.making",
     "egosplat.pipeline.messages",
     "egosplat.pipeline.options",
