@@ -91,7 +91,7 @@ def cli() -> None:
     """Search a 3D scene, filmed by a head-mounted camera, by text.
 
     Each stage of the pipeline is a command. The workflow calls them in order and reruns only what is stale:
-    snakemake --cores 2 results/adt/scene1/contact_sheet.png
+    snakemake --snakefile "$(egosplat snakefile)" --cores 2 results/adt/scene1/contact_sheet.png
     """
 
 

@@ -11,7 +11,7 @@ from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
-from egosplat.pipeline.home import CONFIG, PRESETS, own_or_shipped
+from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, table_of
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
@@ -103,13 +103,13 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
     Raises:
         UserError: a file or an option cannot be read, or a key or value is not allowed.
     """
-    read = [own_or_shipped(CONFIG), *files]
+    read = [config_file(), *files]
     config: Config = {}
     for path in read:
         config = merge(config, read_yaml(path))
     for option in options:
         config = merge(config, _parsed(option))
-    return resolve(config, own_or_shipped(PRESETS)), [*map(str, read), *options]
+    return resolve(config, presets_folder()), [*map(str, read), *options]
 
 
 def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[Config]:

@@ -9,34 +9,38 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 # setup.py copies workflow/ and config/ into this folder of a wheel.
 _SHIPPED = _PACKAGE / "shipped"
 
-CONFIG, PRESETS, SCENES = Path("config/config.yaml"), Path("config/presets"), Path("config/scenes.tsv")
-
-
-def is_installed() -> bool:
-    """Whether the package was installed from a wheel, which holds the workflow."""
-    return _SHIPPED.is_dir()
-
-
-def folder() -> Path:
-    """The folder of ``workflow`` and ``config``: the checkout, or a folder of the installed package."""
-    return _SHIPPED if is_installed() else _PACKAGE.parents[1]
+_CONFIG, _PRESETS, _SCENES = Path("config/config.yaml"), Path("config/presets"), Path("config/scenes.tsv")
 
 
 def snakefile() -> Path:
-    """The Snakefile of the workflow."""
-    return folder() / "workflow/Snakefile"
+    """Get the path of the Snakefile."""
+    return _home() / "workflow/Snakefile"
 
 
-def own_or_shipped(path: Path) -> Path:
-    """``CONFIG``, ``PRESETS`` or ``SCENES`` of the working directory, or else of ``folder``; any other path as it is."""
-    is_absent = path in (CONFIG, PRESETS, SCENES) and not path.exists()
-    return folder() / path if is_absent else path
+def config_file() -> Path:
+    """Get the configuration that is read first: that of the working directory, else of ``_home``."""
+    return _CONFIG if _CONFIG.exists() else _home() / _CONFIG
+
+
+def presets_folder() -> Path:
+    """Get the folder of the presets: that of the working directory, else of ``_home``."""
+    return _PRESETS if _PRESETS.is_dir() else _home() / _PRESETS
+
+
+def scenes_table(named: Path) -> Path:
+    """Get the table of scenes that a configuration names; for the default name without a file, that of ``_home``."""
+    return _home() / _SCENES if named == _SCENES and not named.exists() else named
 
 
 def how_to_reinstall() -> str:
-    """The command that compiles the C++ code again."""
-    if not is_installed():
+    """Get the command that compiles the C++ code again."""
+    if not _SHIPPED.is_dir():
         return "run make install, or pip install --no-build-isolation --no-deps -e ."
     # pip keeps the wheels that it has built, one without kernels too.
     fresh = "--force-reinstall --no-deps --no-cache-dir --no-binary egosplat"
     return f"run pip install {fresh} egosplat=={__version__}"
+
+
+def _home() -> Path:
+    """Get the folder of ``workflow`` and ``config``: the checkout, or a folder of the installed package."""
+    return _SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parents[1]

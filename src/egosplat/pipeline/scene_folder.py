@@ -5,7 +5,7 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import read_yaml, resolve
-from egosplat.pipeline.home import CONFIG, PRESETS, own_or_shipped
+from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.making import make_command
 from egosplat.pipeline.scenes import requested_targets
 from egosplat.pipeline.sweeps import read_scenes_with_points
@@ -51,9 +51,9 @@ def _advice(folder: Path) -> str:
         return f"Give the folder of a finished scene, such as {EXAMPLE}"
     what = "scene" if found[0].variant is None else "variant"
     command = make_command(folder / "metrics.json")
-    presets = own_or_shipped(PRESETS)
+    presets = presets_folder()
     try:
-        config = resolve(read_yaml(own_or_shipped(CONFIG)), presets)
+        config = resolve(read_yaml(config_file()), presets)
         check_target(read_scenes_with_points(config, presets), found[0])
     except UserError as error:
         return str(error)

@@ -12,7 +12,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.home import own_or_shipped
+from egosplat.pipeline.home import scenes_table
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.validation import Draft202012Validator, explain, schema
 
@@ -78,7 +78,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
 
 def table_of(config: configuration.Config) -> Path:
     """Get the path of the table of scenes that a configuration names. ``~`` is the home folder."""
-    return own_or_shipped(expand_home(config["scenes"]))
+    return scenes_table(expand_home(config["scenes"]))
 
 
 def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
