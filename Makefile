@@ -19,7 +19,7 @@ PAGES := contact_sheet.png instances.png crops.png transient.png splats.png lang
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
 
 # Installed by themselves. sam2 needs torch while it is built: in a build environment of its own that would be a second
-# download of torch. projectaria-tools asks for rerun and Jupyter, which only its viewers need.
+# download of torch. Of projectaria-tools the viewers are not used, nor what they need.
 ALONE := sam2|projectaria-tools
 ifeq ($(TORCH),cpu)
 LATER := $(ALONE)|torch|torchvision|triton|nvidia-[^=]*|cuda-[^=]*
@@ -88,8 +88,7 @@ READ := import sys, tomllib; about = tomllib.load(open("pyproject.toml", "rb"))[
 RANGES := $(READ); print(*about["dependencies"], *about["optional-dependencies"].get(sys.argv[1], ()), sep="\n")
 
 lock: $(DEVELOPED)
-	$(BIN)/python -c '$(RANGES)' dev | grep -v '^projectaria-tools' | $(LOCK) --output-file requirements-dev.lock -
-	$(BIN)/python -c '$(RANGES)' none | grep -v '^projectaria-tools' \
-	    | $(LOCK) --constraint requirements-dev.lock --output-file requirements.lock -
-	$(BIN)/python -c '$(RANGES)' none | grep '^projectaria-tools' | $(LOCK) --output-file - - \
-	    | grep '^projectaria-tools==' >> requirements.lock
+	$(BIN)/python -c '$(RANGES)' dev | $(LOCK) --output-file requirements-dev.lock -
+	$(BIN)/python -c '$(RANGES)' none | $(LOCK) --constraint requirements-dev.lock --output-file requirements.lock -
+	$(BIN)/python -c '$(RANGES)' aria | $(LOCK) --output-file - - | grep '^projectaria-tools==' \
+	    | sed 's/$$/ ; python_version < "3.13"/' >> requirements.lock

@@ -12,11 +12,11 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # The advice for ``NO_ROOM``.
 MAKE_ROOM = "Make room and start the same command again: complete results are kept"
 
-# It is the only dependency without wheels for every Python that egosplat runs on.
+# The library of the extra aria, and the advice where it is missing.
 ARIA = "projectaria_tools"
 NEEDS_ARIA = (
-    "ADT sequences and synthetic apartments need projectaria-tools, which has wheels for Python 3.11 and 3.12: "
-    "run pip install projectaria-tools there"
+    "ADT sequences and synthetic apartments need projectaria-tools: run pip install 'projectaria-tools>=2.3', "
+    "with Python 3.11 or 3.12"
 )
 
 _NO_MEMORY = re.compile(

@@ -29,7 +29,7 @@ def test_a_library_without_a_wheel_for_this_python_is_named(monkeypatch):
         monkeypatch.delitem(sys.modules, "projectaria_tools.core", raising=False)
         with pytest.raises(ModuleNotFoundError) as caught:
             import_module(name)
-        assert "pip install projectaria-tools" in user_message(caught.value)
+        assert "pip install 'projectaria-tools>=2.3'" in user_message(caught.value)
     assert user_message(ModuleNotFoundError("no module", name="other")) is None
     assert library_version("no-such-library") == "absent" != library_version("numpy")
 
