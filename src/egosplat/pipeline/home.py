@@ -37,8 +37,8 @@ def how_to_reinstall() -> str:
     if not _SHIPPED.is_dir():
         return "run make install, or pip install --no-build-isolation --no-deps -e ."
     # pip keeps the wheels that it has built, one without kernels too.
-    fresh = "--force-reinstall --no-deps --no-cache-dir --no-binary egosplat"
-    return f"run pip install {fresh} egosplat=={__version__}"
+    fresh = "--force-reinstall --no-deps --no-cache-dir"
+    return f"install the source distribution: run pip install {fresh} egosplat-{__version__}.tar.gz"
 
 
 def _home() -> Path:

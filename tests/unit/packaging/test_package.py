@@ -149,6 +149,11 @@ def test_an_empty_folder_is_enough(installed, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {".snakemake"}
 
 
+def test_the_remedy_for_missing_kernels_names_the_source_distribution(installed, sdist, tmp_path):
+    code = "from egosplat.pipeline.home import how_to_reinstall; print(how_to_reinstall())"
+    assert ensure(installed.call("python", "-c", code, cwd=tmp_path)).split()[-1] == sdist.name
+
+
 def test_doctor_finds_everything(installed, tmp_path):
     """The configuration, the kernels, the small checkpoints and the table of scenes come with the package."""
     report = ensure(installed.call("egosplat", "doctor", cwd=tmp_path))
