@@ -182,7 +182,7 @@ def keys(schema: bool) -> None:
 @cli.command(name="snakefile", short_help="Print the path of the workflow, for snakemake --snakefile.")
 def print_snakefile() -> None:
     """Print the path of the workflow: snakemake --snakefile "$(egosplat snakefile)" results/adt/scene1/metrics.json"""
-    click.echo(snakefile())
+    click.echo(snakefile().absolute())
 
 
 CONFIGFILE = click.option(

@@ -9,12 +9,15 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 # setup.py copies workflow/ and config/ into this folder of a wheel.
 _SHIPPED = _PACKAGE / "shipped"
 
+# Relative to a folder with a workflow of its own, which Snakemake finds by itself.
+SNAKEFILE = Path("workflow/Snakefile")
+
 _CONFIG, _PRESETS, _SCENES = Path("config/config.yaml"), Path("config/presets"), Path("config/scenes.tsv")
 
 
 def snakefile() -> Path:
-    """Get the path of the Snakefile."""
-    return _home() / "workflow/Snakefile"
+    """Get the path of the Snakefile: that of the working directory, else of ``_home``."""
+    return SNAKEFILE if SNAKEFILE.is_file() else _home() / SNAKEFILE
 
 
 def config_file() -> Path:
