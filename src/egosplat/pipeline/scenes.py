@@ -12,6 +12,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
+from egosplat.pipeline.home import scenes_table
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.validation import Draft202012Validator, explain, schema
 
@@ -75,7 +76,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
 
 def tables_of(config: configuration.Config) -> list[Path]:
     """Get the tables of scenes that are there; the one that the configuration names if there is none."""
-    named = expand_home(config["scenes"])
+    named = scenes_table(expand_home(config["scenes"]))
     return [path for path in (named, local_table(config)) if path.exists()] or [named]
 
 
