@@ -1,7 +1,7 @@
 """Read plain recordings: any video file or folder of images, with the companion files of docs/recordings.md."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from egosplat.errors import UserError
 from egosplat.frames.files import VALID_MASK
 from egosplat.frames.images import ImageFolder, read_mask, read_valid
 from egosplat.frames.keys import ReaderKeys
+from egosplat.frames.labels import match_labels
 from egosplat.frames.picture_cameras import (
     Calibration,
     calibrate,
@@ -58,6 +59,7 @@ class PlainRecording:
         known_poses: str = AUTO,
         lens: str = "auto",
         pick: str = FIRST,
+        labels: Mapping[str, Path] | None = None,
     ) -> None:
         """Open the source, select frames and find the camera.
 
@@ -68,6 +70,7 @@ class PlainRecording:
             known_poses: see ``known_poses.find_known_poses``.
             lens: see ``distortion.lens_of_frames``; a calibration takes its place.
             pick: ``first`` or ``sharpest`` of every ``stride`` frames.
+            labels: of pictures by their names, see ``labels.match_labels``; these pictures are taken whatever the stride.
 
         Raises:
             UserError: the source or the calibration cannot be read, or an option is out of range.
@@ -83,12 +86,17 @@ class PlainRecording:
         reduced = resize_mask(self._valid, width, height)
         interval = {"start_s": start_s, "end_s": end_s, "source": path}
         self._frames = select_frames(times, stride=stride, **interval)
+        if labels is not None:
+            labeled = self._find_labeled(labels, select_frames(times, stride=1, **interval))
+            self._frames = np.union1d(self._frames, labeled)
         if pick == SHARPEST and stride > 1:
             every = select_frames(times, stride=1, **interval)
             self._frames = select_sharpest(every, self._sharpness(every, reduced), stride)
         if kind is None and (line := stride_advice(times[self._frames], stride)):
             log(f"{path.name}: {line}")
         self.capture = Capture.of_video(times[self._frames], full.scaled_to(width, height), False, reduced)
+        if labels is not None:
+            self.capture = replace(self.capture, labeled=np.searchsorted(self._frames, labeled))
         evidence, calibrated = None, bool(self._calibration.lenses)
         if not calibrated:
             count = len(self._frames)
@@ -116,6 +124,21 @@ class PlainRecording:
             "lens_evidence": evidence,
         }
         self.capture = replace(self.capture, facts=facts)
+
+    @classmethod
+    def labeled(cls, path: Path, keys: ReaderKeys, labels: Mapping[str, Path]) -> "PlainRecording":
+        """Open the pictures of a benchmark, whose labels choose the evaluation frames."""
+        return cls(path, known_poses=keys.known_poses, lens=keys.lens, labels=labels, **keys.selection)
+
+    def _find_labeled(self, labels: Mapping[str, Path], frames: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The labeled ones of the frames of a time range."""
+        places = np.array([*match_labels(labels, picture_names(self._source))], np.int64)
+        if not len(labeled := np.intersect1d(places, frames)):
+            raise UserError(
+                f"{self._source.path}: none of its {len(places)} labeled pictures is within frames.start_s and frames.end_s; "
+                f"these are pictures {', '.join(map(str, places))}, one a second."
+            )
+        return labeled
 
     def _sharpness(self, frames: NDArray[np.int64], valid: NDArray[np.bool_]) -> Iterator[float]:
         """Yield the sharpness of frames of the source, reduced to the size of a mask."""
