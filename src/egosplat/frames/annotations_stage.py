@@ -57,7 +57,9 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
                 instance_map = np.full(size, -1, np.int32)
             artifact.put_row("instance_map", row, instance_map)
             if covered:
-                beside = reader.covered_map(time) if annotated[row] else np.full((covered, *size), -1, np.int32)
+                beside = (
+                    reader.covered_map(time) if annotated[row] else np.full((covered, *size), -1, np.int32)
+                )
                 artifact.put_row("covered_map", row, beside)
         if reader and not annotated.any():
             raise UserError(

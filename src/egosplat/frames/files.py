@@ -103,7 +103,11 @@ def label_files(format, recording: Path) -> list[Path]:
     """The files with the labels of a benchmark's recording, sorted; of 3D-OVS without the masks. None of other formats."""
     if format == "lerf":
         return sorted(_visible(lerf_labels(recording).glob("*.json")))
-    return [class_file] if format == "3d_ovs" and (class_file := ovs_labels(recording) / OVS_CLASSES).is_file() else []
+    return (
+        [class_file]
+        if format == "3d_ovs" and (class_file := ovs_labels(recording) / OVS_CLASSES).is_file()
+        else []
+    )
 
 
 def lerf_labels(recording: Path) -> Path:

@@ -95,9 +95,16 @@ class PlainAnnotations:
         unknown = ids[index == _UNKNOWN_ID]
         if len(unknown):
             raise UserError(f"{path}: instance id {unknown[0]} is not in {INSTANCES_TABLE}. Add it there.")
-        if lens := self._originals.lenses.get(int(timestamp_ns)):
-            index = Rectifier(lens, self._originals.pinhole).labels(index)
-        return resize_labels(index, self._camera.width, self._camera.height)
+        return fit_labels(index, int(timestamp_ns), self._camera, self._originals)
+
+
+def fit_labels(
+    labels: NDArray[np.int32], time: int, camera: Camera, originals: Originals
+) -> NDArray[np.int32]:
+    """Rectify and resize (h, w) labels of a picture to its frame at ``time`` [ns], (H, W)."""
+    if lens := originals.lenses.get(time):
+        labels = Rectifier(lens, originals.pinhole).labels(labels)
+    return resize_labels(labels, camera.width, camera.height)
 
 
 def _size_of_timestamp(source: Video | ImageFolder) -> dict[int, tuple[int, int]]:
