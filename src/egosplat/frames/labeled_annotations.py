@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from egosplat.errors import UserError
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.keys import AnnotationKeys
-from egosplat.frames.labels import match_labels, paint_layers
-from egosplat.frames.plain_annotations import fit_labels
+from egosplat.frames.labels import fit_labels, match_labels, paint_layers
 from egosplat.frames.recording import Instance, LayeredAnnotations
 from egosplat.frames.video import open_source
 

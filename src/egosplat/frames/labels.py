@@ -6,7 +6,11 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.lens import Rectifier
 from egosplat.errors import UserError
+from egosplat.frames.keys import Originals
+from egosplat.geometry import Camera
+from egosplat.images import resize_labels
 
 # Largest number of pictures' names in a message.
 _MAX_NAMES = 3
@@ -41,6 +45,15 @@ def match_labels(labels: Mapping[str, Path], pictures: Sequence[str]) -> dict[in
             )
         found[places[0]] = label
     return dict(sorted(found.items()))
+
+
+def fit_labels(
+    labels: NDArray[np.int32], time: int, camera: Camera, originals: Originals
+) -> NDArray[np.int32]:
+    """Rectify and resize (h, w) labels of a picture to its frame at ``time`` [ns], (H, W)."""
+    if lens := originals.lenses.get(time):
+        labels = Rectifier(lens, originals.pinhole).labels(labels)
+    return resize_labels(labels, camera.width, camera.height)
 
 
 def paint_layers(

@@ -9,7 +9,7 @@ from pathlib import Path
 from egosplat.errors import UserError
 from egosplat.frames.files import label_files, lerf_labels
 from egosplat.frames.keys import ReaderKeys
-from egosplat.frames.plain import PlainRecording
+from egosplat.frames.pictures import PlainRecording
 
 
 def open_recording(path: Path, keys: ReaderKeys) -> PlainRecording:

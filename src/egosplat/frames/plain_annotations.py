@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat.calibration.companions import companion_path
-from egosplat.calibration.lens import Rectifier
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
 from egosplat.frames.files import INSTANCES_TABLE, list_masks
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.keys import AnnotationKeys, Originals
+from egosplat.frames.labels import fit_labels
 from egosplat.frames.recording import Instance
 from egosplat.frames.recording_files import ANNOTATIONS, is_annotated
 from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
-from egosplat.images import resize_labels
 
 _COLUMNS = ("id", "name", "category", "motion_type")
 # PIL's modes of one channel; a palette image holds indices, which are the ids.
@@ -96,15 +95,6 @@ class PlainAnnotations:
         if len(unknown):
             raise UserError(f"{path}: instance id {unknown[0]} is not in {INSTANCES_TABLE}. Add it there.")
         return fit_labels(index, int(timestamp_ns), self._camera, self._originals)
-
-
-def fit_labels(
-    labels: NDArray[np.int32], time: int, camera: Camera, originals: Originals
-) -> NDArray[np.int32]:
-    """Rectify and resize (h, w) labels of a picture to its frame at ``time`` [ns], (H, W)."""
-    if lens := originals.lenses.get(time):
-        labels = Rectifier(lens, originals.pinhole).labels(labels)
-    return resize_labels(labels, camera.width, camera.height)
 
 
 def _size_of_timestamp(source: Video | ImageFolder) -> dict[int, tuple[int, int]]:

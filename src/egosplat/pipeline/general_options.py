@@ -123,7 +123,7 @@ class GeneralOptions(Options):
     (docs/running.md)."""
 
     formats: dict[Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"], dict[_OF_FORMATS, dict[str, Any]]] = (
-        Field(default={})
+        PROTOCOLS
     )
     """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys
     of all scenes, and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks
