@@ -87,17 +87,18 @@ VARIANTS: dict[str, VariantKeys] = {
 }
 
 
-# Protocols of the public benchmarks, by format: sizes of pictures, LangSplat's 30 and 7 px as fractions of its 986, and what
-# is asked. Their models are trained on the evaluation frames, too (benchmarks/public/README.md).
+# Protocols of the public benchmarks, by format: sizes of pictures, LangSplat's 30 and 7 px as fractions of its 986, LERF's
+# temperature, and what is asked. Models are trained on the evaluation frames, too (benchmarks/public/README.md).
 PROTOCOLS: dict[str, dict[str, dict[str, Any]]] = {
     "lerf": {
         "frames": {"resolution": 986, "holdout": False},
-        "query": {"box_filter": 0.0304, "majority_filter": 0.0071},
+        "query": {"box_filter": 0.0304, "majority_filter": 0.0071, "temperature": 10.0},
         "metrics": {"min_area": 0.0, "excluded": []},
         "presence": {"negatives": []},
     },
     "3d_ovs": {
         "frames": {"resolution": 1008, "holdout": False},
+        "query": {"temperature": 10.0},
         "metrics": {"min_area": 0.0, "excluded": [], "masks": "classes"},
         "presence": {"negatives": []},
     },

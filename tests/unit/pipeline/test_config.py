@@ -110,10 +110,12 @@ def test_the_shipped_configuration_sets_no_stage_key():
 
 def test_a_benchmark_has_its_protocol_and_the_user_s_key_wins():
     """Over a key of the preset for all scenes; LangSplat's 30 and 7 px are of pictures 986 px wide."""
-    found = config.of_format(config.resolve({"preset": "fast"}, PRESETS), "lerf")
+    chosen = {"preset": "fast", "models": {"set": "published"}}
+    found = config.of_format(config.resolve(chosen, PRESETS), "lerf")
     assert (found["frames"]["resolution"], found["frames"]["holdout"]) == (986, False)
     query = recorded_options(config.stage_values("metrics", found))
     assert (query.box_filter_px(986), query.majority_px(986), query.masks) == (30, 7, "threshold")
+    assert query.temperature == 10.0
     mine = {"frames": {"resolution": 512}, "formats": {"lerf": {"metrics": {"min_area": 0.01}}}}
     found = config.of_format(config.resolve(mine, PRESETS), "lerf")
     assert (found["frames"]["resolution"], found["frames"]["holdout"]) == (512, False)
