@@ -118,6 +118,8 @@ def run(
     }
     write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
+    if document.get("pixel_accuracy") is not None:
+        log(f"pixels with the right class: {document['pixel_accuracy']:.1%}")
     _log_presence(presence)
     for line in warning_lines(notice, alarms):
         log(line)

@@ -21,8 +21,10 @@ def find_labels(path: Path) -> dict[str, Path]:
     """The label of each labeled picture, by the picture's name without extension.
 
     Raises:
-        UserError: there is none.
+        UserError: there is none, or no such scene.
     """
+    if not path.is_dir():
+        raise UserError(f"{path}: no such folder. Give the folder of a scene, such as figurines.")
     labels = {label.stem: label for label in label_files("lerf", path)}
     if not labels:
         raise UserError(

@@ -21,8 +21,10 @@ def find_labels(path: Path) -> dict[str, Path]:
     """The folder with the masks of each labeled picture, by the folder's name.
 
     Raises:
-        UserError: there is none.
+        UserError: there is none, or no such scene.
     """
+    if not path.is_dir():
+        raise UserError(f"{path}: no such folder. Give the folder of a scene, such as bed.")
     labels = {folder.name: folder for folder in class_mask_folders(path)}
     if not labels:
         raise UserError(

@@ -26,14 +26,14 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> LayeredAnnotations:
     Raises:
         UserError: there are none, a class has no name or no mask, or a mask has another size than its picture.
     """
-    classes = read_classes(ovs_labels(path) / OVS_CLASSES)
+    labels, classes = find_labels(path), read_classes(ovs_labels(path) / OVS_CLASSES)
 
     def objects_of(folder: Path, size: tuple[int, int]) -> list[LabeledObject]:
         _check_names(folder, classes)
         masks = [_read_mask(folder / f"{name}.png", size) for name in classes]
         return [(index, mask) for index, mask in enumerate(masks) if mask.any()]
 
-    return annotate(path, keys, find_labels(path), classes, objects_of)
+    return annotate(path, keys, labels, classes, objects_of)
 
 
 def read_classes(path: Path) -> list[str]:
