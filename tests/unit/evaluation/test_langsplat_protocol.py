@@ -52,7 +52,7 @@ def answers(seed: int) -> np.ndarray:
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     levels = []
     for _ in range(3):
-        x, y, size = rng.uniform(80, 720), rng.uniform(20, 100), rng.uniform(20, 70)
+        x, y, size = rng.uniform(130, 330), rng.uniform(30, 90), rng.uniform(15, 60)
         blob = rng.uniform(0.3, 0.5) * np.exp(-((u - x) ** 2 + (v - y) ** 2) / (2 * size**2))
         levels.append(0.3 + blob + 0.02 * rng.random((HEIGHT, WIDTH)) + 1e-4 * u)
     return np.array(levels, np.float32)
