@@ -91,13 +91,13 @@ VARIANTS: dict[str, VariantKeys] = {
 # temperature, and what is asked. Models are trained on the evaluation frames, too (benchmarks/public/README.md).
 PROTOCOLS: dict[str, dict[str, dict[str, Any]]] = {
     "lerf": {
-        "frames": {"resolution": 986, "holdout": False},
+        "frames": {"resolution": 986, "stride": 1, "holdout": False},
         "query": {"box_filter": 0.0304, "majority_filter": 0.0071, "temperature": 10.0},
         "metrics": {"min_area": 0.0, "excluded": []},
         "presence": {"negatives": []},
     },
     "3d_ovs": {
-        "frames": {"resolution": 1008, "holdout": False},
+        "frames": {"resolution": 1008, "stride": 1, "holdout": False},
         "query": {"temperature": 10.0},
         "metrics": {"min_area": 0.0, "excluded": [], "masks": "classes"},
         "presence": {"negatives": []},

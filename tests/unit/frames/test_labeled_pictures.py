@@ -1,6 +1,7 @@
 """LERF-OVS and 3D-OVS: pictures whose labels choose the evaluation frames, on scenes that the test writes in these formats."""
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -236,3 +237,12 @@ def test_a_class_that_a_picture_does_not_show_has_a_black_mask(tmp_path):
         not (annotations.row("instance_map", 0) == 1).any()
         and (annotations.row("instance_map", 1) == 1).any()
     )
+
+
+def test_pictures_in_images_are_found_without_known_poses(tmp_path):
+    """As 3D-OVS is published, with poses_bounds.npy alone; COLMAP then finds the poses."""
+    recording = write_3d_ovs(tmp_path)
+    shutil.rmtree(recording / "sparse")
+    frames, annotations = read("3d_ovs", recording, lens="pinhole")
+    assert frames.facts["known_poses"] is None and frames.facts["pictures"][0] == "images/00.png"
+    assert annotations.read("annotated").all()
