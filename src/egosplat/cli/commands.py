@@ -17,6 +17,7 @@ from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
 from egosplat.pipeline.config_table import json_schema, keys_page
+from egosplat.pipeline.home import snakefile
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
@@ -40,7 +41,7 @@ _BUILT: dict[str, Callable[[], click.Command]] = {
 _GROUPS = {
     "Make a scene": ("run",),
     "Ask and look": ("query", "view", "page", "export", "movie", "check"),
-    "Set up": ("doctor", "models", "keys"),
+    "Set up": ("doctor", "models", "keys", "snakefile"),
 }
 
 # One line of help for each command that is built on demand, because building it imports its options.
@@ -94,7 +95,7 @@ def cli() -> None:
     """Search a 3D scene, filmed by a head-mounted camera, by text.
 
     Each stage of the pipeline is a command. The workflow calls them in order and reruns only what is stale:
-    snakemake --cores 2 results/adt/scene1/contact_sheet.png
+    snakemake --snakefile "$(egosplat snakefile)" --cores 2 results/adt/scene1/contact_sheet.png
     """
 
 
@@ -180,6 +181,12 @@ def story(files: tuple[Path, ...], title: str, output: Path, overwrite: bool) ->
 def keys(schema: bool) -> None:
     """Print all configuration keys with defaults and descriptions as a Markdown page."""
     click.echo(json.dumps(json_schema(), indent=2) if schema else keys_page())
+
+
+@cli.command(name="snakefile", short_help="Print the path of the workflow, for snakemake --snakefile.")
+def print_snakefile() -> None:
+    """Print the path of the workflow: snakemake --snakefile "$(egosplat snakefile)" results/adt/scene1/metrics.json"""
+    click.echo(snakefile().absolute())
 
 
 CONFIGFILE = click.option(

@@ -11,7 +11,7 @@ from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
-from egosplat.pipeline.home import presets_folder
+from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, tables_of
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
@@ -21,9 +21,6 @@ MIB = 1024**2
 
 # The number of missing recordings that are named.
 NAMED = 5
-
-# The file that the workflow reads first, relative to the working directory.
-SHIPPED = Path("config/config.yaml")
 
 
 def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
@@ -106,7 +103,7 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
     Raises:
         UserError: a file or an option cannot be read, or a key or value is not allowed.
     """
-    read = [path for path in (SHIPPED, *files) if path in files or path.is_file()]
+    read = [config_file(), *files]
     config: Config = {}
     for path in read:
         config = merge(config, read_yaml(path))

@@ -102,7 +102,8 @@ def clip_config_files(model: str) -> list[Path]:
 def _package(name: str) -> Path:
     spec = importlib.util.find_spec(name)
     if spec is None or not spec.submodule_search_locations:
-        raise UserError(f"the package {name} is not installed: run make install")
+        remedy = "run make install, or pip install sam2 open_clip_torch"
+        raise UserError(f"the package {name} is not installed: {remedy}")
     return Path(spec.submodule_search_locations[0])
 
 

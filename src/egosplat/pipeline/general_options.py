@@ -34,6 +34,7 @@ _OF_FORMATS = Literal[
     "language",
     "query",
     "metrics",
+    "presence",
 ]
 
 
@@ -50,6 +51,7 @@ VARIANTS: dict[str, VariantKeys] = {
     "baseline": {"extends": "no_masks", "features": {"supervision": "view"}},
     "no_masks": {"splats": {"masking": "none"}},
     "network_masks": {"splats": {"masking": "initial"}},
+    "refined_masks": {"segments": {"track_moving": "always"}, "splats": {"masking": "refined"}},
     "shared_geometry": {"extends": "no_masks", "splats": {"language": "after"}},
     "each_frame": {
         "extends": ["baseline", "shared_geometry"],
@@ -86,6 +88,24 @@ VARIANTS: dict[str, VariantKeys] = {
 }
 
 
+# Protocols of the public benchmarks, by format: sizes of pictures, LangSplat's 30 and 7 px as fractions of its 986, LERF's
+# temperature, and what is asked. Models are trained on the evaluation frames, too (benchmarks/public/README.md).
+PROTOCOLS: dict[str, dict[str, dict[str, Any]]] = {
+    "lerf": {
+        "frames": {"resolution": 986, "stride": 1, "holdout": False},
+        "query": {"box_filter": 0.0304, "majority_filter": 0.0071, "temperature": 10.0},
+        "metrics": {"min_area": 0.0, "excluded": []},
+        "presence": {"negatives": []},
+    },
+    "3d_ovs": {
+        "frames": {"resolution": 1008, "stride": 1, "holdout": False},
+        "query": {"temperature": 10.0},
+        "metrics": {"min_area": 0.0, "excluded": [], "masks": "classes"},
+        "presence": {"negatives": []},
+    },
+}
+
+
 class GeneralOptions(Options):
     """Keys that are in no section."""
 
@@ -105,9 +125,12 @@ class GeneralOptions(Options):
     """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
     (docs/running.md)."""
 
-    formats: dict[Literal["adt", "hoi4d", "plain"], dict[_OF_FORMATS, dict[str, Any]]] = Field(default={})
-    """Keys for all scenes whose recording has the format adt, hoi4d or plain. They win over the keys of all scenes,
-    and a scene's own row wins over them. The preset paper sets some for HOI4D; a key set in the configuration wins
+    formats: dict[Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"], dict[_OF_FORMATS, dict[str, Any]]] = (
+        PROTOCOLS
+    )
+    """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys
+    of all scenes, and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks
+    lerf and 3d_ovs have their protocol here (benchmarks/public/README.md); a key set in the configuration wins
     over those."""
 
     variants: dict[Annotated[str, _NAME], VariantKeys] = VARIANTS
@@ -115,6 +138,7 @@ class GeneralOptions(Options):
     only the artifacts that the variant changes; it shares the others with the scene. The scene itself is the full
     method. Yours stand beside those below, and replace one of the same name. baseline: per-view features, no masks.
     no_masks: consistent features, no masks. network_masks: the masks that the network predicts, without instances.
+    refined_masks: what moves is tracked and masked, however little it is.
     shared_geometry: no_masks with codes after the geometry, for other methods (docs/methods.md). each_frame: its
     Gaussians and baseline's features, with the masks of each frame by themselves, neither tracked nor merged.
     langsplat, semantic_gaussians, occam, gags, langsplat2 and splat_feature_solver are methods on these masks, lerf

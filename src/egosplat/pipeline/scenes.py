@@ -12,11 +12,12 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
+from egosplat.pipeline.home import scenes_table
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.validation import Draft202012Validator, explain, schema
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
-PAPER_DATASETS = ("adt", "hoi4d")
+SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
 
 # Value of the column recording for a scene without one.
 NO_RECORDING = "-"
@@ -29,7 +30,7 @@ class Scene:
     Attributes:
         dataset: first folder below results.
         scene: second folder below results.
-        format: ``adt``, ``hoi4d`` or ``plain``.
+        format: of its recording.
         recording: folder or file of the recording; inside results if it is synthetic.
         synthetic: whether egosplat makes the recording.
         config: complete configuration, including the row's own keys.
@@ -75,7 +76,7 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
 
 def tables_of(config: configuration.Config) -> list[Path]:
     """Get the tables of scenes that are there; the one that the configuration names if there is none."""
-    named = expand_home(config["scenes"])
+    named = scenes_table(expand_home(config["scenes"]))
     return [path for path in (named, local_table(config)) if path.exists()] or [named]
 
 
@@ -113,9 +114,9 @@ def check_recording(scene: Scene) -> None:
 
 
 def is_own(scene: Scene) -> bool:
-    """Whether the user wants a row: rows of the paper's datasets count only if their root is set."""
+    """Whether the user wants a row: rows of the shipped table count only if their root is set."""
     rooted = scene.config["data_root"].get(scene.dataset) is not None
-    return rooted or scene.format == "plain" or scene.dataset not in PAPER_DATASETS
+    return rooted or scene.format == "plain" or scene.dataset not in SHIPPED_DATASETS
 
 
 def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
@@ -195,7 +196,7 @@ def _is_row(cells: list[str]) -> bool:
 
 
 def _check_roots(config: configuration.Config, rows: Iterable[dict[str, Any]], path: Path) -> None:
-    datasets = {*PAPER_DATASETS, *(row["dataset"] for row in rows)}
+    datasets = {*SHIPPED_DATASETS, *(row["dataset"] for row in rows)}
     if unknown := sorted(set(config["data_root"]) - datasets):
         raise UserError(
             f"configuration: data_root.{unknown[0]}: {path} has no such dataset; it has {', '.join(sorted(datasets))}"

@@ -142,7 +142,8 @@ def _read_glasses(video: Path) -> Source:
             f"{folder / TRAJECTORIES['closed_loop']}: does not exist, and poses come from there. Fetch the output of "
             "Aria's machine perception services for this recording, and put its folder mps beside the .vrs"
         )
-    return Source("adt", folder, "a recording of Aria glasses", None, True, {"poses.trajectory": found})
+    about = f"a recording of Aria glasses with poses ({TRAJECTORIES[found]})"
+    return Source("adt", folder, about, None, True, {"poses.trajectory": found})
 
 
 def _read_video(path: Path, known_poses: str) -> Source:

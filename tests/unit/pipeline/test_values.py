@@ -44,6 +44,8 @@ LATER = {
     "masks": ("sure_probability",),
     "view_features": ("cut",),
     "splats": ("source",),
+    "metrics": ("masks",),
+    "method_metrics": ("masks",),
 }
 # Keys with a new name.
 RENAMED = {"models-precision": "run-precision"}
