@@ -8,11 +8,11 @@ import egosplat
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError, user_message
 from egosplat.files import expand_home
-from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
 from egosplat.pipeline.model_sets import locate_checkpoints
+from egosplat.pipeline.recording_origin import recording_origin
 from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, table_of
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.variants import variant_config
@@ -41,7 +41,7 @@ def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
         origin = recording_origin(scene.format, scene.recording)
     except UserError:
         return None  # the stage frames reports what is wrong with the recording
-    return notice(origin, configured_checkpoints(config or scene.config))
+    return notice(origin, configured_checkpoints(config or scene.config), aria=scene.format == "adt")
 
 
 def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:

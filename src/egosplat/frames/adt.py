@@ -20,7 +20,7 @@ from egosplat.frames.files import ADT_VIDEOS, adt_video
 from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Capture
-from egosplat.frames.recording_files import recording_origin
+from egosplat.pipeline.recording_origin import recording_origin
 from egosplat.frames.rectify import Rectification, clockwise_turns, pinhole
 from egosplat.frames.selection import select_frames
 from egosplat.frames.vrs import check_complete, check_log

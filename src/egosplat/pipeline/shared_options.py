@@ -57,11 +57,11 @@ class SetOptions(Options):
 
     section: ClassVar[str] = "models"
 
-    set: Literal["small", "published"] = "small"
-    """Which models: small (bundled, trained on synthetic apartments only) or published (the paper's SAM2, OpenCLIP and
-    encoder of the transient network; egosplat models download fetches them). Keys whose best value depends on the model
-    have a default for each set, and so have the filters of SAM2's masks (docs/models.md); a key that you set yourself
-    wins."""
+    set: Literal["small", "photos", "published"] = "small"
+    """Which models: small (bundled, trained on synthetic apartments only), photos (the small SAM2, and words of
+    ImageNet's classes for photographs) or published (the paper's SAM2, OpenCLIP and encoder of the transient network;
+    egosplat models download fetches them). Keys whose best value depends on the model have a default for each set, and
+    so have the filters of SAM2's masks (docs/models.md); a key that you set yourself wins."""
 
 
 class Sam2Options(Options):
@@ -84,11 +84,11 @@ class ClipOptions(Options):
     section: ClassVar[str] = "models"
 
     clip_model: Text = "small"
-    """OpenCLIP architecture: small (bundled), a name of the package open_clip such as ViT-B-16 (the paper's), or a
+    """OpenCLIP architecture: small (bundled), photos (ImageNet's classes and sentences, docs/models.md), a name of the package open_clip such as ViT-B-16 (the paper's), or a
     folder with open_clip_config.json. Larger models know more words and are slower."""
 
     clip_checkpoint: Text = "small"
-    """OpenCLIP weights: small (bundled, knows only the words of synthetic apartments), published (those of
+    """OpenCLIP weights: small (bundled, knows only the words of synthetic apartments), photos, published (those of
     clip_model in the folder cache), or a .bin, .pt or .safetensors file that fits clip_model."""
 
 
@@ -96,6 +96,13 @@ class ModelsOptions(SetOptions, Sam2Options, ClipOptions):
     """The segmentation and embedding models, shared by all stages that need one."""
 
     section: ClassVar[str] = "models"
+
+    set: Literal["auto", "small", "photos", "published"] = "auto"
+    """Which models: small (bundled, trained on synthetic apartments only), photos (the small SAM2, and words of
+    ImageNet's classes for photographs), published (the paper's SAM2, OpenCLIP and encoder of the transient network;
+    egosplat models download fetches them), or auto: small for egosplat's apartments, photos for recordings. Keys whose
+    best value depends on the model have a default for each set, and so have the filters of SAM2's masks
+    (docs/models.md); a key that you set yourself wins."""
 
     cache: Text = "checkpoints"
     """Folder of the published checkpoints. egosplat models download writes there, and the checkpoint published is
