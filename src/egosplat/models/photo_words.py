@@ -1,7 +1,7 @@
 """Crops and phrases as distributions over ImageNet's classes: real words for photographs, from Python packages alone.
 
 A crop is the distribution p that EfficientNet-Lite2 gives, a phrase the softmax q of its similarity to the classes' names
-(docs/method.md#photo-words). Square roots of distributions have unit norm, and the inner product of two is their overlap.
+(docs/models.md#words-for-photographs). Square roots of distributions have unit norm, and the inner product of two is their overlap.
 """
 
 from collections.abc import Sequence

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from egosplat.pipeline.recording_origin import Origin
 from egosplat.pipeline.published import ENCODER, LIBRARIES, PUBLISHED, published_model
+from egosplat.pipeline.recording_origin import Origin
 
 # The sets: egosplat chooses; bundled, for its apartments; words for photographs, from Python packages.
 AUTO, SMALL, PHOTOS = "auto", "small", "photos"
