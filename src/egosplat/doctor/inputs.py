@@ -1,6 +1,7 @@
 """Read the configuration as the workflow does, and check the models and recordings that it names."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
@@ -152,6 +153,16 @@ def model_findings(config: Config) -> Iterator[Finding]:
     if weights := config["transient"]["encoder_weights"]:
         yield _encoder(expand_home(weights))
     yield _compute(config)
+
+
+def scene_model_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
+    """OpenCLIP where scenes with a recording have another one than the configuration, such as the words for photographs."""
+    known = {config["models"]["clip_checkpoint"]}
+    for scene in scenes:
+        checkpoint = scene.config["models"]["clip_checkpoint"]
+        if checkpoint not in known and scene.recording.exists():
+            known.add(checkpoint)
+            yield replace(_model(CLIP, locate_checkpoints(scene.config)), what=f"OpenCLIP, {scene.name}")
 
 
 def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:

@@ -72,15 +72,21 @@ def switch_models(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[s
 
 
 def choose_set(config: Mapping[str, Any], automatic: str) -> dict[str, Any]:
-    """Replace ``auto`` in a complete configuration by a set of models.
+    """Replace ``auto`` in a complete configuration by a set of models, with its defaults.
 
     Args:
         automatic: what ``auto`` stands for; ``automatic_set`` tells it for a scene.
     """
     if set_of(config) != AUTO:
         return dict(config)
-    found = switch_models(config, {"models": {"set": automatic}})
-    return found | {"models": found["models"] | {"set": automatic}}
+    return name_set(switch_models(config, {"models": {"set": automatic}}), automatic)
+
+
+def name_set(keys: Mapping[str, Any], automatic: str) -> dict[str, Any]:
+    """Replace ``auto``, the name alone, in keys to be merged over a configuration."""
+    if set_of(keys) != AUTO:
+        return dict(keys)
+    return dict(keys) | {"models": keys["models"] | {"set": automatic}}
 
 
 def automatic_set(origin: Origin) -> str:

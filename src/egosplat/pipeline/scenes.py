@@ -12,7 +12,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.model_sets import automatic_set, choose_set, locate_checkpoints
+from egosplat.pipeline.model_sets import automatic_set, locate_checkpoints
 from egosplat.pipeline.recording_origin import Origin, recording_origin
 from egosplat.pipeline.validation import Draft202012Validator, explain, schema
 
@@ -198,7 +198,6 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
     options = configuration.parse_options(row["options"], where)
     if common := {"data_root", "formats"} & options.keys():
         raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")
-    own = configuration.overlaid(configuration.of_format(config, row["format"]), options)
     root = config["data_root"].get(row["dataset"])
     filmed = row["format"] == "adt" and "seed" in options.get("synthetic", {})
     by_name = row["recording"] == NO_RECORDING
@@ -219,7 +218,8 @@ def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Sce
             f"{where}: recording: a name is longer than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
         )
     origin = "synthetic" if synthetic else _origin(row["format"], recording)
-    own = choose_set(configuration.validate(own, where), automatic_set(origin))
+    own = configuration.of_scene(config, row["format"], options, automatic_set(origin))
+    own = configuration.validate(own, where)
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
 

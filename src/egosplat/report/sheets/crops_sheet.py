@@ -14,6 +14,7 @@ from egosplat.drawing import plt
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
+from egosplat.models.configs import PHOTOS
 from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of views of an instance.
@@ -208,9 +209,10 @@ def _caption(features: Artifact, table: Table, instance: int, limit: float) -> s
 def _summary(features: Artifact, table: Table) -> str:
     facts, options = features.facts, features.provenance["options"]
     model = "small" if facts["clip"]["small"] else facts["clip"]["model"]
+    encoder = "ImageNet's classes" if model == PHOTOS else f"OpenCLIP ({model})"
     norm = options["mad_norm"]
     return (
-        f"crops encoded by OpenCLIP ({model}), origin {features.origin}\n"
+        f"crops encoded by {encoder}, origin {features.origin}\n"
         f"{len(table.instance)} views of {len(np.unique(table.instance))} instances, {facts['outliers']} outliers "
         f"(MAD {norm}, k = {options['mad_k']:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
     )
