@@ -133,7 +133,8 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
         UserError: the folder's ``open_clip_config.json`` is damaged, or the model needs the Hugging Face hub.
     """
     if folder is None:
-        from open_clip import get_model_config
+        with without_compiler():
+            from open_clip import get_model_config
 
         description = {"model_cfg": get_model_config(model)}
     else:
