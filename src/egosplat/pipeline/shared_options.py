@@ -57,11 +57,12 @@ class SetOptions(Options):
 
     section: ClassVar[str] = "models"
 
-    set: Literal["small", "photos", "published"] = "small"
+    set: Literal["auto", "small", "photos", "published"] = "auto"
     """Which models: small (bundled, trained on synthetic apartments only), photos (the small SAM2, and words of
-    ImageNet's classes for photographs) or published (the paper's SAM2, OpenCLIP and encoder of the transient network;
-    egosplat models download fetches them). Keys whose best value depends on the model have a default for each set, and
-    so have the filters of SAM2's masks (docs/models.md); a key that you set yourself wins."""
+    ImageNet's classes for photographs), published (the paper's SAM2, OpenCLIP and encoder of the transient network;
+    egosplat models download fetches them), or auto: small for egosplat's apartments, photos for recordings (a stage by
+    hand: small). Keys whose best value depends on the model have a default for each set, and so have the filters of
+    SAM2's masks (docs/models.md); a key that you set yourself wins."""
 
 
 class Sam2Options(Options):
@@ -96,13 +97,6 @@ class ModelsOptions(SetOptions, Sam2Options, ClipOptions):
     """The segmentation and embedding models, shared by all stages that need one."""
 
     section: ClassVar[str] = "models"
-
-    set: Literal["auto", "small", "photos", "published"] = "auto"
-    """Which models: small (bundled, trained on synthetic apartments only), photos (the small SAM2, and words of
-    ImageNet's classes for photographs), published (the paper's SAM2, OpenCLIP and encoder of the transient network;
-    egosplat models download fetches them), or auto: small for egosplat's apartments, photos for recordings. Keys whose
-    best value depends on the model have a default for each set, and so have the filters of SAM2's masks
-    (docs/models.md); a key that you set yourself wins."""
 
     cache: Text = "checkpoints"
     """Folder of the published checkpoints. egosplat models download writes there, and the checkpoint published is
