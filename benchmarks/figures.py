@@ -1,7 +1,7 @@
 """Scores, their intervals and paired differences, computed from rows."""
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import pandas as pd
 
@@ -97,8 +97,9 @@ def queries(rows: Rows, setting: str) -> str:
     return str(len(rows.of("queries", setting, group="all")))
 
 
-def score_table(rows: Rows) -> str:
-    """A row for each setting."""
+def score_table(rows: Rows, world: str | None = None) -> str:
+    """A row for each setting, over the scenes of a world or all."""
+    rows = rows.within(world)
     columns = (
         "setting",
         "queries",
@@ -125,23 +126,24 @@ def score_table(rows: Rows) -> str:
     return markdown((*columns, "absent: answered", "CPU-min"), table)
 
 
-def difference_table(rows: Rows, more: Sequence[tuple[str, str]] = ()) -> str:
-    """A row for the default against each other setting, and for more pairs."""
-    pairs = [*((FULL, name) for name in rows.settings if name != FULL), *more]
+def difference_table(rows: Rows, world: str | None = None) -> str:
+    """A row for the default against each other setting, over the scenes of a world or all."""
+    rows = rows.within(world)
     table = [
-        [f"{one} against {other}", *(difference(rows, one, other, name) for name in SCORES)]
-        for one, other in pairs
+        [f"{FULL} against {name}", *(difference(rows, FULL, name, score) for score in SCORES)]
+        for name in rows.settings
+        if name != FULL
     ]
     return markdown(("compared", "accuracy", "mIoU"), table)
 
 
-def chance_line(rows: Rows) -> str:
-    """A sentence on blind answers."""
-    parts = (f"{name} {chance(rows, FULL, key)}" for key, name in CHANCE.items())
+def chance_line(rows: Rows, world: str | None = None) -> str:
+    """A sentence on blind answers, over the scenes of a world or all."""
+    parts = (f"{name} {chance(rows.within(world), FULL, key)}" for key, name in CHANCE.items())
     return f"Found by chance: {', '.join(parts)}."
 
 
-TABLES: Mapping[str, Callable[[Rows], str]] = {
+TABLES: Mapping[str, Callable[..., str]] = {
     "scores": score_table,
     "differences": difference_table,
     "blind": chance_line,

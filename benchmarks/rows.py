@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -52,6 +53,22 @@ class Rows:
     def settings(self) -> list[str]:
         """Names of the settings in their order."""
         return list(self.tables["runs"]["setting"].unique())
+
+    def within(self, world: str | None) -> "Rows":
+        """The rows of the scenes of a world, such as ``busy`` for busy1 to busy5; all rows for None.
+
+        Raises:
+            UserError: there is no such scene.
+        """
+        if world is None:
+            return self
+        tables = {
+            name: table[table["scene"].str.fullmatch(rf".*/{re.escape(world)}\d+")]
+            for name, table in self.tables.items()
+        }
+        if tables["runs"].empty:
+            raise UserError(f"{self.about['name']}: has no scene {world}1")
+        return Rows(self.about, tables)
 
     def of(self, table: str, setting: str, **equal: Any) -> pd.DataFrame:
         """The rows of a setting whose columns have the given values.

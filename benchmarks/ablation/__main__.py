@@ -1,11 +1,13 @@
-"""Scores of scenes and of their variants, and paired differences between variants.
+"""Scores of scenes and of their variants, and paired differences from the full method, for each world.
 
-    snakemake --cores 2 results/adt/scene{1,2,3,4,5}/{,variants/{baseline,no_masks,network_masks}/}metrics.json
-    python -m benchmarks.ablation results/adt/scene{1,2,3,4,5} --rows benchmarks/ablation/rows
+    snakemake --cores 2 --configfile benchmarks/ablation/config.yaml -- \\
+        results/adt/{scene,busy,foreign}{1,2,3,4,5}/{,variants/{frame_masks,plain_mean,own,consistent,no_masks,network_masks}/}metrics.json
+    python -m benchmarks.ablation results/adt/{scene,busy,foreign}{1,2,3,4,5} --rows benchmarks/ablation/rows
 
 --variant takes others in place of the ablation's, such as occam, or one of your configuration.
 """
 
+import re
 from pathlib import Path
 
 import click
@@ -16,10 +18,9 @@ from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD
 from egosplat.evaluation.scored_scenes import FULL
 
-VARIANTS = ("baseline", "no_masks", "network_masks")
+VARIANTS = ("frame_masks", "plain_mean", "own", "consistent", "no_masks", "network_masks")
 
-# Pairs of the ablation's variants whose answers are compared, besides each with the full method.
-COMPARED = (("no_masks", "baseline"), ("network_masks", "no_masks"))
+TABLES = (score_table, difference_table, chance_line)
 
 
 @command(__doc__)
@@ -27,10 +28,11 @@ COMPARED = (("no_masks", "baseline"), ("network_masks", "no_masks"))
 @click.option("--variant", "variants", multiple=True, default=VARIANTS, show_default=True)
 @rows_option
 def main(folders: tuple[Path, ...], variants: tuple[str, ...], rows: Path | None) -> None:
-    """Print the tables."""
+    """Print the tables of each world, named as its scenes are without their numbers."""
     found = collect_page("ablation", folders, {FULL: None, **{name: name for name in variants}}, rows)
-    pairs = [pair for pair in COMPARED if set(pair) <= {*variants}]
-    click.echo("\n\n".join([METHOD, score_table(found), difference_table(found, pairs), chance_line(found)]))
+    click.echo(METHOD)
+    for world in dict.fromkeys(re.sub(r"\d+$", "", folder.resolve().name) for folder in folders):
+        click.echo("\n\n".join([f"\n## {world}", *(table(found, world) for table in TABLES)]))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from egosplat.pipeline.survey_file import read_survey
 
 COLUMNS = (
     "scene",
-    "probability that something moves",
+    "share that moves",
     "mean transient probability",
     "instances masked",
     "pixels masked",
@@ -40,10 +40,10 @@ def row(folder: Path) -> list[object]:
     count = masks.shape("refined")[0]
     share = float(np.mean([masks.row("refined", frame).mean() for frame in range(count)]))
     moving = masks.read("instances/transient")
-    survey = read_survey(_file(folder, "survey.json"))["motion"]["probability"]
+    survey = read_survey(_file(folder, "survey.json"))["motion"]["share"]
     return [
         title_of(folder),
-        f"{survey:.2f}",
+        "cannot tell" if survey is None else f"{survey:.3%}",
         f"{transient.facts['mean_probability']:.3f}",
         f"{int(moving.sum())} of {len(moving)}",
         f"{share:.2%}",

@@ -3,24 +3,20 @@
     python -m benchmarks.survey results/real_camera/* APARTMENTS --still results/real/fox --still results/tum/office
 
 Reads the `survey.json` of scenes, or makes it where there is none. A scene moves unless it is named with `--still` or its name ends in
-`still`. The probability is fitted to every second strength of real_camera, the tuning apartments and the fox. The others are reported
-validation.
+`still`. The limits are chosen on every second strength of real_camera, the tuning apartments and the fox. The others are validation.
 """
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from benchmarks.common import command, markdown
 from egosplat.evaluation.presence import separation
 from egosplat.evaluation.scored_scenes import VALIDATION
 from egosplat.pipeline.running import run_stage
 from egosplat.pipeline.scene_folder import title_of
-from egosplat.survey.decisions import LEAST_SHARE
 
 # The order of strengths in benchmarks/real_camera: their seeds are consecutive.
 _STRENGTHS = ("half", "once", "twice", "4times")
@@ -35,28 +31,11 @@ def survey_of(folder: Path) -> dict[str, Any]:
 
 
 def is_tuning(folder: Path) -> bool:
-    """Whether the probability may be fitted to a scene: strengths once and 4times, tuning apartments, and the fox."""
+    """Whether limits may be chosen on a scene: strengths once and 4times, tuning apartments, and the fox."""
     for place, strength in enumerate(_STRENGTHS):
         if f"_{strength}_" in folder.name:
             return place % 2 == 1
     return folder.name not in VALIDATION if folder.name.startswith("scene") else folder.name == "fox"
-
-
-def fit_probability(still: Sequence[float], moving: Sequence[float]) -> tuple[float, float]:
-    """Share at which moving is as probable as still, and the power of the odds, by logistic regression.
-
-    Labels are softened as by Platt (1999), because the groups do not overlap.
-    """
-    shares = np.maximum(np.concatenate([still, moving]), LEAST_SHARE)
-    place = np.stack([np.ones_like(shares), np.log(shares) - np.log(shares).mean()], axis=1)
-    count = len(still), len(moving)
-    wanted = np.repeat([1 / (count[0] + 2), (count[1] + 1) / (count[1] + 2)], count)
-    found = np.zeros(2)
-    for _ in range(100):
-        expected = 1 / (1 + np.exp(-place @ found))
-        spread = place.T * (expected * (1 - expected))
-        found += np.linalg.solve(spread @ place + 1e-9 * np.eye(2), place.T @ (wanted - expected))
-    return float(np.exp(np.log(shares).mean() - found[0] / found[1])), float(found[1])
 
 
 def row(name: str, moves: bool, survey: dict[str, Any]) -> list[object]:
@@ -64,13 +43,12 @@ def row(name: str, moves: bool, survey: dict[str, Any]) -> list[object]:
     motion, camera = survey["motion"], survey["camera"]
     regions = sum(pair["moving"] > 0 for pair in motion["pairs"])
     lasting = sum(pair["lasting"] > 0 for pair in motion["pairs"])
-    known = motion["probability"] is not None
-    right = known and motion["static"] != moves
+    known = motion["share"] is not None
+    wrong = known and motion["static"] == moves
     return [
         name,
         "yes" if moves else "no",
-        f"{motion['probability']:.0%}{'' if right else ' (wrong)'}" if known else "cannot tell",
-        f"{motion['share']:.3%}" if known else "",
+        f"{motion['share']:.3%}{' (wrong)' if wrong else ''}" if known else "cannot tell",
         f"{lasting} and {regions} of {len(motion['pairs'])}",
         f"{motion['voting']:.0%}",
         f"{camera['pose_residual_px']:.2f} / {camera['pose_noise_px']:.2f}",
@@ -83,7 +61,6 @@ def row(name: str, moves: bool, survey: dict[str, Any]) -> list[object]:
 COLUMNS = [
     "scene",
     "moves",
-    "probability",
     "share",
     "pairs, lasting and all",
     "voting",
@@ -109,8 +86,6 @@ def main(folders: tuple[Path, ...], still: tuple[Path, ...]) -> None:
         ]
         for half in (True, False)
     }
-    even, power = fit_probability(*groups[True])
-    click.echo(f"Fitted to the tuning half: even share {even:.2g}, power {power:.2g}\n")
     cells = [
         [name, len(groups[half][0]), len(groups[half][1]), f"{separation(*reversed(groups[half])):.3f}"]
         for name, half in (("tuning", True), ("validation", False))

@@ -179,7 +179,6 @@ def test_the_survey_alone_decides_from_frames_and_poses(workdir):
     run_rules(workdir, ("survey",), "splats: {masking: auto}", "survey.json")
     found = json.loads((workdir.folder / SCENE / "survey.json").read_text())
     Draft202012Validator(schema("survey")).validate(found)
-    # max_moving_probability is 0: anything that may move counts.
     assert found["motion"]["masking"] == "refined"
 
 

@@ -16,11 +16,11 @@ from egosplat.pipeline.survey_file import read_survey
 SCENE = "results/adt/scene1"
 SURVEY, METRICS, TRANSIENT = f"{SCENE}/survey.json", f"{SCENE}/metrics.json", f"{SCENE}/transient.png"
 AUTO = "splats: {masking: auto}\n"
-STATIC = AUTO + "survey: {min_view_change_deg: 0, max_moving_probability: 1.0}\n"
+STATIC = AUTO + "survey: {min_view_change_deg: 0, min_moving_share: 1.0}\n"
 """Whatever moves is little enough."""
 
 LEAVING_OUT = AUTO + "survey: {min_view_change_deg: 90}\n"
-STATIC_LEAVING_OUT = AUTO + "survey: {min_view_change_deg: %d, max_moving_probability: 1.0}\n"
+STATIC_LEAVING_OUT = AUTO + "survey: {min_view_change_deg: %d, min_moving_share: 1.0}\n"
 SPLATS_ON = {"splats", "language", "metrics"}
 
 
@@ -85,7 +85,7 @@ def test_a_static_scene_has_neither_network_nor_masks(work):
 
 
 def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
-    again = AUTO + "survey: {min_view_change_deg: 0, max_moving_probability: 0.01}\n"
+    again = AUTO + "survey: {min_view_change_deg: 0, min_moving_share: 1.0e-4}\n"
     assert "survey" in work.stale(METRICS, config=again)
     assert made(work, again, SURVEY) == {"survey"}
     assert work.stale(METRICS, config=again) == set()
@@ -120,7 +120,7 @@ def test_a_static_scene_trains_gaussians_on_all_frames(work):
     "config, rules",
     [
         ("poses: {trajectory: ground_truth}\n", {"poses", "survey"}),
-        ("survey: {min_view_change_deg: 0, max_moving_probability: 0.1}\n", {"survey"}),
+        ("survey: {min_view_change_deg: 0, min_moving_share: 1.0e-4}\n", {"survey"}),
         ("features: {mad_k: 2.5}\n", set()),
     ],
 )
@@ -137,10 +137,10 @@ def test_edited_code_reruns_the_survey_where_it_executes_it(work):
 
 
 def test_a_variant_whose_keys_reach_the_survey_has_its_own(work):
-    variant = AUTO + "variants: {calm: {survey: {max_moving_probability: 1.0}}}\n"
+    variant = AUTO + "variants: {calm: {survey: {min_moving_share: 1.0}}}\n"
     own = f"{SCENE}/variants/calm"
     assert made(work, variant, f"{own}/survey.json") == {"survey"}
-    assert read_survey(work.folder / own / "survey.json")["motion"]["static"]
+    assert read_survey(work.folder / own / "survey.json")["motion"]["masking"] == "none"
     assert work.stale(f"{own}/metrics.json", config=variant) == SPLATS_ON
     assert work.stale(METRICS, config=variant) == set()
 

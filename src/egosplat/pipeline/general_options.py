@@ -50,6 +50,7 @@ VARIANTS: dict[str, VariantKeys] = {
     "baseline": {"extends": "no_masks", "features": {"supervision": "view"}},
     "no_masks": {"splats": {"masking": "none"}},
     "network_masks": {"splats": {"masking": "initial"}},
+    "refined_masks": {"segments": {"track_moving": "always"}, "splats": {"masking": "refined"}},
     "shared_geometry": {"extends": "no_masks", "splats": {"language": "after"}},
     "each_frame": {
         "extends": ["baseline", "shared_geometry"],
@@ -114,6 +115,7 @@ class GeneralOptions(Options):
     only the artifacts that the variant changes; it shares the others with the scene. The scene itself is the full
     method. Yours stand beside those below, and replace one of the same name. baseline: per-view features, no masks.
     no_masks: consistent features, no masks. network_masks: the masks that the network predicts, without instances.
+    refined_masks: what moves is tracked and masked, however little it is.
     shared_geometry: no_masks with codes after the geometry, for other methods (docs/methods.md). each_frame: its
     Gaussians and baseline's features, with the masks of each frame by themselves, neither tracked nor merged.
     langsplat, semantic_gaussians, occam, gags, langsplat2 and splat_feature_solver are methods on these masks, lerf

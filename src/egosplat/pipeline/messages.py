@@ -49,7 +49,8 @@ _REMOVED = {
     "splats.strategy": "3DGS's density control is the only strategy (benchmarks/training/README.md)",
     "splats.patience": "training always runs to its end: stopping early bought nothing (benchmarks/tradeoff/README.md)",
     "splats.min_improvement": "training always runs to its end",
-    "survey.max_moving_share": "survey.max_moving_probability decides now; its default suits most cameras",
+    "survey.max_moving_share": "survey.min_moving_share decides now",
+    "survey.max_moving_probability": "survey.min_moving_share decides now: a share of the picture",
     "segments.levels": "all three levels are used",
     **dict.fromkeys(
         (

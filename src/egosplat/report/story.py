@@ -98,12 +98,12 @@ def _poses(files: SceneFiles) -> Iterator[str]:
 
 def _survey(files: SceneFiles) -> Iterator[str]:
     motion, camera = files.survey["motion"], files.survey["camera"]
-    what = "Nothing moves" if motion["static"] else "Something moves"
-    network = "are masked" if motion["masking"] != "none" else "are not masked"
-    yield (
-        f"{what}: the probability of motion is {motion['probability']:.0%}, the limit {motion['max_probability']:.0%}. "
-        f"Pixels of what moves {network}."
-    )
+    network = "masked" if motion["masking"] != "none" else "not masked"
+    if motion["share"] is None:
+        yield f"Whether something moves cannot be told. What moves is {network}."
+    else:
+        what = "Nothing moves" if motion["static"] else f"{motion['share']:.2%} of the picture moves"
+        yield f"{what}. From {motion['min_share']:.1%} on, what moves is masked; here it is {network}."
     left_out, blurred = len(files.survey["views"]["left_out"]), len(files.survey["sharpness"]["dropped"])
     yield f"{left_out} frames add no new view, and {blurred} are blurred where others are sharp: they train nothing."
     refined = "are refined" if camera["refine_poses"] else "are kept"

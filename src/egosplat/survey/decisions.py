@@ -9,11 +9,11 @@ from egosplat.geometry import Array
 from egosplat.survey.brightness import exposure_curve, exposure_range
 from egosplat.survey.motion import Motion
 
-# Share of the voting pixels that keeps moving at which moving and still are equally probable, and the power of the odds.
-# Fitted by benchmarks/survey.
-_EVEN_SHARE, _POWER = 5e-4, 1.4
+# Share of the voting pixels that keeps moving from which something moves: still recordings have 0, moving ones at least
+# 1e-3 (benchmarks/survey).
+_LEAST_SHARE = 5e-4
 # A smaller share is none: in a long recording, less than one track of the smallest region.
-LEAST_SHARE = 1e-4
+_NO_SHARE = 1e-4
 # More regions that move for fewer than three pairs may be things that pass fast. Errors of flow reach 0.15 %, where poses are off by 1.5 % of the
 # depth too; the one moving recording without lasting regions has 0.24 %.
 _MAX_FLEETING = 2e-3
@@ -40,21 +40,25 @@ class PoseResidual:
         return self.explained_px / self.noise_px / self.limit
 
 
-def moving_probability(share: float | None, fleeting: float | None) -> float | None:
-    """Probability that something moves; None if it cannot be told.
+def moving_share(share: float | None, fleeting: float | None) -> float | None:
+    """Share of the picture that moves; None if it cannot be told.
 
     Args:
         share, fleeting: shares of the voting pixels that keep moving, and that are seen to move once and not again; None if
             too few pixels can show motion.
     """
-    if share is None or fleeting is None or (share < LEAST_SHARE and fleeting > _MAX_FLEETING):
-        return None
-    return 1.0 / (1.0 + (_EVEN_SHARE / max(share, LEAST_SHARE)) ** _POWER)
+    untold = share is None or fleeting is None or (share < _NO_SHARE and fleeting > _MAX_FLEETING)
+    return None if untold else share
 
 
-def is_static(probability: float | None, max_probability: float) -> bool:
-    """Whether motion is improbable. What cannot be told counts as moving."""
-    return probability is not None and probability < max_probability
+def is_static(share: float | None) -> bool:
+    """Whether nothing moves. What cannot be told counts as moving."""
+    return share is not None and share < _LEAST_SHARE
+
+
+def needs_masks(share: float | None, min_share: float) -> bool:
+    """Whether enough of the picture moves to be masked. What cannot be told is masked."""
+    return share is None or share >= min_share
 
 
 def pose_residual(motion: Motion) -> PoseResidual | None:

@@ -6,7 +6,7 @@ from egosplat.files import write_json
 from egosplat.pipeline.survey_file import Survey
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 
 
 def write_survey(output: Path, document: Survey) -> None:

@@ -19,7 +19,8 @@ from egosplat.survey.decisions import (
     compensates_exposure,
     finite,
     is_static,
-    moving_probability,
+    moving_share,
+    needs_masks,
     pose_residual,
     refines_poses,
 )
@@ -45,7 +46,7 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
-        "motion": _motion(motion, options.max_moving_probability),
+        "motion": _motion(motion, options.min_moving_share),
         "camera": _camera(motion),
         "sharpness": _sharpness(sharpness, options.blur_limit),
         "views": _views(frames, poses, views.depths, sharpness, options.min_view_change_deg),
@@ -56,18 +57,16 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     _log_summary(document)
 
 
-def _motion(motion: Motion, max_probability: float) -> dict[str, Any]:
-    probability = moving_probability(motion.share, motion.fleeting)
-    static = is_static(probability, max_probability)
+def _motion(motion: Motion, min_share: float) -> dict[str, Any]:
+    share = moving_share(motion.share, motion.fleeting)
     columns = (motion.moving, motion.lasting, motion.voting, motion.noise_px, motion.stops)
     names = ("moving", "lasting", "voting", "noise_px", "stops")
     rows = zip(motion.pairs.tolist(), zip(*columns, strict=True), strict=True)
     return {
-        "static": static,
-        "masking": "none" if static else "refined",
-        "probability": finite(probability),
-        "max_probability": max_probability,
-        "share": finite(motion.share),
+        "static": is_static(share),
+        "masking": "refined" if needs_masks(share, min_share) else "none",
+        "share": finite(share),
+        "min_share": min_share,
         "fleeting": finite(motion.fleeting),
         "voting": finite(motion.voting.mean()) if len(motion.pairs) else None,
         "noise_px": finite(_median(motion.noise_px)),
@@ -162,18 +161,11 @@ def _poses(frames: Artifact, poses: Artifact) -> dict[str, Any]:
 
 def _log_summary(document: dict[str, Any]) -> None:
     motion, camera, views = document["motion"], document["camera"], document["views"]
-    if motion["probability"] is None:
-        reason = (
-            "too few pixels can show it"
-            if motion["share"] is None
-            else "regions move, but for less than three pairs"
-        )
-        log(f"motion: cannot be told, {reason}; taken for moving, so that nothing that moves is trained on")
+    if motion["share"] is None:
+        log("motion: cannot be told; masked, so that nothing that moves is trained on")
     else:
-        verdict = "nothing moves" if motion["static"] else "something moves"
-        log(
-            f"motion: {verdict}; probability {motion['probability']:.0%}, {motion['share']:.3%} of the pixels"
-        )
+        verdict = "nothing moves" if motion["static"] else f"{motion['share']:.3%} of the picture moves"
+        log(f"motion: {verdict}; {'masked' if motion['masking'] != 'none' else 'too little to be masked'}")
     wanted = {
         "poses are refined": camera["refine_poses"],
         "exposure is compensated": camera["compensate_exposure"],

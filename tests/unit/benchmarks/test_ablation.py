@@ -3,9 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from benchmarks.figures import difference_table
 from benchmarks.rows import collect
 from benchmarks.scores import accuracy_difference, iou_difference, pair_answers, queries_of
+from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import ScoredScene
 from tests.support.scores import SETUP
 
@@ -47,25 +50,31 @@ def answered(*found: tuple[str, bool, float], decibels: float = 20.0, name: str 
 
 
 def test_settings_are_compared_query_by_query():
-    """Means over scenes; equal answers leave the doubt of sixteen categories, not none."""
+    """Means over the scenes of a world; equal answers leave the doubt of sixteen categories, not none."""
     names = [f"thing {n}" for n in range(8)]
     better = answered(*((name, n < 7, 0.5) for n, name in enumerate(names)))
     worse = answered(*((name, n == 7, 0.3) for n, name in enumerate(names)))
     other = {"full": better, "no_masks": worse, "baseline": worse}
     first = {"full": better, "no_masks": better, "baseline": worse}
     found = {
-        setting: [first[setting], replace(other[setting], scene="scene2")]
+        setting: [
+            first[setting],
+            replace(other[setting], scene="scene2"),
+            replace(first[setting], scene="busy1"),
+        ]
         for setting in ("full", "no_masks", "baseline")
     }
     rows = collect("ablation", found)
-    table = difference_table(rows, [("no_masks", "baseline")]).splitlines()[2:]
+    table = difference_table(rows, "scene").splitlines()[2:]
     assert [row.split(" | ")[0] for row in table] == [
         "| full against no_masks",
         "| full against baseline",
-        "| no_masks against baseline",
     ]
     assert table[1].startswith("| full against baseline | +75.0 (") and "p = 0.0042 |" in table[1]
-    assert table[2].startswith("| no_masks against baseline | +37.5 (") and "p = 0.07 |" in table[2]
+    assert "| full against no_masks | +0.0 (" in difference_table(rows, "busy")
+    assert difference_table(rows) not in (difference_table(rows, "scene"), difference_table(rows, "busy"))
+    with pytest.raises(UserError, match="foreign1"):
+        rows.within("foreign")
     same = difference_table(collect("ablation", {"full": found["full"], "again": found["full"]}))
     assert "| full against again | +0.0 (-19.4 to +19.4), p = 1 |" in same
 

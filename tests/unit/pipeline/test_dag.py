@@ -33,10 +33,10 @@ SINGLE_FRAMES = merge(EVERY_FRAME, {"segments": {"prompting": "each_frame", "tra
 TRACKS = merge(EVERY_FRAME, {"segments": {"prompting": "key_frames"}})
 
 
-def survey(masking, static=False, blurred=()):
+def survey(masking, blurred=()):
     """The parts of a survey that decide something."""
     return {
-        "motion": {"masking": masking, "static": static},
+        "motion": {"masking": masking},
         "camera": {"refine_poses": True, "compensate_exposure": False},
         "sharpness": {"dropped": [{"frame": frame} for frame in blurred]},
         "views": {"kept": [0, 1], "digest": "of-kept-frames"},
@@ -194,23 +194,24 @@ def test_an_explicit_masking_wins_over_the_survey():
 
 
 @pytest.mark.parametrize(
-    "stage, masking, static, expected",
+    "stage, keys, found, expected",
     [
-        ("segments", "none", True, "of-kept-frames"),
-        ("splats", "none", True, ALL_FRAMES),
-        ("splats", "none", False, "of-kept-frames"),
-        ("splats", "refined", True, "of-kept-frames"),
+        ("segments", {}, "none", "of-kept-frames"),
+        ("splats", {}, "none", ALL_FRAMES),
+        ("splats", {"splats": {"masking": "none"}}, "refined", "of-kept-frames"),
+        ("splats", {"splats": {"masking": "refined"}}, "none", "of-kept-frames"),
+        ("splats", {}, "refined", "of-kept-frames"),
     ],
 )
-def test_gaussians_train_on_all_frames_where_nothing_moves(stage, masking, static, expected):
+def test_gaussians_train_on_all_frames_where_nothing_is_masked(stage, keys, found, expected):
     """Protects the parameter that reruns a rule when its training frames change."""
-    assert training_frames(stage, BASE, survey(masking, static)) == expected
-    assert training_frames(stage, EVERY_FRAME, survey(masking, static)) == ALL_FRAMES
+    assert training_frames(stage, merge(BASE, keys), survey(found)) == expected
+    assert training_frames(stage, merge(EVERY_FRAME, keys), survey(found)) == ALL_FRAMES
 
 
-def test_gaussians_train_on_no_blurred_frame_where_nothing_moves():
+def test_gaussians_train_on_no_blurred_frame_where_nothing_is_masked():
     """Protects the parameter that reruns splats when another frame counts as blurred."""
-    blurred = [training_frames("splats", BASE, survey("none", True, frames)) for frames in ([1], [1, 3])]
+    blurred = [training_frames("splats", BASE, survey("none", frames)) for frames in ([1], [1, 3])]
     assert len({*blurred, ALL_FRAMES, "of-kept-frames"}) == 4
 
 

@@ -66,7 +66,7 @@ def test_training_stages_follow_the_survey_if_frames_may_be_left_out(stage):
 
 
 def test_a_survey_reaches_the_splats_where_it_decides_their_masking():
-    careful = {"survey": {"max_moving_probability": 0.1}}
+    careful = {"survey": {"min_moving_share": 0.1}}
     assert reaches("splats", ALL_FRAMES, merge(ALL_FRAMES, careful))
     assert reaches("language", ALL_FRAMES, merge(ALL_FRAMES, careful))
     tracked = merge(ALL_FRAMES, {"segments": {"prompting": "key_frames"}})

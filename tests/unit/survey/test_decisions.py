@@ -8,7 +8,8 @@ from egosplat.survey.decisions import (
     compensates_exposure,
     finite,
     is_static,
-    moving_probability,
+    moving_share,
+    needs_masks,
     pose_residual,
     refines_poses,
 )
@@ -34,10 +35,13 @@ def motion(
     )
 
 
-def test_more_lasting_motion_is_more_probable():
-    shares = [motion(lasting=one).share for one in (0.0, 1e-4, 1e-3, 1e-2)]
-    odds = [moving_probability(share, 0.0) for share in shares]
-    assert odds == sorted(odds) and odds[0] < 0.2 and odds[-1] > 0.95
+def test_little_motion_is_not_masked():
+    """Shares of the voting pixels, half of the valid ones."""
+    shares = [motion(lasting=one).share for one in (0.0, 1e-3, 4e-3, 1e-2)]
+    assert shares == pytest.approx([0.0, 2e-3, 8e-3, 2e-2])
+    assert [is_static(one) for one in shares] == [True, False, False, False]
+    assert [needs_masks(one, 0.008) for one in shares] == [False, False, True, True]
+    assert needs_masks(0.0, 0.0) and not needs_masks(0.99, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +51,7 @@ def test_more_lasting_motion_is_more_probable():
 )
 def test_what_cannot_be_told_counts_as_moving(unknown):
     assert unknown.share is None and unknown.fleeting is None
-    assert moving_probability(None, None) is None and not is_static(None, 1.0)
+    assert moving_share(None, None) is None and not is_static(None) and needs_masks(None, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +61,7 @@ def test_much_motion_that_is_not_seen_again_cannot_be_told(lasting, fleeting, to
     """Fractions of the valid pixels, half of which vote: 0.1 % of these is noise, 0.24 % may be something that passes fast."""
     found = motion(lasting=lasting, fleeting=fleeting)
     assert found.fleeting == pytest.approx(2 * fleeting)
-    assert (moving_probability(found.share, found.fleeting) is not None) is told
+    assert (moving_share(found.share, found.fleeting) is not None) is told
 
 
 def test_a_pair_that_is_not_judged_does_not_count():

@@ -28,12 +28,7 @@ def test_a_static_scene_needs_no_masks(scene, trajectory, still):
     survey = surveyed(folder)
     motion = survey["motion"]
     assert motion["static"] and motion["masking"] == "none" and motion["share"] == 0
-    assert (
-        motion["voting"] > 0.3
-        and motion["noise_px"] < 0.3
-        and len(motion["pairs"]) == 7
-        and motion["probability"] < 0.2
-    )
+    assert motion["voting"] > 0.3 and motion["noise_px"] < 0.3 and len(motion["pairs"]) == 7
     assert not survey["camera"]["refine_poses"] and not survey["camera"]["compensate_exposure"]
     assert survey["origin"] == survey["provenance"]["origin"] == "synthetic"
     assert survey["provenance"]["options"] == KEYS and survey["provenance"]["stage"] == "survey"
@@ -47,18 +42,13 @@ def test_a_moving_scene_needs_masks_above_the_threshold(scene, trajectory, movin
     folder = scene(trajectory, moving)
     survey = surveyed(folder)["motion"]
     assert not survey["static"] and survey["masking"] == "refined" and survey["share"] > 0.005
-    assert survey["probability"] > 0.9
-    assert surveyed(folder, max_moving_probability=1.0)["motion"]["masking"] == "none"
+    assert surveyed(folder, min_moving_share=1.0)["motion"]["masking"] == "none"
 
 
 def test_without_measurements_the_scene_counts_as_moving(scene, trajectory, still):
     folder = scene(trajectory[:1], still[:1], train=np.ones(1, bool), evaluation=np.zeros(1, bool))
     motion = surveyed(folder)["motion"]
-    assert (
-        motion["masking"] == "refined"
-        and motion["share"] is motion["probability"] is None
-        and motion["pairs"] == []
-    )
+    assert motion["masking"] == "refined" and motion["share"] is None and motion["pairs"] == []
 
 
 def test_redundant_training_views_are_dropped_and_evaluation_views_kept(scene, trajectory, still):
