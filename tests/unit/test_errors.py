@@ -4,6 +4,7 @@ import errno
 import os
 import subprocess
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -11,12 +12,26 @@ import torch
 from PIL import UnidentifiedImageError
 
 from egosplat.errors import UserError, is_out_of_memory, is_system_error, user_message
+from egosplat.pipeline.code_hash import library_version
 
 MORE_THAN_THERE_IS = 2**60
 
 
 def test_a_user_error_prints_its_message_only():
     assert user_message(UserError("config.yaml: has no key 'a'")) == "config.yaml: has no key 'a'"
+
+
+def test_a_library_without_a_wheel_for_this_python_is_named(monkeypatch):
+    """Only readers of ADT and the synthetic apartment import it, and no code needs its version."""
+    monkeypatch.setitem(sys.modules, "projectaria_tools", None)
+    for name in ("egosplat.frames.rectify", "egosplat_apartments.adt_format.aria"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        monkeypatch.delitem(sys.modules, "projectaria_tools.core", raising=False)
+        with pytest.raises(ModuleNotFoundError) as caught:
+            import_module(name)
+        assert "pip install 'projectaria-tools>=2.3'" in user_message(caught.value)
+    assert user_message(ModuleNotFoundError("no module", name="other")) is None
+    assert library_version("no-such-library") == "absent" != library_version("numpy")
 
 
 def test_a_file_that_may_not_be_read_is_named():

@@ -14,7 +14,7 @@ def said(*words: str) -> str:
 
 def test_commands_are_listed_by_group_on_one_line_each():
     text = said("--help")
-    groups = [text.index(title) for title in ("Ask and look:", "Set up:", "Stages")]
+    groups = [text.index(title) for title in ("Make a scene:", "Ask and look:", "Set up:", "Stages")]
     assert groups == sorted(groups) and text.index("  query ") < text.index("  doctor ") < text.index(
         "  splats "
     )

@@ -18,7 +18,7 @@ def alarms(folder) -> list[str]:
 def logged(folder, stage: str) -> list[str]:
     """Keys of the alarms in a stage's log."""
     lines = (folder / "logs/adt/scene1" / f"{stage}.log").read_text().splitlines()
-    return [line.split(": ")[1] for line in lines if line.startswith("alarm: ")]
+    return [line.split(": ")[2] for line in lines if line.startswith(f"{stage}: alarm: ")]
 
 
 def test_an_alarm_reaches_the_log_the_scores_and_the_tables(workdir):

@@ -16,6 +16,7 @@ from egosplat.models.checkpoints import content_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.chosen import chosen_value
 from egosplat.pipeline.config import stage_sections
+from egosplat.pipeline.making import snakemake_in
 from egosplat.pipeline.results import default_results, default_scenes, maps_of
 from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES, code_of
@@ -320,7 +321,7 @@ def results_of_scenes(_):
     found = [path for path in wanted if os.path.exists(path)]
     if not found:
         sys.exit(
-            "egosplat: no scene has results to report; make some: snakemake --cores 2 results/DATASET/SCENE/metrics.json"
+            f"egosplat: no scene has results to report; make some: {snakemake_in(Path())} --cores 2 results/DATASET/SCENE/metrics.json"
         )
     return found
 

@@ -14,8 +14,6 @@ from egosplat.pipeline.scenes import find_scene, requested_targets
 from egosplat.pipeline.variants import check_target
 from egosplat.pipeline.sweeps import measured_points, read_scenes_with_points
 
-PRESETS = Path(workflow.basedir).parent / "config/presets"
-
 
 @cache
 def scenes_with_preset(preset):

@@ -11,10 +11,12 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import check_config_files
 from egosplat.files import check_writable
 from egosplat.pipeline.failed_stages import tell_failures_at_exit
+from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.process_guards import check_cores, name_user
 from egosplat.pipeline.snakemake_call import Call, read_call
 
-SHIPPED = Path("config/config.yaml")
+CONFIG_FILE = config_file()
+PRESETS = presets_folder()
 
 # The Snakemake of a job has no targets on its command line. The main process has done the checks.
 IS_MAIN = workflow.is_main_process
@@ -27,7 +29,6 @@ try:
         check_cores(workflow.resource_settings.cores, workflow.resource_settings.nodes)
         if CALL.makes_results:
             check_writable([Path(".snakemake"), Path("logs"), Path("results")])
-    shipped = [SHIPPED] if SHIPPED.exists() else []
-    check_config_files([*shipped, *workflow.overwrite_configfiles])
+    check_config_files([CONFIG_FILE, *workflow.overwrite_configfiles])
 except UserError as error:
     sys.exit(f"egosplat: {error}")

@@ -11,6 +11,7 @@ from typing import Any
 
 from egosplat.alarms.limits import CAUSES, LIMITS, Alarm, Limit
 from egosplat.pipeline.messages import figure
+from egosplat.progress import NOTICE
 
 
 @dataclass(frozen=True)
@@ -287,7 +288,7 @@ def alarm_line(alarm: Alarm) -> str:
 def warning_lines(notice: str | None, alarms: Iterable[Alarm]) -> list[str]:
     """Format the notice on unsuitable models as ``notice: ...``, then each alarm as ``alarm: ...``."""
     return [
-        *([] if notice is None else [f"notice: {notice}"]),
+        *([] if notice is None else [f"{NOTICE}{notice}"]),
         *(f"alarm: {alarm_line(alarm)}" for alarm in alarms),
     ]
 

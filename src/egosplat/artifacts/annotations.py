@@ -19,5 +19,14 @@ ANNOTATIONS = Schema(
             by_row=True,
             values=index_or_none("instances"),
         ),
+        "covered_map": Field(
+            ("evaluation", "layer", "height", "width"),
+            "int32",
+            "index",
+            "the same for the instances that others cover in part, whole, in as many layers as they need",
+            by_row=True,
+            optional=True,
+            values=index_or_none("instances"),
+        ),
     },
 )

@@ -7,12 +7,12 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Protocol
 
 import egosplat
 from egosplat.artifacts import usage
+from egosplat.pipeline.code_hash import library_version
 from egosplat.pipeline.stages import STAGES, code_of
 
 
@@ -94,7 +94,7 @@ def begin(
         chosen: the value by which the stage chooses its module, if it chooses one.
     """
     versions = {"egosplat": egosplat.__version__, "python": sys.version.split()[0]}
-    versions |= {name: metadata.version(name) for name in STAGES[stage].libraries}
+    versions |= {name: library_version(name) for name in STAGES[stage].libraries}
     return Provenance(
         stage=stage,
         options=dict(sorted(options.items())),

@@ -21,10 +21,12 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
 from egosplat.baselines.options import MethodMetricsOptions
 from egosplat.errors import UserError
+from egosplat.evaluation.classes import CLASSES, ClassMap, count_right
 from egosplat.evaluation.document import (
     FORMAT_VERSION,
     Setup,
     artifact_entries,
+    class_entries,
     frame_entries,
     query_entry,
     setup_entries,
@@ -33,18 +35,17 @@ from egosplat.evaluation.document import (
 from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queries, find_frames
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.queries import (
-    InstanceMap,
     Mask,
     Query,
     instances_of,
-    read_map,
+    phrases_to_ask,
+    read_layers,
 )
 from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import AnsweredQuery
-from egosplat.evaluation.scores import score_query, summarise
+from egosplat.evaluation.scores import QueryScore, score_query, summarise
 from egosplat.progress import log, track
 from egosplat.query.maps import Found, find_in_maps
-from egosplat.query.options import MapOptions
 
 
 def run(
@@ -81,10 +82,11 @@ def run(
     _check_size(maps, valid)
     evaluated = find_frames(frames, poses, annotations, rendered={})
     queries = find_asked_queries(annotations, valid, options, evaluated)
-    _check_complete(maps, queries)
-    answered = list(_answer(queries, annotations, maps, valid, options, options.hit_region))
-    scores = summarise([one.score for one in answered], RESAMPLING)
     instances = instances_of(annotations)
+    classes = phrases_to_ask(queries, instances, options) if options.masks == CLASSES else None
+    _check_complete(maps, queries, classes)
+    answered = list(_answer(queries, annotations, maps, valid, options, classes))
+    scores = summarise([one.score for one in answered], RESAMPLING)
     own = record.record()
     document = {
         **setup_entries(Setup(preset, world_seed, camera), frames, own, seed=None),
@@ -96,6 +98,7 @@ def run(
         "alarms": [asdict(alarm) for alarm in alarms_of_all(made_from.found.values())],
         "counts": count_frames(frames, evaluated, instances),
         "scores": {name: asdict(score) for name, score in scores.items()},
+        **class_entries(answered, valid, options.masks),
         "queries": [query_entry(one, instances, maps.levels) for one in answered],
         "frames": frame_entries(evaluated, answered, [{} for _ in evaluated]),
         "rendering": {name: asdict(score) for name, score in summarise_rendering([]).items()},
@@ -118,14 +121,15 @@ def _check_size(maps: Relevancy, valid: Mask) -> None:
         )
 
 
-def _check_complete(maps: Relevancy, queries: Sequence[Query]) -> None:
+def _check_complete(maps: Relevancy, queries: Sequence[Query], classes: Sequence[str] | None) -> None:
     # A query without a map would not be scored, instead of counting as a miss.
-    missing = [query for query in queries if (query.frame, query.category) not in maps.rows]
+    needed = dict.fromkeys((one.frame, phrase) for one in queries for phrase in classes or [one.category])
+    missing = [one for one in needed if one not in maps.rows]
     if missing:
-        first = missing[0]
+        frame, category = missing[0]
         raise UserError(
-            f"{maps.path}: has no map for {len(missing)} of {len(queries)} queries, the first {first.category!r} in "
-            f"frame {first.frame}.\nGive a map for each query; a map of NaN means that nothing is visible"
+            f"{maps.path}: has no map for {len(missing)} of {len(needed)} queries, the first {category!r} in "
+            f"frame {frame}.\nGive a map for each query; a map of NaN means that nothing is visible"
         )
 
 
@@ -134,27 +138,43 @@ def _answer(
     annotations: Artifact,
     maps: Relevancy,
     valid: Mask,
-    options: MapOptions,
-    hit_region: str,
+    options: MethodMetricsOptions,
+    classes: Sequence[str] | None,
 ) -> Iterator[AnsweredQuery]:
+    instances = instances_of(annotations)
     for row, in_frame in groupby(track(queries, "reading maps", unit="query"), key=lambda query: query.row):
-        instance_map = read_map(annotations, row, valid)
-        for query in in_frame:
+        layers, asked = read_layers(annotations, row, valid), list(in_frame)
+        won = _classes(asked[0].frame, maps, valid, options, classes) if classes else None
+        for query in asked:
             found = find_in_maps(maps.maps(query.frame, query.category), valid, options)
-            yield _answered(query, found, instance_map, valid, hit_region)
+            mask = np.zeros_like(valid) if found is None else found.segmentation.mask
+            mask = won.mask(query.category) if won else mask
+            pixel = None if found is None else found.location.pixel
+            score = score_query(query, pixel, mask, layers, valid, options.hit_region)
+            yield _answered(
+                query, found, mask, score, count_right(query, mask, layers, instances) if won else None
+            )
+
+
+def _classes(
+    frame: int, maps: Relevancy, valid: Mask, options: MethodMetricsOptions, classes: Sequence[str]
+) -> ClassMap:
+    """The most relevant of all classes at each pixel of a frame."""
+    found = ((name, find_in_maps(maps.maps(frame, name), valid, options)) for name in classes)
+    empty = np.zeros(valid.shape, np.float32)
+    return ClassMap((name, empty if one is None else one.relevancy) for name, one in found)
 
 
 def _answered(
-    query: Query, found: Found | None, instance_map: InstanceMap, valid: Mask, hit_region: str
+    query: Query, found: Found | None, mask: Mask, score: QueryScore, right_pixels: int | None
 ) -> AnsweredQuery:
-    pixel = None if found is None else found.location.pixel
-    mask = np.zeros_like(valid) if found is None else found.segmentation.mask
     return AnsweredQuery(
         query=query,
-        score=score_query(query, pixel, mask, instance_map, valid, hit_region),
+        score=score,
+        right_pixels=right_pixels,
         relevancy=0.0 if found is None else found.location.score,
         level=None if found is None else found.location.level,
-        pixel=pixel,
+        pixel=None if found is None else found.location.pixel,
         position=None,
         mask_level=None if found is None else found.segmentation.level,
         mask_pixels=int(mask.sum()),

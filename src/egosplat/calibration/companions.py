@@ -9,6 +9,9 @@ from typing import Any
 
 from egosplat.files import read_json
 
+# Formats of recordings that have these files. Labels choose the evaluation frames of the last two.
+OF_PICTURES = ("plain", "lerf", "3d_ovs")
+
 # The files with known poses, by the value of ``frames.known_poses``.
 KNOWN_POSES = {"colmap": "colmap", "transforms": "transforms.json"}
 
@@ -105,10 +108,14 @@ def mask_files(recording: Path, wanted: str) -> list[Path]:
 
 
 def picture_folders(recording: Path, wanted: str) -> list[Path]:
-    """The folders with the pictures of a folder's recording: those that its known poses name, or the folder itself."""
+    """The folders with the pictures of a folder's recording: those that its known poses name, or the folder itself.
+
+    A folder without pictures may have them in ``images``.
+    """
     names = [name for kind in present_known_poses(recording, wanted) for name in _names(recording, kind)]
     found = (_named_folders(recording, root, names) for root in (recording, recording / PROJECT_PICTURES))
-    return next((folders for folders in found if any(map(_has_pictures, folders))), [recording])
+    places = ([place] for place in (recording, recording / PROJECT_PICTURES) if place.is_dir())
+    return next((folders for folders in (*found, *places) if any(map(_has_pictures, folders))), [recording])
 
 
 def _named_folders(recording: Path, root: Path, names: list[str]) -> list[Path]:

@@ -11,15 +11,17 @@ import click
 
 import egosplat
 from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
+from egosplat.cli.run import run_command
 from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
 from egosplat.pipeline.config_table import json_schema, keys_page
+from egosplat.pipeline.home import snakefile
 from egosplat.pipeline.options import Options
-from egosplat.pipeline.process_guards import end_with_snakemake
+from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
-from egosplat.progress import show_log
+from egosplat.progress import name_lines, show_log
 
 # Half of the longest message about a flag [characters]; a value may be a whole file.
 _LONGEST = 500
@@ -30,18 +32,21 @@ _BUILT: dict[str, Callable[[], click.Command]] = {
     "movie": movie_command,
     "query": query_command,
     "page": page_command,
+    "run": run_command,
     "view": view_command,
 }
 
 
 # The groups of commands in ``--help``; all others are stages, or pages of several scenes.
 _GROUPS = {
+    "Make a scene": ("run",),
     "Ask and look": ("query", "view", "page", "export", "movie", "check"),
-    "Set up": ("doctor", "models", "keys"),
+    "Set up": ("doctor", "models", "keys", "snakefile"),
 }
 
 # One line of help for each command that is built on demand, because building it imports its options.
 _SHORT = {
+    "run": "Make a scene of a video or photographs, and ask it.",
     "query": "Find things in a finished scene by words.",
     "view": "Look at a finished scene in the browser, and ask it.",
     "page": "Write a finished scene as one HTML file to share.",
@@ -90,7 +95,7 @@ def cli() -> None:
     """Search a 3D scene, filmed by a head-mounted camera, by text.
 
     Each stage of the pipeline is a command. The workflow calls them in order and reruns only what is stale:
-    snakemake --cores 2 results/adt/scene1/contact_sheet.png
+    snakemake --snakefile "$(egosplat snakefile)" --cores 2 results/adt/scene1/contact_sheet.png
     """
 
 
@@ -178,6 +183,12 @@ def keys(schema: bool) -> None:
     click.echo(json.dumps(json_schema(), indent=2) if schema else keys_page())
 
 
+@cli.command(name="snakefile", short_help="Print the path of the workflow, for snakemake --snakefile.")
+def print_snakefile() -> None:
+    """Print the path of the workflow: snakemake --snakefile "$(egosplat snakefile)" results/adt/scene1/metrics.json"""
+    click.echo(snakefile().absolute())
+
+
 CONFIGFILE = click.option(
     "--configfile", multiple=True, type=ARTIFACT, help="Overrides config/config.yaml. May be repeated."
 )
@@ -257,6 +268,8 @@ def stage_command(stage: str) -> click.Command:
     def call(options: Options | None = None, **paths: Any) -> None:
         from egosplat.alarms.artifact_alarms import log_warnings
 
+        if STARTED_BY in os.environ:
+            name_lines(stage)
         if stage in FILES:
             check_output(paths["output"], STAGES[stage].output, overwrite=paths.pop("overwrite"))
         run_stage(stage, options, **paths)

@@ -19,7 +19,27 @@ FOLDER = click.Argument(["folder"], type=ARTIFACT)
 PHRASES = click.Argument(["phrases"], nargs=-1, required=True)
 # Keys with a flag of their own; --help-all lists the others, for --set.
 PLAIN = ("min_score",)
+# Matches that an answer of the whole scene lists.
+MOST = 3
 REPLACE = click.Option(["--overwrite"], **OVERWRITE)
+
+
+def ask(
+    folder: Path,
+    phrases: tuple[str, ...],
+    options: AskingOptions,
+    output: Path,
+    frame: int | None = None,
+    pose: Path | None = None,
+    most: int = MOST,
+) -> None:
+    """Print the answers of a scene, and draw them; arguments as the flags of ``query``."""
+    from egosplat.query.command import run
+    from egosplat.query.opening import open_scene
+
+    scene = open_scene(folder, options)
+    for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output):
+        click.echo(part)
 
 
 def query_command() -> click.Command:
@@ -38,12 +58,7 @@ def query_command() -> click.Command:
         check_scene_folder(folder, ASKED)
         output = output or folder / "query.png"
         check_output(output, "query.png", overwrite=overwrite)
-        from egosplat.query.command import run
-        from egosplat.query.opening import open_scene
-
-        scene = open_scene(folder, options)
-        for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output):
-            click.echo(part)
+        ask(folder, phrases, options, output, frame, pose, most)
 
     return KeysCommand(
         "query",
@@ -66,7 +81,7 @@ def query_command() -> click.Command:
             click.Option(
                 ["--most"],
                 type=click.IntRange(min=1),
-                default=3,
+                default=MOST,
                 show_default=True,
                 help="Largest number of matches listed for the whole scene.",
             ),

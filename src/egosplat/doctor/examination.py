@@ -41,8 +41,7 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
     """
     config, sources = read_configuration(files, options)
     # A wrong configuration ends here; every later problem is a finding, so that one call shows all of them.
-    origin = ", ".join(sources) or "defaults; there is no config/config.yaml here"
-    findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({origin})")]
+    findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({', '.join(sources)})")]
     findings += [*machine_findings(config), *model_findings(config)]
     try:
         scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]

@@ -5,16 +5,16 @@ from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
-import egosplat
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError, user_message
 from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
+from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.recording_origin import recording_origin
-from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, table_of
+from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, tables_of
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.variants import variant_config
 
@@ -22,11 +22,6 @@ MIB = 1024**2
 
 # The number of missing recordings that are named.
 NAMED = 5
-
-# The file that the workflow reads first, relative to the working directory.
-SHIPPED = Path("config/config.yaml")
-
-PRESETS = Path("config/presets")
 
 
 def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
@@ -109,19 +104,19 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
     Raises:
         UserError: a file or an option cannot be read, or a key or value is not allowed.
     """
-    read = [path for path in (SHIPPED, *files) if path in files or path.is_file()]
+    read = [config_file(), *files]
     config: Config = {}
     for path in read:
         config = merge(config, read_yaml(path))
     for option in options:
         config = merge(config, _parsed(option))
-    return resolve(config, _presets()), [*map(str, read), *options]
+    return resolve(config, presets_folder()), [*map(str, read), *options]
 
 
 def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[Config]:
     """The configuration, and those of the scenes in its table, if the table exists; see ``read_configuration``."""
     config, _ = read_configuration(files, options)
-    scenes = read_scenes(config).values() if table_of(config).is_file() else ()
+    scenes = read_scenes(config).values() if tables_of(config)[0].is_file() else ()
     return [config, *(scene.config for scene in scenes)]
 
 
@@ -139,11 +134,6 @@ def _parsed(option: str) -> Config:
     for name in reversed(names):
         content = {name: content}
     return content
-
-
-def _presets() -> Path:
-    """The presets of the working directory, else those of the source tree."""
-    return PRESETS if PRESETS.is_dir() else Path(egosplat.__file__).resolve().parents[2] / PRESETS
 
 
 def model_findings(config: Config) -> Iterator[Finding]:

@@ -1,5 +1,6 @@
 """Check the hardware and software of this machine."""
 
+import importlib.util
 import os
 import platform
 import shlex
@@ -10,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from egosplat.doctor.findings import Finding, Mark
-from egosplat.errors import UserError
+from egosplat.errors import ARIA, NEEDS_ARIA, UserError
 from egosplat.pipeline.config import Config
 
 GIB = 1024**3
@@ -28,6 +29,8 @@ def machine_findings(config: Config) -> Iterator[Finding]:
     yield Finding(Mark.OK, "PyTorch", f"{torch.__version__}, {torch.get_num_threads()} threads")
     yield _gpu(config)
     yield _gsplat(config)
+    if importlib.util.find_spec(ARIA) is None:
+        yield Finding(Mark.NOTE, "projectaria-tools", "not installed", NEEDS_ARIA)
     yield _compiler()
     yield _kernels(config)
     yield _ray_caster()

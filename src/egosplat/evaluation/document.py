@@ -8,7 +8,9 @@ from typing import Any
 
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.reader import Artifact
+from egosplat.evaluation.classes import CLASSES, pixel_accuracy
 from egosplat.evaluation.evaluation_frames import Frame
+from egosplat.evaluation.queries import Mask
 from egosplat.evaluation.rendering import RegionScore
 from egosplat.evaluation.run_queries import AnsweredQuery
 from egosplat.files import write_json
@@ -17,7 +19,7 @@ from egosplat.models.configs import SMALL
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
 # Raised with every change of the schema (docs/metrics.md).
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 
 
 def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
@@ -113,6 +115,14 @@ def frame_entries(
         }
         for frame, scores in zip(frames, rendering, strict=True)
     ]
+
+
+def class_entries(answered: Sequence[AnsweredQuery], valid: Mask, masks: str) -> dict[str, Any]:
+    """The entry on the classes of pixels; none unless masks are those of classes."""
+    if masks != CLASSES:
+        return {}
+    frames, right = [one.query.frame for one in answered], [one.right_pixels for one in answered]
+    return {"pixel_accuracy": pixel_accuracy(frames, right, int(valid.sum()))}
 
 
 _MIB = 2**20

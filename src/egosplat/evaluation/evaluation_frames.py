@@ -15,6 +15,7 @@ from egosplat.evaluation.queries import (
     Query,
     find_queries,
     instances_of,
+    read_layers,
     read_map,
 )
 from egosplat.evaluation.rendering import RegionScore, region_scores, regions
@@ -69,6 +70,10 @@ class Evaluation:
     def map_of(self, frame: Frame) -> InstanceMap:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
         return read_map(self.annotations, frame.row, self.valid)
+
+    def layers_of(self, frame: Frame) -> InstanceMap:
+        """(L, H, W) int32 instance maps of an annotated frame: with those of the instances that others cover."""
+        return read_layers(self.annotations, frame.row, self.valid)
 
     def rendering_of(self, frame: Frame, render: str = "held_out/render") -> Mapping[str, RegionScore]:
         """Scores of a held-out frame's render: by group if it is annotated, else of all pixels only.

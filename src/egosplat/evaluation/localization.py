@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.evaluation.queries import InstanceMap, Mask
+from egosplat.evaluation.queries import InstanceMap, Mask, mask_of
 
 # Regions to hit: the bounding box of an instance, as in LangSplat, or its pixels.
 TARGETS = ("box", "mask")
@@ -15,7 +15,7 @@ def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region:
     """(H, W) bool pixels that hit any of the instances.
 
     Args:
-        instance_map: (H, W) int32.
+        instance_map: (..., H, W) int32.
         hit_region: one of ``TARGETS``.
 
     Raises:
@@ -23,9 +23,9 @@ def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region:
     """
     match hit_region:
         case "mask":
-            return np.isin(instance_map, instances)
+            return mask_of(instance_map, instances)
         case "box":
-            area = np.zeros(instance_map.shape, np.bool_)
+            area = np.zeros(instance_map.shape[-2:], np.bool_)
             for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
                 # The last column and row belong to the box.
                 area[y0 : y1 + 1, x0 : x1 + 1] = True
@@ -62,7 +62,7 @@ def bounding_boxes(instance_map: InstanceMap, instances: Sequence[int]) -> NDArr
     """
     boxes = []
     for instance in instances:
-        rows, columns = np.nonzero(instance_map == instance)
+        rows, columns = np.nonzero(mask_of(instance_map, [instance]))
         if len(rows):
             boxes.append((columns.min(), rows.min(), columns.max(), rows.max()))
     return np.array(boxes, np.int64).reshape(-1, 4)

@@ -51,6 +51,10 @@ class ScoringOptions(Options):
     """Region that the most relevant pixel must hit. box: the bounding box of an instance, as in LangSplat's
     benchmark. mask: its pixels, which is stricter."""
 
+    masks: Annotated[Literal["threshold", "classes"], READING] = "threshold"
+    """Which pixels are a query's mask. threshold: those above query.segmentation_threshold, as in LangSplat's
+    benchmark. classes: those where it is the most relevant of all categories of the recording, as in 3D-OVS's."""
+
 
 class MetricsOptions(ScoringOptions, AskingOptions, PresenceOptions, ClipOptions):
     """How a scene is queried and scored."""

@@ -48,13 +48,34 @@ def find_queries(annotations: Artifact, valid: Mask, options: ScoringOptions) ->
     return [
         Query(int(row), int(frames[row]), category, groups)
         for row in np.flatnonzero(annotated)
-        for category, groups in categories(read_map(annotations, int(row), valid), instances, options)
+        for category, groups in categories(read_layers(annotations, int(row), valid), instances, options)
     ]
 
 
 def read_map(annotations: Artifact, row: int, valid: Mask) -> InstanceMap:
     """(H, W) int32 instance map of an evaluation frame; invalid pixels are -1."""
     return np.where(valid, annotations.row("instance_map", row), np.int32(-1))
+
+
+def read_layers(annotations: Artifact, row: int, valid: Mask) -> InstanceMap:
+    """(L, H, W) int32: the instance map of an evaluation frame, then those of the instances that others cover in part."""
+    first = annotations.row("instance_map", row)[None]
+    beside = [annotations.row("covered_map", row)] if annotations.has("covered_map") else []
+    return np.where(valid, np.concatenate([first, *beside]), np.int32(-1))
+
+
+def mask_of(layers: InstanceMap, members: Sequence[int]) -> Mask:
+    """(H, W) bool: where any of (..., H, W) maps shows any of the instances."""
+    return np.isin(layers, members).reshape(-1, *layers.shape[-2:]).any(axis=0)
+
+
+def phrases_to_ask(
+    queries: Sequence[Query], instances: Sequence[Instance], options: ScoringOptions
+) -> list[str]:
+    """The phrases that answers to queries take, in alphabetical order: all categories of a recording for masks of classes."""
+    if options.masks == "classes":
+        return sorted({one.category for one in instances if _is_asked(one, options)})
+    return sorted({query.category for query in queries})
 
 
 def instances_of(annotations: Artifact) -> list[Instance]:
@@ -68,11 +89,13 @@ def categories(
     """The categories to query in one frame, in alphabetical order, with their instances by group.
 
     Args:
-        instance_map: (H, W) int32 index into the instances, -1 for none.
+        instance_map: (..., H, W) int32 index into the instances, -1 for none; see ``read_layers``.
     """
-    area = np.bincount(instance_map[instance_map >= 0], minlength=len(instances))
+    layers = instance_map.reshape(-1, *instance_map.shape[-2:])
+    # An instance that others cover is whole in one layer, and in part in the first.
+    area = np.max([np.bincount(layer[layer >= 0], minlength=len(instances)) for layer in layers], axis=0)
     # A share of the whole image, not of its valid pixels.
-    least = options.min_area * instance_map.size
+    least = options.min_area * layers[0].size
     seen: dict[str, list[int]] = {}
     for index in np.flatnonzero(area):
         if _is_asked(instances[index], options):

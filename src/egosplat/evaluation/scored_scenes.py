@@ -19,7 +19,7 @@ FULL = "full"
 STAGE = "metrics"
 
 # Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
-PROTOCOL = ("min_area", "excluded", "people", "hit_region")
+PROTOCOL = ("min_area", "excluded", "people", "hit_region", "masks")
 
 # Validation apartments in ADT format: defaults are chosen on adt/scene1 to adt/scene5, and some were on these.
 VALIDATION = tuple(f"scene{number}" for number in range(6, 11))

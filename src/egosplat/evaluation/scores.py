@@ -3,11 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from egosplat.evaluation.intervals import Interval, IntervalOptions, cluster, clustered_interval
 from egosplat.evaluation.localization import is_hit, middle_hit, random_hit, target_area
-from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query
+from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, mask_of
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ def score_query(
 
     Args:
         pixel, mask: column and row, and (H, W) bool, see ``egosplat.query.answer.Answer``.
-        instance_map: (H, W) int32 of the query's frame, see ``read_map``.
+        instance_map: (..., H, W) int32 of the query's frame, see ``read_layers``.
         valid: (H, W) bool pixels that show the scene, or None for all.
         hit_region: see ``target_area``.
     """
@@ -84,7 +82,7 @@ def score_query(
         area = target_area(instance_map, members, hit_region)
         return Result(
             hit=is_hit(pixel, area),
-            iou=iou(mask, np.isin(instance_map, members), valid),
+            iou=iou(mask, mask_of(instance_map, members), valid),
             random_hit=random_hit(area, valid),
             middle_hit=middle_hit(area),
         )

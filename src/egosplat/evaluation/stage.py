@@ -25,6 +25,7 @@ from egosplat.evaluation.document import (
     FORMAT_VERSION,
     Setup,
     artifact_entries,
+    class_entries,
     frame_entries,
     models_used,
     query_entry,
@@ -42,7 +43,7 @@ from egosplat.evaluation.evaluation_frames import (
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
-from egosplat.evaluation.queries import GROUPS
+from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
@@ -92,8 +93,8 @@ def run(
     record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
-    asker = scene.asker(sorted({query.category for query in queries}))
-    answered = list(run_queries(queries, evaluation, asker, options.hit_region))
+    asker = scene.asker(phrases_to_ask(queries, evaluation.instances, options))
+    answered = list(run_queries(queries, evaluation, asker, options.hit_region, options.masks))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
@@ -108,6 +109,7 @@ def run(
         "alarms": [asdict(alarm) for alarm in alarms],
         "counts": _counts(evaluation, encoded, language, made_from),
         "scores": {name: asdict(score) for name, score in scores.items()},
+        **class_entries(answered, evaluation.valid, options.masks),
         "presence": presence,
         "length_unit": length_unit(poses),
         "queries": [query_entry(one, evaluation.instances, levels) for one in answered],
@@ -116,6 +118,8 @@ def run(
     }
     write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
+    if document.get("pixel_accuracy") is not None:
+        log(f"pixels with the right class: {document['pixel_accuracy']:.1%}")
     _log_presence(presence)
     for line in warning_lines(notice, alarms):
         log(line)

@@ -14,7 +14,7 @@ from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.frames.keys import AnnotationKeys, Originals
 from egosplat.frames.options import AnnotationsOptions
-from egosplat.frames.recording import Annotations
+from egosplat.frames.recording import Annotations, LayeredAnnotations
 from egosplat.geometry import Camera
 from egosplat.pipeline.stages import load_module
 from egosplat.progress import log, track
@@ -45,13 +45,22 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
     made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=facts["format"])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
-        artifact.allocate("instance_map", (len(indices), camera.height, camera.width))
+        size = camera.height, camera.width
+        artifact.allocate("instance_map", (len(indices), *size))
+        covered = reader.covered if isinstance(reader, LayeredAnnotations) else 0
+        if covered:
+            artifact.allocate("covered_map", (len(indices), covered, *size))
         for row, time in enumerate(track(times, "reading annotations", total=len(times))):
             instance_map = reader.instance_map(int(time)) if reader else None
             annotated[row] = instance_map is not None
             if instance_map is None:
-                instance_map = np.full((camera.height, camera.width), -1, np.int32)
+                instance_map = np.full(size, -1, np.int32)
             artifact.put_row("instance_map", row, instance_map)
+            if covered:
+                beside = (
+                    reader.covered_map(time) if annotated[row] else np.full((covered, *size), -1, np.int32)
+                )
+                artifact.put_row("covered_map", row, beside)
         if reader and not annotated.any():
             raise UserError(
                 f"{recording_path}: none of the {len(indices)} evaluation frames is annotated. Are the annotations of "
@@ -87,7 +96,7 @@ def open_annotations(
         camera: of the frames (``Capture.camera``).
         max_age_ns: largest time between a frame and its annotation; unused for plain recordings, which annotate
             frames by name.
-        originals: plain only: how its pictures became the frames.
+        originals: of pictures: how they became the frames.
 
     Raises:
         UserError: the format is unknown, the recording missing, or its annotations unreadable.

@@ -6,7 +6,7 @@ The workflow imports this module, so it stays light. A missing file is no error 
 import hashlib
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from egosplat.calibration.companions import (
@@ -37,6 +37,9 @@ CAMERA_FILE, VALID_MASK = "camera.json", "valid.png"
 # The table of instances in the folder of a plain recording's annotations.
 INSTANCES_TABLE = "instances.tsv"
 
+# The names of the classes of a scene of 3D-OVS, one a line.
+OVS_CLASSES = "classes.txt"
+
 # instant-ngp's mask of a picture lies next to it, as PREFIX + its name without suffix + .png: pixels that are not black
 # move, and are left out.
 DYNAMIC_MASK = "dynamic_mask_"
@@ -49,7 +52,7 @@ def frames_files(format: str, recording: Path, known_poses: str) -> list[Path]:
     """The existing files that the stage ``frames`` opens; of a folder of pictures, without the pictures.
 
     Args:
-        format: ``adt``, ``hoi4d`` or ``plain``.
+        format: of the recording, as in the table of scenes.
         recording: folder, or video file.
         known_poses: ``frames.known_poses``.
     """
@@ -60,7 +63,8 @@ def frames_files(format: str, recording: Path, known_poses: str) -> list[Path]:
         return [] if folder is None else _existing(folder / HOI4D_VIDEO, *intrinsics_files(folder)[:1])
     companions = [companion_path(recording, name) for name in (CAMERA_FILE, VALID_MASK)]
     video = [] if recording.is_dir() else [recording]
-    return _existing(*video, *companions, *known_pose_files(recording, known_poses))
+    labels = label_files(format, recording)
+    return _existing(*video, *companions, *known_pose_files(recording, known_poses), *labels)
 
 
 def annotations_files(format: str, recording: Path, known_poses: str) -> list[Path]:
@@ -70,6 +74,8 @@ def annotations_files(format: str, recording: Path, known_poses: str) -> list[Pa
         return _existing(adt_video(recording), recording / ADT_INSTANCES, *([found] if found else []))
     if format == "hoi4d" or not is_annotated(format, recording):
         return []
+    if format != "plain":
+        return _existing(*known_pose_files(recording, known_poses), *label_files(format, recording))
     video = [] if recording.is_dir() else [recording]
     table = companion_path(recording, ANNOTATIONS) / INSTANCES_TABLE
     return _existing(*video, table, *known_pose_files(recording, known_poses))
@@ -87,9 +93,43 @@ def pictures_of(stage: str, format: str, recording: Path, known_poses: str) -> l
     pictures = [picture for folder in folders for picture in list_pictures(folder)]
     pictures += [mask for folder in folders for mask in dynamic_masks(folder)]
     pictures += mask_files(recording, known_poses)
-    if stage == "annotations" and is_annotated(format, recording):
+    if format == "3d_ovs":
+        pictures += [mask for folder in class_mask_folders(recording) for mask in list_masks(folder)]
+    elif format == "plain" and stage == "annotations" and is_annotated(format, recording):
         pictures += list_masks(companion_path(recording, ANNOTATIONS))
     return pictures
+
+
+def label_files(format, recording: Path) -> list[Path]:
+    """The files with the labels of a benchmark's recording, sorted; of 3D-OVS without the masks. None of other formats."""
+    if format == "lerf":
+        return sorted(_visible(lerf_labels(recording).glob("*.json")))
+    return (
+        [class_file]
+        if format == "3d_ovs" and (class_file := ovs_labels(recording) / OVS_CLASSES).is_file()
+        else []
+    )
+
+
+def lerf_labels(recording: Path) -> Path:
+    """The folder with the labels of a scene of LERF-OVS: ``label/SCENE`` beside the scene."""
+    return recording.absolute().parent / "label" / recording.absolute().name
+
+
+def ovs_labels(recording: Path) -> Path:
+    """The folder with the labels of a scene of 3D-OVS."""
+    return recording / "segmentations"
+
+
+def class_mask_folders(recording: Path) -> list[Path]:
+    """The folders with the masks of each labeled picture of 3D-OVS, sorted."""
+    folder = ovs_labels(recording)
+    return sorted(_visible(path for path in folder.iterdir() if path.is_dir())) if folder.is_dir() else []
+
+
+def _visible(paths: Iterable[Path]) -> Iterator[Path]:
+    # macOS leaves ._frame_00041.json beside frame_00041.json.
+    return (path for path in paths if not path.name.startswith("."))
 
 
 def digest_of_files(files: Iterable[Path]) -> str:

@@ -35,7 +35,8 @@ class FramesOptions(Options):
     evaluation_frames: Natural | Auto = "auto"
     """Number of frames that the benchmark scores, equally spaced in the recording
     (docs/method.md#evaluation-frames). auto is 12, or a sixth of the frames if there are fewer than 72. For a plain
-    recording without annotations auto is 0, so that all frames train."""
+    recording without annotations auto is 0, so that all frames train. For the benchmarks lerf and 3d_ovs they are
+    taken from the labeled frames, and auto is all of these."""
 
     holdout: Annotated[bool, READING] = True
     """Leave the evaluation frames out of training. The paper does not say whether it does (docs/method.md#holdout).

@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat.calibration.companions import companion_path
-from egosplat.calibration.lens import Rectifier
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
 from egosplat.frames.files import INSTANCES_TABLE, list_masks
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.keys import AnnotationKeys, Originals
+from egosplat.frames.labels import fit_labels
 from egosplat.frames.recording import Instance
 from egosplat.frames.recording_files import ANNOTATIONS, is_annotated
 from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
-from egosplat.images import resize_labels
 
 _COLUMNS = ("id", "name", "category", "motion_type")
 # PIL's modes of one channel; a palette image holds indices, which are the ids.
@@ -95,9 +94,7 @@ class PlainAnnotations:
         unknown = ids[index == _UNKNOWN_ID]
         if len(unknown):
             raise UserError(f"{path}: instance id {unknown[0]} is not in {INSTANCES_TABLE}. Add it there.")
-        if lens := self._originals.lenses.get(int(timestamp_ns)):
-            index = Rectifier(lens, self._originals.pinhole).labels(index)
-        return resize_labels(index, self._camera.width, self._camera.height)
+        return fit_labels(index, int(timestamp_ns), self._camera, self._originals)
 
 
 def _size_of_timestamp(source: Video | ImageFolder) -> dict[int, tuple[int, int]]:

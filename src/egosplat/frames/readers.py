@@ -26,15 +26,15 @@ def open_recording(
     """Open the frames of a recording.
 
     Args:
-        format: ``adt`` (a sequence folder), ``hoi4d`` (a sequence folder or name) or ``plain`` (a video
-            file or image folder).
-        resolution: size of the frames [px]: side (adt), width (hoi4d), longer side (plain).
+        format: ``adt`` (a sequence folder), ``hoi4d`` (a sequence folder or name), ``plain`` (a video file or
+            image folder), ``lerf`` or ``3d_ovs`` (a scene's folder).
+        resolution: size of the frames [px]: side (adt), width (hoi4d), longer side (pictures).
         focal: adt only: focal length [px] of rectified frames of 1408 px.
         upright: adt only: whether frames are turned upright.
         stride: take every ``stride``-th frame.
         start_s, end_s: take frames with start <= t < end, in seconds after the first frame; None: to the end.
-        known_poses: plain only: which of its files with known poses calibrates the frames.
-        lens: plain only: whether frames without a calibration are rectified from an estimated lens.
+        known_poses: pictures only: which of their files with known poses calibrates the frames.
+        lens: pictures only: whether frames without a calibration are rectified from an estimated lens.
         pick: ``sharpest``, plain only: take the sharpest of every ``stride`` frames instead of the first.
 
     Raises:

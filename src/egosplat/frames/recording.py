@@ -27,6 +27,7 @@ class Capture:
         valid: (H, W) bool: pixels that show the scene (inside the lens circle).
         origin: ``real`` or ``synthetic``.
         upright: whether up in the frames is up in the world, as far as the recording tells.
+        labeled: (E,) int64 frames whose labels a benchmark scores; None if any frame may be held out.
         masked: returns the (H, W) bool pixels of a frame that its own mask or transparency leaves out; None if no frame has any.
         facts: further facts about a plain recording, as plain JSON, for the frames artifact.
     """
@@ -39,6 +40,7 @@ class Capture:
     valid: NDArray[np.bool_]
     origin: Origin
     upright: bool = True
+    labeled: NDArray[np.int64] | None = None
     masked: Callable[[int], NDArray[np.bool_]] | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
 
@@ -96,3 +98,31 @@ class Annotations(Protocol):
             (H, W) int32 index into ``instances``; -1 where nothing is annotated.
         """
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredAnnotations:
+    """Annotations of a few frames whose instances may overlap; an ``Annotations``.
+
+    Attributes:
+        layers: (L, H, W) int32 of each annotated frame, by its time: the instance map, then further ones with the instances
+            that it shows in part, whole.
+    """
+
+    instances: list[Instance]
+    layers: Mapping[int, NDArray[np.int32]]
+
+    @property
+    def covered(self) -> int:
+        """Number of layers beside the instance map."""
+        return max(len(layers) for layers in self.layers.values()) - 1
+
+    def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
+        """See ``Annotations.instance_map``."""
+        layers = self.layers.get(int(timestamp_ns))
+        return None if layers is None else layers[0]
+
+    def covered_map(self, timestamp_ns: int) -> NDArray[np.int32]:
+        """(covered, H, W) int32: the layers beside the instance map of an annotated frame; -1 for none."""
+        beside = self.layers[int(timestamp_ns)][1:]
+        return np.pad(beside, [(0, self.covered - len(beside)), (0, 0), (0, 0)], constant_values=-1)

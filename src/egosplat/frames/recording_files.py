@@ -15,7 +15,7 @@ ADT_SEGMENTATIONS = ("segmentations_with_skeleton.vrs", "segmentations.vrs")
 def is_annotated(format: str, path: Path) -> bool:
     """Whether a recording comes with annotations, judged without reading them.
 
-    HOI4D recordings do. An ADT recording does if it has a segmentation, which other recordings of Aria glasses have not;
+    HOI4D, LERF-OVS and 3D-OVS do. An ADT recording does if it has a segmentation, which other recordings of Aria glasses have not;
     one that does not exist yet is a synthetic one. A plain recording does if its annotations folder exists.
     """
     if format == "adt":

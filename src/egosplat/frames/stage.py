@@ -39,8 +39,11 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
     capture = reader.capture
     count = len(capture.timestamp_ns)
     annotated = is_annotated(format, recording_path)
-    held_out = evaluation_count(options.evaluation_frames, count, annotated)
-    train, evaluation = split_frames(count, held_out, options.holdout)
+    labeled = capture.labeled
+    wanted = evaluation_count(
+        options.evaluation_frames, count, annotated, None if labeled is None else len(labeled)
+    )
+    train, evaluation = split_frames(count, wanted, options.holdout, labeled)
     made = provenance.begin("frames", options.as_dict() | {"format": format}, capture.origin, chosen=format)
     with create(output, FRAMES, made) as artifact:
         artifact.put("valid", capture.valid)

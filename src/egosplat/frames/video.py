@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.companions import picture_folders
+from egosplat.calibration.companions import NONE, picture_folders
 from egosplat.errors import UserError
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
@@ -129,7 +129,7 @@ def open_source(path: Path, known_poses: str | None) -> Video | ImageFolder:
         return Video(path)
     if known_poses is not None:
         return ImageFolder(path, picture_folders(path, known_poses), turned=False)
-    source = ImageFolder(path)
+    source = ImageFolder(path, picture_folders(path, NONE))
     source.check_sizes()
     return source
 

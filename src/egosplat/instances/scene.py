@@ -1,6 +1,6 @@
 """The things of all levels of a scene, on its Gaussians."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +102,13 @@ def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
     return found
 
 
+def _line(level: str, counts: Mapping[str, int]) -> str:
+    return (
+        f"{counts['things']} {level}s from {counts['masks']} masks; {counts['dropped']} masks and {counts['claimed']} "
+        f"{level}s are left out, because others contradict them"
+    )
+
+
 def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
     """Find the things of all levels.
 
@@ -126,7 +133,7 @@ def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
         some = lifted.select(levels[lifted.instance] == number)
         run = single_masks(some) if keys.source == "masks" else cut_tracks(some, keys)
         thing, counts[name] = find_things(some, run, weight, keys)
-        log(f"{name}: {', '.join(f'{count} {what}' for what, count in counts[name].items())}")
+        log(_line(name, counts[name]))
         held.append(beliefs(some, thing))
         level.append(np.full(held[-1].shape[1], number, np.int8))
         masks.append(np.bincount(thing[thing >= 0], minlength=held[-1].shape[1]))

@@ -146,11 +146,16 @@ def clip_config_files(model: str) -> list[Path]:
     return [path for name in (CLIP_CONFIG, CLIP_VOCABULARY) if (path := folder / name).is_file()]
 
 
+# By module, where pip knows the package by another name.
+_DISTRIBUTIONS = {"open_clip": "open_clip_torch"}
+
+
 def _package(module: str, name: str = "") -> Path:
     spec = importlib.util.find_spec(module)
     if spec is None or not spec.submodule_search_locations:
         name = name or module
-        raise UserError(f"the package {name} is not installed: run make install, or pip install {name}")
+        remedy = f"run make install, or pip install {_DISTRIBUTIONS.get(name, name)}"
+        raise UserError(f"the package {name} is not installed: {remedy}")
     return Path(spec.submodule_search_locations[0])
 
 

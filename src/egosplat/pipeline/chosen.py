@@ -1,6 +1,6 @@
 """The value by which a stage chooses its module; see ``Stage.modules``."""
 
-from egosplat.calibration.companions import poses_source, present_known_poses
+from egosplat.calibration.companions import OF_PICTURES, poses_source, present_known_poses
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.scenes import Scene
 
@@ -16,7 +16,7 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
             return scene.format
         case "poses":
             known = config["frames"]["known_poses"]
-            has_known = scene.format == "plain" and bool(present_known_poses(scene.recording, known))
+            has_known = scene.format in OF_PICTURES and bool(present_known_poses(scene.recording, known))
             return poses_source(config["poses"]["method"], scene.format == "adt", has_known)
         case "language":
             return "joint" if config["splats"]["language"] == "joint" else config["language"]["method"]

@@ -29,6 +29,7 @@ NEUTRAL = {
     "egosplat.errors",
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
+    "egosplat.pipeline.home",
     "egosplat.pipeline.making",
     "egosplat.pipeline.messages",
     "egosplat.pipeline.options",
@@ -63,9 +64,17 @@ def code_hash(*modules: str, libraries: tuple[str, ...] = ()) -> str:
         digest.update(_texts_hash(folder).encode())
     # A library may change a result without any change of our code.
     for library in sorted(libraries):
-        digest.update(f"{library}=={metadata.version(library)}\0".encode())
+        digest.update(f"{library}=={library_version(library)}\0".encode())
     keep_parsed()
     return digest.hexdigest()[:16]
+
+
+def library_version(name: str) -> str:
+    """The version of a library; ``absent`` for one that is not installed, which the stage reports if it needs it."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "absent"
 
 
 def modules_of(*modules: str) -> dict[str, Path]:

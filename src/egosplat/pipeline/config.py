@@ -10,7 +10,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
 from egosplat.pipeline.checked_options import make_options
-from egosplat.pipeline.general_options import VARIANTS, GeneralOptions
+from egosplat.pipeline.general_options import PROTOCOLS, VARIANTS, GeneralOptions
 from egosplat.pipeline.messages import not_allowed, shorten, shown, unknown_key
 from egosplat.pipeline.model_sets import AUTO, DEFAULTS, PHOTOS, choose_set, name_set, set_of, switch_models
 from egosplat.pipeline.options import Options, convert, keys_of, sections_of
@@ -158,8 +158,9 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     user = _only(asked, user)
     path = presets / f"{asked['preset']}.yaml"
     preset = read_yaml(path)
-    # A key that the user sets for all scenes wins over the preset's value for one format.
-    formats = {name: _without(keys, user) for name, keys in preset.get("formats", {}).items()}
+    # A key that the user sets for all scenes wins over the value of a preset or protocol for one format.
+    below = merge(PROTOCOLS, preset.get("formats", {}))
+    formats = {name: _without(keys, user) for name, keys in below.items()}
     settings = merge(preset | {"formats": formats}, user)
     if set_of(settings) in (None, AUTO):
         _check_automatic(settings)
@@ -185,7 +186,7 @@ def _check_automatic(settings: Mapping[str, Any]) -> None:
 
 
 def of_format(config: Mapping[str, Any], name: str) -> Config:
-    """Get the configuration of scenes with the format ``adt``, ``hoi4d`` or ``plain``."""
+    """Get the configuration of scenes of a format."""
     return overlaid(config, config["formats"].get(name, {})) | {"formats": {}}
 
 

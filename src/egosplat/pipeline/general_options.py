@@ -34,6 +34,7 @@ _OF_FORMATS = Literal[
     "language",
     "query",
     "metrics",
+    "presence",
 ]
 
 
@@ -87,6 +88,24 @@ VARIANTS: dict[str, VariantKeys] = {
 }
 
 
+# Protocols of the public benchmarks, by format: sizes of pictures, LangSplat's 30 and 7 px as fractions of its 986, LERF's
+# temperature, and what is asked. Models are trained on the evaluation frames, too (benchmarks/public/README.md).
+PROTOCOLS: dict[str, dict[str, dict[str, Any]]] = {
+    "lerf": {
+        "frames": {"resolution": 986, "stride": 1, "holdout": False},
+        "query": {"box_filter": 0.0304, "majority_filter": 0.0071, "temperature": 10.0},
+        "metrics": {"min_area": 0.0, "excluded": []},
+        "presence": {"negatives": []},
+    },
+    "3d_ovs": {
+        "frames": {"resolution": 1008, "stride": 1, "holdout": False},
+        "query": {"temperature": 10.0},
+        "metrics": {"min_area": 0.0, "excluded": [], "masks": "classes"},
+        "presence": {"negatives": []},
+    },
+}
+
+
 class GeneralOptions(Options):
     """Keys that are in no section."""
 
@@ -95,7 +114,8 @@ class GeneralOptions(Options):
     the configuration replace its values."""
 
     scenes: Text = "config/scenes.tsv"
-    """Table of scenes, one row each. Relative to the working directory."""
+    """Table of scenes, one row each. Relative to the working directory. scenes.local.tsv beside it, which egosplat run
+    writes, is read too."""
 
     data_root: dict[str, Text | None] = Field(default={})
     """Folder that holds the recordings of each dataset, or null. Without a folder for adt, scenes 1 to 5 of adt are
@@ -105,9 +125,12 @@ class GeneralOptions(Options):
     """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
     (docs/running.md)."""
 
-    formats: dict[Literal["adt", "hoi4d", "plain"], dict[_OF_FORMATS, dict[str, Any]]] = Field(default={})
-    """Keys for all scenes whose recording has the format adt, hoi4d or plain. They win over the keys of all scenes,
-    and a scene's own row wins over them. The preset paper sets some for HOI4D; a key set in the configuration wins
+    formats: dict[Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"], dict[_OF_FORMATS, dict[str, Any]]] = (
+        PROTOCOLS
+    )
+    """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys
+    of all scenes, and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks
+    lerf and 3d_ovs have their protocol here (benchmarks/public/README.md); a key set in the configuration wins
     over those."""
 
     variants: dict[Annotated[str, _NAME], VariantKeys] = VARIANTS

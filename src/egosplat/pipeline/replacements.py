@@ -23,6 +23,7 @@ from egosplat.pipeline.dag import (
     tracks_by_survey,
 )
 from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.making import snakemake_in
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.results import default_scenes
@@ -230,7 +231,7 @@ def _way_to_keep_both(found: Replaced) -> str:
     variant = next(name for name, file in FILES.items() if file == now)
     if asked.variant is None and found.preset not in (None, now) and variant in asked.config["variants"]:
         target = f"{asked.folder}/variants/{variant}/metrics.json"
-        return f"To keep both, stop this run and request a variant, with preset {found.preset}: snakemake --cores 2 {target}"
+        return f"To keep both, stop this run and request a variant, with preset {found.preset}: {snakemake_in(Path())} --cores 2 {target}"
     return (
         f"To keep both, stop this run, leave the scene's settings, add to config/config.yaml  {_variant(found.changes)}  "
         f"and request {asked.folder}/variants/NAME/metrics.json"

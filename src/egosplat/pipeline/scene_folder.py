@@ -5,6 +5,7 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import read_yaml, resolve
+from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.making import make_command
 from egosplat.pipeline.scenes import requested_targets
 from egosplat.pipeline.sweeps import read_scenes_with_points
@@ -13,9 +14,6 @@ from egosplat.pipeline.variants import check_target
 
 # Example of a scene folder for messages.
 EXAMPLE = "results/adt/scene1"
-
-# The configuration of the workflow in the working directory.
-_CONFIG, _PRESETS = Path("config/config.yaml"), Path("config/presets")
 
 # Artifacts of a scene that can be asked; its codes name one more, features or tiles.
 ASKED = ("frames", "poses", "splats", "language")
@@ -47,16 +45,16 @@ def title_of(folder: Path) -> str:
 
 
 def _advice(folder: Path) -> str:
-    """How to make what a folder lacks, or why the workflow of the working directory cannot."""
+    """How to make what a folder lacks, or why the workflow cannot with the working directory's configuration."""
     found = requested_targets([f"{folder}/metrics.json"])
     if not found:
         return f"Give the folder of a finished scene, such as {EXAMPLE}"
     what = "scene" if found[0].variant is None else "variant"
     command = make_command(folder / "metrics.json")
-    if not _CONFIG.is_file():
-        return f"Make the {what} in the folder of the workflow: {command}"
+    presets = presets_folder()
     try:
-        check_target(read_scenes_with_points(resolve(read_yaml(_CONFIG), _PRESETS), _PRESETS), found[0])
+        config = resolve(read_yaml(config_file()), presets)
+        check_target(read_scenes_with_points(config, presets), found[0])
     except UserError as error:
         return str(error)
     return f"Make the {what}: {command}"

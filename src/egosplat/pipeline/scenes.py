@@ -12,12 +12,13 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
+from egosplat.pipeline.home import scenes_table
 from egosplat.pipeline.model_sets import automatic_set, locate_checkpoints
 from egosplat.pipeline.recording_origin import Origin, recording_origin
 from egosplat.pipeline.validation import Draft202012Validator, explain, schema
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
-PAPER_DATASETS = ("adt", "hoi4d")
+SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
 
 # Value of the column recording for a scene without one.
 NO_RECORDING = "-"
@@ -30,7 +31,7 @@ class Scene:
     Attributes:
         dataset: first folder below results.
         scene: second folder below results.
-        format: ``adt``, ``hoi4d`` or ``plain``.
+        format: of its recording.
         recording: folder or file of the recording; inside results if it is synthetic.
         synthetic: whether egosplat makes the recording.
         config: complete configuration, including the row's own keys.
@@ -56,29 +57,34 @@ class Scene:
 
 
 def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
-    """Read the table that the configuration names.
+    """Read the table that the configuration names, and the local one beside it.
 
     Raises:
-        UserError: the table is missing or unreadable, a column or value is wrong, or a scene is repeated.
+        UserError: both tables are missing, one is unreadable, a column or value is wrong, or a scene is repeated.
     """
-    path = table_of(config)
-    rows = _rows(path)
-    _check_roots(config, [row for _, row in rows], path)
+    tables = tables_of(config)
+    rows = {f"{path}, line {number}": row for path in tables for number, row in read_rows(path)}
+    _check_roots(config, rows.values(), tables[0])
     scenes: dict[tuple[str, str], Scene] = {}
-    for number, row in rows:
-        where = f"{path}, line {number}"
-        for error in Draft202012Validator(schema("scenes")).iter_errors(row):
-            raise UserError(f"{where}: {explain(error)}")
-        key = (row["dataset"], row["scene"])
+    for where, row in rows.items():
+        found = scene_of_row(row, config, where)
+        key = (found.dataset, found.scene)
         if key in scenes:
-            raise UserError(f"{where}: scene {'/'.join(key)} is in the table twice; remove or rename one")
-        scenes[key] = _scene(row, config, where)
+            raise UserError(f"{where}: scene {found.name} is in the table twice; remove or rename one")
+        scenes[key] = found
     return scenes
 
 
-def table_of(config: configuration.Config) -> Path:
-    """Get the path of the table of scenes that a configuration names. ``~`` is the home folder."""
-    return expand_home(config["scenes"])
+def tables_of(config: configuration.Config) -> list[Path]:
+    """Get the tables of scenes that are there; the one that the configuration names if there is none."""
+    named = scenes_table(expand_home(config["scenes"]))
+    return [path for path in (named, local_table(config)) if path.exists()] or [named]
+
+
+def local_table(config: configuration.Config) -> Path:
+    """Get the path of the local table, which need not exist: ``scenes.local.tsv`` beside ``scenes.tsv``."""
+    named = expand_home(config["scenes"])
+    return named.with_name(f"{named.stem}.local{named.suffix}")
 
 
 def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
@@ -109,9 +115,38 @@ def check_recording(scene: Scene) -> None:
 
 
 def is_own(scene: Scene) -> bool:
-    """Whether the user wants a row: rows of the paper's datasets count only if their root is set."""
+    """Whether the user wants a row: rows of the shipped table count only if their root is set."""
     rooted = scene.config["data_root"].get(scene.dataset) is not None
-    return rooted or scene.format == "plain" or scene.dataset not in PAPER_DATASETS
+    return rooted or scene.format == "plain" or scene.dataset not in SHIPPED_DATASETS
+
+
+def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
+    """Read each row of a table with its line number. Blank lines and lines that begin with # are skipped.
+
+    Raises:
+        UserError: it is missing or unreadable, or a row has not the columns. Values are not checked.
+    """
+    try:
+        text = read_user_text(path)
+    except FileNotFoundError:
+        raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
+    lines = _lines(text, path)
+    expected = list(schema("scenes")["properties"])
+    if not lines:
+        raise UserError(f"{path}: is empty; its first line needs {', '.join(expected)}, tab-separated")
+    header = lines[0][1]
+    if header != expected:
+        # The header of a file that is no table may hold control characters.
+        found = ", ".join(header)[:_LONGEST_HEADER].encode("unicode_escape").decode()
+        raise UserError(f"{path}: has columns {found}; needs {', '.join(expected)}, tab-separated")
+    for number, cells in lines[1:]:
+        if len(cells) != len(expected):
+            mend = "put a tab between them, for an empty one too"
+            raise UserError(
+                f"{path}, line {number}: has {len(cells)} of the {len(expected)} columns {', '.join(expected)}; "
+                f"{mend if len(cells) < len(expected) else 'remove a tab'}"
+            )
+    return [(number, dict(zip(expected, cells, strict=True))) for number, cells in lines[1:]]
 
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
@@ -142,31 +177,6 @@ def requested_targets(words: Iterable[str]) -> list[Target]:
     return [Target(*match.groups()) for match in found if match and match[1] != "benchmark"]
 
 
-def _rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
-    """Read each row with its line number. Blank lines and lines that begin with # are skipped."""
-    try:
-        text = read_user_text(path)
-    except FileNotFoundError:
-        raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
-    lines = _lines(text, path)
-    expected = list(schema("scenes")["properties"])
-    if not lines:
-        raise UserError(f"{path}: is empty; its first line needs {', '.join(expected)}, tab-separated")
-    header = lines[0][1]
-    if header != expected:
-        # The header of a file that is no table may hold control characters.
-        found = ", ".join(header)[:_LONGEST_HEADER].encode("unicode_escape").decode()
-        raise UserError(f"{path}: has columns {found}; needs {', '.join(expected)}, tab-separated")
-    for number, cells in lines[1:]:
-        if len(cells) != len(expected):
-            mend = "put a tab between them, for an empty one too"
-            raise UserError(
-                f"{path}, line {number}: has {len(cells)} of the {len(expected)} columns {', '.join(expected)}; "
-                f"{mend if len(cells) < len(expected) else 'remove a tab'}"
-            )
-    return [(number, dict(zip(expected, cells, strict=True))) for number, cells in lines[1:]]
-
-
 def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     reader = csv.reader(io.StringIO(text, newline=""), delimiter="\t", strict=True)
     lines, first = [], 1
@@ -186,15 +196,26 @@ def _is_row(cells: list[str]) -> bool:
     return any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#")
 
 
-def _check_roots(config: configuration.Config, rows: list[dict[str, Any]], path: Path) -> None:
-    datasets = {*PAPER_DATASETS, *(row["dataset"] for row in rows)}
+def _check_roots(config: configuration.Config, rows: Iterable[dict[str, Any]], path: Path) -> None:
+    datasets = {*SHIPPED_DATASETS, *(row["dataset"] for row in rows)}
     if unknown := sorted(set(config["data_root"]) - datasets):
         raise UserError(
             f"configuration: data_root.{unknown[0]}: {path} has no such dataset; it has {', '.join(sorted(datasets))}"
         )
 
 
-def _scene(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
+def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
+    """Make the scene of a row.
+
+    Args:
+        row: values by column.
+        where: the place of the row, for messages.
+
+    Raises:
+        UserError: a value is wrong.
+    """
+    for error in Draft202012Validator(schema("scenes")).iter_errors(row):
+        raise UserError(f"{where}: {explain(error)}")
     options = configuration.parse_options(row["options"], where)
     if common := {"data_root", "formats"} & options.keys():
         raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")

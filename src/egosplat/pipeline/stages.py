@@ -120,7 +120,14 @@ _STAGES = (
         inputs=("recording",),
         libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "pycolmap", "zarr"),
         scene=("format",),
-        modules=by("format", adt="frames.adt", hoi4d="frames.hoi4d", plain="frames.plain"),
+        modules=by(
+            "format",
+            adt="frames.adt",
+            hoi4d="frames.hoi4d",
+            plain="frames.plain",
+            lerf="frames.lerf",
+            **{"3d_ovs": "frames.ovs"},
+        ),
     ),
     Stage(
         "annotations",
@@ -135,6 +142,8 @@ _STAGES = (
             adt="frames.adt_annotations",
             hoi4d="frames.hoi4d_annotations",
             plain="frames.plain_annotations",
+            lerf="frames.lerf_annotations",
+            **{"3d_ovs": "frames.ovs_annotations"},
         ),
     ),
     Stage(

@@ -1,9 +1,11 @@
 """How to make a point of the trade-off: the keys that differ from the defaults, and the command."""
 
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from egosplat.pipeline.config import Config, defaults, stage_sections
+from egosplat.pipeline.making import snakemake_in
 from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import variant_config, variant_folder
@@ -39,7 +41,7 @@ def recipe_of(scene: Scene, variant: str | None) -> Recipe:
         else f"--config preset={scene.config['preset']} -- "
     )
     target = f"{scene.results}/{variant_folder(variant)}metrics.json"
-    return Recipe(changed_keys(config), f"snakemake --cores 2 {preset}{target}")
+    return Recipe(changed_keys(config), f"{snakemake_in(Path())} --cores 2 {preset}{target}")
 
 
 def changed_keys(config: Config) -> dict[str, Any]:

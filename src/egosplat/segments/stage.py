@@ -178,9 +178,10 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
     artifact.put("instances/first_frame", begun.astype(np.int64))
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
     dropped = len(segmented.instances) - len(final.kept)
-    log(f"{len(final.kept)} instances ({by_level}); {dropped} merged or seen in too few frames")
+    named = ", ".join(f"{number} {name}s" for name, number in by_level.items())
+    log(f"{len(chosen)} instances ({named}); {dropped} more are merged into them or seen in too few frames")
     if single:
-        log(f"{int(moving.sum())} of them move and are tracked; all others are masks of one frame")
+        log(f"{int(moving.sum())} of them are tracked, because they move; each other is a mask of one frame")
     artifact.facts = {
         "levels": list(LEVELS),
         "instances": by_level,

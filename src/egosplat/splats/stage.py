@@ -155,7 +155,7 @@ def _view_sets(
     )
     _check_left(view_sets.training, masking)
     counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())
-    log(f"views: {counts}; on {rasterizer_used(options.render.backend, device)}")
+    log(f"frames: {counts}; rendered on {rasterizer_used(options.render.backend, device)}")
     return view_sets
 
 
@@ -212,7 +212,7 @@ def _write(
         artifact.put("held_out/frame", held_out.frame)
         artifact.facts = _facts(state, view_sets, options, sh_degree) | facts
     log(
-        f"{gaussians.count} Gaussians of iteration {state.iteration}; held out{_summary(scores, corrections)}"
+        f"{gaussians.count} Gaussians after {state.iteration} iterations; held out{_summary(scores, corrections)}"
     )
 
 

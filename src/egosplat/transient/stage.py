@@ -235,7 +235,7 @@ def _put_probability(
         total += _mean_of_shown(probability, frames, frame)
         artifact.put_row("probability", frame, probability.numpy().astype(np.float16))
     mean = total / max(count, 1)
-    log(f"mean probability of being transient: {mean:.4f}")
+    log(f"pixels that move, by the network: {mean:.1%}")
     return mean
 
 

@@ -1,6 +1,7 @@
 """Show a finished scene in the browser until the user ends it: ``egosplat view``."""
 
 import threading
+import webbrowser
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,14 @@ from egosplat.viewing.server import Encode, PageServer
 _PAGE = STAGES["scene_page"]
 
 
-def run(folder: Path, keys: dict[str, Any], host: str, port: int) -> None:
+def run(folder: Path, keys: dict[str, Any], host: str, port: int, *, browse: bool = False) -> None:
     """Serve the page of a scene until Ctrl-C. Phrases that the page cannot encode are encoded here.
 
     Args:
         folder: folder of a scene or a variant.
         keys: of ``ScenePageOptions``, but for those of OpenCLIP: the one that made the features is used.
         host, port: see ``PageServer``.
+        browse: whether the browser of the desktop opens the page.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or the port
@@ -38,6 +40,8 @@ def run(folder: Path, keys: dict[str, Any], host: str, port: int) -> None:
         server.offer(*open_page(folder, keys))
         try:
             log(f"{server.address} shows {folder}. Ctrl-C ends it.")
+            if browse:
+                webbrowser.open(server.address)
             server.serve_forever()
         except KeyboardInterrupt:
             log("ended")

@@ -6,6 +6,7 @@ import hashlib
 from pathlib import Path
 
 from egosplat.errors import UserError, reraise_as
+from egosplat.pipeline.home import how_to_reinstall
 from egosplat.pipeline.source_hash import cpp_hash
 
 # The folder of the library and, in ``source``, of its sources.
@@ -15,8 +16,6 @@ LIBRARY = "libegosplat_rays.so"
 
 # No instruction set and no fused multiply-add: both would change the last bit.
 FLAGS = ("-O3", "-std=c++17", "-fPIC", "-ffp-contract=off")
-
-_REINSTALL = "run make install, or pip install --no-build-isolation --no-deps -e ."
 
 _POINTER, _LONG = ctypes.c_void_p, ctypes.c_int64
 
@@ -37,12 +36,12 @@ def load() -> ctypes.CDLL:
     if not path.is_file():
         raise UserError(
             f"The ray caster of synthetic recordings is not compiled ({path} is missing).\n"
-            f"Install a C++17 compiler (apt install g++), then {_REINSTALL}"
+            f"Install a C++17 compiler (apt install g++), then {how_to_reinstall()}"
         )
     library = open_library(path)
     if library.rays_source_hash().decode() != source_hash():
         raise UserError(
-            f"{path} was compiled from other sources than those in {HERE / 'source'}: {_REINSTALL}"
+            f"{path} was compiled from other sources than those in {HERE / 'source'}: {how_to_reinstall()}"
         )
     return library
 
@@ -56,7 +55,7 @@ def open_library(path: Path) -> ctypes.CDLL:
     """
 
     def unloadable(error: Exception) -> UserError:
-        return UserError(f"{path} cannot be loaded ({error}): {_REINSTALL}")
+        return UserError(f"{path} cannot be loaded ({error}): {how_to_reinstall()}")
 
     with reraise_as(unloadable, (OSError, AttributeError)):
         library = ctypes.CDLL(str(path))

@@ -273,3 +273,25 @@ def test_the_documented_listing_lists_the_queries(scene, documented, tmp_path):
     shutil.copytree(scene, tmp_path / "results" / "adt" / "scene1")
     expected = [(1, "book"), (1, "dining chair"), (3, "book"), (3, "dining chair")]
     assert documented(0)["queries"] == expected
+
+
+def test_masks_of_classes_are_those_of_the_most_relevant_maps(tmp_path, scored, perfect):
+    """Every category of the recording competes, so each needs a map."""
+    with pytest.raises(UserError, match="no map for 1 of 3 queries, the first 'person' in frame 1"):
+        scored(
+            write(tmp_path / "mine.zarr", perfect, QUERIES),
+            masks="classes",
+            people=True,
+            excluded=("shelter",),
+        )
+    # Most relevant at the chair's upper half, and a little everywhere.
+    bold = np.full_like(perfect[:1], 0.3)
+    bold[..., :6, :] = 1.5
+    queries = [*QUERIES, (1, "person")]
+    maps = np.concatenate([perfect, np.minimum(bold, 1.0)])
+    maps[0, 0, :6] *= 0.5
+    keys = {"masks": "classes", "people": True, "excluded": ("shelter",)}
+    found = scored(write(tmp_path / "all.zarr", maps, queries), **keys)
+    chair = next(one for one in found["queries"] if one["category"] == "dining chair")
+    assert chair["mask_pixels"] == 40 and chair["groups"]["all"]["iou"] == 0.5
+    assert 0 < found["pixel_accuracy"] < 1

@@ -8,7 +8,7 @@ import yaml
 from PIL import Image
 
 from benchmarks.tum_office.__main__ import HERE, Outline, parse_drawing, rasterize, write_recording
-from egosplat.frames.plain import PlainRecording
+from egosplat.frames.pictures import PlainRecording
 from egosplat.frames.plain_annotations import PlainAnnotations, read_instances
 from egosplat.frames.split import split_frames
 

@@ -1,9 +1,13 @@
 """The doctor reads the configuration that the workflow would read."""
 
+from pathlib import Path
+
 import pytest
 
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture
@@ -14,9 +18,9 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_defaults_hold_without_a_file(folder):
-    """The doctor runs in an empty folder."""
+    """The doctor runs in an empty folder, with the configuration that comes with egosplat."""
     config, sources = read_configuration([], [])
-    assert config["preset"] == "balanced" and sources == []
+    assert config["preset"] == "balanced" and sources == [str(ROOT / "config/config.yaml")]
 
 
 def test_options_override_files_and_later_files_earlier_ones(folder):

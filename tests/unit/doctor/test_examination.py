@@ -234,6 +234,17 @@ def test_a_ray_caster_that_is_not_compiled_comes_with_a_remedy(folder, monkeypat
     assert finding.mark == Mark.NOTE and rays.LIBRARY in finding.value and "make install" in finding.advice
 
 
+def test_a_missing_reader_of_aria_recordings_is_noted(folder, monkeypatch):
+    """Videos and photographs need none."""
+    assert "projectaria-tools" not in found()
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: name != "projectaria_tools" and find(name) or None
+    )
+    assert found()["projectaria-tools"].mark == Mark.NOTE
+    assert "pip install" in found()["projectaria-tools"].advice
+
+
 def test_a_missing_compiler_comes_with_a_remedy(folder, monkeypatch):
     """The command to install one is printed."""
     monkeypatch.setattr(compiling, "find_compiler", lambda: None)

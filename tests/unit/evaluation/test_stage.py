@@ -282,3 +282,17 @@ def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scen
     assert "metrics.json: was made from another splats.zarr" in problem()
     (tmp_path / "metrics.json").write_bytes(b"\x89PNG\r\n\x1a\n")
     assert "cannot be read as JSON" in problem()
+
+
+def test_masks_of_classes_share_the_pixels_of_a_frame(word_scene, scored):
+    """Couch and cup fill one half each; what nobody labels would be wrong."""
+    folder = word_scene()
+    thresholded, found = scored(folder), scored(folder, masks="classes")
+    Draft202012Validator(schema("metrics")).validate(found)
+    assert "pixel_accuracy" not in thresholded and found["pixel_accuracy"] > 0.9
+    assert found["scores"]["all"]["accuracy"] == thresholded["scores"]["all"]["accuracy"]
+    by_frame = {}
+    for query in found["queries"]:
+        by_frame.setdefault(query["frame"], []).append(query["mask_pixels"])
+        assert query["mask_level"] == query["level"]
+    assert {len(masks) for masks in by_frame.values()} == {2}

@@ -108,7 +108,7 @@ def test_readers_of_videos_need_the_listed_files_alone(video, tmp_path):
 
 
 def test_a_missing_recording_has_no_files(tmp_path):
-    for format in ("adt", "hoi4d", "plain"):
+    for format in ("adt", "hoi4d", "plain", "lerf", "3d_ovs"):
         for stage in ("frames", "annotations"):
             assert files_of(stage, format, tmp_path / "nowhere") == []
 

@@ -13,9 +13,9 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.calibration.lens import Lens, Rectifier, shared_pinhole
 from egosplat.errors import UserError
 from egosplat.export.dataset import DataSet, _write_images, write_nerfstudio
-from egosplat.frames import annotations_stage, plain
+from egosplat.frames import annotations_stage, pictures
 from egosplat.frames.files import frames_files, pictures_of
-from egosplat.frames.plain import PlainRecording
+from egosplat.frames.pictures import PlainRecording
 from egosplat.frames.stage import FramesOptions
 from egosplat.frames.stage import run as make_frames
 from egosplat.gaussians.pixel_weights import open_masking
@@ -404,7 +404,7 @@ def test_the_lens_is_looked_for_in_the_pixels_that_a_picture_shows(folder, monke
     alpha[:, 40:] = 0
     save(folder / "2.png", np.dstack([picture(), alpha]))
     given = []
-    monkeypatch.setattr(plain, "lens_of_frames", lambda *about: given.append(about[-1]) or (None, None))
+    monkeypatch.setattr(pictures, "lens_of_frames", lambda *about: given.append(about[-1]) or (None, None))
     PlainRecording(folder, **OPTIONS)
     np.testing.assert_array_equal(given[0](1), alpha > 0)
     assert given[0](2).all()

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.frames.plain import PlainRecording, stride_advice
+from egosplat.frames.pictures import PlainRecording, stride_advice
 from egosplat.frames.readers import open_recording
 from egosplat.geometry import Camera
 

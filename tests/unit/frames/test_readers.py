@@ -21,7 +21,13 @@ def test_an_unknown_format_is_rejected(tmp_path):
 
 @pytest.mark.parametrize(
     "format, problem",
-    [("adt", "no such folder"), ("hoi4d", "not the name of a HOI4D sequence"), ("plain", "not found")],
+    [
+        ("adt", "no such folder"),
+        ("hoi4d", "not the name of a HOI4D sequence"),
+        ("plain", "not found"),
+        ("lerf", "no such folder"),
+        ("3d_ovs", "no such folder"),
+    ],
 )
 def test_a_missing_recording_is_named_with_the_reason(tmp_path, format, problem):
     nowhere = tmp_path / "nowhere"

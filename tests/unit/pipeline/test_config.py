@@ -13,11 +13,12 @@ from jsonschema import Draft202012Validator
 
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
+from egosplat.evaluation.options import recorded_options
 from egosplat.pipeline import config
 from egosplat.pipeline.config_table import FIRST_KEYS, json_schema, keys_page
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.options import Options, describe, keys_of
-from egosplat.pipeline.scenes import find_scene, read_scenes, requested_targets
+from egosplat.pipeline.scenes import SHIPPED_DATASETS, find_scene, is_own, read_scenes, requested_targets
 from egosplat.pipeline.stages import ARTIFACTS, STAGES, path_help, stage_function
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -103,7 +104,24 @@ def test_the_schema_names_every_preset_and_all_but_the_paper_film_the_same_apart
 
 def test_the_shipped_configuration_sets_no_stage_key():
     shipped = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
-    assert config.resolve(shipped, PRESETS) == config.defaults() | {"data_root": {"adt": None, "hoi4d": None}}
+    roots = dict.fromkeys(SHIPPED_DATASETS)
+    assert config.resolve(shipped, PRESETS) == config.defaults() | {"data_root": roots}
+
+
+def test_a_benchmark_has_its_protocol_and_the_user_s_key_wins():
+    """Over a key of the preset for all scenes; LangSplat's 30 and 7 px are of pictures 986 px wide."""
+    chosen = {"preset": "fast", "models": {"set": "published"}}
+    found = config.of_format(config.resolve(chosen, PRESETS), "lerf")
+    assert (found["frames"]["resolution"], found["frames"]["holdout"]) == (986, False)
+    query = recorded_options(config.stage_values("metrics", found))
+    assert (query.box_filter_px(986), query.majority_px(986), query.masks) == (30, 7, "threshold")
+    assert query.temperature == 10.0
+    mine = {"frames": {"resolution": 512}, "formats": {"lerf": {"metrics": {"min_area": 0.01}}}}
+    found = config.of_format(config.resolve(mine, PRESETS), "lerf")
+    assert (found["frames"]["resolution"], found["frames"]["holdout"]) == (512, False)
+    assert (found["metrics"]["min_area"], found["metrics"]["excluded"]) == (0.01, [])
+    assert config.of_format(config.resolve({}, PRESETS), "3d_ovs")["metrics"]["masks"] == "classes"
+    assert config.of_format(config.resolve({}, PRESETS), "plain")["metrics"]["masks"] == "threshold"
 
 
 def test_user_overrides_preset_overrides_defaults():
@@ -220,6 +238,8 @@ def table(tmp_path, text: str, **user):
 
 def test_the_paper_s_ten_sequences_are_in_the_table():
     scenes = read_scenes(config.defaults() | {"scenes": str(ROOT / "config" / "scenes.tsv")})
+    benchmarks = [(dataset, scene) for dataset, scene in scenes if dataset in ("lerf", "3d_ovs")]
+    assert len(benchmarks) == 9 and not any(is_own(scenes.pop(key)) for key in benchmarks)
     scenes = {key: scene for key, scene in scenes.items() if not scene.by_name}
     assert list(scenes) == [(dataset, f"scene{i}") for dataset in ("adt", "hoi4d") for i in range(1, 6)]
     assert all(scenes["adt", f"scene{i}"].synthetic for i in range(1, 6))

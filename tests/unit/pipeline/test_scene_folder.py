@@ -10,17 +10,18 @@ from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 
 STAGES = ("frames", "poses", "features", "splats", "language")
 SCENE = "results/adt/scene1"
+ANYWHERE = 'snakemake --snakefile "$(egosplat snakefile)"'
 ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A working directory with a scene of which frames and poses are made, a variant and a README.md."""
+    """A working directory with a scene of which frames and poses are made, its variant fast and a README.md."""
     monkeypatch.chdir(tmp_path)
     for name in ("frames", "poses"):
         (tmp_path / SCENE / f"{name}.zarr").mkdir(parents=True)
     (tmp_path / SCENE / "frames.zarr/zarr.json").touch()
-    (tmp_path / SCENE / "variants/v/splats.zarr").mkdir(parents=True)
+    (tmp_path / SCENE / "variants/fast/splats.zarr").mkdir(parents=True)
     (tmp_path / "README.md").touch()
     (tmp_path / "photos").mkdir()
     return tmp_path
@@ -37,18 +38,19 @@ def folder(tmp_path, monkeypatch):
         ("nowhere", "nowhere: does not exist. Give the folder"),
         (
             SCENE,
-            f"lacks features.zarr, splats.zarr, language.zarr. Make the scene in the folder of the workflow: snakemake --cores 2 {SCENE}/m",
+            f"lacks features.zarr, splats.zarr, language.zarr. Make the scene: {ANYWHERE} --cores 2 {SCENE}/m",
         ),
         (
             "results/adt/scene9",
-            "does not exist. Make the scene in the folder of the workflow: snakemake --cores 2 results/adt/scene9/metrics",
+            f"does not exist. Make the scene: {ANYWHERE} --cores 2 results/adt/scene9/metrics",
         ),
         (f"{SCENE}/frames.zarr", "is a single artifact; give the folder of its scene, results/adt/scene1"),
         (
-            f"{SCENE}/variants/v",
-            f"lacks features.zarr, language.zarr. Make the variant in the folder of the workflow: snakemake --cores 2 {SCENE}/variants/v/metrics",
+            f"{SCENE}/variants/fast",
+            f"lacks features.zarr, language.zarr. Make the variant: {ANYWHERE} --cores 2 {SCENE}/variants/fast/metrics",
         ),
-        (f"{SCENE}/variants/w", "does not exist. Make the variant "),
+        (f"{SCENE}/variants/draft", "does not exist. Make the variant: "),
+        (f"{SCENE}/variants/w", "does not exist. "),
     ],
 )
 def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):
@@ -95,7 +97,9 @@ def test_a_variant_may_share_everything(folder):
     check_scene_folder(folder / SCENE / "variants/w", STAGES)
 
 
-@pytest.mark.parametrize("place, title", [(SCENE, "adt/scene1"), (f"{SCENE}/variants/v", "adt/scene1, v")])
+@pytest.mark.parametrize(
+    "place, title", [(SCENE, "adt/scene1"), (f"{SCENE}/variants/fast", "adt/scene1, fast")]
+)
 def test_titles_name_the_scene_and_the_variant(folder, place, title):
     assert title_of(folder / place) == title
 

@@ -71,19 +71,27 @@ def test_a_word_that_no_rule_makes_gets_its_mend(word, meant):
     assert meant in str(caught.value) and "\n" not in str(caught.value)
 
 
+ANYWHERE = 'snakemake --snakefile "$(egosplat snakefile)"'
+
+
 @pytest.mark.parametrize(
     "place, command",
     [
-        ("results/a/b/x.json", "snakemake --cores 2 results/a/b/x.json"),
-        ("./results/a/b/x y.json", "snakemake --cores 2 'results/a/b/x y.json'"),
-        ("{here}/results/a/b/x.json", "snakemake --cores 2 results/a/b/x.json"),
-        ("/else where/results/a/b/x.json", "cd '/else where' && snakemake --cores 2 results/a/b/x.json"),
-        ("/results/a/b/x.json", "cd / && snakemake --cores 2 results/a/b/x.json"),
+        ("results/a/b/x.json", f"{ANYWHERE} --cores 2 results/a/b/x.json"),
+        ("./results/a/b/x y.json", f"{ANYWHERE} --cores 2 'results/a/b/x y.json'"),
+        ("{here}/results/a/b/x.json", f"{ANYWHERE} --cores 2 results/a/b/x.json"),
+        ("/else where/results/a/b/x.json", f"cd '/else where' && {ANYWHERE} --cores 2 results/a/b/x.json"),
+        ("/results/a/b/x.json", f"cd / && {ANYWHERE} --cores 2 results/a/b/x.json"),
+        ("{here}/mine/results/x/y", "cd {here}/mine && snakemake --cores 2 results/x/y"),
         ("/elsewhere/x.json", "run its command again"),
     ],
 )
 def test_a_result_is_made_from_any_working_directory(place, command, tmp_path, monkeypatch):
+    """A folder without a workflow takes the one that comes with egosplat; Snakemake finds a folder's own."""
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine/workflow").mkdir(parents=True)
+    (tmp_path / "mine/workflow/Snakefile").touch()
+    command = command.format(here=tmp_path)
     assert make_command(Path(place.format(here=tmp_path))) == command
 
 
@@ -107,7 +115,10 @@ def advised(program: str) -> set[tuple[str, str]]:
     ]
     found = set()
     for path in [*files, *(ROOT / "src").rglob("*.py"), *(ROOT / "workflow").rglob("*.smk")]:
-        text = path.read_text(encoding="utf-8").replace("\\\n", " ")
+        text = (
+            path.read_text(encoding="utf-8").replace("\\\n", " ").replace('"$(egosplat snakefile)"', "FILE")
+        )
+        text = re.sub(r"{snakemake_in\([^}]+}", "snakemake", text)
         for line in re.findall(rf"(?:^|[`\"( ]){program} (?=[-\w])[^`\n]*", text, re.MULTILINE):
             found.add((str(path.relative_to(ROOT)), line.strip('`"( ')))
     return found

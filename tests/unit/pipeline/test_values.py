@@ -39,7 +39,13 @@ CONSTANTS = {
 # Keys of the stage segments that are fields of ``SegmentsOptions.mask_filter`` now.
 FILTERS = ("pred_iou_thresh", "stability_score_thresh", "stability_score_offset", "nms_score_thresh")
 # Keys that came later, by stage.
-LATER = {"synthetic": ("world",), "masks": ("sure_probability",), "view_features": ("cut",)}
+LATER = {
+    "synthetic": ("world",),
+    "masks": ("sure_probability",),
+    "view_features": ("cut",),
+    "metrics": ("masks",),
+    "method_metrics": ("masks",),
+}
 # Keys with a new name.
 RENAMED = {"models-precision": "run-precision"}
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import torch  # noqa: F401
 
 from egosplat.errors import UserError, reraise_as
+from egosplat.pipeline.home import how_to_reinstall
 from egosplat.rasterize.kernels.targets import HERE, VARIANTS, Variant, source_hash
 
 # Version of the functions' signatures, which ``egosplat_abi`` of a library must return.
@@ -21,8 +22,6 @@ ABI = 1
 
 # Environment variable that selects a variant, for tests and benchmarks.
 VARIABLE = "EGOSPLAT_KERNEL"
-
-_REINSTALL = "run make install, or pip install --no-build-isolation --no-deps -e ."
 
 
 def load() -> ctypes.CDLL:
@@ -86,12 +85,12 @@ def choose(folder: Path, features: frozenset[str], wanted: str | None) -> Varian
     if not compiled:
         raise UserError(
             f"The C++ kernels are not compiled (no libegosplat_*.so in {folder}).\n"
-            f"Install a C++17 compiler with OpenMP (apt install g++), then {_REINSTALL}"
+            f"Install a C++17 compiler with OpenMP (apt install g++), then {how_to_reinstall()}"
         )
     for candidate in compiled:
         if candidate.features <= features:
             return candidate
-    raise UserError(f"None of the compiled kernels in {folder} runs on this processor: {_REINSTALL}")
+    raise UserError(f"None of the compiled kernels in {folder} runs on this processor: {how_to_reinstall()}")
 
 
 def open_library(folder: Path, variant: Variant) -> ctypes.CDLL:
@@ -104,7 +103,7 @@ def open_library(folder: Path, variant: Variant) -> ctypes.CDLL:
     path = folder / variant.file
 
     def unloadable(error: Exception) -> UserError:
-        return UserError(f"{path} cannot be loaded ({error}): {_REINSTALL}")
+        return UserError(f"{path} cannot be loaded ({error}): {how_to_reinstall()}")
 
     with reraise_as(unloadable, (OSError, AttributeError)):
         library = ctypes.CDLL(str(path))
@@ -112,7 +111,7 @@ def open_library(folder: Path, variant: Variant) -> ctypes.CDLL:
         compiled_from, abi = library.egosplat_source_hash().decode(), library.egosplat_abi()
     if abi != ABI or compiled_from != source_hash(folder):
         raise UserError(
-            f"{path} was compiled from other sources than those in {folder / 'source'}: {_REINSTALL}"
+            f"{path} was compiled from other sources than those in {folder / 'source'}: {how_to_reinstall()}"
         )
     return library
 
@@ -133,5 +132,5 @@ def _named_variant(folder: Path, features: frozenset[str], name: str) -> Variant
             f"{VARIABLE}={name}: the processor lacks {' '.join(sorted(missing))}: choose another, or unset it."
         )
     if not (folder / found.file).is_file():
-        raise UserError(f"{VARIABLE}={name}: {folder / found.file} is not compiled; {_REINSTALL}")
+        raise UserError(f"{VARIABLE}={name}: {folder / found.file} is not compiled; {how_to_reinstall()}")
     return found

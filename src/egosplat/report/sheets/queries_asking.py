@@ -14,7 +14,8 @@ from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.queries import Query, find_queries
+from egosplat.evaluation.queries import Query, find_queries, mask_of, phrases_to_ask
+from egosplat.evaluation.run_queries import answer_frame
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.query.answer import ViewAnswer
 from egosplat.query.finished_scene import Scene, scene_of
@@ -81,12 +82,14 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
     evaluation = evaluation_of(scene)
     queries = find_queries(evaluation.annotations, evaluation.valid, scene.options)
     asked = {(one.frame, one.category): one for one in queries}
-    asker = scene.asker(sorted({one.category for one in chosen}))
+    shown = [asked[one.frame, one.category] for one in chosen]
+    asker = scene.asker(phrases_to_ask(shown, evaluation.instances, scene.options))
+    frames = {frame.index: frame for frame in evaluation.frames}
     for frame in sorted({one.frame for one in chosen}):
         in_frame = [one for one in chosen if one.frame == frame]
         photograph, view = scene.frames[frame], scene.render(frame)
-        phrases, pose = [one.category for one in in_frame], evaluation.camera_to_world[frame]
-        answers = asker.ask(phrases, evaluation.camera, pose, evaluation.valid)
+        phrases = [one.category for one in in_frame]
+        answers = answer_frame(phrases, evaluation, frames[frame], asker, scene.options.masks)
         for one, answer in zip(in_frame, answers, strict=True):
             target, boxes = _target(evaluation, asked[frame, one.category])
             yield ShownQuery(one, photograph, view, target, boxes, answer)
@@ -105,5 +108,5 @@ def _check(scene: Scene, scored: ScoredScene) -> None:
 def _target(evaluation: Evaluation, query: Query) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """The pixels and the boxes of all instances of a query."""
     frame = next(one for one in evaluation.frames if one.row == query.row)
-    instance_map, instances = evaluation.map_of(frame), query.instances["all"]
-    return np.isin(instance_map, instances), bounding_boxes(instance_map, instances)
+    layers, instances = evaluation.layers_of(frame), query.instances["all"]
+    return mask_of(layers, instances), bounding_boxes(layers, instances)

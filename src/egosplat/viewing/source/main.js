@@ -3,6 +3,8 @@
 const $ = (id) => document.getElementById(id);
 // How long a picture may take while the view moves [ms]; longer ones are drawn with fewer pixels.
 const FLUENT = 60;
+// What a level is, in a word.
+const LEVELS = { whole: "whole: a thing", part: "part: such as a drawer", subpart: "subpart: such as its handle" };
 const GREY = 128, HIDDEN = 64, PAINTED = 255;
 
 class Page {
@@ -41,7 +43,7 @@ class Page {
     const { facts } = this.scene;
     $("title").textContent = `${facts.title} (${facts.origin})`;
     for (const word of facts.words) $("vocabulary").append(element("option", "", { value: word }));
-    facts.levels.forEach((name, level) => $("level").append(element("option", name, { value: String(level) })));
+    facts.levels.forEach((name, level) => $("level").append(element("option", LEVELS[name] ?? name, { value: String(level) })));
     $("level").value = String(this.showing.level);
     $("frame").max = String(facts.frames.length - 1);
     $("instances").disabled = !this.scene.instance;
@@ -214,6 +216,7 @@ class Page {
     }
     const relevancy = gaussianRelevancy(this.scene, paletteRelevancy(this.scene, vector));
     this.heatTime = performance.now() - begun;
+    this.sought = null;
     $("answer").textContent = `"${shortened(phrase)}" ...`;
     const things = findThings(this.scene, await this.neighbors, relevancy, 3);
     if (question !== this.questions) return null;
@@ -235,10 +238,17 @@ class Page {
   tell(phrase, answer) {
     const score = answer.score === undefined ? "" : ` (${this.score(answer.score)})`;
     const number = answer.things?.length ?? 0;
-    const outside = number && !this.project(answer.things[0].center) ? ", outside of the view" : "";
-    $("answer").textContent = `"${shortened(phrase)}": ${answer.why ? answer.why + score : number > 1 ? `${number} found` : "found"}${outside}`;
+    this.told = `"${shortened(phrase)}": ${answer.why ? answer.why + score : number > 1 ? `${number} found` : "found"}`;
+    this.sought = number ? answer.things[0].center : null;
+    this.sayAnswer();
     $("things").replaceChildren(...(answer.things ?? []).map((thing) => this.thingItem(thing, phrase)));
     return { phrase, ...answer };
+  }
+
+  // The answer, and whether what it is about is in view, which changes as the viewer moves.
+  sayAnswer() {
+    const outside = this.sought && !this.project(this.sought) ? ", outside of the view" : "";
+    if ($("answer").textContent !== this.told + outside) $("answer").textContent = this.told + outside;
   }
 
   thingItem(thing, phrase) {
@@ -261,7 +271,7 @@ class Page {
     this.stop();
     this.showPhotograph(row / 12);
     this.camera.lookAt(nearer, thing.center);
-    this.pivot = thing.center;
+    this.pivot = this.sought = thing.center;
     this.moving = false;
     this.mark = { point: thing.center, text: `${shortened(phrase)} ${this.score(thing.score)}` };
     this.showing.level = thing.level;
@@ -271,7 +281,7 @@ class Page {
 
   clear() {
     this.questions++;
-    this.mark = null;
+    this.mark = this.sought = null;
     $("heat").hidden = true;
     $("answer").textContent = "";
     $("things").replaceChildren();
@@ -337,6 +347,7 @@ class Page {
   // What lies over the picture: the ring at an answer, and the cameras.
   placeMarks() {
     if (this.showing.cameras) this.cameras.draw((point) => this.onScreen(point), this.camera.eye, this.size(), Number($("frame").value));
+    if (this.sought) this.sayAnswer();
     const mark = $("mark"), at = this.mark && this.project(this.mark.point);
     mark.hidden = !at;
     if (!at) return;

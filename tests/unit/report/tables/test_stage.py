@@ -474,7 +474,7 @@ def test_a_file_without_scores_is_named(tables, tmp_path, content, message):
 
 def test_scores_of_an_older_format_are_named_with_what_to_do(tables, scored):
     """Those of format 1 have intervals over queries."""
-    with pytest.raises(UserError, match="scene1/metrics.json.* 1; .* 5") as caught:
+    with pytest.raises(UserError, match="scene1/metrics.json.* 1; .* 6") as caught:
         tables(scored("adt/scene1", format_version=1))
     assert "--force" in str(caught.value) and str(caught.value).count("\n") == 1
 

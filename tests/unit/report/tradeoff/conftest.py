@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from egosplat.evaluation.document import FORMAT_VERSION
 from tests.support.scores import OPTIONS, SETUP
 
 SCENE = "results/adt/scene1"
@@ -36,7 +37,7 @@ def document(scene: str, accuracy: float, psnr: float | None, stages: Mapping[st
     score |= {"random_pixel": 0.05, "middle_pixel": 0.15}
     rendering = {"frames": 3, "psnr": psnr, "ssim": 0.8}
     return {
-        "format_version": 5,
+        "format_version": FORMAT_VERSION,
         "scene": scene,
         "origin": "synthetic",
         **SETUP,

@@ -1,0 +1,256 @@
+"""Read the frames of any video file or folder of images, with the companion files of docs/recordings.md."""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.calibration.colmap.distortion import lens_of_frames
+from egosplat.calibration.companions import AUTO, companion_path
+from egosplat.calibration.known_poses import find_known_poses
+from egosplat.errors import UserError
+from egosplat.frames.files import VALID_MASK
+from egosplat.frames.images import ImageFolder, read_mask, read_valid
+from egosplat.frames.keys import ReaderKeys
+from egosplat.frames.labels import match_labels
+from egosplat.frames.picture_cameras import (
+    Calibration,
+    calibrate,
+    dynamic_mask_of,
+    has_alpha,
+    picture_names,
+    size_of,
+)
+from egosplat.frames.recording import Capture
+from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
+from egosplat.frames.video import Video, open_source
+from egosplat.geometry import Camera
+from egosplat.images import measure_sharpness, resize_image, resize_mask, shrunk_size
+from egosplat.progress import log, track
+
+# Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
+FOCAL_PRIOR = 1.2
+
+# Frames per second that show a walk well enough. COLMAP takes six times as long for three times as many (docs/speed.md).
+ENOUGH_PER_S = 3.0
+
+
+class PlainRecording:
+    """A video or a folder of images; a ``Recording`` without a device frame."""
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        resolution: int,
+        stride: int,
+        start_s: float,
+        end_s: float | None,
+        known_poses: str = AUTO,
+        lens: str = "auto",
+        pick: str = FIRST,
+        labels: Mapping[str, Path] | None = None,
+    ) -> None:
+        """Open the source, select frames and find the camera.
+
+        Args:
+            path: video file or image folder.
+            resolution: longer side of the frames [px]; a smaller source keeps its own.
+            stride, start_s, end_s: see ``selection.select_frames``; a folder has one image per second.
+            known_poses: see ``known_poses.find_known_poses``.
+            lens: see ``distortion.lens_of_frames``; a calibration takes its place.
+            pick: ``first`` or ``sharpest`` of every ``stride`` frames.
+            labels: of pictures by their names, see ``labels.match_labels``; these pictures are taken whatever the stride.
+
+        Raises:
+            UserError: the source or the calibration cannot be read, or an option is out of range.
+        """
+        kind = find_known_poses(path, known_poses)
+        self._source = open_source(path, kind)
+        self._calibration = calibrate(path, kind, self._source)
+        full = self._calibration.pinhole or _guess_camera(self._source.width, self._source.height)
+        width, height = fit(full, resolution, path)
+        times, pictures = self._source.timestamp_ns, picture_names(self._source)
+        self._valid = _read_valid(path, self._source)
+        # At full size, so that a reduced pixel is valid only if all its pixels are.
+        reduced = resize_mask(self._valid, width, height)
+        interval = {"start_s": start_s, "end_s": end_s, "source": path}
+        self._frames = select_frames(times, stride=stride, **interval)
+        if labels is not None:
+            labeled = self._find_labeled(labels, select_frames(times, stride=1, **interval))
+            self._frames = np.union1d(self._frames, labeled)
+        if pick == SHARPEST and stride > 1:
+            every = select_frames(times, stride=1, **interval)
+            self._frames = select_sharpest(every, self._sharpness(every, reduced), stride)
+        if kind is None and (line := stride_advice(times[self._frames], stride)):
+            log(f"{path.name}: {line}")
+        self.capture = Capture.of_video(times[self._frames], full.scaled_to(width, height), False, reduced)
+        if labels is not None:
+            self.capture = replace(self.capture, labeled=np.searchsorted(self._frames, labeled))
+        evidence, calibrated = None, bool(self._calibration.lenses)
+        if not calibrated:
+            count = len(self._frames)
+            masked = any(self._is_masked(index) for index in range(count))
+            estimated, evidence = lens_of_frames(
+                lens,
+                self.read_frames,
+                count,
+                reduced,
+                self.capture.camera,
+                self._shown if masked else None,
+            )
+            self._calibration = Calibration(
+                [estimated.scaled_to(full.width, full.height)] if estimated else []
+            )
+        self._finish(calibrated)
+        of_frame = [self._calibration.lens_index(frame) for frame in self._frames.tolist()]
+        facts = {
+            "pictures": [pictures[frame] for frame in self._frames],
+            "known_poses": kind,
+            "turned": isinstance(self._source, ImageFolder) and self._source.turned,
+            "pinhole": asdict(pinhole) if (pinhole := self._calibration.pinhole) else None,
+            "lenses": [asdict(one) for one in self._calibration.lenses],
+            "lens_of_frame": of_frame,
+            "lens_evidence": evidence,
+        }
+        self.capture = replace(self.capture, facts=facts)
+
+    @classmethod
+    def labeled(cls, path: Path, keys: ReaderKeys, labels: Mapping[str, Path]) -> "PlainRecording":
+        """Open the pictures of a benchmark, whose labels choose the evaluation frames."""
+        return cls(path, known_poses=keys.known_poses, lens=keys.lens, labels=labels, **keys.selection)
+
+    def _find_labeled(self, labels: Mapping[str, Path], frames: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The labeled ones of the frames of a time range."""
+        places = np.array([*match_labels(labels, picture_names(self._source))], np.int64)
+        if not len(labeled := np.intersect1d(places, frames)):
+            raise UserError(
+                f"{self._source.path}: none of its {len(places)} labeled pictures is within frames.start_s and frames.end_s; "
+                f"these are pictures {', '.join(map(str, places))}, one a second."
+            )
+        return labeled
+
+    def _sharpness(self, frames: NDArray[np.int64], valid: NDArray[np.bool_]) -> Iterator[float]:
+        """Yield the sharpness of frames of the source, reduced to the size of a mask."""
+        for full in track(self._source.read_frames(frames), "looking for sharp frames", total=len(frames)):
+            yield measure_sharpness(resize_image(full, *valid.shape[::-1]), valid)
+
+    def _finish(self, known: bool) -> None:
+        """Set the camera of the rectified frames, the pixels that show the scene, and those that single frames leave out."""
+        width, height = self.capture.camera.width, self.capture.camera.height
+        if pinhole := self._calibration.pinhole:
+            self.capture = replace(self.capture, camera=pinhole.scaled_to(width, height), camera_known=known)
+        count = len(self._frames)
+        if not any(self._is_masked(index) for index in range(count)):
+            self.capture = replace(self.capture, valid=self._shown(0))
+            return
+        frames = track(range(count), "reading masks", total=count)
+        shown = np.stack([np.packbits(self._shown(index), axis=1) for index in frames])
+        # What no frame shows is the picture's own border; the rest are pixels of single frames.
+        valid = np.bitwise_or.reduce(shown)
+        if not valid.any():
+            raise UserError(
+                f"{self._source.path}: masks leave no pixel of any picture. White shows the scene (mask_path of "
+                "transforms.json, valid.png); in dynamic_mask_*.png black does."
+            )
+        left_out = valid & ~shown
+
+        def masked(index: int) -> NDArray[np.bool_]:
+            return np.unpackbits(left_out[index], axis=1, count=width).astype(bool)
+
+        self.capture = replace(
+            self.capture,
+            valid=np.unpackbits(valid, axis=1, count=width).astype(bool),
+            masked=masked if left_out.any() else None,
+        )
+
+    def _is_masked(self, index: int) -> bool:
+        """Whether the mask of a frame may differ from that of the first."""
+        frame = int(self._frames[index])
+        lens = self._calibration.lens_index(frame)
+        differs = lens != self._calibration.lens_index(int(self._frames[0])) and not self._valid.all()
+        masks = self._calibration.mask(frame), dynamic_mask_of(self._source, frame)
+        return differs or any(masks) or has_alpha(self._source, frame)
+
+    def _shown(self, index: int) -> NDArray[np.bool_]:
+        """(H, W) bool: pixels of a rectified frame that ``valid.png``, its own mask and its transparency all leave."""
+        frame = int(self._frames[index])
+        shown, (width, height) = self._valid, size_of(self._source, frame)
+        if shown.shape != (height, width):
+            # With pictures of several sizes ``valid.png`` is refused.
+            shown = np.ones((height, width), bool)
+        if path := self._calibration.mask(frame):
+            shown = shown & read_mask(path, width, height)
+        if path := dynamic_mask_of(self._source, frame):
+            shown = shown & ~read_mask(path, width, height)
+        if has_alpha(self._source, frame):
+            shown = shown & self._source.read_opaque(frame)
+        camera = self.capture.camera
+        if rectifier := self._calibration.rectifier(frame):
+            shown = rectifier.mask(shown)
+        return resize_mask(shown, camera.width, camera.height)
+
+    def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+        """Yield the (H, W, 3) uint8 RGB frame of each index; see ``Recording.read_frames``.
+
+        Raises:
+            UserError: a frame cannot be decoded.
+        """
+        camera, frames = self.capture.camera, self._frames[indices]
+        for frame, full in zip(frames.tolist(), self._source.read_frames(frames), strict=True):
+            if has_alpha(self._source, frame):
+                # Below transparent pixels is any color.
+                full = full * self._source.read_opaque(frame)[..., None]
+            rectifier = self._calibration.rectifier(frame)
+            image = resize_image(rectifier.image(full) if rectifier else full, camera.width, camera.height)
+            image[~self.capture.valid] = 0
+            yield image
+
+
+def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
+    """Width and height of frames whose longer side is ``resolution`` [px]; a smaller source keeps its own, and the log says so.
+
+    Raises:
+        UserError: ``resolution`` is not positive.
+    """
+    longest = max(full.width, full.height)
+    if resolution < 1:
+        raise UserError(f"resolution: {resolution} px, but {path} has {longest}. Choose from 1 to {longest}.")
+    if resolution > longest:
+        log(f"{path.name}: frames keep their {longest} px, which are less than resolution: {resolution}")
+    return shrunk_size(full.width, full.height, resolution)
+
+
+def stride_advice(timestamp_ns: NDArray[np.int64], stride: int) -> str | None:
+    """What to set if a recording whose poses COLMAP has to find has far more frames than it needs; None if it has not.
+
+    Args:
+        timestamp_ns: (N,) times of the selected frames.
+        stride: with which they were selected.
+    """
+    span_s = float(timestamp_ns[-1] - timestamp_ns[0]) * 1e-9
+    rate = (len(timestamp_ns) - 1) / span_s if span_s > 0 else 0.0
+    if rate < 2 * ENOUGH_PER_S:
+        return None
+    return (
+        f"{len(timestamp_ns)} frames, {rate:.0f} a second; frames.stride={stride * int(rate / ENOUGH_PER_S)} takes about "
+        f"{ENOUGH_PER_S:.0f} a second, for which COLMAP takes a fraction of the time"
+    )
+
+
+def _guess_camera(width: int, height: int) -> Camera:
+    focal = FOCAL_PRIOR * max(width, height)
+    return Camera(width, height, focal, focal, width / 2, height / 2)
+
+
+def _read_valid(path: Path, source: Video | ImageFolder) -> NDArray[np.bool_]:
+    """The mask of the pictures' pixels that show the scene."""
+    file = companion_path(path, VALID_MASK)
+    if isinstance(source, ImageFolder) and len(set(source.sizes)) > 1 and os.path.lexists(file):
+        raise UserError(
+            f"{file}: the pictures have several sizes. Give each a mask_path in transforms.json instead."
+        )
+    return read_valid(file, source.width, source.height)

@@ -1,0 +1,165 @@
+"""What a file or folder is as a recording: its format, its number of frames, and the keys that suit it."""
+
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+
+from egosplat.calibration.companions import AUTO, KNOWN_POSES, PICTURES, present_known_poses
+from egosplat.calibration.known_poses import find_known_poses
+from egosplat.errors import UserError
+from egosplat.frames.files import ADT_VIDEOS, list_pictures
+from egosplat.frames.images import ImageFolder
+from egosplat.frames.native_log import captured_log
+from egosplat.frames.plain import ENOUGH_PER_S
+from egosplat.frames.video import Video, open_source
+from egosplat.poses.files import TRAJECTORIES
+from egosplat.run.archive import unpack
+
+_TAKES = "Give a video, a folder or .zip of photographs, a COLMAP or nerfstudio folder, or a .vrs"
+
+# A video keeps at least so many frames, if it has them.
+_FEW = 100
+
+# FFmpeg opens other files, too: it reads a text as a film of its letters.
+_VIDEOS = (
+    *(".mp4", ".m4v", ".mov", ".3gp", ".avi", ".mkv", ".webm", ".ts", ".mts", ".m2ts", ".mpg", ".mpeg"),
+    *(".wmv", ".flv", ".h264", ".h265"),
+)
+
+# Folders in archives that hold no recording.
+_ASIDE = ("__MACOSX",)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording.
+
+    Attributes:
+        format: ``plain`` or ``adt``.
+        path: folder or file, as the table of scenes names it.
+        about: what it is, in a few words, with the number of its frames.
+        count: number of its frames; None if it is not known before they are read.
+        options: keys that suit it, by name in the table of scenes.
+        known: whether it has poses.
+    """
+
+    format: str
+    path: Path
+    about: str
+    count: int | None
+    known: bool
+    options: dict[str, str] = field(default_factory=dict)
+
+
+def name_of(given: Path) -> str:
+    """Make the name of a scene from that of its file or folder."""
+    path = Path(os.path.abspath(given))
+    stem = path.name if path.is_dir() else path.stem
+    return re.sub("[^A-Za-z0-9_-]+", "_", stem).strip("_")[:60] or "scene"
+
+
+def read_source(given: Path, unpacked: Path, known_poses: str = AUTO) -> Source:
+    """Find what a file or folder is. A .zip is unpacked.
+
+    Args:
+        known_poses: ``frames.known_poses``.
+        unpacked: the folder beside which a .zip is unpacked, under this name and a digest.
+
+    Raises:
+        UserError: it is missing, or no recording.
+    """
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:/", str(given)):
+        raise UserError(f"{given}: is a URL; download it and give the file")
+    if not given.exists():
+        raise UserError(f"{given}: does not exist. {_TAKES}")
+    # Not resolved: a link has the name that suits Snakemake.
+    path, suffix = Path(os.path.abspath(given)), given.suffix.lower()
+    if path.is_dir():
+        return _read_folder(find_recording(path), known_poses)
+    if suffix == ".zip":
+        return _read_folder(find_recording(unpack(path, unpacked)), known_poses)
+    if suffix == ".vrs":
+        return _read_glasses(path)
+    if suffix in PICTURES:
+        raise UserError(f"{given}: is one picture; give the folder of all pictures, {path.parent}")
+    if suffix not in _VIDEOS:
+        raise UserError(f"{given}: is no video by its name, such as .mp4. {_TAKES}")
+    return _read_video(path, known_poses)
+
+
+def find_recording(folder: Path) -> Path:
+    """Find the folder of a recording in a folder: itself, or below it while there is a single folder to go on with."""
+    while not (_has_recording(folder) or _files(folder, _VIDEOS)) and len(inner := _folders(folder)) == 1:
+        (folder,) = inner
+    return folder
+
+
+def _folders(folder: Path) -> list[Path]:
+    found = [one for one in folder.iterdir() if one.is_dir() and one.name[0] != "."]
+    return sorted(one for one in found if one.name not in _ASIDE)
+
+
+def _has_recording(folder: Path) -> bool:
+    known = present_known_poses(folder, AUTO) or any((folder / name).exists() for name in ADT_VIDEOS)
+    return bool(known or list_pictures(folder))
+
+
+def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
+
+
+def _read_folder(folder: Path, known_poses: str) -> Source:
+    for name in ADT_VIDEOS:
+        if (folder / name).exists():
+            return _read_glasses(folder / name)
+    if not _has_recording(folder):
+        others = _files(folder, _VIDEOS) or [one for one in _folders(folder) if _has_recording(one)]
+        if others:
+            names = ", ".join(path.name for path in others[:3])
+            raise UserError(
+                f"{folder}: holds no pictures, but {names}; give one of them, such as {others[0]}"
+            )
+    kind = find_known_poses(folder, known_poses)
+    pictures = open_source(folder, kind)
+    assert isinstance(pictures, ImageFolder)
+    count = len(pictures.paths)
+    about = f"{count} pictures" + ("" if kind is None else f" with poses ({KNOWN_POSES[kind]})")
+    return Source("plain", folder, about, count, kind is not None)
+
+
+def _read_glasses(video: Path) -> Source:
+    if video.name not in ADT_VIDEOS:
+        raise UserError(
+            f"{video}: a recording of Aria glasses is a folder with {' or '.join(ADT_VIDEOS)}; rename the file"
+        )
+    folder = video.parent
+    found = next((name for name, path in TRAJECTORIES.items() if (folder / path).is_file()), None)
+    if found is None:
+        raise UserError(
+            f"{folder / TRAJECTORIES['closed_loop']}: does not exist, and poses come from there. Fetch the output of "
+            "Aria's machine perception services for this recording, and put its folder mps beside the .vrs"
+        )
+    about = f"a recording of Aria glasses with poses ({TRAJECTORIES[found]})"
+    return Source("adt", folder, about, None, True, {"poses.trajectory": found})
+
+
+def _read_video(path: Path, known_poses: str) -> Source:
+    with captured_log():
+        capture = cv2.VideoCapture(str(path))
+        is_video = capture.isOpened() and capture.grab()
+    if not is_video:
+        Video(path)  # says why
+        raise UserError(f"{path}: is no video that can be read. {_TAKES}")
+    count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
+    known = find_known_poses(path, known_poses) is not None
+    about = "a video" + (f" of {count} frames" if count > 0 else "") + (" with poses" if known else "")
+    options = {} if known or count <= 0 else {"frames.stride": str(stride_for(count, rate))}
+    return Source("plain", path, about, count if count > 0 else None, known, options)
+
+
+def stride_for(count: int, rate: float) -> int:
+    """Choose ``frames.stride`` for a video of ``count`` frames at a rate [1/s]: enough frames for a walk, and not few."""
+    return max(1, min(round(rate / ENOUGH_PER_S), count // _FEW))

@@ -1,0 +1,77 @@
+"""Masks of classes, and instances that overlap."""
+
+import numpy as np
+import pytest
+
+from egosplat.evaluation.classes import ClassMap, count_right, pixel_accuracy
+from egosplat.evaluation.localization import bounding_boxes
+from egosplat.evaluation.options import ScoringOptions
+from egosplat.evaluation.queries import Query, categories, mask_of
+from egosplat.evaluation.scores import score_query
+from egosplat.frames.labels import paint_layers
+from egosplat.frames.recording import Instance
+
+SIZE = (12, 16)
+INSTANCES = [
+    Instance(index + 1, name, name, "static", "object") for index, name in enumerate(("box", "sign", "wall"))
+]
+EVERY = ScoringOptions(min_area=0.0, excluded=())
+
+
+@pytest.fixture
+def masks() -> np.ndarray:
+    """(3, 12, 16) bool: a box, its sign, and a wall that the box covers in part; a border of two columns without any."""
+    found = np.zeros((3, *SIZE), bool)
+    found[0, 3:9, 4:10], found[1, 4:6, 5:7], found[2, :5, :14] = True, True, True
+    return found
+
+
+def test_the_most_relevant_class_wins_and_the_first_of_equal_ones():
+    one, two = np.zeros(SIZE, np.float32), np.zeros(SIZE, np.float32)
+    one[:6], two[:, :8], two[0, 0] = 0.5, 0.5, 0.6
+    found = ClassMap([("one", one), ("two", two)])
+    assert (found.mask("one") == ((one > 0) & (one >= two))).all() and found.mask("two")[0, 0]
+    assert found.mask("two").sum() == 6 * 8 + 1
+    # Nothing is visible in the last columns of the lower half.
+    assert not (found.mask("one") | found.mask("two"))[6:, 8:].any()
+
+
+def test_the_share_of_right_pixels_is_that_of_equal_rows_of_labels(masks):
+    """As 3D-OVS counts: a pixel is right if the row of its labels is that of its class alone."""
+    rng, layers = np.random.default_rng(0), paint_layers(enumerate(masks), SIZE)
+    winner = rng.integers(0, 3, SIZE)
+    queries = queries_of(layers)
+    right = [count_right(one, winner == one.instances["all"][0], layers, INSTANCES) for one in queries]
+    predicted = np.stack([winner == index for index in range(3)])
+    expected = (predicted == masks).all(axis=0).mean()
+    assert pixel_accuracy([0, 0, 0], right, winner.size) == pytest.approx(expected) and 0 < expected < 1
+    # The mean over two frames, of which one has nothing right.
+    assert pixel_accuracy([0, 0, 0, 1], [*right, 0], winner.size) == pytest.approx(expected / 2)
+    assert pixel_accuracy([], [], 9) is None
+
+
+def queries_of(layers: np.ndarray) -> list[Query]:
+    return [Query(0, 0, name, groups) for name, groups in categories(layers, INSTANCES, EVERY)]
+
+
+def test_what_others_cover_is_scored_whole(masks):
+    layers = paint_layers(enumerate(masks), SIZE)
+    assert len(layers) > 1
+    for query in queries_of(layers):
+        (index,) = query.instances["all"]
+        rows, columns = np.nonzero(masks[index])
+        assert bounding_boxes(layers, [index]).tolist() == [
+            [columns.min(), rows.min(), columns.max(), rows.max()]
+        ]
+        assert (mask_of(layers, [index]) == masks[index]).all()
+        score = score_query(query, (columns[0], rows[0]), masks[index], layers, None, "mask").groups["all"]
+        assert score.hit and score.iou == 1.0
+        # The first layer alone has the sign, and parts of the box and the wall.
+        assert (mask_of(layers[0], [index]) == masks[index]).all() == (index == 1)
+
+
+def test_the_smallest_area_is_that_of_the_whole_instance(masks):
+    layers = paint_layers(enumerate(masks), SIZE)
+    options = ScoringOptions(min_area=36 / (12 * 16), excluded=())
+    assert [name for name, _ in categories(layers, INSTANCES, options)] == ["box", "wall"]
+    assert [name for name, _ in categories(layers[0], INSTANCES, options)] == ["wall"]

@@ -1,0 +1,54 @@
+"""Small recordings as a user has them."""
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.unit.frames.conftest import grey_frames, write_video
+
+
+def write_pictures(folder: Path, count: int = 3) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(count):
+        Image.fromarray(np.full((6, 8, 3), 9 * number, np.uint8)).save(folder / f"{number}.png")
+    return folder
+
+
+def pack(archive: Path, folder: Path, inside: str = "") -> Path:
+    """Write the files of a folder into a .zip, below ``inside``."""
+    with zipfile.ZipFile(archive, "w") as opened:
+        for path in sorted(folder.rglob("*")):
+            opened.write(path, f"{inside}{path.relative_to(folder)}")
+    return archive
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Callable[[str], Path]:
+    """Write a recording of a kind, three pictures or frames, and get its path."""
+
+    def make(kind: str) -> Path:
+        home = tmp_path / kind.replace(" ", "_")
+        if kind == "video":
+            return write_video(home / "clip.mp4", grey_frames(3), 30.0)
+        if kind == "glasses":
+            (home / "mps/slam").mkdir(parents=True)
+            (home / "mps/slam/closed_loop_trajectory.csv").touch()
+            (home / "video.vrs").touch()
+            return home / "video.vrs"
+        pictures = write_pictures(
+            home / ("images" if kind == "nerfstudio" else "in/side" if "nested" in kind else "")
+        )
+        if kind == "nerfstudio":
+            frames = [{"file_path": f"images/{number}.png"} for number in range(3)]
+            (home / "transforms.json").write_text(json.dumps({"frames": frames}))
+        if "zip" in kind:
+            (home / "__MACOSX").mkdir()
+            return pack(tmp_path / "photos.zip", home)
+        return home if pictures else pictures
+
+    return make

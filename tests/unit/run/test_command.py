@@ -1,0 +1,138 @@
+"""The command line of ``egosplat run``, and the call of Snakemake."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from egosplat.cli import cli
+from egosplat.cli.run import spread
+from egosplat.errors import UserError
+from egosplat.pipeline.home import snakefile
+from egosplat.run import command
+from egosplat.run.command import Wish, make_scene
+from tests.unit.run.conftest import write_pictures
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.parametrize(
+    "given, meant",
+    [
+        ("a --words couch cup", "a --words couch --words cup"),
+        ("a --words couch cup --open", "a --words couch --words cup --open"),
+        ("a --words couch --words cup --cores 2", "a --words couch --words cup --cores 2"),
+        ("a --words=couch --open", "a --words=couch --open"),
+        ("a --words --open", "a --words --open"),
+        ("a --words", "a --words"),
+        ("a", "a"),
+    ],
+)
+def test_words_are_all_up_to_the_next_option(given, meant):
+    assert spread(given.split()) == meant.split()
+
+
+@pytest.fixture
+def calls(tmp_path, monkeypatch):
+    """The words of each call of Snakemake, which does nothing, in an empty folder beside some photographs."""
+    write_pictures(tmp_path / "photos")
+    (work := tmp_path / "work").mkdir()
+    monkeypatch.chdir(work)
+    found = []
+    monkeypatch.setattr(command, "run_snakemake", lambda words, steps: found.append(words) or 0)
+    return found
+
+
+def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
+    scene = make_scene(Wish(tmp_path / "photos", preset="draft", cores=3, options=("frames.stride=2",)))
+    (words,) = calls
+    assert words[:5] == ["snakemake", "--snakefile", str(ROOT / "workflow/Snakefile"), "--cores", "3"]
+    assert words[5:] == ["--config", "preset=draft", "--", "results/mine/photos/scene.html"]
+    assert scene.config["frames"]["stride"] == 2
+    assert [str(path) for path in Path(".").rglob("*") if path.is_file()] == ["config/scenes.local.tsv"]
+
+
+def test_the_workflow_of_the_working_directory_is_taken_first(calls, tmp_path):
+    Path("workflow").mkdir()
+    Path("workflow/Snakefile").touch()
+    Path("config").mkdir()
+    Path("config/presets").symlink_to(ROOT / "config/presets")
+    assert snakefile() == Path("workflow/Snakefile")
+    make_scene(Wish(tmp_path / "photos", name="kitchen"))
+    assert "--snakefile" not in calls[0] and calls[0][-1] == "results/mine/kitchen/scene.html"
+
+
+def test_what_to_ask_is_told(calls, tmp_path):
+    done = CliRunner().invoke(cli, ["run", str(tmp_path / "photos"), "--name", "home/hall"])
+    assert done.exit_code == 0, done.output
+    assert (
+        "egosplat query results/home/hall " in done.output
+        and "egosplat view results/home/hall" in done.output
+    )
+
+
+@pytest.mark.parametrize("pair", ["frames.stride", "frames.stride=2 frames.end_s=3"])
+def test_a_word_that_is_no_key_with_its_value_is_refused(calls, tmp_path, pair):
+    with pytest.raises(UserError, match="--set frames.stride"):
+        make_scene(Wish(tmp_path / "photos", options=(pair,)))
+    assert not calls
+
+
+def test_a_failed_run_is_an_error_with_its_message(calls, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        command, "run_snakemake", lambda words, steps: steps.read("egosplat: a: is wrong") and 1
+    )
+    with pytest.raises(UserError, match="^a: is wrong$"):
+        make_scene(Wish(tmp_path / "photos"))
+
+
+def test_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):
+    shown = []
+    monkeypatch.setattr("egosplat.viewing.command.run", lambda *given, **keys: shown.append((given[0], keys)))
+    assert CliRunner().invoke(cli, ["run", str(tmp_path / "photos"), "--open"]).exit_code == 0
+    assert shown == [(Path("results/mine/photos"), {"browse": True})]
+
+
+SNAKEMAKE = """
+import pathlib, signal, time
+print("egosplat: begun", flush=True)
+try:
+    time.sleep(600)
+except KeyboardInterrupt:
+    time.sleep(0.2)
+    pathlib.Path("ended").write_text("as asked")
+    raise SystemExit(1)
+"""
+CALLER = """
+from egosplat.progress import show_log
+from egosplat.run.command import run_snakemake
+from egosplat.run.steps import Steps
+show_log()
+try:
+    run_snakemake(["pretended"], Steps(None, 1.0))
+except KeyboardInterrupt:
+    raise SystemExit(130)
+"""
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_snakemake_ends_first_and_once(tmp_path, ending):
+    """Only ``egosplat run`` gets the signal, as from a scheduler; Snakemake then removes what is unfinished."""
+    (tmp_path / "pretended.py").write_text(SNAKEMAKE)
+    path = os.pathsep.join([str(ROOT / "src"), str(tmp_path)])
+    # What a shell starts in the background ignores interrupts, and so do its children; on a terminal none does.
+    process = subprocess.Popen(
+        ["env", "--default-signal=INT", sys.executable, "-c", CALLER],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": path},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None and process.stderr.readline() == "begun\n"
+    process.send_signal(ending)
+    assert process.wait(timeout=300) == 130
+    assert (tmp_path / "ended").read_text() == "as asked"

@@ -1,0 +1,63 @@
+"""``egosplat run`` on a tiny video with known poses: from an empty folder to a page and answers, then nothing to do."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.conftest import ROOT
+from tests.unit.frames.conftest import write_video
+
+KEYS = (
+    *("segments.segmenter=classical", "frames.resolution=64", "frames.lens=pinhole"),
+    *("splats.iterations=20", "splats.max_gaussians=1000", "instances.iterations=20"),
+)
+
+
+def egosplat_run(folder: Path, *given: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "egosplat.cli", "run", *given, "--preset", "draft", "--cores", "2"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    settings = [word for key in KEYS for word in ("--set", key)]
+    words = [*command, *settings]
+    return subprocess.run(words, check=False, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+@pytest.fixture
+def clip(tmp_path) -> Path:
+    """Eight frames of a colored wall two meters away; the camera moves along it."""
+    wall = np.random.default_rng(0).integers(0, 255, (6, 10, 3), np.uint8).repeat(16, 0).repeat(16, 1)
+    video = write_video(tmp_path / "wall.mp4", [wall[16:64, 8 * n : 8 * n + 64] for n in range(8)])
+    camera = {"w": 64, "h": 48, "fl_x": 64.0, "fl_y": 64.0, "cx": 32.0, "cy": 24.0}
+    poses = [[[1, 0, 0, 0.25 * n], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]] for n in range(8)]
+    frames = [{"file_path": str(n), "transform_matrix": pose} for n, pose in enumerate(poses)]
+    (tmp_path / "wall.mp4.transforms.json").write_text(json.dumps(camera | {"frames": frames}))
+    return video
+
+
+def test_a_video_becomes_a_scene_that_answers(clip, tmp_path):
+    (folder := tmp_path / "empty").mkdir()
+    done = egosplat_run(folder, str(clip), "--words", "couch", "wooden door")
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = [line for line in done.stderr.splitlines() if re.match(r" *\d+/\d+ \w+: ", line)]
+    counts = [tuple(map(int, line.split()[0].split("/"))) for line in lines]
+    assert counts == [(number, len(lines)) for number in range(1, len(lines) + 1)]
+    assert {"frames", "poses", "splats", "language", "scene_page"} <= {line.split()[1][:-1] for line in lines}
+    assert "jobid" not in done.stderr and done.stderr.count("the small checkpoints") == 1
+    assert re.search(r"^couch +\d", done.stdout, re.MULTILINE) and "wooden door" in done.stdout
+    assert (folder / "results/mine/wall/scene.html").is_file()
+    assert {path.name for path in folder.iterdir()} == {"config", "logs", "results", ".snakemake"}
+    log = (folder / "logs/mine/wall/splats.log").read_text()
+    assert all(line.startswith("splats: ") for line in log.splitlines())
+
+    again = egosplat_run(folder, str(clip))
+    assert again.returncode == 0 and "every step is up to date" in again.stderr
+
+    clip.with_name("wall.mp4.transforms.json").write_text("{}")
+    failed = egosplat_run(folder, str(clip))
+    assert failed.returncode == 2 and "wall.mp4.transforms.json" in failed.stderr
+    assert "logs/mine/wall/" in failed.stderr and "rule" not in failed.stderr
