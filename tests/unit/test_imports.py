@@ -70,6 +70,18 @@ assert torch.compiler.disable.__module__ == "torch.compiler"
     assert "torch._dynamo" in imported_by(code)
 
 
+def test_open_clip_does_not_import_transformers(tmp_path):
+    """A package with weights brings it along; its import takes seconds."""
+    (tmp_path / "transformers.py").write_text("raise RuntimeError('was imported')")
+    code = f"""
+import sys
+sys.path.insert(0, {str(tmp_path)!r})
+import egosplat.viewing.words
+assert "transformers" not in sys.modules
+"""
+    assert "open_clip.hf_model" in imported_by(code)
+
+
 def test_the_words_of_a_query_need_no_matplotlib():
     """The answer is printed before the library of the picture is imported."""
     assert "matplotlib" not in imported_by("import egosplat.query.command")

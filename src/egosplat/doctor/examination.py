@@ -8,6 +8,7 @@ from egosplat.doctor.inputs import (
     model_findings,
     read_configuration,
     recording_findings,
+    scene_model_findings,
     suitability_findings,
 )
 from egosplat.doctor.machine import machine_findings
@@ -46,7 +47,8 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
         scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
     except UserError as error:
         return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
-    findings += [*recording_findings(config, scenes), *suitability_findings(scenes)]
+    findings += [*scene_model_findings(config, scenes), *recording_findings(config, scenes)]
+    findings += suitability_findings(scenes)
     return [*findings, *_times(scenes)]
 
 

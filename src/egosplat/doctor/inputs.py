@@ -1,18 +1,19 @@
 """Read the configuration as the workflow does, and check the models and recordings that it names."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError, user_message
 from egosplat.files import expand_home
-from egosplat.frames.recording_files import recording_origin
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, merge, read_yaml, resolve
 from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.model_sets import locate_checkpoints
+from egosplat.pipeline.recording_origin import recording_origin
 from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, tables_of
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
 from egosplat.pipeline.variants import variant_config
@@ -36,7 +37,7 @@ def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
         origin = recording_origin(scene.format, scene.recording)
     except UserError:
         return None  # the stage frames reports what is wrong with the recording
-    return notice(origin, configured_checkpoints(config or scene.config))
+    return notice(origin, configured_checkpoints(config or scene.config), aria=scene.format == "adt")
 
 
 def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
@@ -142,6 +143,16 @@ def model_findings(config: Config) -> Iterator[Finding]:
     if weights := config["transient"]["encoder_weights"]:
         yield _encoder(expand_home(weights))
     yield _compute(config)
+
+
+def scene_model_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
+    """OpenCLIP where scenes with a recording have another one than the configuration, such as the words for photographs."""
+    known = {config["models"]["clip_checkpoint"]}
+    for scene in scenes:
+        checkpoint = scene.config["models"]["clip_checkpoint"]
+        if checkpoint not in known and scene.recording.exists():
+            known.add(checkpoint)
+            yield replace(_model(CLIP, locate_checkpoints(scene.config)), what=f"OpenCLIP, {scene.name}")
 
 
 def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:

@@ -20,11 +20,11 @@ from egosplat.frames.files import ADT_VIDEOS, adt_video
 from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Capture
-from egosplat.frames.recording_files import recording_origin
 from egosplat.frames.rectify import Rectification, clockwise_turns, pinhole
 from egosplat.frames.selection import select_frames
 from egosplat.frames.vrs import check_complete, check_log
 from egosplat.geometry import Camera
+from egosplat.pipeline.recording_origin import recording_origin
 
 RGB_LABEL = "camera-rgb"
 RGB_STREAM = StreamId("214-1")

@@ -17,7 +17,8 @@ from egosplat.calibration.companions import (
     picture_folders,
 )
 from egosplat.errors import UserError
-from egosplat.frames.recording_files import ANNOTATIONS, METADATA, find_segmentation, is_annotated
+from egosplat.frames.recording_files import ANNOTATIONS, find_segmentation, is_annotated
+from egosplat.pipeline.recording_origin import METADATA
 
 # The first is ADT's, the second that of Aria Everyday Activities and of Aria's tools.
 ADT_VIDEOS, ADT_INSTANCES = ("video.vrs", "recording.vrs"), "instances.json"

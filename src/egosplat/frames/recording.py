@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Camera
-
-Origin = Literal["real", "synthetic"]
+from egosplat.pipeline.recording_origin import Origin
 
 
 @dataclass(frozen=True)

@@ -1,24 +1,15 @@
-"""Facts about a recording that its file names and metadata tell: companion files, annotations, origin."""
+"""Facts about a recording that its file names tell: companion files, annotations."""
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from egosplat.calibration.companions import companion_path
-from egosplat.errors import UserError
-from egosplat.files import read_json
-
-if TYPE_CHECKING:
-    from egosplat.frames.recording import Origin
 
 # Folder with the annotations of a plain recording.
 ANNOTATIONS = "annotations"
 
 # Of an ADT sequence, in order of preference: releases without people's masks have the second.
 ADT_SEGMENTATIONS = ("segmentations_with_skeleton.vrs", "segmentations.vrs")
-
-# Facts about an ADT sequence, such as its origin.
-METADATA = "metadata.json"
 
 
 def is_annotated(format: str, path: Path) -> bool:
@@ -38,19 +29,3 @@ def find_segmentation(folder: Path) -> Path | None:
     candidates = [folder / name for name in ADT_SEGMENTATIONS]
     # A broken link is not a missing file: opening it reports the error.
     return next((path for path in candidates if os.path.lexists(path)), None)
-
-
-def recording_origin(format: str, recording: Path) -> "Origin":
-    """``synthetic`` for an ADT sequence that egosplat rendered, according to its ``metadata.json``; else ``real``.
-
-    Raises:
-        UserError: ``metadata.json`` cannot be read.
-    """
-    path = recording / METADATA
-    if format != "adt" or not os.path.lexists(path):
-        return "real"
-    try:
-        metadata = read_json(path)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
-    return "synthetic" if isinstance(metadata, dict) and metadata.get("origin") == "synthetic" else "real"

@@ -12,7 +12,15 @@ import yaml
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home
-from egosplat.models.configs import SMALL, SMALL_CLIP, SMALL_SAM2, clip_config_files, sam2_config_files
+from egosplat.models.configs import (
+    PHOTO_WEIGHTS,
+    PHOTOS,
+    SMALL,
+    SMALL_CLIP,
+    SMALL_SAM2,
+    clip_config_files,
+    sam2_config_files,
+)
 
 # Replaces the hash of a missing model, so that only the stage that needs it reports the error.
 MISSING = "missing"
@@ -49,11 +57,13 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
 
     Args:
         model: SAM2 or CLIP.
-        checkpoint: a path, or ``small`` for the packaged one.
+        checkpoint: a path, ``small`` for the bundled one, or OpenCLIP's ``photos``, which a Python package carries.
 
     Raises:
         UserError: the file is missing. The message names the command that fetches published ones, and the key.
     """
+    if model is CLIP and checkpoint == PHOTOS:
+        return PHOTO_WEIGHTS.find()
     if checkpoint == SMALL:
         if not model.small.is_file():
             raise UserError(

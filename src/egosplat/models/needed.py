@@ -9,7 +9,7 @@ from typing import Any
 from egosplat.errors import UserError
 from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, SAM2, content_hash
-from egosplat.models.configs import SMALL
+from egosplat.models.configs import PHOTO_WEIGHTS, PHOTOS, SENTENCES, SMALL, WeightsPackage
 from egosplat.models.download import OfflineError, fetch, stored_digest, write_digest
 from egosplat.models.suitability import configured_checkpoints
 from egosplat.pipeline.model_sets import locate_checkpoints
@@ -28,12 +28,14 @@ class Needed:
 
     Attributes:
         key: the configuration key that names it; empty for one that only the catalogue has.
-        published: its entry of the catalogue; None for a bundled checkpoint and for a file of the user.
+        published: its entry of the catalogue; None for other files.
+        package: the Python package that carries it; None for other files.
     """
 
     key: str
     path: Path
     published: PublishedModel | None
+    package: WeightsPackage | None = None
 
     @property
     def missing(self) -> bool:
@@ -44,6 +46,8 @@ class Needed:
         """The model in a few words."""
         if self.published:
             return f"{self.published.library} {self.published.architecture}, {self.published.weights}"
+        if self.package:
+            return f"{self.package.title}, of the Python package {self.package.name}"
         return "bundled with egosplat" if self.path in SMALL_FILES.values() else "your own file"
 
 
@@ -51,14 +55,18 @@ def find_needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
     """List the checkpoints that any of several configurations needs, each once.
 
     Raises:
-        UserError: there is no published checkpoint of a configured architecture.
+        UserError: there is no published checkpoint of a configured architecture, or a package with weights is missing.
     """
     found: dict[Path, Needed] = {}
     for config in map(locate_checkpoints, configs):
         named = {f"models.{key}": value for key, value in configured_checkpoints(config).items()}
         named["transient.encoder_weights"] = config["transient"]["encoder_weights"]
         for key, value in named.items():
-            if value is not None:
+            if value == PHOTOS:
+                for package in (PHOTO_WEIGHTS, SENTENCES):
+                    path = package.find()
+                    found.setdefault(path, Needed(key, path, None, package))
+            elif value is not None:
                 path = SMALL_FILES[key.partition(".")[2]] if value == SMALL else expand_home(value)
                 found.setdefault(path, Needed(key, path, model_of_file(path)))
     return list(found.values())
@@ -167,8 +175,8 @@ def _entry(one: Needed) -> str:
             ("size", f"{model.megabytes:,.1f} MB"),
         ]
         rows.append(("SHA-256", model.sha256 or "none is published; that of the first download is stored"))
-    elif one.path in SMALL_FILES.values():
-        rows.append(("license", OWN_LICENSE))
+    elif one.package or one.path in SMALL_FILES.values():
+        rows.append(("license", one.package.license if one.package else OWN_LICENSE))
     if not one.missing and not (one.published and one.published.sha256):
         rows.append(("its SHA-256", content_hash(one.path)))
         if not one.published:

@@ -1,7 +1,7 @@
 """Load OpenCLIP from a configuration and a checkpoint, with its tokenizer and preprocessing."""
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +12,14 @@ from egosplat.compute import Compute, choose_compute
 from egosplat.errors import UserError
 from egosplat.files import read_json, read_user_text
 from egosplat.models.checkpoints import CLIP, find_checkpoint
-from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, clip_folder
+from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, PHOTOS, clip_folder
 from egosplat.models.weights import load_weights, read_tensors
 from egosplat.models.without_compiler import without_compiler
 
 if TYPE_CHECKING:
     from open_clip import SimpleTokenizer
+
+    from egosplat.models.sentences import WordPieces
 
 # Errors that OpenCLIP raises for invalid settings.
 _NO_MODEL = (
@@ -68,14 +70,14 @@ class OpenClip:
         preprocessing: input format of ``encode_image``.
         tokenizer: maps a list of N texts to (N, T) int64 tokens.
         compute: device and precision; run the model within ``compute.inference()``.
-        words: lower-case words of the training captions; None if the model's folder does not list them.
+        words: lower-case words that the model knows; None if they are not known.
     """
 
     model: nn.Module
     preprocessing: Preprocessing
-    tokenizer: "SimpleTokenizer"
+    tokenizer: "SimpleTokenizer | WordPieces"
     compute: Compute
-    words: frozenset[str] | None = None
+    words: Container[str] | None = None
 
 
 def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
@@ -89,6 +91,8 @@ def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> 
         UserError: a file is missing or damaged, or the files do not match; a part of the model would have to be
             downloaded; the device is missing.
     """
+    if PHOTOS in (model, checkpoint):
+        return _load_photo_words(model, checkpoint, device, precision)
     compute = choose_compute(device, precision)
     folder, path = clip_folder(model), find_checkpoint(CLIP, checkpoint)
     description = read_description(model, folder)
@@ -104,6 +108,18 @@ def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> 
     )
 
 
+def _load_photo_words(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
+    """Load the model of ``models.set: photos``, which has OpenCLIP's interface."""
+    from egosplat.models.photo_words import load_photo_words
+
+    if model != checkpoint:
+        raise UserError(
+            f"models.clip_model = {model}, models.clip_checkpoint = {checkpoint}: both are photos, or neither is. "
+            "Set models.set to photos, which sets both"
+        )
+    return load_photo_words(device, precision)
+
+
 def _read_words(folder: Path | None) -> frozenset[str] | None:
     if folder is None or not (path := folder / CLIP_WORDS).is_file():
         return None
@@ -117,7 +133,8 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
         UserError: the folder's ``open_clip_config.json`` is damaged, or the model needs the Hugging Face hub.
     """
     if folder is None:
-        from open_clip import get_model_config
+        with without_compiler():
+            from open_clip import get_model_config
 
         description = {"model_cfg": get_model_config(model)}
     else:

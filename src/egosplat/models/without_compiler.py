@@ -1,4 +1,5 @@
-"""Import libraries of models without torch's compiler, whose import takes 2.3 to 2.8 CPU-seconds (torch 2.15, timm 1.0)."""
+"""Import libraries of models without torch's compiler, whose import takes 2.3 to 2.8 CPU-seconds (torch 2.15, timm 1.0), and without
+transformers, which open_clip imports where it finds it and egosplat never uses."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -10,6 +11,7 @@ from typing import Any
 import torch
 
 _UTILS = "torch._dynamo.utils"
+_HIDDEN = "transformers"
 
 
 class _StandIn(ModuleType):
@@ -32,7 +34,7 @@ class _StandIn(ModuleType):
 
 @contextmanager
 def without_compiler() -> Iterator[None]:
-    """Make imports inside the context leave torch's compiler alone, unless it is imported already.
+    """Make imports inside the context leave torch's compiler and transformers alone, unless they are imported already.
 
     Functions that a library excludes from compilation while it is imported are not excluded. Nothing here compiles any.
     """
@@ -41,10 +43,14 @@ def without_compiler() -> Iterator[None]:
         return
     stand_in, disable = _StandIn(_UTILS), torch.compiler.disable
     sys.modules[_UTILS], torch.compiler.disable = stand_in, _unchanged
+    # None makes an import fail as that of a package that is not installed.
+    sys.modules.setdefault(_HIDDEN, None)  # type: ignore[arg-type]
     try:
         yield
     finally:
         torch.compiler.disable = disable
+        if sys.modules.get(_HIDDEN) is None:
+            sys.modules.pop(_HIDDEN, None)
         if sys.modules.get(_UTILS) is stand_in:
             del sys.modules[_UTILS]
 

@@ -12,7 +12,7 @@ from egosplat.files import read_user_text
 from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.general_options import PROTOCOLS, VARIANTS, GeneralOptions
 from egosplat.pipeline.messages import not_allowed, shorten, shown, unknown_key
-from egosplat.pipeline.model_sets import DEFAULTS, set_of, switch_models
+from egosplat.pipeline.model_sets import AUTO, DEFAULTS, PHOTOS, choose_set, name_set, set_of, switch_models
 from egosplat.pipeline.options import Options, convert, keys_of, sections_of
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
@@ -175,6 +175,8 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     below = merge(PROTOCOLS, preset.get("formats", {}))
     formats = {name: _without(keys, user) for name, keys in below.items()}
     settings = merge(preset | {"formats": formats}, user)
+    if set_of(settings) in (None, AUTO):
+        _check_automatic(settings)
     # A variant of the user stands beside the default ones, and replaces one of its name.
     settings["variants"] = {**copy.deepcopy(VARIANTS), **asked["variants"]}
     resolved = validate(merge(DEFAULTS.get(set_of(settings), {}), settings), f"preset {path.name}")
@@ -184,9 +186,34 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     return resolved
 
 
+def _check_automatic(settings: Mapping[str, Any]) -> None:
+    """Check that no key has the value of the small models where recordings take another: it would be lost there."""
+    for section, keys in DEFAULTS[PHOTOS].items():
+        for name, value in keys.items():
+            given = settings.get(section, {}).get(name)
+            if given == DEFAULTS[AUTO][section][name] != value:
+                raise UserError(
+                    f"configuration: {section}.{name} = {shown(given)} is for the small models, and recordings take "
+                    f"{shown(value)} by themselves. Set models.set, too: small or {PHOTOS} (docs/models.md)"
+                )
+
+
 def of_format(config: Mapping[str, Any], name: str) -> Config:
     """Get the configuration of scenes of a format."""
     return overlaid(config, config["formats"].get(name, {})) | {"formats": {}}
+
+
+def of_scene(config: Mapping[str, Any], format: str, options: Mapping[str, Any], automatic: str) -> Config:
+    """Get the configuration of a scene; ``validate`` checks it.
+
+    Args:
+        format, options: of its row.
+        automatic: the set of models that ``auto`` stands for.
+    """
+    # Before keys of format and row are merged: those win over the defaults of the set.
+    formats = {name: name_set(keys, automatic) for name, keys in config["formats"].items()}
+    chosen = choose_set(config, automatic) | {"formats": formats}
+    return overlaid(of_format(chosen, format), name_set(options, automatic))
 
 
 def overlaid(config: Mapping[str, Any], above: Mapping[str, Any]) -> Config:

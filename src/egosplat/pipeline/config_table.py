@@ -7,7 +7,7 @@ from typing import Any
 from egosplat.pipeline.config import section_keys, section_options
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.messages import choices, kinds_of, limits_of, shown
-from egosplat.pipeline.model_sets import DEFAULTS
+from egosplat.pipeline.model_sets import DEFAULTS, PHOTOS
 from egosplat.pipeline.options import Options, describe, keys_of
 from egosplat.pipeline.published import PUBLISHED
 
@@ -33,7 +33,7 @@ _HEAD = """# All configuration keys
 `egosplat keys > config/reference.md` writes this page from the options of the stages (`options.py` in each folder of `src/egosplat/`);
 `egosplat keys --schema` prints a JSON schema for editors. [README.md](README.md) has recipes and the order in which values are searched. A
 changed key reruns the stages that take it and the stages after them. By hand: `egosplat splats --set iterations=500 ...`. A default after
-"published" holds with `models.set: published`."""
+"photos" or "published" holds with that `models.set`."""
 
 _READINGS = """# Readings of the paper
 
@@ -131,8 +131,8 @@ def _allowed(key: Mapping[str, Any]) -> str:
 
 
 def _default(section: str, name: str, key: Mapping[str, Any]) -> str:
-    """The default as YAML, and that of the published models; for several named things, the names."""
+    """The default as YAML, and those of other sets of models; for several named things, the names."""
     value = key["default"]
     text = ", ".join(f"`{one}`" for one in (value if isinstance(value, Mapping) else [shown(value)]))
-    published = DEFAULTS[PUBLISHED].get(section, {})
-    return f"{text}; published: `{shown(published[name])}`" if name in published else text
+    sets = {one: DEFAULTS[one].get(section, {}).get(name, value) for one in (PHOTOS, PUBLISHED)}
+    return "; ".join([text, *(f"{one}: `{shown(other)}`" for one, other in sets.items() if other != value)])

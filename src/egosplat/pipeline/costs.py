@@ -38,6 +38,9 @@ _GPU_SPEEDUP = 150
 _ON_GPU = {"auto", "cuda"}
 _SMALL = "small"
 
+# Channels of features by models.clip_model; others have about 512.
+_CHANNELS = {_SMALL: 128, "photos": 1000}
+
 
 class Cost(NamedTuple):
     """What a stage takes.
@@ -267,7 +270,7 @@ class Sizes:
 
     @property
     def _channels(self) -> int:
-        return 128 if self._config["models"]["clip_model"] == _SMALL else 512
+        return _CHANNELS.get(self._config["models"]["clip_model"], 512)
 
     def _read(self, name: str, default: float | None = None) -> float:
         for artifact, array, axes in _IN_ARTIFACTS[name]:

@@ -5,17 +5,30 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.pipeline.published import ENCODER, LIBRARIES, PUBLISHED, published_model
+from egosplat.pipeline.recording_origin import Origin
+
+# The sets: egosplat chooses; bundled, for its apartments; words for photographs, from Python packages.
+AUTO, SMALL, PHOTOS = "auto", "small", "photos"
+
+_OF_SMALL: dict[str, dict[str, Any]] = {
+    "models": dict.fromkeys(("sam2_config", "sam2_checkpoint", "clip_model", "clip_checkpoint"), SMALL),
+    "segments": {"image_size": 512},
+    "view_features": {"cut": "hull"},
+    "features": {"mismatched_views": "keep_own"},
+    "transient": {"encoder_weights": None},
+    "query": {"temperature": 10.0, "min_score": 0.78},
+}
 
 # Defaults by set of models, of each key whose best value depends on the model. Those of ``small`` are the defaults of the
-# options, too; those of ``published`` are the paper's or LangSplat's.
+# options, too; those of ``published`` are the paper's or LangSplat's; ``photos`` finds masks with the small SAM2.
 DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
-    "small": {
-        "models": dict.fromkeys(("sam2_config", "sam2_checkpoint", "clip_model", "clip_checkpoint"), "small"),
-        "segments": {"image_size": 512},
-        "view_features": {"cut": "hull"},
-        "features": {"mismatched_views": "keep_own"},
-        "transient": {"encoder_weights": None},
-        "query": {"temperature": 10.0, "min_score": 0.78},
+    AUTO: _OF_SMALL,
+    SMALL: _OF_SMALL,
+    PHOTOS: _OF_SMALL
+    | {
+        "models": _OF_SMALL["models"] | {"clip_model": PHOTOS, "clip_checkpoint": PHOTOS},
+        "view_features": {"cut": "region"},
+        "query": {"temperature": 10.0, "min_score": 0.62},
     },
     PUBLISHED: {
         "models": {
@@ -57,6 +70,29 @@ def switch_models(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[s
         changed = {name: value for name, value in keys.items() if config[section][name] == usual[name]}
         found[section] = config[section] | changed
     return found
+
+
+def choose_set(config: Mapping[str, Any], automatic: str) -> dict[str, Any]:
+    """Replace ``auto`` in a complete configuration by a set of models, with its defaults.
+
+    Args:
+        automatic: what ``auto`` stands for; ``automatic_set`` tells it for a scene.
+    """
+    if set_of(config) != AUTO:
+        return dict(config)
+    return name_set(switch_models(config, {"models": {"set": automatic}}), automatic)
+
+
+def name_set(keys: Mapping[str, Any], automatic: str) -> dict[str, Any]:
+    """Replace ``auto``, the name alone, in keys to be merged over a configuration."""
+    if set_of(keys) != AUTO:
+        return dict(keys)
+    return dict(keys) | {"models": keys["models"] | {"set": automatic}}
+
+
+def automatic_set(origin: Origin) -> str:
+    """Choose the set for a recording: the small models know only what egosplat renders."""
+    return SMALL if origin == "synthetic" else PHOTOS
 
 
 def locate_checkpoints(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.home import scenes_table
-from egosplat.pipeline.model_sets import locate_checkpoints
+from egosplat.pipeline.model_sets import automatic_set, locate_checkpoints
+from egosplat.pipeline.recording_origin import Origin, recording_origin
 from egosplat.pipeline.validation import Draft202012Validator, explain, schema
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
@@ -218,9 +219,6 @@ def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) 
     options = configuration.parse_options(row["options"], where)
     if common := {"data_root", "formats"} & options.keys():
         raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")
-    own = configuration.overlaid(configuration.of_format(config, row["format"]), options)
-    own = configuration.validate(own, where)
-    locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     root = config["data_root"].get(row["dataset"])
     filmed = row["format"] == "adt" and "seed" in options.get("synthetic", {})
     by_name = row["recording"] == NO_RECORDING
@@ -240,7 +238,18 @@ def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) 
         raise UserError(
             f"{where}: recording: a name is longer than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
         )
+    origin = "synthetic" if synthetic else _origin(row["format"], recording)
+    own = configuration.of_scene(config, row["format"], options, automatic_set(origin))
+    own = configuration.validate(own, where)
+    locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
+
+
+def _origin(format: str, recording: Path) -> Origin:
+    try:
+        return recording_origin(format, recording)
+    except UserError:
+        return "real"  # the stage frames reports what is wrong with the recording
 
 
 def _recording(given: str, root: str | None, where: str) -> Path:

@@ -57,11 +57,12 @@ class SetOptions(Options):
 
     section: ClassVar[str] = "models"
 
-    set: Literal["small", "published"] = "small"
-    """Which models: small (bundled, trained on synthetic apartments only) or published (the paper's SAM2, OpenCLIP and
-    encoder of the transient network; egosplat models download fetches them). Keys whose best value depends on the model
-    have a default for each set, and so have the filters of SAM2's masks (docs/models.md); a key that you set yourself
-    wins."""
+    set: Literal["auto", "small", "photos", "published"] = "auto"
+    """Which models: small (bundled, trained on synthetic apartments only), photos (the small SAM2, and words of
+    ImageNet's classes for photographs), published (the paper's SAM2, OpenCLIP and encoder of the transient network;
+    egosplat models download fetches them), or auto: small for egosplat's apartments, photos for recordings (a stage by
+    hand: small). Keys whose best value depends on the model have a default for each set, and so have the filters of
+    SAM2's masks (docs/models.md); a key that you set yourself wins."""
 
 
 class Sam2Options(Options):
@@ -84,11 +85,11 @@ class ClipOptions(Options):
     section: ClassVar[str] = "models"
 
     clip_model: Text = "small"
-    """OpenCLIP architecture: small (bundled), a name of the package open_clip such as ViT-B-16 (the paper's), or a
+    """OpenCLIP architecture: small (bundled), photos (ImageNet's classes and sentences, docs/models.md), a name of the package open_clip such as ViT-B-16 (the paper's), or a
     folder with open_clip_config.json. Larger models know more words and are slower."""
 
     clip_checkpoint: Text = "small"
-    """OpenCLIP weights: small (bundled, knows only the words of synthetic apartments), published (those of
+    """OpenCLIP weights: small (bundled, knows only the words of synthetic apartments), photos, published (those of
     clip_model in the folder cache), or a .bin, .pt or .safetensors file that fits clip_model."""
 
 

@@ -9,7 +9,7 @@ from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.model_sets import locate_checkpoints
+from egosplat.pipeline.model_sets import choose_set, locate_checkpoints, set_of
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
@@ -67,7 +67,8 @@ def variant_config(base: Config, name: str, where: str) -> Config:
                 raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
         keys = {key: value for key, value in base["variants"][one].items() if key not in (EXTENDS, METHOD)}
         merged = configuration.overlaid(merged, keys)
-    merged = configuration.validate(merged, f"variant {name}")
+    # A variant's ``auto`` is the scene's set.
+    merged = choose_set(configuration.validate(merged, f"variant {name}"), set_of(base))
     if merged["synthetic"] != base["synthetic"]:
         raise UserError(
             f"variant {name}: variants share the scene's recording; leave out the section synthetic"

@@ -7,6 +7,7 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.pipeline.model_sets import DEFAULTS, PHOTOS
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.options import AskingOptions
@@ -17,7 +18,7 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
     """Open a finished scene or variant, such as ``results/adt/scene1``. Only what describes its artifacts is read.
 
     Args:
-        options: how queries are answered; None for the defaults.
+        options: how queries are answered; None for the defaults, which follow the model.
         keys: keys of the section ``query``, ``backend``, ``device`` or ``precision`` that differ, such as ``min_score=0.6``.
 
     Raises:
@@ -29,8 +30,14 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
     (['part', 'whole'], 5, 700)
     """
     folder = Path(folder)
-    options = (options or AskingOptions()).change_keys(**keys)
-    return scene_of(open_artifacts(folder), options, folder)
+    artifacts, options = open_artifacts(folder), options or AskingOptions()
+    suited = {key: value for key, value in _suited(artifacts[-1]).items() if key not in options.model_fields_set}
+    return scene_of(artifacts, options.change_keys(**suited | keys), folder)
+
+
+def _suited(encoded: Artifact) -> dict[str, Any]:
+    """Defaults of queries that suit the model of a scene's features, if that is the words for photographs."""
+    return DEFAULTS[PHOTOS]["query"] if encoded.facts["clip"]["model"] == PHOTOS else {}
 
 
 def open_artifacts(folder: Path) -> list[Artifact]:

@@ -67,7 +67,7 @@ class QueryOptions(MapOptions):
     """Smallest score, 0 to 1, of an answer; below it egosplat query reports that the scene has no such object. A
     score of 0.5 means as similar as the best canonical phrase. 0.78 has the most right answers minus answers to
     absent objects on three synthetic apartments, with the small models and a temperature of 10
-    (benchmarks/presence/README.md). 0 accepts everything."""
+    (benchmarks/presence/README.md). 0 accepts everything. docs/models.md has the value of each set of models."""
 
     def refusal(self, score: float, untaught: Sequence[str]) -> str | None:
         """The reason why a query has no answer; None if it has one.

@@ -49,7 +49,7 @@ class MaskFilter:
 
 # By models.set.
 MASK_FILTERS = {
-    "small": MaskFilter(0.3, 0.7, 0.1, 0.2),
+    **dict.fromkeys(("auto", "small", "photos"), MaskFilter(0.3, 0.7, 0.1, 0.2)),
     "published": MaskFilter(0.7, 0.85, 1.0, 0.7),
 }
 

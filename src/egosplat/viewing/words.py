@@ -34,7 +34,7 @@ def pack_words(clip: OpenClip, canonical: tuple[str, ...]) -> tuple[Arrays, Fact
     tower = _tower(clip)
     facts = {
         "words": list(words),
-        "taught": sorted(clip.words) if clip.words is not None else None,
+        "taught": sorted(clip.words) if isinstance(clip.words, frozenset) else None,
         "tower": None,
     }
     if tower is not None:

@@ -14,6 +14,7 @@ from egosplat.doctor import machine
 from egosplat.doctor.examination import examine
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.errors import UserError
+from egosplat.models.configs import PHOTO_WEIGHTS
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.options import keys_of
 from egosplat.rasterize import cuda
@@ -185,7 +186,7 @@ def test_small_checkpoints_are_noted_for_each_real_scene(folder):
     for name in ("a.mp4", "b.mp4"):
         (folder / name).touch()
     assert "mine/a" not in found(), "these models are not the small ones"
-    small = "models={clip_model: small, clip_checkpoint: small}"
+    small = "models={set: small, clip_model: small, clip_checkpoint: small}"
     findings = found(small)
     for scene in ("mine/a", "mine/b"):
         assert findings[scene].mark == Mark.NOTE and "models.clip_checkpoint" in findings[scene].value
@@ -193,6 +194,21 @@ def test_small_checkpoints_are_noted_for_each_real_scene(folder):
     assert "adt/s1" not in findings
     (folder / "b.mp4").unlink()
     assert "mine/b" not in found(small)
+
+
+def test_words_for_photographs_are_checked_where_a_recording_takes_them(folder, monkeypatch):
+    """The package is missed now, not after the masks were found."""
+    (folder / "config/config.yaml").write_text("")
+    findings = found()
+    assert findings["OpenCLIP"].value.startswith("small, ")
+    assert "OpenCLIP, adt/s1" not in findings and "OpenCLIP, mine/b" not in findings, "each model once"
+    assert findings["OpenCLIP, mine/a"].value.startswith("photos, ")
+    assert "models.set photos" in findings["mine/a"].value and "to published" in findings["mine/a"].advice
+    spec = importlib.util.find_spec
+    hidden = PHOTO_WEIGHTS.module
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == hidden else spec(name))
+    finding = found()["OpenCLIP, mine/a"]
+    assert finding.mark == Mark.MISSING and f"pip install {PHOTO_WEIGHTS.name}" in finding.value
 
 
 def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(folder, monkeypatch):

@@ -39,6 +39,19 @@ def test_the_notice_names_only_the_small_checkpoint():
     assert "models.sam2_checkpoint" in told and "clip" not in told
 
 
+def test_words_for_photographs_have_limits_and_none_of_them_suits_aria_glasses():
+    """The notice of artifacts knows the glasses by their device frame."""
+    words = {"sam2_checkpoint": "small", "clip_checkpoint": "photos"}
+    plain, aria = notice("real", words), notice("real", words, aria=True)
+    assert "models.set photos" in plain and "ImageNet" in plain and "to published" in plain
+    assert "models.set photos" in aria and "unreliable" in aria and "to published" in aria
+    assert notice("synthetic", words) is None and "\n" not in plain + aria
+    used = artifact("real", words)
+    assert notice_of_artifacts([used]) == plain
+    assert notice_of_artifacts([used, artifact("real", {}, device_from_camera=[[1.0]])]) == aria
+    assert notice_of_artifacts([used, artifact("real", {}, device_from_camera=None)]) == plain
+
+
 def test_artifacts_are_reported_by_their_provenance():
     segments = artifact("real", {"sam2_checkpoint": "small"})
     frames = artifact("real", {})

@@ -1,5 +1,6 @@
 """One key switches the models together with the thresholds that suit them."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import reaches, scene_config, variant_config
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
-PUBLISHED = {"models": {"set": "published"}}
+PUBLISHED, SMALL = ({"models": {"set": name}} for name in ("published", "small"))
 # The keys that follow the set, as values of the paper or of LangSplat.
 VALUES = {
     "models": {
@@ -37,10 +38,12 @@ def resolved(**user):
     return config.resolve(user, PRESETS)
 
 
-def scene(tmp_path: Path, format: str = "plain", options: str = "", **user) -> Scene:
+def scene(tmp_path: Path, format: str = "plain", options: str = "", recording: str = "r", **user) -> Scene:
     """The only scene of a table."""
     table = tmp_path / "scenes.tsv"
-    table.write_text(f"dataset\tscene\tformat\trecording\toptions\nmine\ts\t{format}\tr\t{options}\n")
+    table.write_text(
+        f"dataset\tscene\tformat\trecording\toptions\nmine\ts\t{format}\t{recording}\t{options}\n"
+    )
     (found,) = read_scenes(resolved(scenes=str(table), **user)).values()
     return found
 
@@ -60,6 +63,14 @@ def test_the_record_of_each_set_names_these_keys():
     assert DEFAULTS["published"] == VALUES
     usual = config.defaults()
     assert DEFAULTS["small"] == {s: {key: usual[s][key] for key in keys} for s, keys in VALUES.items()}
+    own = {
+        (section, key): value
+        for section, keys in DEFAULTS["photos"].items()
+        for key, value in keys.items()
+        if DEFAULTS["small"][section][key] != value
+    }
+    clip = {("models", key): "photos" for key in ("clip_model", "clip_checkpoint")}
+    assert own == clip | {("query", "min_score"): 0.62, ("view_features", "cut"): "region"}
 
 
 @pytest.mark.parametrize("preset", keys_of(GeneralOptions)["preset"]["enum"])
@@ -95,15 +106,78 @@ def test_a_key_of_the_user_wins_over_the_set():
 def test_a_format_a_scene_and_a_variant_may_choose_a_set(tmp_path):
     """Real recordings take the published models, and synthetic apartments the small ones."""
     formats = {"plain": PUBLISHED | {"query": {"temperature": 5.0}}}
-    plain, adt = (scene(tmp_path, format, formats=formats) for format in ("plain", "adt"))
+    plain = scene(tmp_path, formats=formats)
+    adt = scene(tmp_path, "adt", "synthetic.seed=1", formats=formats)
     assert plain.config["query"]["temperature"] == 5.0 and plain.config["query"]["min_score"] == 0.0
     assert follow(plain.config | {"query": VALUES["query"]}) and follow(adt.config, published=False)
     assert follow(scene(tmp_path, options="models.set=published").config)
     assert follow(scene(tmp_path, options="models.set=small", preset="paper").config, published=False)
-    variants = {"other": PUBLISHED, "back": {"extends": "other", "models": {"set": "small"}}}
-    base = resolved(variants=variants)
+    back = {name: {"extends": "other", "models": {"set": name}} for name in ("small", "auto")}
+    base = resolved(variants={"other": PUBLISHED} | back, **SMALL)
     assert follow(variant_config(base, "other", "s"))
-    assert follow(variant_config(base, "back", "s"), published=False)
+    for name in back:
+        assert follow(variant_config(base, name, "s"), published=False)
+        assert variant_config(base, name, "s")["models"]["set"] == "small"
+
+
+@pytest.mark.parametrize(
+    "format, options, metadata, expected",
+    [
+        ("plain", "", None, "photos"),
+        ("hoi4d", "", None, "photos"),
+        ("adt", "", None, "photos"),
+        ("adt", "", {"origin": "synthetic"}, "small"),
+        ("adt", "", {"origin": "real"}, "photos"),
+        ("adt", "synthetic.seed=1", None, "small"),
+        ("plain", "models.set=small", None, "small"),
+        ("plain", "models.set=published", None, "published"),
+        ("plain", "models.set=auto", None, "photos"),
+    ],
+)
+def test_a_scene_without_a_choice_takes_the_set_that_suits_its_recording(
+    tmp_path, format, options, metadata, expected
+):
+    """Apartments take the small models, what was filmed takes words for photographs; published models are asked for."""
+    recording = tmp_path / "recording"
+    recording.mkdir()
+    if metadata is not None:
+        (recording / "metadata.json").write_text(json.dumps(metadata))
+    found = scene(tmp_path, format, options, recording=str(recording)).config
+    assert found["models"]["set"] == expected
+    for section, keys in DEFAULTS[expected].items():
+        assert found[section].items() >= keys.items()
+
+
+@pytest.mark.parametrize(
+    "options, user",
+    [
+        ("", {"query": {"min_score": 0.5}}),
+        ("query.min_score=0.5", {}),
+        ("query.min_score=0.78", {}),  # the small models' default is a choice here
+        ("", {"formats": {"plain": {"query": {"min_score": 0.78}}}}),
+        ("models.set=auto query.min_score=0.78", PUBLISHED),
+        ("", {"models": {"set": "photos"}, "query": {"min_score": 0.78}}),
+    ],
+)
+def test_a_key_of_the_user_stays_where_photos_are_taken_by_themselves(tmp_path, options, user):
+    found = scene(tmp_path, options=options, **user).config
+    asked = 0.5 if "0.5" in options + str(user) else 0.78
+    assert found["models"]["set"] == found["models"]["clip_checkpoint"] == "photos"
+    assert found["query"]["min_score"] == asked
+
+
+@pytest.mark.parametrize(
+    "section, key, value",
+    [("query", "min_score", 0.78), ("models", "clip_model", "small"), ("models", "clip_checkpoint", "small")],
+)
+def test_a_value_of_the_small_models_for_all_scenes_needs_a_set(section, key, value):
+    """It could not be told from a default where recordings take photos."""
+    with pytest.raises(UserError, match=rf"{section}\.{key} = {value} .*models.set"):
+        resolved(**{section: {key: value}})
+    for chosen in ("small", "photos"):
+        keys = {section: {key: value}} if section != "models" else {}
+        models = {"set": chosen} | ({key: value} if section == "models" else {})
+        assert resolved(**keys | {"models": models})[section][key] == value
 
 
 def test_exactly_the_stages_with_a_key_of_the_set_change():
@@ -140,7 +214,9 @@ def test_published_checkpoints_are_files_of_the_cache(tmp_path):
 
 def test_the_folder_of_unused_checkpoints_changes_nothing(tmp_path):
     """With the small models the cache is no key of any stage."""
-    here, there = (scene_config(scene(tmp_path, models={"cache": name}), None) for name in ("a", "b"))
+    here, there = (
+        scene_config(scene(tmp_path, models={"cache": name, "set": "small"}), None) for name in ("a", "b")
+    )
     assert all(config.stage_values(stage, here) == config.stage_values(stage, there) for stage in STAGES)
 
 

