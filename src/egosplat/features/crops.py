@@ -61,15 +61,16 @@ def find_regions(labels: Labels, count: int) -> Regions:
     return Regions(seen.astype(np.int32), area[seen].astype(np.int32), box[seen])
 
 
-def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32], cut: str = "mask") -> Pixels:
+def cut_crop(
+    rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32], *, hull: bool = False
+) -> Pixels:
     """Cut the square around an instance's bounding box, black outside its mask.
 
     Args:
         rgb: (H, W, 3) uint8.
         labels: (H, W) at the instance's level.
         box: (4,) x0, y0, x1, y1 [px].
-        cut: ``mask``; ``hull``, which is black outside the convex hull of the mask; or ``region``, which is ``hull`` of the
-            mask's largest connected region and its bounding box alone.
+        hull: black outside the convex hull of the mask instead.
 
     Returns:
         (S, S, 3) uint8, S the longer side of the box. The box is centered, half a pixel up or left if the sides
@@ -77,29 +78,14 @@ def cut_crop(rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32],
     """
     x0, y0, x1, y1 = (int(value) for value in box)
     # Black outside the mask, as in LangSplat: the crop is S_i ⊙ I of the paper.
-    mask, shown = labels[y0:y1, x0:x1] == instance, rgb[y0:y1, x0:x1]
-    if cut == "region":
-        mask, where = largest_region(mask)
-        shown = shown[where]
-    inside = shown * (mask if cut == "mask" else fill_hull(mask))[..., None]
+    mask = labels[y0:y1, x0:x1] == instance
+    inside = rgb[y0:y1, x0:x1] * (fill_hull(mask) if hull else mask)[..., None]
     height, width = inside.shape[:2]
     side = max(height, width)
     top, left = (side - height) // 2, (side - width) // 2
     square = np.zeros((side, side, 3), np.uint8)
     square[top : top + height, left : left + width] = inside
     return square
-
-
-def largest_region(mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], tuple[slice, slice]]:
-    """Keep the largest connected region of an (H, W) mask with a pixel.
-
-    Returns:
-        The region in its bounding box, and that box as rows and columns of the mask.
-    """
-    regions, _ = ndimage.label(mask, np.ones((3, 3)))
-    largest = np.bincount(regions[mask]).argmax()
-    where = ndimage.find_objects(regions)[largest - 1]
-    return regions[where] == largest, where
 
 
 def fill_hull(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -225,13 +211,13 @@ def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
 
 
 def cut_crops(
-    frames: Artifact, instances: Artifact, views: InstanceViews, wanted: Preprocessing, cut: str
+    frames: Artifact, instances: Artifact, views: InstanceViews, wanted: Preprocessing, *, hull: bool
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield the upright (H, W, 3) uint8 crop of each view at the model's size; holds one frame at a time.
 
     Args:
         views: in the order ``by_frame``.
-        cut: as in ``cut_crop``.
+        hull: as in ``cut_crop``.
     """
     level = instances.read("instances/level")
     turned = lies_on_its_side(frames)
@@ -240,7 +226,7 @@ def cut_crops(
         # Each frame is decompressed once, because the views are in the order of the frames.
         if frame != at:
             rgb, labels, at = frames.row("rgb", frame), instances.row("labels", frame), frame
-        crop = cut_crop(rgb, labels[level[instance]], instance, box, cut)
+        crop = cut_crop(rgb, labels[level[instance]], instance, box, hull=hull)
         # CLIP is not invariant to rotation, and Aria's first generation films sideways (docs/method.md#upright).
         yield resize(np.rot90(crop, -1) if turned else crop, wanted.image_size, wanted.interpolation)
 

@@ -15,14 +15,19 @@ class ViewFeaturesOptions(ClipOptions, DeviceOptions):
     """Smallest mask that is encoded, as a fraction of the frame (docs/method.md#smallest-view). 0 encodes instances
     of any size. Tiny crops carry little information and cost as much as large ones."""
 
-    cut: Annotated[Literal["mask", "hull", "region"], READING] = "hull"
+    cut: Annotated[Literal["mask", "hull"], READING] = "hull"
     """What a crop shows. mask: the pixels of the mask, as in the paper. hull: those of its convex hull, so that the
-    holes and ragged edges of the small SAM2's masks do not show. region: the hull of the mask's largest connected
-    region, so that specks far from a thing do not widen its crop. Answers keep the outlines of the masks."""
+    holes and ragged edges of the small SAM2's masks do not show. Answers keep the outlines of the masks. With
+    published models the default is mask."""
 
     max_views: Count | None = None
     """Largest number of encoded views per instance, evenly spaced over its frames. null encodes all. Fewer take
     proportionally less time; the remaining frames then use the consistent feature alone."""
+
+    @property
+    def hull(self) -> bool:
+        """Whether crops show the convex hulls of the masks."""
+        return self.cut == "hull"
 
 
 class FeaturesOptions(SeedOptions):

@@ -45,7 +45,7 @@ class _Inputs:
     frames: Artifact
     instances: Artifact
     clip: OpenClip
-    cut: str
+    hull: bool
 
 
 def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeaturesOptions) -> None:
@@ -59,7 +59,9 @@ def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeat
     frames, instances = open_artifact(frames_path, FRAMES), open_artifact(instances_path, INSTANCES)
     check_made_from(instances, frames, axes=("frame", "height", "width"))
     used = (options.clip_model, options.clip_checkpoint)
-    inputs = _Inputs(frames, instances, load_open_clip(*used, options.device, options.precision), options.cut)
+    inputs = _Inputs(
+        frames, instances, load_open_clip(*used, options.device, options.precision), options.hull
+    )
     model = _model_facts(inputs.clip, *used)
     record = provenance.begin_from(
         "view_features",
@@ -116,7 +118,7 @@ def _encoded(inputs: _Inputs, views: InstanceViews, batch: int, checkpoint: Chec
 def _batches(inputs: _Inputs, views: InstanceViews, size: int) -> Iterator[NDArray[np.uint8]]:
     """Yield (B, H, W, 3) crops in the order of the views, ``size`` at a time, across frames."""
     wanted = inputs.clip.preprocessing
-    crops = cut_crops(inputs.frames, inputs.instances, views, wanted, inputs.cut)
+    crops = cut_crops(inputs.frames, inputs.instances, views, wanted, hull=inputs.hull)
     while few := list(islice(crops, size)):
         yield np.stack(few)
 

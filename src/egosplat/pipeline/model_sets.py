@@ -27,7 +27,6 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     PHOTOS: _OF_SMALL
     | {
         "models": _OF_SMALL["models"] | {"clip_model": PHOTOS, "clip_checkpoint": PHOTOS},
-        "view_features": {"cut": "region"},
         "query": {"temperature": 10.0, "min_score": 0.62},
     },
     PUBLISHED: {

@@ -78,25 +78,6 @@ def test_a_crop_by_the_hull_shows_the_picture_inside_the_hull():
     rgb = np.arange(7 * 9 * 3, dtype=np.uint8).reshape(7, 9, 3) + 1
     labels = np.full((7, 9), -1, np.int32)
     labels[1:6, 1] = labels[1, 1:8] = labels[5, 1:8] = 3
-    crop = cut_crop(rgb, labels, 3, np.array([1, 1, 8, 6]), "hull")
+    crop = cut_crop(rgb, labels, 3, np.array([1, 1, 8, 6]), hull=True)
     np.testing.assert_array_equal(crop[1:6], rgb[1:6, 1:8])
     assert not crop[[0, 6]].any()
-
-
-def test_a_crop_by_the_region_leaves_out_what_lies_apart():
-    """The hull of the largest connected region; corners that touch connect, and the box is that of the region."""
-    rgb = np.arange(9 * 12 * 3).reshape(9, 12, 3).astype(np.uint8) // 2 + 1
-    labels = np.full((9, 12), -1, np.int32)
-    labels[2, 3:6] = labels[3, 6] = labels[4, 3:6] = 3
-    labels[0, 0] = labels[7:9, 10:12] = 3
-    crop = cut_crop(rgb, labels, 3, np.array([0, 0, 12, 9]), "region")
-    assert crop.shape == (4, 4, 3) and not crop[3].any() and not crop[[0, 2], 3].any()
-    np.testing.assert_array_equal(crop[1], rgb[3, 3:7])
-    np.testing.assert_array_equal(crop[[0, 2], :3], rgb[[2, 4], 3:6])
-
-
-def test_a_mask_in_one_piece_has_the_same_crop_by_its_hull_and_its_region():
-    rgb = np.full((6, 6, 3), 9, np.uint8)
-    labels = np.tri(6, dtype=np.int32)
-    crops = [cut_crop(rgb, labels, 1, np.array([0, 0, 6, 6]), cut) for cut in ("hull", "region")]
-    np.testing.assert_array_equal(*crops)

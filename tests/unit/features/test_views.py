@@ -63,7 +63,7 @@ def test_crops_are_upright(scene, facts, turned):
     frames, instances = artifacts(scene(**facts))
     views = find_views(frames, instances, 0.0, None)
     views = views.chosen(views.by_frame)
-    crops = list(cut_crops(frames, instances, views, WANTED, "mask"))
+    crops = list(cut_crops(frames, instances, views, WANTED, hull=False))
     assert len(crops) == len(views)
     expected = np.zeros((11, 11, 3), np.uint8)
     expected[2:9] = frames.row("rgb", 0)[2:9, :11]
@@ -78,5 +78,5 @@ def test_each_frame_is_read_once(scene, monkeypatch):
     monkeypatch.setattr(
         type(frames), "row", lambda self, name, at: read.append((name, int(at))) or row(self, name, at)
     )
-    list(cut_crops(frames, instances, views.chosen(views.by_frame), WANTED, "mask"))
+    list(cut_crops(frames, instances, views.chosen(views.by_frame), WANTED, hull=False))
     assert sorted(read) == sorted((name, frame) for name in ("rgb", "labels") for frame in range(4))

@@ -70,7 +70,7 @@ def test_the_record_of_each_set_names_these_keys():
         if DEFAULTS["small"][section][key] != value
     }
     clip = {("models", key): "photos" for key in ("clip_model", "clip_checkpoint")}
-    assert own == clip | {("query", "min_score"): 0.62, ("view_features", "cut"): "region"}
+    assert own == clip | {("query", "min_score"): 0.62}
 
 
 @pytest.mark.parametrize("preset", keys_of(GeneralOptions)["preset"]["enum"])

@@ -18,6 +18,7 @@ BEFORE = json.loads(lzma.decompress((Path(__file__).parent / "data/values_before
 
 # Keys that became constants, with their values, by stage.
 CONSTANTS = {
+    "survey": {"max_moving_probability": 0.5},
     "poses": {"overlap": 12, "max_gap_ms": 50.0, "seed": 0},
     "segments": {
         "batch": 16,
@@ -41,6 +42,7 @@ FILTERS = ("pred_iou_thresh", "stability_score_thresh", "stability_score_offset"
 # Keys that came later, by stage.
 LATER = {
     "synthetic": ("world",),
+    "survey": ("min_moving_share",),
     "masks": ("sure_probability",),
     "view_features": ("cut",),
     "splats": ("source",),

@@ -114,7 +114,7 @@ def table(counts: list[int], outliers: dict[int, list[int]], meaning: list[int] 
     inlier = np.array([p not in outliers.get(int(i), []) for i, p in zip(instance, place, strict=True)], bool)
     box = instance[:, None] * 10 + np.array([0, 0, 5, 5], np.int32)
     consistent = np.eye(count)[range(count) if meaning is None else meaning]
-    return Table(instance, place, box, inlier, np.zeros(count, np.int8), consistent, cut="mask")
+    return Table(instance, place, box, inlier, np.zeros(count, np.int8), consistent, hull=False)
 
 
 def move(some: Table, instance: int, to: int, by: int = 0) -> Table:

@@ -60,7 +60,7 @@ class Table:
         inlier: (R,) bool.
         level: (N,) int8.
         consistent: (N, D) float64 features of unit norm, 0 without views.
-        cut: what crops show, see ``cut_crop``.
+        hull: whether crops show convex hulls, see ``cut_crop``.
     """
 
     instance: NDArray[np.int32]
@@ -69,7 +69,7 @@ class Table:
     inlier: NDArray[np.bool_]
     level: NDArray[np.int8]
     consistent: NDArray[np.float64]
-    cut: str
+    hull: bool
 
     def rows(self, instance: int) -> NDArray[np.int64]:
         """Rows of the views of an instance."""
@@ -103,7 +103,7 @@ def _read(views: Artifact, features: Artifact) -> Table:
         features.read("inlier"),
         views.read("instances/level"),
         unit(features.read("consistent")),
-        views.provenance["options"]["cut"],
+        views.provenance["options"]["cut"] == "hull",
     )
 
 
@@ -171,7 +171,7 @@ def _draw_views(
     for cell, row in zip(cells, rows.tolist(), strict=False):
         frame, instance = table.frame[row], table.instance[row]
         labels = instances.row("labels", frame)[table.level[instance]]
-        crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], table.cut)
+        crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], hull=table.hull)
         _draw_crop(cell, np.rot90(crop, -1) if turned else crop, bool(table.inlier[row]))
         color = "black" if table.inlier[row] else "crimson"
         cell.set_title(
