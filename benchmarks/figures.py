@@ -72,13 +72,12 @@ def psnr(rows: Rows, setting: str, group: str = "all") -> str:
 
 
 def presence(rows: Rows, setting: str, what: str) -> str:
-    """Share of whole-scene queries: present things ``answered``, rightly (``right``); ``absent`` things answered."""
+    """Share of whole-scene queries: present things found, rightly (``right``), right best guesses; ``absent`` ones found."""
     asked = rows.of("presence", setting, present=int(what != "absent"))
+    graded = asked["grade"] == "best guess" if what == "guessed" else asked["answered"]
     # An answer that no frame could verify is not right.
-    right = asked["right"].astype(float).fillna(0) if what == "right" else 1.0
-    return figure(
-        by_scene(asked.assign(value=asked["answered"] * right), "value", group_by="phrase"), 100, ".0f", " %"
-    )
+    right = asked["right"].astype(float).fillna(0) if what in ("right", "guessed") else 1.0
+    return figure(by_scene(asked.assign(value=graded * right), "value", group_by="phrase"), 100, ".0f", " %")
 
 
 def chance(rows: Rows, setting: str, answerer: str) -> str:

@@ -18,16 +18,22 @@ from egosplat.errors import UserError
 from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.pipeline.variants import variant_folder
+from egosplat.query.grades.calibration import Evidence
 
 LEDGER = ROOT / "benchmarks" / "ledger"
 
 ABOUT = "about.json"
 
+EVIDENCE = tuple(Evidence.__dataclass_fields__)
+
 # Columns of each table after scene and setting.
 COLUMNS = {
     "queries": ("group", "frame", "category", "hit", "iou", "random_hit", "middle_hit"),
     "frames": ("group", "frame", "pixels", "psnr", "ssim"),
-    "presence": ("phrase", "present", "score", "answered", "untaught", "right"),
+    "presence": (
+        *("phrase", "present", "score", "answered", "untaught", "right", "grade", "probability"),
+        *EVIDENCE,
+    ),
     "runs": ("cpu_s", "peak_memory_mb", "gaussians", "seed", "preset", "recording", "commit", "clean"),
 }
 
@@ -230,7 +236,7 @@ def _rows_of(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]
         for group, region in frame["rendering"].items():
             yield "frames", (group, frame["frame"], region["pixels"], region["psnr"], region["ssim"])
     for asked in document.get("presence", {}).get("queries", ()):
-        values = [asked[name] for name in COLUMNS["presence"]]
+        values = [(asked | (asked["evidence"] or {})).get(name) for name in COLUMNS["presence"]]
         yield "presence", tuple(int(value) if isinstance(value, bool) else value for value in values)
     records = [one for one in (*document["artifacts"].values(), document["provenance"]) if one is not None]
     cost = (sum(one["cpu_s"] for one in records), max(one["peak_memory_mb"] for one in records))

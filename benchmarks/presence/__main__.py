@@ -1,158 +1,150 @@
-"""How many scene queries are answered and refused, for things that are present and for things that are absent.
+"""How queries of whole scenes are graded, for things that are present and for things that are absent.
 
     snakemake --cores 2 results/adt/scene{1,2,3,4,5}/metrics.json
-    python -m benchmarks.presence results/adt/scene{1,2,3,4,5}
+    python -m benchmarks.presence results/adt/scene{1,2,3,4,5} --fit
 
-Chooses the limit `query.min_score` on the given scenes. Apartments kept for reporting only never take part in the choice.
-Prints a table; `--picture` draws the curve.
+Fits the probability that an answer is right, prints how well it holds in scenes that the fit has not seen, each left out in
+turn, and the three grades with it. Without folders, the committed rows are taken. Apartments kept for reporting only never
+take part in a fit.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import click
-import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
 
-from benchmarks.common import command, markdown, scene_folders
-from benchmarks.rows import collect_page, rows_option
-from egosplat.drawing import plt, save_figure
+from benchmarks.common import command, markdown
+from benchmarks.presence.fit import (
+    EVIDENCE,
+    Limits,
+    brier,
+    choose_limits,
+    fit_logistic,
+    held_out,
+    judged,
+    log_loss,
+    reliability,
+)
+from benchmarks.rows import Rows, collect_page, read_source, rows_option, stamp
 from egosplat.errors import UserError
-from egosplat.evaluation.presence import separation
-from egosplat.evaluation.scored_scenes import FULL, ScoredScene, read_scored_scene
+from egosplat.evaluation.options import recorded_options
+from egosplat.evaluation.scored_scenes import FULL, VALIDATION, ScoredScene, read_scored_scene
+from egosplat.files import write_text
+from egosplat.query.grades.calibration import FITS, held_keys, log_odds, read_fits
 
-LIMITS = np.arange(0.30, 0.901, 0.05)
-
-
-@dataclass(frozen=True)
-class Asked:
-    """Scores of the queries of some scenes, without queries that hold an untaught word.
-
-    Attributes:
-        present, right: (P,) scores of present things, and whether the answer was right.
-        absent: (A,) scores of absent things.
-        untaught: number of queries refused because of an untaught word, whatever their score.
-    """
-
-    present: NDArray[np.float64]
-    right: NDArray[np.bool_]
-    absent: NDArray[np.float64]
-    untaught: int
-
-    def best_limit(self) -> float:
-        """The limit with the largest share of right answers minus share of answers to absent things.
-
-        Of several such limits it is the smallest.
-        """
-        limits = np.unique(np.r_[self.present, self.absent, 1.0])
-        gains = [self.shares(limit)[1] - self.shares(limit)[2] for limit in limits]
-        return float(limits[int(np.argmax(gains))])
-
-    def shares(self, limit: float) -> tuple[float, float, float]:
-        """Shares of present things answered, of present things answered rightly, and of absent things answered."""
-        answered = self.present >= limit
-        return (
-            float(answered.mean()),
-            float((answered & self.right).mean()),
-            float((self.absent >= limit).mean()) if len(self.absent) else float("nan"),
-        )
+# Evidence that the fit is compared with: the log-odds of the score, and the lead alone.
+LESS = (("score",), ("lead",), ("size", "lead"), EVIDENCE, ("score", *EVIDENCE))
 
 
-def gather(scenes: Sequence[ScoredScene]) -> Asked:
-    """Collect the queries of scenes.
+def asked_of(rows: Rows) -> pd.DataFrame:
+    """The queries of the scenes' own settings that tell whether their answer is right, but for validation apartments.
 
     Raises:
-        UserError: no scene has a query for a present thing.
+        UserError: fewer than two scenes are left.
     """
-    rows = [row for scene in scenes for row in scene.document["presence"]["queries"]]
-    present, absent = ([row for row in rows if row["present"] is there] for there in (True, False))
-    taught = [row for row in absent if not row["untaught"]]
-    if not present:
-        raise UserError("no scene has queries for present things")
-    return Asked(
-        present=np.array([row["score"] for row in present]),
-        right=np.array([row["right"] is True for row in present]),
-        absent=np.array([row["score"] for row in taught]),
-        untaught=len(absent) - len(taught),
-    )
+    asked = judged(rows.of("presence", FULL)).reset_index(drop=True)
+    asked = asked[~asked["scene"].str.rpartition("/")[2].isin(VALIDATION)]
+    if asked["scene"].nunique() < 2:
+        raise UserError("give two scenes for tuning or more: each is predicted by a fit on the others")
+    return asked
 
 
-def grouped(scenes: Sequence[ScoredScene]) -> dict[str, Asked]:
-    """Queries of the scenes for tuning and of validation apartments; a group without scenes is left out."""
-    own = {
-        name: [one for one in scenes if one.validation is which]
-        for name, which in {"tuning": False, "validation": True}.items()
-    }
-    return {name: gather(chosen) for name, chosen in own.items() if chosen}
+def grades_table(asked: pd.DataFrame, p: pd.Series, limits: Limits) -> str:
+    """For each scene, what share of present and of absent things gets which grade, and rightly."""
+    found, guess = p >= limits.found, (p >= limits.guess) & (p < limits.found)
+    table = []
+    for scene in [*asked["scene"].unique(), None]:
+        mine = asked["scene"].eq(scene) if scene else asked["scene"].notna()
+        present, absent = mine & asked["present"].eq(1), mine & asked["present"].eq(0)
+        right = asked["true"].eq(1)
+        shares = [
+            f"{100 * (mask[own]).mean():.0f}"
+            for own, mask in (
+                (present, found),
+                (present, found & right),
+                (present, guess),
+                (present, guess & right),
+                (absent, found),
+                (absent, guess),
+            )
+        ]
+        table.append([scene or "all", int(present.sum()), int(absent.sum()), *shares])
+    kinds = ("found", "rightly", "best guess", "rightly")
+    columns = ["scene", "present", "absent", *kinds, "absent found", "absent guessed"]
+    return markdown(columns, table)
 
 
-def table(groups: dict[str, Asked], limits: Sequence[float]) -> str:
-    """A row for each limit: shares in percent for each group of scenes."""
-    kinds = ("answered", "rightly", "absent answered")
+def reliability_table(asked: pd.DataFrame, p: pd.Series) -> str:
+    """How often answers are right, by their probability."""
     rows = [
-        [f"{limit:.2f}", *(f"{100 * share:.1f}" for one in groups.values() for share in one.shares(limit))]
-        for limit in limits
+        [f"{low:.1f} to {high:.1f}", count, f"{mean:.2f}", f"{right:.2f}"]
+        for low, high, mean, right, count in reliability(p, asked["true"])
     ]
-    return markdown(["least score", *(f"{name}: {kind}" for name in groups for kind in kinds)], rows)
+    return markdown(("probability", "queries", "mean", "right"), rows)
 
 
-def summary(name: str, asked: Asked, limit: float) -> str:
-    """Counts, separation and shares of one group at a limit, as a list item."""
-    answered, right, false = asked.shares(limit)
-    return (
-        f"- **{name}**: {len(asked.present)} present things, {len(asked.absent)} absent ones, and {asked.untaught} "
-        "phrases with an untaught word, all refused. Area under the curve "
-        f"{separation(asked.present, asked.absent):.3f} ({separation(asked.present[asked.right], asked.absent):.3f} over "
-        f"rightly found things). At {limit:.2f}, {answered:.0%} of present things are answered, {right:.0%} rightly, and "
-        f"{false:.0%} of absent ones are answered."
-    )
+def evidence_table(asked: pd.DataFrame) -> str:
+    """Log-likelihood and Brier score in scenes left out, with less evidence and with all."""
+    rows = [
+        ("none", asked["true"].groupby(asked["scene"]).transform(lambda own: _mean_of_others(asked, own)))
+    ]
+    scored = asked.assign(score=asked["score"].map(log_odds))
+    rows += [(", ".join(names), held_out(scored, names)) for names in LESS]
+    table = [
+        [name, f"{log_loss(p, asked['true']):.3f}", f"{brier(p, asked['true']):.3f}"] for name, p in rows
+    ]
+    return markdown(("evidence", "log loss", "Brier score"), table)
 
 
-def draw(groups: dict[str, Asked], limit: float, output: Path) -> None:
-    """Draw the answered and the rightly answered share of present things against that of absent things."""
-    figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")
-    for number, (name, asked) in enumerate(groups.items()):
-        limits = np.r_[0.0, np.unique(np.r_[asked.present, asked.absent]), 1.01]
-        answered, right, false = np.array([asked.shares(at) for at in limits]).T
-        style = {"color": f"C{number}", "where": "post"}
-        axes.step(false, answered, **style, label=f"{name}: answered")
-        axes.step(false, right, **style, linestyle=":", label=f"{name}: rightly")
-        here, right_here, false_here = asked.shares(limit)
-        axes.plot([false_here, false_here], [here, right_here], "o", color=f"C{number}")
-    axes.set(
-        title=f"Dots: least score {limit:.2f}",
-        xlabel="share of absent things answered",
-        ylabel="share of present things",
-        xlim=(0, 1),
-        ylim=(0, 1),
-    )
-    axes.legend(loc="lower right")
-    save_figure(figure, output)
+def _mean_of_others(asked: pd.DataFrame, own: pd.Series) -> float:
+    return float(asked["true"].drop(own.index).mean())
+
+
+def write_fit(scenes: Sequence[ScoredScene], asked: pd.DataFrame, limits: Limits) -> None:
+    """Write the fit on all rows beside the code, in place of that of the same OpenCLIP.
+
+    Raises:
+        UserError: the scenes have different OpenCLIPs or keys of queries.
+    """
+    documents = [one.document for one in scenes]
+    clips = {one["models"]["clip_checkpoint"]["hash"] for one in documents}
+    keys = [held_keys(recorded_options(one["provenance"]["options"])) for one in documents]
+    if len(clips) != 1 or any(one != keys[0] for one in keys):
+        raise UserError("a fit holds for one OpenCLIP and one section query; the scenes have several")
+    intercept, *weights = fit_logistic(asked[[*EVIDENCE]].to_numpy(float), asked["true"].to_numpy(float))
+    numbers = {"intercept": intercept} | dict(zip(EVIDENCE, weights, strict=True))
+    row = {"clip": clips.pop()} | keys[0] | {name: f"{value:.4f}" for name, value in numbers.items()}
+    row |= {"found": f"{limits.found:.2f}", "guess": f"{limits.guess:.2f}"}
+    row |= {"scenes": " ".join(asked["scene"].unique())}
+    rows = read_fits() | {row["clip"]: row}
+    lines = [[*row], *([one[name] for name in row] for one in rows.values())]
+    write_text(FITS, "".join(",".join(map(str, line)) + "\n" for line in lines))
 
 
 @command(__doc__)
-@scene_folders
-@click.option("--limit", type=float, help="Least score to report; by default the chosen one.")
-@click.option("--picture", type=click.Path(path_type=Path), help="PNG file to draw.")
+@click.argument("folders", nargs=-1, type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--fit", is_flag=True, help=f"Write the fit into {FITS.name}.")
 @rows_option
-def main(folders: tuple[Path, ...], limit: float | None, picture: Path | None, rows: Path | None) -> None:
-    """Print the table."""
-    groups = grouped([read_scored_scene(folder / "metrics.json") for folder in folders])
-    if "tuning" not in groups:
-        raise UserError("all given apartments are for validation; give others too, to choose the limit on")
-    chosen = groups["tuning"].best_limit()
-    limit = chosen if limit is None else limit
-    collect_page("presence", folders, {FULL: None}, rows)
-    click.echo("Queries of whole scenes: `python -m benchmarks.presence`. Shares in percent.\n")
-    click.echo(
-        f"Limit with the most right answers minus answers to absent things, on the tuning scenes: {chosen:.2f}.\n"
-    )
-    for name, asked in groups.items():
-        click.echo(summary(name, asked, limit))
-    click.echo(f"\n{table(groups, [float(one) for one in LIMITS])}")
-    if picture:
-        draw(groups, limit, picture)
+def main(folders: tuple[Path, ...], fit: bool, rows: Path | None) -> None:
+    """Print the tables."""
+    if folders:
+        found = collect_page("presence", folders, {FULL: None}, rows)
+    else:
+        found = read_source("presence")
+        click.echo(f"{stamp(found.about)}\n")
+    asked = asked_of(found)
+    p = held_out(asked)
+    limits = choose_limits(p, asked)
+    click.echo(f"Limits: found from {limits.found:.2f}, a best guess from {limits.guess:.2f}.\n")
+    for table in (grades_table(asked, p, limits), reliability_table(asked, p), evidence_table(asked)):
+        click.echo(f"{table}\n")
+    if fit:
+        if not folders:
+            raise UserError(
+                "--fit takes folders of scenes: their metrics.json tells the OpenCLIP and the keys"
+            )
+        write_fit([read_scored_scene(folder / "metrics.json") for folder in folders], asked, limits)
 
 
 if __name__ == "__main__":

@@ -9,11 +9,19 @@ import pytest
 import torch
 from PIL import Image
 
+from egosplat.artifacts.language import GAUSSIANS
+from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
+from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.query.answers import FoundThing
+from egosplat.query.grades.calibration import grading_of
+from egosplat.query.grades.evidence import measure_evidence
 from egosplat.query.relevancy import relevancy
-from egosplat.query.text import encode_phrases
+from egosplat.query.scene import QueryScene
+from egosplat.query.scene_query import SceneIndex
+from egosplat.query.text import encode_phrases, encode_texts
 from egosplat.query.things import find_things
 from egosplat.viewing.words import words_to_try
 from tests.browser.conftest import ASK, PHONE, READY, WIDE
@@ -26,6 +34,8 @@ from tests.support.page_scene import (
     surface_of,
     write_page,
 )
+
+CLIP_HASH = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
 
 
 @pytest.fixture(scope="module")
@@ -123,12 +133,35 @@ def test_an_answer_is_that_of_python(scene, made, clip, words):
     surface = surface_of(facts, arrays)
     values = np.stack([fits[level][arrays["code_index"][level]] for level in range(2)])
     values = np.where(surface.weight.T > 0, values, np.float32(0))
-    expected = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
+    things = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
+    code = torch.stack(
+        [features[level][arrays["code_index"][level].astype(int)] for level in range(2)], dim=1
+    )
+    share = torch.from_numpy(surface.weight > 0).float()
+    decoder = Decoder((code.shape[2],), np.zeros(0, np.float32))
+    index = SceneIndex(
+        QueryScene(None, None, None, 0, code, share, decoder, GAUSSIANS), surface, np.arange(4)
+    )
+    texts, names = (encode_texts(clip, phrases, options.canonical) for phrases in ([words], facts["words"]))
+    rows = [
+        FoundThing(one.score, None, facts["levels"][one.level], one.center, one.high, 0, one.members)
+        for one in things
+    ]
+    grading = grading_of(CLIP_HASH, options)
+    evidence = measure_evidence(index, rows, facts["levels"], texts, names, options.temperature)
+    ratings = list(map(grading.calibration.probability, evidence))
     found = scene().page.evaluate(ASK, words)
-    assert found["score"] == pytest.approx(expected[0].score, abs=1e-3)
-    fitting = [thing for thing in expected if thing.score >= options.min_score]
+    assert found["score"] == pytest.approx(things[0].score, abs=1e-3)
+    assert found["grade"] == grading.grade(ratings[0]) and found["rating"] == pytest.approx(
+        ratings[0], abs=1e-3
+    )
+    fitting = [
+        row for row in range(len(things)) if grading.grade(ratings[row]) == found["grade"] != "not found"
+    ]
     assert len(found["things"]) == len(fitting)
-    for mine, other in zip(found["things"], fitting, strict=True):
+    for mine, row in zip(found["things"], fitting, strict=True):
+        other = things[row]
+        assert mine["rating"] == pytest.approx(ratings[row], abs=1e-3)
         assert mine["level"] == other.level and mine["count"] == len(other.members)
         assert mine["frame"] == facts["seen_frames"][other.view]
         np.testing.assert_allclose(mine["center"], other.center, atol=1e-3)
@@ -179,7 +212,7 @@ def test_a_click_names_what_is_there(scene):
 
 
 def test_shown_scores_never_contradict_the_verdict(scene):
-    """As in Python, a score is rounded to its own side of the limit."""
+    """As in Python, a score is rounded to its own side of the limit, and a probability to its own grade."""
     shown = "score => egosplat.score(score)"
     tab = scene()
     least = tab.page.evaluate("egosplat.scene.facts.query.min_score")
@@ -188,6 +221,23 @@ def test_shown_scores_never_contradict_the_verdict(scene):
         float(tab.page.evaluate(shown, least - 1e-6)) < least <= float(tab.page.evaluate(shown, least + 1e-6))
     )
     assert tab.page.evaluate(shown, least - 0.1) == f"{least - 0.1:.2f}"
+    grading = grading_of(CLIP_HASH, page_options())
+    for limit in (grading.calibration.found, grading.calibration.guess):
+        for value in (limit - 1e-6, limit, limit + 1e-6, limit - 0.006):
+            assert tab.page.evaluate("value => egosplat.rating(value)", value) == grading.shown(value)
+
+
+def test_a_best_guess_is_shown_as_one_with_its_place(scene):
+    """Between the limits an answer keeps its place, and says what it is."""
+    tab = scene()
+    tab.page.evaluate("Object.assign(egosplat.scene.facts.query.calibration, { found: 1.01, guess: 0.0 })")
+    found = tab.page.evaluate(ASK, "cup")
+    assert found["grade"] == "best guess" and found["things"] and found["why"] is None
+    assert "best guess" in tab.page.inner_text("#answer") and "found" not in tab.page.inner_text("#answer")
+    button = tab.page.locator("#things button").first
+    assert "Go there: best guess" in button.inner_text()
+    button.click()
+    tab.page.locator("#mark span", has_text="best guess").wait_for()
 
 
 def test_words_and_tokens_are_those_of_the_model(scene, clip):
@@ -207,13 +257,13 @@ def test_words_and_tokens_are_those_of_the_model(scene, clip):
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        ("zeppelin", "was not trained on"),
+        ("zeppelin", "never taught the word"),
         ("<img src=x onerror=\"document.title = 'hacked'\">", "<img"),
         ("x" * 10_000, "too long"),
         (" \u200b", "Type the name"),
         *((symbols, "no word") for symbols in ("::", "%", "\U0001f600", "\u2122", "_")),
-        ("\uff42asketball\u200b", "not found: the best match is below"),
-        ("basketball", "not found: the best match is below"),
+        ("\uff42asketball\u200b", "not found: nothing here looks like it (probability 0.0"),
+        ("basketball", "not found: nothing here looks like it (probability 0.0"),
     ],
 )
 def test_what_cannot_be_found_gets_a_reason(scene, words, reason):

@@ -21,8 +21,11 @@ def some_rows() -> Rows:
                     )
                 absent = number % 3 == 0
                 right = None if absent else hit
+                # What is right has more evidence of each kind.
+                sure = float(bool(right)) + rng.normal(0, 0.5)
+                graded = ("found" if hit else "not found", 0.5, sure - 5, sure, 0.1)
                 listed["presence"].append(
-                    (scene, setting, f"thing {number}", int(not absent), 0.8, hit, 0, right)
+                    (scene, setting, f"thing {number}", int(not absent), 0.8, hit, 0, right, *graded)
                 )
             for frame in range(4):
                 for group in ("all", "static"):

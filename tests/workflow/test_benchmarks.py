@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from benchmarks.colmap import __main__ as colmap
 from benchmarks.figures import score_table
 from benchmarks.language import __main__ as language
+from benchmarks.misses.__main__ import CAUSES
 from benchmarks.robustness import __main__ as robustness
 from benchmarks.robustness.scene import ARTIFACTS, Scene
 from benchmarks.rows import read_rows, stamp
@@ -157,10 +158,31 @@ def test_open_vocabulary(scene):
 
 
 def test_presence(scene, tmp_path):
-    said = run("presence.__main__", scene, "--picture", tmp_path / "curve.png")
+    """Two scenes at least: each is predicted by a fit on the others."""
+    other = tmp_path / "results" / "adt" / "other"
+    other.mkdir(parents=True)
+    (other / "metrics.json").write_text(json.dumps(recorded(scene) | {"scene": "adt/other"}))
+    said = run("presence.__main__", scene, other, "--rows", tmp_path / "rows")
     queries = recorded(scene)["presence"]["queries"]
-    assert f"{sum(row['present'] for row in queries)} present things" in said
-    assert (tmp_path / "curve.png").stat().st_size > 0
+    table = {row[0]: row for row in cells(said)}
+    judged = [one for one in queries if not one["untaught"] and one["present"] and one["right"] is not None]
+    assert int(table["all"][1]) == 2 * len(judged) and "log loss" in said
+    assert len(read_rows(tmp_path / "rows").of("presence", "full")) == 2 * len(queries)
+
+
+def test_misses(scene):
+    """Each missed query has a cause, and its evidence is listed."""
+    said = run("misses.__main__", scene, "--each")
+    missed = [
+        one
+        for one in recorded(scene)["queries"]
+        if "all" in one["groups"] and not one["groups"]["all"]["hit"]
+    ]
+    (row,) = [row for row in cells(said) if row[0] == NAME and len(row) == 3 + len(CAUSES)]
+    assert [int(row[2]), sum(map(int, row[3:]))] == [len(missed)] * 2
+    assert {(row[1], row[2]) for row in cells(said) if row[0] == NAME and row[3] in CAUSES} == {
+        (str(one["frame"]), one["category"]) for one in missed
+    }
 
 
 def test_real_camera(scene):

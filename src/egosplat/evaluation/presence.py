@@ -18,6 +18,7 @@ from egosplat.geometry import Camera
 from egosplat.query.answer import rendering_camera
 from egosplat.query.answers import FoundThing
 from egosplat.query.finished_scene import Scene
+from egosplat.query.grades.calibration import FOUND, GUESS, Evidence
 from egosplat.query.scene import QueryScene
 from egosplat.rasterize.view import composite
 
@@ -35,7 +36,9 @@ class PresenceQuery:
     Attributes:
         present: whether the recording shows such a thing.
         score: score of the best thing, 0..1.
-        answered: whether the query was not refused.
+        grade: see ``egosplat.query.grades.calibration``.
+        probability: that the best thing is what the phrase means; None without a calibration.
+        evidence: of the best thing; None without any.
         untaught: whether the model was not trained on one of its words.
         right: whether most of the best thing belongs to the category; None for absent phrases, without any thing, and
             if no evaluation frame shows the thing.
@@ -44,9 +47,16 @@ class PresenceQuery:
     phrase: str
     present: bool
     score: float
-    answered: bool
+    grade: str
+    probability: float | None
+    evidence: Evidence | None
     untaught: bool
     right: bool | None
+
+    @property
+    def answered(self) -> bool:
+        """Whether something is found, not merely guessed."""
+        return self.grade == FOUND
 
 
 def presence_phrases(
@@ -87,7 +97,9 @@ def ask_presence(
             phrase=answer.phrase,
             present=number < len(present),
             score=answer.score,
-            answered=answer.refusal is None,
+            grade=answer.grade,
+            probability=answer.probability,
+            evidence=next(iter(scene.evidence(answer.phrase, answer.candidates)), None),
             untaught=bool(answer.untaught),
             right=right.get(answer.phrase) if number < len(present) else None,
         )
@@ -100,6 +112,7 @@ def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[s
     present, absent = ([one for one in queries if one.present is value] for value in (True, False))
     # Untaught words are refused at any score, so their scores say nothing about the limit.
     taught = [one.score for one in absent if not one.untaught]
+    guessed = [one for one in queries if one.grade == GUESS]
     return {
         "min_score": min_score,
         "separation": separation([one.score for one in present], taught),
@@ -108,13 +121,16 @@ def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[s
             "answered": sum(one.answered for one in present),
             "right": sum(one.answered and one.right is True for one in present),
             "unverified": sum(one.answered and one.right is None for one in present),
+            "guessed": sum(one.present for one in guessed),
+            "guessed_right": sum(one.right is True for one in guessed),
         },
         "absent": {
             "asked": len(absent),
             "answered": sum(one.answered for one in absent),
             "untaught": sum(one.untaught for one in absent),
+            "guessed": sum(not one.present for one in guessed),
         },
-        "queries": [asdict(one) for one in queries],
+        "queries": [asdict(one) | {"answered": one.answered} for one in queries],
     }
 
 

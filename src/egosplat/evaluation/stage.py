@@ -203,8 +203,10 @@ def _log_presence(presence: Mapping[str, Any]) -> None:
     present, absent = presence["present"], presence["absent"]
     if present["asked"]:
         log(
-            f"whole scene: {present['answered']} of {present['asked']} queries of present things are answered, "
-            f"{present['right']} of them correctly"
+            f"whole scene: of {present['asked']} present things {present['answered']} are found, {present['right']} of them "
+            f"rightly, and {present['guessed']} guessed, {present['guessed_right']} rightly"
         )
     if absent["asked"]:
-        log(f"whole scene: {absent['answered']} of {absent['asked']} queries of absent things are answered")
+        log(
+            f"whole scene: of {absent['asked']} absent things {absent['answered']} are found, {absent['guessed']} guessed"
+        )

@@ -23,6 +23,7 @@ from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene
+from egosplat.query.grades.calibration import GUESS
 from egosplat.query.opening import open_scene
 from egosplat.query.options import AskingOptions
 from egosplat.viewing.options import ScenePageOptions
@@ -70,6 +71,8 @@ def answer_members(scene: Scene, phrase: str) -> Tensor:
     [answer] = scene.ask(phrase, most=1)
     if answer.refusal:
         raise UserError(f"{scene.folder}: {phrase!r} is not exported, {answer.refusal}")
+    if answer.grade == GUESS:
+        log(f"{phrase!r} is a best guess, with a probability of {scene.grading().shown(answer.rating)}")
     return torch.from_numpy(np.sort(answer.things[0].members))
 
 

@@ -19,6 +19,7 @@ from egosplat.progress import log, track
 from egosplat.query.answer import rendering_camera
 from egosplat.query.answers import Answer, FoundThing
 from egosplat.query.finished_scene import Scene
+from egosplat.query.grades.calibration import GUESS
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import clean_phrase
 
@@ -70,14 +71,15 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
         rendered = painted.picture(camera, scene.poses[frame])
         return np.rot90(rendered, -1) if turned else rendered
 
-    before = shown[-1].things[0].frame
+    before, grading = shown[-1].things[0].frame, scene.grading()
     for one in track(shown, "drawing answers", unit="answer"):
         thing = one.things[0]
         for frame in way(scene.poses, before, thing.frame):
             yield _captioned(picture(scene.trained, frame), ""), _STEP_MS
         plain, lit = picture(scene.trained, thing.frame), picture(_lit(scene.trained, thing), thing.frame)
+        said = f"best guess, {grading.measure}" if one.grade == GUESS else grading.measure
         size = " x ".join(f"{length:.2f}" for length in thing.size)
-        text = f'"{one.phrase}"   {size} {scene.unit}   score {scene.options.shown(one.score)}'
+        text = f'"{one.phrase}"   {size} {scene.unit}   {said} {grading.shown(one.rating)}'
         for share in np.arange(1, _LIGHTS + 1) / _LIGHTS:
             mixed = (1 - share) * plain + share * lit
             yield _captioned(mixed, text), _ANSWER_MS if share == 1 else _STEP_MS

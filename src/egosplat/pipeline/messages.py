@@ -225,12 +225,12 @@ def limits_of(part: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def figure(value: float, form: str, is_beyond: Callable[[float], bool]) -> str:
+def figure(value: float, form: str, is_beyond: Callable[[float], object]) -> str:
     """Format a number so that what is shown lies on the same side of a limit as the number itself.
 
     Args:
         form: format such as ``.2f`` or ``.1%``.
-        is_beyond: tells on which side of the limit a number lies.
+        is_beyond: tells on which side of the limit, or between which limits, a number lies.
     """
     text = format(value, form)
     if not math.isfinite(value):

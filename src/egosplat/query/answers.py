@@ -14,6 +14,7 @@ class FoundThing:
 
     Attributes:
         score: 0..1; above 0.5 it fits better than every canonical phrase.
+        probability: that it is what the query means; None without a calibration.
         level: name of the level of detail at which it matches.
         center: (3,) float64 mean of its Gaussians' centers, weighted by visible share, in the world.
         size: (3,) float64 sides of its box along the axes of the world, in the unit of the scene.
@@ -22,11 +23,17 @@ class FoundThing:
     """
 
     score: float
+    probability: float | None
     level: str
     center: Array
     size: Array
     frame: int
     members: NDArray
+
+    @property
+    def rating(self) -> float:
+        """What it is graded by: its probability, or without a calibration its score."""
+        return self.score if self.probability is None else self.probability
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +63,27 @@ class Answer:
 
     Attributes:
         phrase: the query.
+        grade: ``found``, ``best guess`` or ``not found`` (docs/method.md#grades).
         score: score of the best match, 0..1.
-        refusal: the reason why there is no answer; None if there is one.
+        probability: that the best match by score is what the query means; None without a calibration, or for a view.
+        refusal: the reason why nothing is found; None if something is, or is guessed.
         untaught: words of the query that the OpenCLIP checkpoint was not trained on.
-        things: things in 3D that fit well enough, by decreasing score; empty if refused, or if one view was asked.
-        candidates: the best things, whether they fit or not.
+        things: things in 3D of this grade, by decreasing score; empty if refused, or if one view was asked.
+        candidates: the best things, two at least if there are, whether they fit or not.
         view: what was found in the view that was asked; None if refused, if the view shows nothing, or without a view.
     """
 
     phrase: str
+    grade: str
     score: float
+    probability: float | None = None
     refusal: str | None = None
     untaught: tuple[str, ...] = ()
     things: tuple[FoundThing, ...] = ()
     candidates: tuple[FoundThing, ...] = ()
     view: FoundView | None = None
+
+    @property
+    def rating(self) -> float:
+        """What it is graded by, as for a thing."""
+        return self.score if self.probability is None else self.probability

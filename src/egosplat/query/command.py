@@ -10,7 +10,7 @@ from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answers import Answer, FoundView
 from egosplat.query.finished_scene import Scene
-from egosplat.query.options import QueryOptions
+from egosplat.query.grades.calibration import Grading, grading_by_score
 from egosplat.query.text import clean_phrase
 from egosplat.query.viewpoint import Viewpoint
 
@@ -20,7 +20,7 @@ MOST_DRAWN = 8
 # Longer side [px] of the relevancy and the mask in the picture of a scene query, where an image is 360 px high.
 DRAWN_SIDE = 256
 
-_ABSENT = "-"
+_ABSENT, NOTHING = "-", "nothing is visible here"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +58,14 @@ def run(
     """
     place = "the whole scene" if viewpoint is None else viewpoint.name
     title = f"{scene.folder}, {place}, origin {scene.origin}"
-    title = "\n".join(filter(None, (title, scene.notice)))
+    grading = scene.grading() if viewpoint is None else grading_by_score(scene.options)
+    # A view is never calibrated; saying so with each would tell nothing.
+    notice = grading.notice if viewpoint is None else None
+    title = "\n".join(filter(None, (title, scene.notice, notice)))
     queries = list(dict.fromkeys(map(clean_phrase, phrases)))
     answers = track(scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries))
     table = _scene_table if viewpoint is None else _view_table
-    columns, rows, drawn = table(scene, answers)
+    columns, rows, drawn = table(scene, answers, grading)
     yield f"{title}\n{answers_table(columns, rows)}"
 
     # Here, because matplotlib takes as long to import as a query to answer.
@@ -93,23 +96,24 @@ def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 Table = tuple[tuple[str, ...], list[tuple[str, ...]], list[Answer]]
 
 
-def _scene_table(scene: Scene, answers: Iterable[Answer]) -> Table:
-    columns = ("query", "score", "level", f"center [{scene.unit}]", f"size [{scene.unit}]", "frame")
+def _scene_table(scene: Scene, answers: Iterable[Answer], grading: Grading) -> Table:
+    places = ("level", f"center [{scene.unit}]", f"size [{scene.unit}]", "frame")
     every = list(answers)
     return (
-        columns,
-        [row for answer in every for row in _scene_rows(answer, scene.options)],
+        ("query", "answer", grading.measure, *places),
+        [row for answer in every for row in _scene_rows(answer, grading)],
         every[:MOST_DRAWN],
     )
 
 
-def _scene_rows(answer: Answer, options: QueryOptions) -> list[tuple[str, ...]]:
+def _scene_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     if answer.refusal:
-        return [(answer.phrase, options.shown(answer.score), answer.refusal)]
+        return [_refused_row(answer, grading)]
     return [
         (
             answer.phrase if number == 0 else "",
-            options.shown(thing.score),
+            answer.grade,
+            grading.shown(thing.rating),
             thing.level,
             _numbers(thing.center),
             " x ".join(f"{side:.2f}" for side in thing.size),
@@ -119,23 +123,33 @@ def _scene_rows(answer: Answer, options: QueryOptions) -> list[tuple[str, ...]]:
     ]
 
 
-def _view_table(scene: Scene, answers: Iterable[Answer]) -> Table:
-    columns = ("query", "score", "level", "pixel", f"position [{scene.unit}]")
+def _refused_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
+    """A row whose last cell says why, with the number that it was graded by, if that means anything."""
+    graded = answer.rating > 0 and not answer.untaught
+    number = f" ({grading.measure} {grading.shown(answer.rating)})" if graded else ""
+    return answer.phrase, f"{answer.refusal}{number}"
+
+
+def _view_table(scene: Scene, answers: Iterable[Answer], grading: Grading) -> Table:
+    columns = ("query", "answer", "score", "level", "pixel", f"position [{scene.unit}]")
     rows: list[tuple[str, ...]] = []
     drawn: list[Answer] = []
     for answer in answers:
-        rows.append(_view_row(answer, scene.options))
+        rows.append(_view_row(answer, grading))
         if len(drawn) < MOST_DRAWN:
             drawn.append(answer)
     return columns, rows, drawn
 
 
-def _view_row(answer: Answer, options: QueryOptions) -> tuple[str, ...]:
-    score, view = options.shown(answer.score), answer.view
+def _view_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
+    view = answer.view
+    if answer.refusal:
+        return _refused_row(answer, grading)
     if view is None or view.pixel is None:
-        return (answer.phrase, score, answer.refusal or _ABSENT)
+        return answer.phrase, NOTHING
     position = _ABSENT if view.position is None else _numbers(view.position)
-    return (answer.phrase, score, view.level, f"{view.pixel[0]}, {view.pixel[1]}", position)
+    place = f"{view.pixel[0]}, {view.pixel[1]}"
+    return answer.phrase, answer.grade, grading.shown(answer.rating), view.level, place, position
 
 
 def _draw_things(scene: Scene, answers: Sequence[Answer]) -> list[DrawnAnswer]:

@@ -1,7 +1,7 @@
 """A finished scene as one object: open it, ask it, render it (docs/python.md)."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -24,15 +24,26 @@ from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.answer import Asker, ViewAnswer, ask
 from egosplat.query.answers import Answer, FoundThing, FoundView
+from egosplat.query.grades.calibration import (
+    FOUND,
+    NOT_FOUND,
+    Calibration,
+    Evidence,
+    Grading,
+    grading_by_score,
+    grading_of,
+)
+from egosplat.query.grades.evidence import measure_evidence
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
 from egosplat.query.options import AskingOptions, QueryOptions
 from egosplat.query.scene import QueryScene, read_scene
 from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
-from egosplat.query.text import Texts, encode_texts, load_clip_of, untaught_words
+from egosplat.query.text import Texts, encode_texts, explain_untaught, load_clip_of, untaught_words
 from egosplat.query.thing_view import view_thing
 from egosplat.query.things import Thing
 from egosplat.query.viewpoint import Pose, Viewpoint, frame_viewpoint, pose_viewpoint
+from egosplat.query.vocabulary import words_to_try
 
 # What OpenCLIP encoded for a scene's codes: the features of its instances, or tiles for methods without masks.
 ENCODED = ("features", "tiles")
@@ -212,7 +223,7 @@ class Scene:
         whole [-0.5 -0.   2. ] in frame 0
         >>> [zeppelin] = scene.ask("zeppelin")
         >>> print(zeppelin.refusal)
-        not found: the OpenCLIP checkpoint was not trained on "zeppelin"
+        The models here were never taught the word "zeppelin".
         >>> [cup] = scene.ask("cup", frame=2)
         >>> cup.view.mask.shape
         (96, 96)
@@ -232,8 +243,9 @@ class Scene:
         # Only the answers are computed one by one: everything else is read before the first is asked for.
         texts = self.encode(phrases, options)
         if viewpoint is None:
-            things = ask_scene(self.index, texts, options, most)
-            return (self._answer_of_scene(found, options) for found in things)
+            # The evidence for the best thing needs the next one.
+            things = ask_scene(self.index, texts, options, max(2, most))
+            return (self._answer_of_scene(found, most, options) for found in things)
         place = self.camera, viewpoint.camera_to_world, viewpoint.valid
         seen = ask(self.trained, texts, *place, options)
         return (self._answer_of_view(one, options) for one in seen)
@@ -326,24 +338,66 @@ class Scene:
         what = plan_export(self.folder, Path(path), **keys)
         import_module("egosplat.export.command").run(self.folder, what, self.options, self)
 
-    def _answer_of_scene(self, found: SceneAnswer, options: QueryOptions) -> Answer:
+    def grading(self, options: QueryOptions | None = None) -> Grading:
+        """How answers of the whole scene are graded."""
+        return grading_of(self.encoded.facts["clip"]["hash"], options or self.options)
+
+    def evidence(
+        self, phrase: str, things: Sequence[FoundThing], options: QueryOptions | None = None
+    ) -> list[Evidence]:
+        """Measure for each of the best things the evidence that it is what a phrase means."""
+        options = options or self.options
+        query = self.encode([phrase], options)
+        return measure_evidence(self.index, things, self.levels, query, self._words, options.temperature)
+
+    @cached_property
+    def _words(self) -> Texts:
+        """Names of things, which compete with a query."""
+        return self.encode(words_to_try(self.clip))
+
+    def _answer_of_scene(self, found: SceneAnswer, most: int, options: QueryOptions) -> Answer:
         untaught = tuple(untaught_words(self.clip, found.phrase))
-        refusal = found.refusal(untaught, options)
-        candidates = tuple(map(self._found_thing, found.things))
-        things = () if refusal else candidates[: len(found.fitting(options))]
-        return Answer(found.phrase, found.score, refusal, untaught, things, candidates)
+        grading = self.grading(options)
+        candidates = self._candidates(found, grading.calibration, options)
+        if not candidates:
+            refusal = explain_untaught(untaught) or "no Gaussian of the scene has a code"
+            return Answer(found.phrase, NOT_FOUND, 0.0, None, refusal, untaught)
+        best = candidates[0]
+        refusal = explain_untaught(untaught) or grading.refusal(best.rating)
+        grade = NOT_FOUND if refusal else grading.grade(best.rating)
+        things = tuple(one for one in candidates[:most] if not refusal and grading.grade(one.rating) == grade)
+        return Answer(
+            found.phrase, grade, best.score, best.probability, refusal, untaught, things, candidates
+        )
+
+    def _candidates(
+        self, found: SceneAnswer, calibration: Calibration | None, options: QueryOptions
+    ) -> tuple[FoundThing, ...]:
+        """The things of an answer by decreasing score, with their probabilities where a calibration holds."""
+        things = tuple(map(self._found_thing, found.things))
+        if calibration is None:
+            return things
+        evidence = self.evidence(found.phrase, things, options)
+        return tuple(
+            replace(one, probability=calibration.probability(each))
+            for one, each in zip(things, evidence, strict=True)
+        )
 
     def _found_thing(self, thing: Thing) -> FoundThing:
         level, frame = self.levels[thing.level], self.index.best_frame(thing)
-        return FoundThing(thing.score, level, thing.center, thing.high - thing.low, frame, thing.members)
+        return FoundThing(
+            thing.score, None, level, thing.center, thing.high - thing.low, frame, thing.members
+        )
 
     def _answer_of_view(self, seen: ViewAnswer, options: QueryOptions) -> Answer:
+        grading = grading_by_score(options)
         untaught = tuple(untaught_words(self.clip, seen.phrase))
-        refusal, view = options.refusal(seen.score, untaught), None
+        refusal, view = explain_untaught(untaught) or grading.refusal(seen.score), None
         if not refusal and seen.level is not None and seen.mask_level is not None:
             level, mask_level = self.levels[seen.level], self.levels[seen.mask_level]
             view = FoundView(level, seen.pixel, seen.position, seen.relevancy, seen.mask, mask_level)
-        return Answer(seen.phrase, seen.score, refusal, untaught, view=view)
+        grade = NOT_FOUND if refusal else FOUND
+        return Answer(seen.phrase, grade, seen.score, None, refusal, untaught, view=view)
 
 
 def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path | None = None) -> Scene:

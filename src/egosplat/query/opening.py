@@ -31,7 +31,9 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
     """
     folder = Path(folder)
     artifacts, options = open_artifacts(folder), options or AskingOptions()
-    suited = {key: value for key, value in _suited(artifacts[-1]).items() if key not in options.model_fields_set}
+    suited = {
+        key: value for key, value in _suited(artifacts[-1]).items() if key not in options.model_fields_set
+    }
     return scene_of(artifacts, options.change_keys(**suited | keys), folder)
 
 

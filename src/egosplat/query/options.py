@@ -1,12 +1,10 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
-from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field
 
 from egosplat.pipeline.checked_options import make_options
-from egosplat.pipeline.messages import figure
 from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text, keys_of
 from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 
@@ -64,31 +62,9 @@ class QueryOptions(MapOptions):
     there. Larger removes floating Gaussians, and edges too."""
 
     min_score: Share = 0.78
-    """Smallest score, 0 to 1, of an answer; below it egosplat query reports that the scene has no such object. A
-    score of 0.5 means as similar as the best canonical phrase. 0.78 has the most right answers minus answers to
-    absent objects on three synthetic apartments, with the small models and a temperature of 10
-    (benchmarks/presence/README.md). 0 accepts everything. docs/models.md has the value of each set of models."""
-
-    def refusal(self, score: float, untaught: Sequence[str]) -> str | None:
-        """The reason why a query has no answer; None if it has one.
-
-        Args:
-            score: score of the best match, 0..1.
-            untaught: of ``egosplat.query.text.untaught_words``.
-        """
-        # First, because the score of an untrained word is meaningless.
-        if untaught:
-            if not any(map(str.isalnum, "".join(untaught))):
-                return "not found: the query holds no word"
-            words = ", ".join(f'"{word}"' for word in dict.fromkeys(untaught))
-            return f"not found: the OpenCLIP checkpoint was not trained on {words}"
-        # All its digits, two at least: a rounded limit would contradict the verdict.
-        least = max(f"{self.min_score:.2f}", f"{self.min_score:g}", key=len)
-        return f"not found: the best match is below {least}" if score < self.min_score else None
-
-    def shown(self, score: float) -> str:
-        """A score with two decimals, on its side of ``min_score``."""
-        return figure(score, ".2f", lambda one: one < self.min_score)
+    """Smallest score, 0 to 1, of an answer that is found, where no calibration holds: in a single view, with models
+    that have none, and with another value than this (docs/method.md#grades). A score of 0.5 means as similar as the
+    best canonical phrase. 0 accepts everything. docs/models.md has the value of each set of models."""
 
 
 class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):

@@ -1,6 +1,6 @@
 """Query the whole scene: find the matching 3D things, and the view that shows each of them best."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -60,20 +60,6 @@ class SceneAnswer:
 
     phrase: str
     things: tuple[Thing, ...]
-
-    @property
-    def score(self) -> float:
-        """Score of the best thing; 0 without any."""
-        return self.things[0].score if self.things else 0.0
-
-    def refusal(self, untaught: Sequence[str], options: QueryOptions) -> str | None:
-        """The reason why the query has no answer; None if it has one. Arguments as in ``QueryOptions.refusal``."""
-        why = options.refusal(self.score, untaught)
-        return why if why or self.things else "no Gaussian of the scene has a code"
-
-    def fitting(self, options: QueryOptions) -> tuple[Thing, ...]:
-        """The things that fit well enough."""
-        return tuple(thing for thing in self.things if thing.score >= options.min_score)
 
 
 def index_scene(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Mask | None) -> SceneIndex:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from egosplat.drawing import draw_heat, draw_mask, plt, save_figure
-from egosplat.query.command import DrawnAnswer
+from egosplat.query.command import NOTHING, DrawnAnswer
 
 # Height of an image [inches].
 CELL = 4.0
@@ -40,9 +40,9 @@ def _draw(cells: NDArray[np.object_], drawn: DrawnAnswer) -> None:
         axes.set_axis_off()
     answer, view = drawn.answer, drawn.view
     where = f", {drawn.where}" if drawn.where else ""
-    caption = f'"{answer.phrase}": {answer.score:.2f}{where}'
+    caption = f'"{answer.phrase}": {answer.grade}{where}'
     if drawn.picture is None or view is None:
-        caption = f'"{answer.phrase}": {answer.refusal or "nothing is visible here"}'
+        caption = f'"{answer.phrase}": {answer.refusal or NOTHING}'
         # Outside of the layout: otherwise the first column becomes as wide as the text.
         place.text(0.0, 0.5, caption, fontsize=10, transform=place.transAxes, clip_on=False, in_layout=False)
         return

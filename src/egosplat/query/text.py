@@ -107,6 +107,16 @@ def untaught_words(clip: OpenClip, phrase: str) -> list[str]:
     return [] if clip.words is None else [word for word in words if word not in clip.words]
 
 
+def explain_untaught(untaught: Sequence[str]) -> str | None:
+    """Say that words of ``untaught_words`` have no answer; None without any."""
+    if not untaught:
+        return None
+    if not any(map(str.isalnum, "".join(untaught))):
+        return "The query holds no word."
+    words = [f'"{word}"' for word in dict.fromkeys(untaught)]
+    return f"The models here were never taught the word{'s' if words[1:] else ''} {', '.join(words)}."
+
+
 def _check(clip: OpenClip, phrase: str) -> None:
     if not clean_phrase(phrase):
         raise UserError("query: is blank; describe the object in a few words")

@@ -169,6 +169,13 @@ def _questions(files: SceneFiles) -> Iterator[str]:
         f"{scores['accuracy']:.0%}{interval} of {scores['count']} queries point at the right thing; a random pixel would "
         f"find {scores['random_pixel']:.0%}. Mean IoU of the masks: {scores['mean_iou']:.2f}."
     )
+    if presence := files.metrics.get("presence"):
+        present, absent = presence["present"], presence["absent"]
+        yield (
+            f"Asked of the whole scene, {present['right']} of {present['asked']} things that are there are found rightly, and "
+            f"{present['guessed_right']} more are right best guesses; {absent['answered']} of {absent['asked']} things that "
+            "are not there are found."
+        )
 
 
 _UNSCORED = "The recording has no annotations, so its answers are not scored."

@@ -86,7 +86,7 @@ def phrase_encoder(features: Artifact, options: ScenePageOptions) -> Encode:
     Raises:
         UserError: it is missing, or is another one.
     """
-    from egosplat.query.text import encode_phrases, load_clip_of, untaught_words
+    from egosplat.query.text import encode_phrases, explain_untaught, load_clip_of, untaught_words
 
     clip = load_clip_of(
         features, options.clip_model, options.clip_checkpoint, options.device, options.precision
@@ -99,8 +99,7 @@ def phrase_encoder(features: Artifact, options: ScenePageOptions) -> Encode:
                 vector = encode_phrases(clip, [phrase])[0].tolist()
         except UserError as error:
             return {"why": str(error)}
-        # Any score is good enough to say what is wrong with the words alone.
-        why = options.refusal(1.0, untaught_words(clip, phrase))
+        why = explain_untaught(untaught_words(clip, phrase))
         return {"why": why} if why else {"vector": vector}
 
     return encode

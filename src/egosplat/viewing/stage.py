@@ -19,6 +19,7 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.files import write_text
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
+from egosplat.query.grades.evidence import SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
@@ -100,6 +101,7 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
 def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     """Facts of the scene, and the constants of queries, which ``source/answer.js`` has no values of its own for."""
     settings, camera = scene.trained.settings, scene.camera
+    calibration = scene.grading(options).calibration
     return {
         "origin": joint_origin(*(artifact.origin for artifact in scene.given)),
         "recording": scene.artifact("frames").facts["recording"],
@@ -122,7 +124,8 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
             name: getattr(options, name)
             for name in ("temperature", "segmentation_threshold", "box_filter", "min_score")
         }
-        | {"nearest": NEAREST, "reach": REACH, "least": LEAST_GAUSSIANS, "same": SAME},
+        | {"calibration": calibration and asdict(calibration)}
+        | {"nearest": NEAREST, "reach": REACH, "least": LEAST_GAUSSIANS, "same": SAME, "synonym": SYNONYM},
     }
 
 

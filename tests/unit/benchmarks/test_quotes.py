@@ -51,6 +51,7 @@ def test_every_page_to_be_made_anew_is_there_and_has_as_many_scores():
         "psnr full static",
         "presence full right",
         "presence full absent",
+        "presence full guessed",
         "chance full random_pixel",
         "minutes full",
         "queries full",

@@ -8,6 +8,7 @@ import pytest
 from egosplat.evaluation.presence import PresenceQuery, is_right, presence_entry, presence_phrases, separation
 from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
+from egosplat.query.grades.calibration import Evidence
 
 NAMES = ["couch", "cup"]
 
@@ -52,18 +53,28 @@ def test_phrases_of_the_recording_are_no_negatives():
 
 
 def test_the_entry_counts_answers():
-    """Refused things are never right; untaught words do not count in the separation."""
+    """What is not found is never right, and best guesses count apart; untaught words do not count in the separation."""
+
+    def query(phrase, present, score, grade, right=None, untaught=False):
+        return PresenceQuery(phrase, present, score, grade, 0.5, Evidence(-5.0, 0.5, 0.1), untaught, right)
+
     asked = [
-        PresenceQuery("couch", True, 0.9, True, False, True),
-        PresenceQuery("cup", True, 0.8, True, False, None),
-        PresenceQuery("bed", True, 0.3, False, False, True),
-        PresenceQuery("piano", False, 0.7, True, False, None),
-        PresenceQuery("zeppelin", False, 1.0, False, True, None),
+        query("couch", True, 0.9, "found", True),
+        query("cup", True, 0.8, "found", None),
+        query("bed", True, 0.3, "not found", True),
+        query("desk", True, 0.3, "best guess", True),
+        query("lamp", True, 0.3, "best guess", False),
+        query("piano", False, 0.7, "found"),
+        query("bicycle", False, 0.7, "best guess"),
+        query("zeppelin", False, 1.0, "not found", untaught=True),
     ]
     entry = presence_entry(asked, 0.5)
-    assert entry["present"] == {"asked": 3, "answered": 2, "right": 1, "unverified": 1}
-    assert entry["absent"] == {"asked": 2, "answered": 1, "untaught": 1}
-    assert entry["separation"] == pytest.approx(2 / 3) and len(entry["queries"]) == 5
+    present = {"asked": 5, "answered": 2, "right": 1, "unverified": 1, "guessed": 2, "guessed_right": 1}
+    assert entry["present"] == present
+    assert entry["absent"] == {"asked": 3, "answered": 1, "untaught": 1, "guessed": 1}
+    assert entry["separation"] == pytest.approx(0.4) and len(entry["queries"]) == 8
+    assert entry["queries"][0]["answered"] and not entry["queries"][3]["answered"]
+    assert entry["queries"][0]["evidence"] == {"size": -5.0, "lead": 0.5, "apart": 0.1}
 
 
 def test_no_queries_are_reported_as_none():

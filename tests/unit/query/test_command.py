@@ -14,9 +14,13 @@ from PIL import Image
 
 from egosplat import cli
 from egosplat.artifacts.poses import length_unit
+from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.suitability import notice
 from egosplat.query import command, finished_scene
+from egosplat.query.grades import calibration
+from egosplat.query.grades.calibration import held_keys
 from egosplat.query.opening import open_scene
+from egosplat.query.options import QueryOptions
 from egosplat.query.scene_query import SceneAnswer
 
 
@@ -35,6 +39,19 @@ def query(monkeypatch, capfd):
         return status, printed.out, printed.err
 
     return call
+
+
+@pytest.fixture
+def fitted(monkeypatch):
+    """``fitted(found=..., guess=...)``: the bundled OpenCLIP has a fit of the lead over other words with these limits."""
+
+    def fit(found: float, guess: float = 0.3) -> None:
+        row = held_keys(QueryOptions()) | {"intercept": "0", "size": "0", "lead": "1", "apart": "0"}
+        row |= {"found": str(found), "guess": str(guess)}
+        digest = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
+        monkeypatch.setattr(calibration, "read_fits", lambda: {digest: row})
+
+    return fit
 
 
 @pytest.fixture
@@ -64,11 +81,11 @@ def test_a_frame_is_answered_in_words_and_in_a_picture(word_scene, query):
     assert status == 0, err
     title, header, couch, cup, picture = out.splitlines()
     assert title == f"{folder}, frame 1, origin synthetic"
-    assert columns(header) == ["query", "score", "level", "pixel", "position [m]"]
+    assert columns(header) == ["query", "answer", "score", "level", "pixel", "position [m]"]
     assert header.index("level") == couch.index("whole") == cup.index("whole")
-    words, score, level, pixel, position = columns(couch)
-    assert (words, level) == ("couch", "whole") and float(score) > 0.5
-    assert int(pixel.split(",")[0]) < 24 <= int(columns(cup)[3].split(",")[0])
+    words, grade, score, level, pixel, position = columns(couch)
+    assert (words, grade, level) == ("couch", "found", "whole") and float(score) > 0.5
+    assert int(pixel.split(",")[0]) < 24 <= int(columns(cup)[4].split(",")[0])
     assert [float(one) for one in position.split(",")][2] == pytest.approx(2.0, abs=0.02)
     assert picture == f"picture: {folder / 'query.png'}"
     width, height = Image.open(folder / "query.png").size
@@ -93,17 +110,18 @@ def test_small_checkpoints_on_a_real_recording_are_reported_with_the_answers(wor
     assert out.splitlines()[1] == told
 
 
-def test_the_whole_scene_is_answered_in_3d(word_scene, query):
+def test_the_whole_scene_is_answered_in_3d(word_scene, query, fitted):
     """Without --frame the answer is a thing: its center, its size and the frame that shows it best."""
     folder = word_scene()
+    fitted(found=0.6)
     status, out, err = query(folder, "couch", "cup")
     assert status == 0, err
     title, header, couch, cup, picture = out.splitlines()
     assert title == f"{folder}, the whole scene, origin synthetic"
-    assert columns(header) == ["query", "score", "level", "center [m]", "size [m]", "frame"]
+    assert columns(header) == ["query", "answer", "probability", "level", "center [m]", "size [m]", "frame"]
     for line, words, side in ((couch, "couch", -1), (cup, "cup", 1)):
-        found, score, level, center, size, frame = columns(line)
-        assert (found, level, frame) == (words, "whole", "0") and float(score) > 0.5
+        found, grade, probability, level, center, size, frame = columns(line)
+        assert (found, grade, level, frame) == (words, "found", "whole", "0") and float(probability) >= 0.6
         x, y, z = (float(one) for one in center.split(","))
         # Each word is half of a wall 2 m ahead, 1.6 m wide; the camera sees 2.2 m of the 3.2 m.
         assert (side * x, y, z) == (
@@ -120,10 +138,45 @@ def test_what_is_not_there_is_rejected(word_scene, query):
     """A scene of a couch and a cup has no basketball, and nothing is known of untaught words."""
     status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--set", "min_score=0.7")
     assert status == 0, err
-    basketball, spaceship, couch = out.splitlines()[2:5]
-    assert "not found: the best match is below 0.70" in basketball
-    assert 'not found: the OpenCLIP checkpoint was not trained on "spaceship"' in spaceship
-    assert columns(couch)[2] == "whole"
+    notice, _, basketball, spaceship, couch = out.splitlines()[1:6]
+    assert "not calibrated" in notice and "0.70" in notice
+    assert "not found: the best match is below 0.70 (score 0." in basketball
+    assert columns(spaceship) == ["spaceship", 'The models here were never taught the word "spaceship".']
+    assert columns(couch)[1] == "found" and columns(couch)[3] == "whole"
+
+
+@pytest.mark.parametrize(
+    "limits, cup, basketball",
+    [
+        ({"found": 0.6, "guess": 0.3}, "found", "not found"),
+        ({"found": 1.01, "guess": 0.3}, "best guess", "not found"),
+        ({"found": 1.01, "guess": 0.0}, "best guess", "best guess"),
+        ({"found": 1.01, "guess": 1.01}, "not found", "not found"),
+    ],
+)
+def test_a_best_guess_has_its_place_and_not_found_has_none(
+    word_scene, query, fitted, limits, cup, basketball
+):
+    fitted(**limits)
+    folder = word_scene()
+    status, out, err = query(folder, "cup", "basketball")
+    assert status == 0, err
+    for line, grade in zip(out.splitlines()[2:4], (cup, basketball), strict=True):
+        assert columns(line)[1].startswith(grade) and (len(columns(line)) == 7) is (grade != "not found")
+    answers = open_scene(folder, device="cpu").ask("cup", "basketball")
+    assert [one.grade for one in answers] == [cup, basketball]
+    assert all(bool(one.things) is (one.refusal is None) is (one.grade != "not found") for one in answers)
+    assert all(0 < one.probability < 1 and one.candidates for one in answers)
+    assert answers[0].probability > answers[1].probability
+
+
+def test_things_of_a_lower_grade_are_not_listed_with_those_that_are_found(word_scene, fitted):
+    """The best thing by score decides the grade, however many are listed; the others of the answer share it."""
+    fitted(found=0.6, guess=0.0)
+    [cup] = open_scene(word_scene(), device="cpu").ask("cup", most=8)
+    ratings = [one.rating for one in cup.candidates]
+    assert cup.probability == ratings[0] and cup.score == max(one.score for one in cup.candidates)
+    assert [one.rating for one in cup.things] == [one for one in ratings if one >= 0.6]
 
 
 def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, monkeypatch):
@@ -131,7 +184,7 @@ def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, mon
     monkeypatch.setattr(finished_scene, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
     status, out, err = query(word_scene(), "cup", "--min-score", 0)
     assert status == 0, err
-    assert columns(out.splitlines()[2]) == ["cup", "0.00", "no Gaussian of the scene has a code"]
+    assert columns(out.splitlines()[3]) == ["cup", "no Gaussian of the scene has a code"]
 
 
 def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
@@ -154,7 +207,7 @@ def test_lengths_have_no_meters_without_a_scale(word_scene, query, unscaled):
     for words, column in (((), "center [scene units]"), (("--frame", 1), "position [scene units]")):
         with unscaled():
             _, out, _ = query(folder, "cup", *words)
-        assert column in out.splitlines()[1]
+        assert column in out
 
 
 def test_many_answers_are_drawn_in_part(word_scene, query):
@@ -184,7 +237,8 @@ def test_a_pose_that_sees_nothing_gives_no_answer(word_scene, query, tmp_path):
     output = tmp_path / "made" / "away.png"
     status, out, err = query(word_scene(), "cup", "--pose", tmp_path / "away.json", "--output", output)
     assert status == 0, err
-    assert columns(out.splitlines()[2])[:2] == ["cup", "0.00"] and "not found" in out.splitlines()[2]
+    cup, told = columns(out.splitlines()[2])
+    assert cup == "cup" and told == "not found: the best match is below 0.78"
     assert Image.open(output).size[0] > 400
 
 
@@ -197,9 +251,16 @@ def test_keys_of_the_section_are_set_by_name(word_scene, query):
     scores = []
     for temperature in ("10", "1"):
         _, out, _ = query(
-            word_scene(), "cup", "--set", f"temperature={temperature}", "--set", "canonical=[thing]"
+            word_scene(),
+            "cup",
+            "--min-score",
+            0,
+            "--set",
+            f"temperature={temperature}",
+            "--set",
+            "canonical=[thing]",
         )
-        scores.append(float(columns(out.splitlines()[2])[1]))
+        scores.append(float(columns(out.splitlines()[3])[2]))
     assert scores[0] > scores[1] >= 0.5
 
 

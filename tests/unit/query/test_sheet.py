@@ -7,14 +7,14 @@ from egosplat.query.answers import Answer, FoundView
 from egosplat.query.command import DrawnAnswer
 from egosplat.query.sheet import draw_answers
 
-REFUSED = DrawnAnswer(Answer("zeppelin", 0.2, refusal="not found: " + "a long reason " * 6))
+REFUSED = DrawnAnswer(Answer("zeppelin", "not found", 0.2, refusal="not found: " + "a long reason " * 6))
 
 
 def answer(phrase: str) -> DrawnAnswer:
     """One that is drawn in gray, without relevancy, all of it in the mask."""
     gray, nothing = np.full((40, 40, 3), 0.5, np.float32), np.zeros((40, 40), np.float32)
     view = FoundView("whole", (20, 20), None, nothing, nothing == 0, "whole")
-    return DrawnAnswer(Answer(phrase, 0.9, view=view), "", gray, view)
+    return DrawnAnswer(Answer(phrase, "found", 0.9, view=view), "", gray, view)
 
 
 def test_a_long_refusal_does_not_widen_a_column(tmp_path):

@@ -249,6 +249,6 @@ def _presence_summary(scenes: Iterable[ScoredScene]) -> str | None:
         return None
     return (
         f"in queries of the whole scene, {total('present', 'answered')} of {total('present', 'asked')} present things "
-        f"are answered, {total('present', 'right')} of them correctly, and {total('absent', 'answered')} of "
-        f"{total('absent', 'asked')} absent things"
+        f"are found, {total('present', 'right')} of them correctly, and {total('absent', 'answered')} of "
+        f"{total('absent', 'asked')} absent things; best guesses are right for {total('present', 'guessed_right')} more"
     )

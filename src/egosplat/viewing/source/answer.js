@@ -106,6 +106,8 @@ function measured(scene, values, members, level) {
   const box = scene.facts.query.box_filter ** 2;
   return {
     members, level,
+    relevancy: fit / total,
+    share: shown[view],
     score: ((fit / total) * shown[view]) / (shown[view] + box),
     frame: scene.views[view].frame,
     center: center.map((sum) => sum / total),
@@ -132,23 +134,56 @@ function areSame(scene, one, other) {
   return common > scene.facts.query.same * Math.min(weight(one.members), weight(other.members));
 }
 
+// Grades: egosplat/query/grades. What a thing is graded by is its probability, or without a calibration its score.
+function ratingOf(scene, thing, things, vector) {
+  const { calibration, synonym } = scene.facts.query;
+  if (!calibration) return thing.score;
+  const fits = scene.wordVectors.map((word, number) => (dot(word, 0, vector) < synonym ? logOdds(wordFit(scene, thing, number)) : -Infinity));
+  const best = Math.max(...fits), fit = logOdds(thing.relevancy);
+  const next = Math.max(0, ...things.filter((other) => other !== thing).map((other) => other.score));
+  const evidence = { apart: thing.score - next, size: Math.log(Math.max(thing.share, 1e-9)), lead: fit - (best > -Infinity ? best : 0) };
+  const sum = Object.entries(calibration.weights).reduce((part, [name, weight]) => part + weight * evidence[name], calibration.intercept);
+  return 1 / (1 + Math.exp(-sum));
+}
+
+// Mean relevancy of a thing's Gaussians to a word of the page's list.
+function wordFit(scene, thing, number) {
+  const relevancy = wordRelevancy(scene, number)[thing.level], index = scene.codeIndex[thing.level], weight = scene.weights[thing.level];
+  let sum = 0, total = 0;
+  for (const one of thing.members) {
+    sum += weight[one] * relevancy[index[one]];
+    total += weight[one];
+  }
+  return sum / total;
+}
+
+function logOdds(p) {
+  const inside = Math.min(Math.max(p, 1e-6), 1 - 1e-6);
+  return Math.log(inside / (1 - inside));
+}
+
+function gradeOf(scene, rating) {
+  const { calibration, min_score } = scene.facts.query, { found, guess } = calibration ?? { found: min_score, guess: min_score };
+  return rating >= found ? "found" : rating >= guess ? "best guess" : "not found";
+}
+
 // Letters of the longest text that is worth splitting or sending.
 const LONGEST = 2000;
 
 // A phrase without characters that nobody sees, and with single spaces.
 const cleanPhrase = (phrase) => phrase.replace(/\s+/gu, " ").replace(/[\p{Cc}\p{Cf}]/gu, "").trim();
 
-// A score with two decimals, on its side of the least score of an answer.
-function shownScore(score, least) {
-  const shown = Number(score.toFixed(2)), side = score < least ? -1 : 1;
-  return ((shown < least) === (score < least) ? shown : shown + side / 100).toFixed(2);
+// A number with two decimals, for which the verdict is the same.
+function shownFigure(value, verdict) {
+  const near = [0, -0.01, 0.01].map((step) => Number((Number(value.toFixed(2)) + step).toFixed(2)));
+  return (near.find((one) => verdict(one) === verdict(value)) ?? value).toFixed(2);
 }
 
 // The vector of a clean phrase, or the reason why it has none.
 async function encodePhrase(scene, tower, phrase) {
   const { words, taught } = scene.facts, { encoder } = document.documentElement.dataset;
   if (!phrase) return { why: "Type the name of a thing." };
-  if (!/[\p{L}\p{N}]/u.test(phrase)) return { why: "not found: the query holds no word" };
+  if (!/[\p{L}\p{N}]/u.test(phrase)) return { why: "The query holds no word." };
   // As in Python, where ftfy makes wide letters plain.
   phrase = phrase.normalize("NFKC");
   const known = words.indexOf(phrase.toLowerCase());
@@ -159,8 +194,8 @@ async function encodePhrase(scene, tower, phrase) {
   if (tokens.length > limit) return { why: `too long: the model reads ${limit} tokens; shorten it` };
   const untaught = taught ? (phrase.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? []).filter((word) => !taught.includes(word)) : [];
   if (untaught.length) {
-    const named = [...new Set(untaught)].map((word) => `"${word}"`).join(", ");
-    return { why: `not found: the OpenCLIP checkpoint was not trained on ${named}` };
+    const named = [...new Set(untaught)].map((word) => `"${word}"`);
+    return { why: `The models here were never taught the word${named.length > 1 ? "s" : ""} ${named.join(", ")}.` };
   }
   return { vector: tower.encode(tokens) };
 }

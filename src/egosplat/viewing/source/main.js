@@ -220,25 +220,39 @@ class Page {
     $("answer").textContent = `"${shortened(phrase)}" ...`;
     const things = findThings(this.scene, await this.neighbors, relevancy, 3);
     if (question !== this.questions) return null;
-    const best = things[0], { min_score } = this.scene.facts.query, fitting = things.filter((thing) => thing.score >= min_score);
+    for (const thing of things) thing.rating = ratingOf(this.scene, thing, things, vector);
+    const best = things[0], grade = gradeOf(this.scene, best?.rating ?? 0);
+    const fitting = grade === "not found" ? [] : things.filter((thing) => gradeOf(this.scene, thing.rating) === grade);
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
-    this.mark = fitting.length ? { point: best.center, text: `${shortened(phrase)} ${this.score(best.score)}` } : null;
+    this.mark = fitting.length ? { point: best.center, text: this.markOf(phrase, best) } : null;
     $("level").value = String(best?.level ?? this.showing.level);
     $("instances").checked = false;
     this.show({ relevancy, level: best?.level ?? this.showing.level, instances: false });
-    const none = best ? `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}` : "no Gaussian of the scene has a code";
-    return this.tell(phrase, { things: fitting, score: best?.score ?? 0, why: fitting.length ? null : none });
+    const { min_score, calibration } = this.scene.facts.query;
+    const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
+    const none = best ? below : "no Gaussian of the scene has a code";
+    return this.tell(phrase, { things: fitting, grade, score: best?.score ?? 0, rating: best?.rating ?? 0, why: fitting.length ? null : none });
   }
 
   score(score) {
-    return shownScore(score, this.scene.facts.query.min_score);
+    const { min_score } = this.scene.facts.query;
+    return shownFigure(score, (one) => one >= min_score);
+  }
+
+  rating(rating) {
+    return shownFigure(rating, (one) => gradeOf(this.scene, one));
+  }
+
+  markOf(phrase, thing) {
+    const guess = gradeOf(this.scene, thing.rating) === "best guess" ? ", best guess" : "";
+    return `${shortened(phrase)} ${this.rating(thing.rating)}${guess}`;
   }
 
   tell(phrase, answer) {
-    const score = answer.score === undefined ? "" : ` (${this.score(answer.score)})`;
-    const number = answer.things?.length ?? 0;
-    this.told = `"${shortened(phrase)}": ${answer.why ? answer.why + score : number > 1 ? `${number} found` : "found"}`;
+    const number = answer.things?.length ?? 0, measure = this.scene.facts.query.calibration ? "probability" : "score";
+    const rating = answer.rating === undefined ? "" : ` (${measure} ${this.rating(answer.rating)})`;
+    this.told = `"${shortened(phrase)}": ${answer.why ? answer.why + rating : number > 1 ? `${answer.grade}, ${number} of them` : answer.grade}`;
     this.sought = number ? answer.things[0].center : null;
     this.sayAnswer();
     $("things").replaceChildren(...(answer.things ?? []).map((thing) => this.thingItem(thing, phrase)));
@@ -252,7 +266,7 @@ class Page {
   }
 
   thingItem(thing, phrase) {
-    const { facts } = this.scene, button = element("button", `\u2192 Go there: ${this.score(thing.score)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
+    const { facts } = this.scene, button = element("button", `\u2192 Go there: ${gradeOf(this.scene, thing.rating)} ${this.rating(thing.rating)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
     const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
     button.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
     button.onclick = () => this.jump(thing, phrase);
@@ -273,7 +287,7 @@ class Page {
     this.camera.lookAt(nearer, thing.center);
     this.pivot = this.sought = thing.center;
     this.moving = false;
-    this.mark = { point: thing.center, text: `${shortened(phrase)} ${this.score(thing.score)}` };
+    this.mark = { point: thing.center, text: this.markOf(phrase, thing) };
     this.showing.level = thing.level;
     $("level").value = String(thing.level);
     this.show({ level: thing.level });

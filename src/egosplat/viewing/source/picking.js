@@ -48,13 +48,15 @@ function alphaAt(scene, camera, focal, [width, height], one, [u, v, z], x, y, ra
   return Math.min(opacity * Math.exp(-sigma), raster.most_alpha);
 }
 
+// Relevancy of the palette to a word of the page's list, computed once.
+function wordRelevancy(scene, number) {
+  scene.wordRelevancy ??= [];
+  return (scene.wordRelevancy[number] ??= paletteRelevancy(scene, scene.wordVectors[number]));
+}
+
 // The words that fit what a pixel shows, best first, each at the level where it fits best; and its instances.
 function describe(scene, found) {
-  const best = scene.facts.words.map((word, number) => {
-    scene.wordRelevancy ??= [];
-    scene.wordRelevancy[number] ??= paletteRelevancy(scene, scene.wordVectors[number]);
-    return { word, ...bestLevel(scene, found.hits, scene.wordRelevancy[number]) };
-  });
+  const best = scene.facts.words.map((word, number) => ({ word, ...bestLevel(scene, found.hits, wordRelevancy(scene, number)) }));
   best.sort((one, other) => other.score - one.score);
   return { words: best, instances: instancesAt(scene, found.hits), point: found.point };
 }

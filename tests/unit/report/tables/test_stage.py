@@ -258,12 +258,15 @@ def test_the_page_shows_the_alarms_of_its_scenes(tables, scored, tmp_path):
 
 def test_answers_to_what_is_not_there_stand_beside_the_accuracy(scored, tables, tmp_path):
     """The counts of scenes are summed in a note below the table."""
-    counts = {"present": {"asked": 20, "answered": 9, "right": 8, "unverified": 1}}
-    counts |= {"absent": {"asked": 30, "answered": 2, "untaught": 10}}
+    counts = {
+        "present": {"asked": 20, "answered": 9, "right": 8, "unverified": 1, "guessed": 4, "guessed_right": 3}
+    }
+    counts |= {"absent": {"asked": 30, "answered": 2, "untaught": 10, "guessed": 5}}
     presence = counts | {"min_score": 0.5, "separation": 0.9, "queries": []}
     tables(scored("adt/scene1", presence=presence), scored("adt/scene2", presence=presence))
     page = (tmp_path / "out" / "adt_accuracy.md").read_text()
-    assert "18 of 40 present things are answered, 16 of them correctly, and 4 of 60 absent things" in page
+    assert "18 of 40 present things are found, 16 of them correctly, and 4 of 60 absent things" in page
+    assert "best guesses are right for 6 more" in page
     assert "that are not there" not in (tmp_path / "out" / "adt_iou.md").read_text()
 
 

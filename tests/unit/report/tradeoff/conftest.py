@@ -50,8 +50,10 @@ def document(scene: str, accuracy: float, psnr: float | None, stages: Mapping[st
         "presence": {
             "min_score": 0.5,
             "separation": None,
-            "present": dict.fromkeys(("asked", "answered", "right", "unverified"), 0),
-            "absent": dict.fromkeys(("asked", "answered", "untaught"), 0),
+            "present": dict.fromkeys(
+                ("asked", "answered", "right", "unverified", "guessed", "guessed_right"), 0
+            ),
+            "absent": dict.fromkeys(("asked", "answered", "untaught", "guessed"), 0),
             "queries": [],
         },
         "rendering": dict.fromkeys(("static", "dynamic", "all"), rendering),
