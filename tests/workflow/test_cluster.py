@@ -61,6 +61,7 @@ def photographs(one_scene, tmp_path):
         workdir = one_scene("plain", pictures, "frames.resolution=64 frames.evaluation_frames=1")
         workdir.code = workdir.folder / "src"
         shutil.copytree(ROOT / "src/egosplat", workdir.code / "egosplat")
+        shutil.copytree(ROOT / "config/presets", workdir.folder / "config/presets")
         before = "    capture = reader.capture\n"
         workdir.edit("frames/stage.py", before, lines + before)
         return workdir

@@ -13,7 +13,7 @@ from egosplat.errors import UserError
 from egosplat.frames.files import ADT_VIDEOS, list_pictures
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
-from egosplat.frames.plain import ENOUGH_PER_S
+from egosplat.frames.pictures import ENOUGH_PER_S
 from egosplat.frames.video import Video, open_source
 from egosplat.poses.files import TRAJECTORIES
 from egosplat.run.archive import unpack
