@@ -43,11 +43,10 @@ def survey_that_keeps() -> Callable[..., Path]:
             "motion": {
                 "static": static,
                 "masking": "none" if static else "refined",
-                "probability": float(not static),
                 "share": 0.1 * (not static),
                 "fleeting": 0.0,
             }
-            | {"max_probability": 0.5, "voting": 0.7, "noise_px": 0.1, "pairs": []},
+            | {"min_share": 0.008, "voting": 0.7, "noise_px": 0.1, "pairs": []},
             "camera": {"pose_residual_px": 0.1, "pose_noise_px": 0.1, "revisits": 0, "refine_poses": False}
             | {"brightness_stops": 0.1, "compensate_exposure": False},
             "views": {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}

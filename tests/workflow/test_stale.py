@@ -136,7 +136,7 @@ WITHOUT_EFFECT = (
     # Words of errors, log lines and progress.
     ("geometry.py", "a time lies outside the trajectory", "a time is outside of the trajectory"),
     ("files.py", "give another --output", "name another --output"),
-    ("segments/stage.py", "of them move and are tracked", "of these move and are tracked"),
+    ("segments/stage.py", "of them are tracked, because", "of these are tracked, because"),
     ("gaussians/trainer.py", "training resumes after iteration", "training goes on after iteration"),
     ("instances/lifted_masks.py", "lifting masks", "placing masks"),
     ("alarms/texts.py", "Check instances.png", "Look at instances.png"),

@@ -6,6 +6,7 @@ from typing import Any
 
 from egosplat.pipeline.config import Config, defaults, stage_sections
 from egosplat.pipeline.making import snakemake_in
+from egosplat.pipeline.model_sets import automatic_set, choose_set
 from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import variant_config, variant_folder
@@ -41,12 +42,12 @@ def recipe_of(scene: Scene, variant: str | None) -> Recipe:
         else f"--config preset={scene.config['preset']} -- "
     )
     target = f"{scene.results}/{variant_folder(variant)}metrics.json"
-    return Recipe(changed_keys(config), f"{snakemake_in(Path())} --cores 2 {preset}{target}")
+    usual = choose_set(defaults(), automatic_set("synthetic" if scene.synthetic else "real"))
+    return Recipe(changed_keys(config, usual), f"{snakemake_in(Path())} --cores 2 {preset}{target}")
 
 
-def changed_keys(config: Config) -> dict[str, Any]:
-    """Get the keys of stages that differ from the defaults, without those of the recording."""
-    usual = defaults()
+def changed_keys(config: Config, usual: Config) -> dict[str, Any]:
+    """Get the keys of stages that differ from the usual configuration, without those of the recording."""
     sections = [name for name in config if name in _recipe_sections()]
     return {
         f"{section}.{key}": value
