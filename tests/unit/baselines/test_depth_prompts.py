@@ -159,7 +159,7 @@ KEYS = {
 @pytest.fixture(autouse=True)
 def all_masks(monkeypatch):
     """No mask is dropped for its quality."""
-    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(0.0, 0.0, 0.1, 0.2))
+    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.0, 0.1, 0.2))
 
 
 def segmented(folder, name, points="depth", prompts=None, **changes):

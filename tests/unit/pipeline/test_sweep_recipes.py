@@ -27,7 +27,8 @@ def test_a_recipe_gives_the_preset(monkeypatch):
         section, _, name = key.partition(".")
         sections.setdefault(section, {})[name] = value
     wanted, found = resolve({"preset": "draft"}, PRESETS), resolve(sections, PRESETS)
-    assert merge(found, {"preset": "draft"}) == wanted
+    # A key that is set wins over a format's; that of a preset does not.
+    assert merge(found, {"preset": "draft", "formats": wanted["formats"]}) == wanted
     assert recipe.command == "snakemake --cores 2 results/adt/scene1/variants/draft/metrics.json"
 
 

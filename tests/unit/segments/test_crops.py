@@ -100,7 +100,7 @@ def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypat
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "encode", recorded)
     keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 2}
-    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(0.0, 0.7, 0.1, 0.2))
+    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.7, 0.1, 0.2))
     options = SegmentsOptions(**keys)
     found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, np.ones((96, 128), bool), options).run()
     assert sides == [512, 256, 256, 256, 256] and sam2.video_predictor.image_size == 256
@@ -121,7 +121,7 @@ def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "prompt", recorded)
     keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 4}
-    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(-1.0, 0.0, 0.1, -1.0))
+    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
     options = SegmentsOptions(**keys)
     found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, valid, options).run()
     assert [len(one) for one in points] == [8, 8, 0, 8, 0]
@@ -142,7 +142,7 @@ def test_pixels_that_a_frame_leaves_out_are_not_prompted(sam2, monkeypatch):
 
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "prompt", recorded)
-    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(-1.0, 0.0, 0.1, -1.0))
+    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
     options = SegmentsOptions(crops_per_side=2, image_size=512, points_per_side=4, key_frame_stride=1)
     every = np.ones((96, 128), bool)
     about = sam2, lambda _: image, np.arange(2), 2, every, options

@@ -37,7 +37,7 @@ PROMPTED = [0, 3]
 @pytest.fixture(autouse=True)
 def all_masks(monkeypatch):
     """No mask is dropped for its quality."""
-    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
+    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
 
 
 @pytest.fixture(scope="module")

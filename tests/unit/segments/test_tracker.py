@@ -29,7 +29,7 @@ FRAMES, HEIGHT, WIDTH = 4, 40, 56
 @pytest.fixture(autouse=True)
 def all_masks(monkeypatch):
     """No mask is dropped for its quality."""
-    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
+    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
 
 
 @pytest.fixture(scope="module")
@@ -217,7 +217,7 @@ def test_checkpoints_append_labels(tmp_path):
 
 
 def test_no_masks_give_no_instance(sam2, images, monkeypatch):
-    monkeypatch.setitem(MASK_FILTERS, "small", MaskFilter(1.0, 0.0, 0.1, 0.0))
+    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(1.0, 0.0, 0.1, 0.0))
     segmented, _ = tracked(sam2, images)
     assert segmented.instances == [] and segmented.same == []
     assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
