@@ -85,7 +85,7 @@ def test_a_static_scene_has_neither_network_nor_masks(work):
 
 
 def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
-    assert made(work, STATIC, METRICS) == {"survey", *SPLATS_ON}
+    assert made(work, STATIC, METRICS) >= {"survey", *SPLATS_ON}
     again = STATIC.replace("1.0}", "0.5}")
     assert "survey" in work.stale(METRICS, config=again)
     assert made(work, again, SURVEY) == {"survey"}

@@ -99,8 +99,8 @@ def test_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):
 
 SNAKEMAKE = """
 import pathlib, signal, time
-print("egosplat: begun", flush=True)
 try:
+    print("egosplat: begun", flush=True)
     time.sleep(600)
 except KeyboardInterrupt:
     time.sleep(0.2)
