@@ -47,8 +47,8 @@ def test_a_video_becomes_a_scene_that_answers(clip, tmp_path):
     counts = [tuple(map(int, line.split()[0].split("/"))) for line in lines]
     assert counts == [(number, len(lines)) for number in range(1, len(lines) + 1)]
     assert {"frames", "poses", "splats", "language", "scene_page"} <= {line.split()[1][:-1] for line in lines}
-    assert "jobid" not in done.stderr and done.stderr.count("the small checkpoints") == 1
-    assert re.search(r"^couch +\d", done.stdout, re.MULTILINE) and "wooden door" in done.stdout
+    assert "jobid" not in done.stderr and done.stderr.count("models.set photos") == 1
+    assert re.search(r"^couch +\S", done.stdout, re.MULTILINE) and "wooden door" in done.stdout
     assert (folder / "results/mine/wall/scene.html").is_file()
     assert {path.name for path in folder.iterdir()} == {"config", "logs", "results", ".snakemake"}
     log = (folder / "logs/mine/wall/splats.log").read_text()
