@@ -60,6 +60,11 @@ class Rows:
         """Names of the settings in their order."""
         return list(self.tables["runs"]["setting"].unique())
 
+    @property
+    def worlds(self) -> list[str]:
+        """Names of the worlds of the scenes in their order."""
+        return list(dict.fromkeys(map(world_of, self.tables["runs"]["scene"])))
+
     def within(self, world: str | None) -> "Rows":
         """The rows of the scenes of a world, such as ``busy`` for busy1 to busy5; all rows for None.
 
@@ -68,10 +73,7 @@ class Rows:
         """
         if world is None:
             return self
-        tables = {
-            name: table[table["scene"].str.fullmatch(rf".*/{re.escape(world)}\d+")]
-            for name, table in self.tables.items()
-        }
+        tables = {name: table[table["scene"].map(world_of) == world] for name, table in self.tables.items()}
         if tables["runs"].empty:
             raise UserError(f"{self.about['name']}: has no scene {world}1")
         return Rows(self.about, tables)
@@ -92,6 +94,11 @@ class Rows:
         for column, value in equal.items():
             rows = rows[rows[column] == value]
         return rows
+
+
+def world_of(scene: str) -> str:
+    """World of a scene such as ``adt/busy1``: its name without its number."""
+    return re.sub(r"\d+$", "", scene.rpartition("/")[2])
 
 
 def read_scenes(folders: Sequence[Path], settings: Mapping[str, str | None]) -> dict[str, list[ScoredScene]]:

@@ -7,7 +7,6 @@
 --variant takes others in place of the ablation's, such as occam, or one of your configuration.
 """
 
-import re
 from pathlib import Path
 
 import click
@@ -31,7 +30,7 @@ def main(folders: tuple[Path, ...], variants: tuple[str, ...], rows: Path | None
     """Print the tables of each world, named as its scenes are without their numbers."""
     found = collect_page("ablation", folders, {FULL: None, **{name: name for name in variants}}, rows)
     click.echo(METHOD)
-    for world in dict.fromkeys(re.sub(r"\d+$", "", folder.resolve().name) for folder in folders):
+    for world in found.worlds:
         click.echo("\n\n".join([f"\n## {world}", *(table(found, world) for table in TABLES)]))
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from benchmarks.common import command
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -32,15 +33,10 @@ from egosplat.report.sheets.language_sheet import principal_colors
 ROWS, CELL = 4, 2.6
 
 
-def variant_file(folder: Path, variant: str | None, name: str) -> Path:
-    """An artifact of a variant, its own or the scene's."""
-    own = folder / variant_folder(variant) / name
-    return own if own.exists() else folder / name
-
-
 def trained(folder: Path, variant: str | None) -> tuple[Artifact, TrainedScene]:
     """The Gaussians of a scene or variant."""
-    splats = open_artifact(variant_file(folder, variant, "splats.zarr"), SPLATS)
+    (path,) = locate(folder / variant_folder(variant), "splats")
+    splats = open_artifact(path, SPLATS)
     return splats, read_trained_scene(splats, "auto")
 
 
@@ -88,7 +84,8 @@ def draw_masks(folder: Path) -> list[list[tuple[NDArray, str]]]:
 def code_picture(folder: Path, variant: str | None, poses: Artifact, frame: int) -> NDArray[np.float64]:
     """The codes of the largest level as colors, each variant with principal colors of its own."""
     splats, scene = trained(folder, variant)
-    language = open_artifact(variant_file(folder, variant, "language.zarr"), LANGUAGE)
+    (path,) = locate(folder / variant_folder(variant), "language")
+    language = open_artifact(path, LANGUAGE)
     code, share = language.read("code"), language.read("share")
     on_device = (torch.from_numpy(part).to(scene.gaussians.means.device) for part in (code, share))
     pose = camera_poses(poses, splats)[frame]
