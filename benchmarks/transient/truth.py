@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.recording import Annotations
 from egosplat.geometry import Camera
 
@@ -44,13 +45,8 @@ class Truth:
 
 def read_truth(recording: Path, frames: Artifact) -> Truth:
     """The truth of the recording that ``frames`` was read from."""
-    reader = open_annotations(
-        "adt",
-        recording,
-        camera=Camera(**frames.facts["camera"]),
-        upright=frames.facts["upright"],
-        max_age_ns=MAX_AGE_NS,
-    )
+    keys = AnnotationKeys(Camera(**frames.facts["camera"]), frames.facts["upright"], MAX_AGE_NS)
+    reader = open_annotations("adt", recording, keys)
     if reader is None:
         raise ValueError(f"{recording}: is not annotated")
     moved = moved_objects(recording / "scene_objects.csv")

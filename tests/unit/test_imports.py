@@ -90,7 +90,7 @@ def test_the_words_of_a_query_need_no_matplotlib():
 def test_reading_frames_never_imports_annotation_code():
     """A change of annotation code makes no frames stale."""
     modules = imported_by(
-        "import egosplat.frames.readers\n"
+        "import egosplat.frames.stage\n"
         "from egosplat.pipeline.stages import STAGES, load_module\n"
         "[load_module('frames', format) for format in STAGES['frames'].modules.modules]"
     )

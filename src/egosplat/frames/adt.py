@@ -17,12 +17,12 @@ from projectaria_tools.core.stream_id import StreamId
 
 from egosplat.errors import UserError
 from egosplat.frames.files import ADT_VIDEOS, adt_video
-from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Capture
 from egosplat.frames.rectify import Rectification, clockwise_turns, pinhole
 from egosplat.frames.selection import select_frames
-from egosplat.frames.vrs import check_complete, check_log
+from egosplat.frames.vrs import open_checked
 from egosplat.geometry import Camera
 from egosplat.pipeline.recording_origin import recording_origin
 
@@ -32,38 +32,16 @@ RGB_STREAM = StreamId("214-1")
 EXPOSURE_MIDDLE_AFTER_CAPTURE_NS = 2_500_000
 
 
-def open_recording(path: Path, keys: ReaderKeys) -> "AdtRecording":
-    """Open a sequence; see ``AdtRecording``."""
-    return AdtRecording(path, focal=keys.focal, upright=keys.upright, **keys.selection)
-
-
 class AdtRecording:
     """The RGB frames of an ADT sequence folder; a ``Recording``."""
 
-    def __init__(
-        self,
-        folder: Path,
-        *,
-        resolution: int,
-        focal: float,
-        upright: bool,
-        stride: int,
-        start_s: float,
-        end_s: float | None,
-    ) -> None:
+    def __init__(self, folder: Path, options: FramesOptions) -> None:
         """Open ``video.vrs`` and select frames; ``read_frames`` decodes them.
 
-        Args:
-            folder: the sequence folder.
-            resolution: side of the rectified frames [px].
-            focal: focal length of the rectified frames at 1408 px [px] (the paper: 460).
-            upright: whether frames are turned upright; the sensor of Aria gen1 is mounted sideways.
-            stride, start_s, end_s: see ``selection.select_frames``.
-
         Raises:
-            UserError: the folder or ``video.vrs`` is missing or damaged, or an option is out of range.
+            UserError: the folder or ``video.vrs`` is missing or damaged, or no frame is selected.
         """
-        camera = pinhole(resolution, focal)
+        camera, upright = pinhole(options.resolution, options.focal), options.upright
         self._path = adt_video(folder)
         self._provider = open_video(folder)
         timestamps = np.array(
@@ -71,9 +49,7 @@ class AdtRecording:
         )
         if not len(timestamps):
             raise UserError(f"{self._path}: has no RGB frame. Download it again.")
-        self._frames = select_frames(
-            timestamps, stride=stride, start_s=start_s, end_s=end_s, source=self._path
-        )
+        self._frames = select_frames(timestamps, options, self._path)
         device = device_calibration(self._provider, self._path)
         self._rectification = rectification(device, camera, upright, self._path)
         capture_ns = timestamps[self._frames]
@@ -124,6 +100,9 @@ class AdtRecording:
         return image
 
 
+open_recording = AdtRecording
+
+
 def open_video(folder: Path) -> VrsDataProvider:
     """Open ``video.vrs`` of a sequence and check that it is complete and has an RGB stream.
 
@@ -135,16 +114,7 @@ def open_video(folder: Path) -> VrsDataProvider:
     path = adt_video(folder)
     if not os.path.lexists(path):
         raise UserError(f"{folder}: has no {' or '.join(ADT_VIDEOS)}. Download this file of the recording.")
-    check_complete(path)
-    try:
-        with captured_log() as messages:
-            provider = data_provider.create_vrs_data_provider(str(path))
-    except RuntimeError as error:
-        raise UserError(f"{path}: cannot be read ({error}). Download it again.") from error
-    if provider is None:
-        raise UserError(f"{path}: cannot be read ({'; '.join(messages)}). Download it again.")
-    check_log(path, messages)
-    log_messages(messages, path)
+    provider = open_checked(path, lambda: data_provider.create_vrs_data_provider(str(path)))
     if not provider.check_stream_is_active(RGB_STREAM):
         raise UserError(
             f"{path}: has no RGB stream (214-1). Give a recording of Aria glasses with its color camera."

@@ -16,8 +16,7 @@ from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Instance
 from egosplat.frames.recording_files import ADT_SEGMENTATIONS, find_segmentation
-from egosplat.frames.vrs import check_complete, check_log
-from egosplat.geometry import Camera
+from egosplat.frames.vrs import open_checked
 from egosplat.progress import log
 
 WITH_PEOPLE, WITHOUT_PEOPLE = ADT_SEGMENTATIONS
@@ -33,9 +32,8 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> "AdtAnnotations | None
     """
     if not path.is_dir():
         raise UserError(f"{path}: no such folder. Give the folder of an ADT sequence.")
-    if find_segmentation(path) is None:
-        return None
-    return AdtAnnotations(path, camera=keys.camera, upright=keys.upright, max_age_ns=keys.max_age_ns)
+    segmentation = find_segmentation(path)
+    return AdtAnnotations(path, segmentation, keys) if segmentation else None
 
 
 class AdtAnnotations:
@@ -45,31 +43,21 @@ class AdtAnnotations:
     instead and logged.
     """
 
-    def __init__(self, folder: Path, *, camera: Camera, upright: bool, max_age_ns: int = 3_000_000) -> None:
-        """Open the segmentation and ``instances.json``.
-
-        Args:
-            folder: the sequence folder.
-            camera: of the rectified frames (``Capture.camera``).
-            upright: as for the frames.
-            max_age_ns: largest time between a frame and its segmentation, in either direction.
+    def __init__(self, folder: Path, path: Path, keys: AnnotationKeys) -> None:
+        """Open the segmentation at ``path``, and ``instances.json``.
 
         Raises:
             UserError: a file is missing or damaged.
         """
         self.instances = read_instances(folder / ADT_INSTANCES)
-        self._max_age_ns = max_age_ns
-        path = find_segmentation(folder)
-        if path is None:
-            raise UserError(f"{folder}: has no {WITH_PEOPLE}. Download this file of the recording.")
+        self._max_age_ns = keys.max_age_ns
         if path.name == WITHOUT_PEOPLE:
             log(f"{folder}: has no {WITH_PEOPLE}; reading {WITHOUT_PEOPLE}, which does not annotate people")
-        check_complete(path)
         self._path = path
         video, opened = adt_video(folder), open_video(folder)
         device = device_calibration(opened, video)
-        self._rectification = rectification(device, camera, upright, video)
-        self._provider = open_segmentation(folder, self._path)
+        self._rectification = rectification(device, keys.camera, keys.upright, video)
+        self._provider = open_segmentation(video, path)
         self._log_covered(opened.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME))
         self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
 
@@ -163,23 +151,16 @@ def _instance(path: Path, key: str, entry: object) -> Instance:
     return Instance(identity, str(name), str(category), motion_type, instance_type)
 
 
-def open_segmentation(folder: Path, path: Path) -> AriaDigitalTwinDataProvider:
-    """Open the segmentation at ``path`` of the recording in ``folder``.
+def open_segmentation(video: Path, path: Path) -> AriaDigitalTwinDataProvider:
+    """Open the segmentation at ``path`` of a video.
 
     Raises:
         UserError: it cannot be read.
     """
     paths = AriaDigitalTwinDataPaths()
-    paths.aria_vrs_filepath = str(adt_video(folder))
+    paths.aria_vrs_filepath = str(video)
     paths.segmentations_filepath = str(path)
-    try:
-        with captured_log() as messages:
-            provider = AriaDigitalTwinDataProvider(paths)
-            usable = provider.has_segmentation_images()
-    except RuntimeError as error:
-        raise UserError(f"{path}: cannot be read ({error}). Download it again.") from error
-    if not usable:
+    provider = open_checked(path, lambda: AriaDigitalTwinDataProvider(paths))
+    if not provider.has_segmentation_images():
         raise UserError(f"{path}: has no segmentation. Download it again.")
-    check_log(path, messages)
-    log_messages(messages, path)
     return provider

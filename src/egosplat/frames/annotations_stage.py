@@ -34,14 +34,9 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
     indices = np.flatnonzero(frames.read("evaluation")).astype(np.int64)
     times = frames.read("timestamp_ns")[indices]
     camera = Camera(**facts["camera"])
-    reader = open_annotations(
-        facts["format"],
-        recording_path,
-        camera=camera,
-        upright=facts["upright"],
-        max_age_ns=round(options.max_age_ms * 1e6),
-        originals=Originals.of_facts(facts, frames.read("timestamp_ns")),
-    )
+    originals = Originals.of_facts(facts, frames.read("timestamp_ns"))
+    keys = AnnotationKeys(camera, facts["upright"], round(options.max_age_ms * 1e6), originals)
+    reader = open_annotations(facts["format"], recording_path, keys)
     made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=facts["format"])
     annotated = np.zeros(len(indices), bool)
     with create(output, ANNOTATIONS, made) as artifact:
@@ -80,26 +75,10 @@ def _summary(frames: NDArray[np.int64], annotated: NDArray[np.bool_]) -> str:
     return f"{line}; not annotated (indices from 0): {missing}" if missing else line
 
 
-def open_annotations(
-    format: str,
-    path: Path,
-    *,
-    camera: Camera,
-    upright: bool,
-    max_age_ns: int = 3_000_000,
-    originals: Originals = Originals(),  # noqa: B008
-) -> Annotations | None:
-    """Open the annotations of a recording; None if it has none.
-
-    Args:
-        format, path, upright: as for the frames, see ``readers.open_recording``.
-        camera: of the frames (``Capture.camera``).
-        max_age_ns: largest time between a frame and its annotation; unused for plain recordings, which annotate
-            frames by name.
-        originals: of pictures: how they became the frames.
+def open_annotations(format: str, path: Path, keys: AnnotationKeys) -> Annotations | None:
+    """Open the annotations of a recording, a ``path`` as for its frames; None if it has none.
 
     Raises:
         UserError: the format is unknown, the recording missing, or its annotations unreadable.
     """
-    keys = AnnotationKeys(camera, upright, max_age_ns, originals)
     return load_module("annotations", format).open_annotations(path, keys)

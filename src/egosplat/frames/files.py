@@ -6,7 +6,7 @@ The workflow imports this module, so it stays light. A missing file is no error 
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 from egosplat.calibration.companions import (
@@ -94,42 +94,31 @@ def pictures_of(stage: str, format: str, recording: Path, known_poses: str) -> l
     pictures += [mask for folder in folders for mask in dynamic_masks(folder)]
     pictures += mask_files(recording, known_poses)
     if format == "3d_ovs":
-        pictures += [mask for folder in class_mask_folders(recording) for mask in list_masks(folder)]
+        pictures += [mask for folder in labels_of(format, recording).values() for mask in list_masks(folder)]
     elif format == "plain" and stage == "annotations" and is_annotated(format, recording):
         pictures += list_masks(companion_path(recording, ANNOTATIONS))
     return pictures
 
 
-def label_files(format, recording: Path) -> list[Path]:
-    """The files with the labels of a benchmark's recording, sorted; of 3D-OVS without the masks. None of other formats."""
+def label_files(format: str, recording: Path) -> list[Path]:
+    """The files with the labels of a benchmark's recording; of 3D-OVS without the masks. None of other formats."""
     if format == "lerf":
-        return sorted(_visible(lerf_labels(recording).glob("*.json")))
-    return (
-        [class_file]
-        if format == "3d_ovs" and (class_file := ovs_labels(recording) / OVS_CLASSES).is_file()
-        else []
-    )
+        return list(labels_of(format, recording).values())
+    return _existing(labels_folder(format, recording) / OVS_CLASSES) if format == "3d_ovs" else []
 
 
-def lerf_labels(recording: Path) -> Path:
-    """The folder with the labels of a scene of LERF-OVS: ``label/SCENE`` beside the scene."""
-    return recording.absolute().parent / "label" / recording.absolute().name
+def labels_folder(format: str, recording: Path) -> Path:
+    """The folder with a benchmark's labels: of 3D-OVS in the scene, of LERF-OVS ``label/SCENE`` beside it."""
+    whole = recording.absolute()
+    return whole.parent / "label" / whole.name if format == "lerf" else recording / "segmentations"
 
 
-def ovs_labels(recording: Path) -> Path:
-    """The folder with the labels of a scene of 3D-OVS."""
-    return recording / "segmentations"
-
-
-def class_mask_folders(recording: Path) -> list[Path]:
-    """The folders with the masks of each labeled picture of 3D-OVS, sorted."""
-    folder = ovs_labels(recording)
-    return sorted(_visible(path for path in folder.iterdir() if path.is_dir())) if folder.is_dir() else []
-
-
-def _visible(paths: Iterable[Path]) -> Iterator[Path]:
+def labels_of(format: str, recording: Path) -> dict[str, Path]:
+    """The label of each labeled picture of a benchmark, by its name, sorted: a file (LERF-OVS), or a folder of masks (3D-OVS)."""
+    folder, suffix = labels_folder(format, recording), ".json" if format == "lerf" else ""
     # macOS leaves ._frame_00041.json beside frame_00041.json.
-    return (path for path in paths if not path.name.startswith("."))
+    found = sorted(path for path in folder.glob(f"*{suffix}") if not path.name.startswith("."))
+    return {path.name.removesuffix(suffix): path for path in found if suffix or path.is_dir()}
 
 
 def digest_of_files(files: Iterable[Path]) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat.frames.files import HOI4D_VIDEO, find_sequence, intrinsics_files, sequence_parts
-from egosplat.frames.keys import ReaderKeys
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Capture
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
@@ -23,40 +23,29 @@ from egosplat.images import resize_image
 _OPENCV_PIXEL_OFFSET = 0.5
 
 
-def open_recording(path: Path, keys: ReaderKeys) -> "Hoi4dRecording":
-    """Open a sequence; see ``Hoi4dRecording``."""
-    return Hoi4dRecording(path, **keys.selection)
-
-
 class Hoi4dRecording:
     """The frames of one sequence; a ``Recording`` without a device frame."""
 
-    def __init__(
-        self, path: Path, *, resolution: int, stride: int, start_s: float, end_s: float | None
-    ) -> None:
+    def __init__(self, path: Path, options: FramesOptions) -> None:
         """Open the video and select frames.
 
         Args:
             path: the sequence's folder, or its name with underscores in the dataset's root folder.
-            resolution: width of the frames [px], at most the video's; the height keeps the aspect ratio.
-            stride, start_s, end_s: see ``selection.select_frames``.
 
         Raises:
-            UserError: the sequence, its video or its intrinsics are missing or damaged, or an option is
-                out of range.
+            UserError: the sequence, its video or its intrinsics are missing or damaged, the video is smaller than the
+                resolution, or no frame is selected.
         """
         folder = find_sequence(path)
         self._video = Video(folder / HOI4D_VIDEO)
-        width, height = self._video.width, self._video.height
-        if not 1 <= resolution <= width:
+        width, height, resolution = self._video.width, self._video.height, options.resolution
+        if resolution > width:
             raise UserError(
                 f"resolution: {resolution} px, but {self._video.path} is {width} px wide. Choose from 1 to {width}."
             )
         camera = read_intrinsics(find_intrinsics(folder), width, height)
         times = self._video.timestamp_ns
-        self._frames = select_frames(
-            times, stride=stride, start_s=start_s, end_s=end_s, source=self._video.path
-        )
+        self._frames = select_frames(times, options, self._video.path)
         target = camera.scaled_to(resolution, max(1, round(height * resolution / width)))
         valid = np.ones((target.height, target.width), dtype=bool)
         self.capture = Capture.of_video(times[self._frames], target, True, valid)
@@ -70,6 +59,9 @@ class Hoi4dRecording:
         camera = self.capture.camera
         for image in self._video.read_frames(self._frames[indices]):
             yield resize_image(image, camera.width, camera.height)
+
+
+open_recording = Hoi4dRecording
 
 
 def find_intrinsics(folder: Path) -> Path:

@@ -15,7 +15,6 @@ from egosplat.frames.files import find_masks, find_sequence, sequence_parts
 from egosplat.frames.images import read_rgb
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.recording import Instance
-from egosplat.geometry import Camera
 from egosplat.images import resize_labels
 
 MASKS_PER_SECOND = 15
@@ -50,35 +49,23 @@ _MAX_UNKNOWN_SHARE = 0.01
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> "Hoi4dAnnotations | None":
     """Open the masks of a sequence; None if it has none."""
-    if find_masks(find_sequence(path)) is None:
-        return None
-    return Hoi4dAnnotations(path, camera=keys.camera, max_age_ns=keys.max_age_ns)
+    folder = find_sequence(path)
+    masks = find_masks(folder)
+    return Hoi4dAnnotations(folder, masks, keys) if masks else None
 
 
 class Hoi4dAnnotations:
     """The annotations of one sequence; an ``Annotations``. Instance ids are the dataset's labels 1 to 6."""
 
-    def __init__(self, path: Path, *, camera: Camera, max_age_ns: int = 3_000_000) -> None:
-        """Find the masks.
-
-        Args:
-            path: as for ``Hoi4dRecording``.
-            camera: of the frames (``Capture.camera``).
-            max_age_ns: largest time between a frame and its mask; matters if the video does not have 15 frames
-                per second.
+    def __init__(self, folder: Path, masks: Path, keys: AnnotationKeys) -> None:
+        """Take the folders of a sequence and of its masks; ``max_age_ns`` matters if the video has not 15 frames a second.
 
         Raises:
-            UserError: there are no masks, or the object category is unknown.
+            UserError: the object category is unknown.
         """
-        folder = find_sequence(path)
-        masks = find_masks(folder)
-        if masks is None:
-            raise UserError(
-                f"{folder}: has no masks in 2Dseg/shift_mask or 2Dseg/mask. Download the annotations."
-            )
         self._masks = masks
-        self._camera = camera
-        self._max_age_ns = max_age_ns
+        self._camera = keys.camera
+        self._max_age_ns = keys.max_age_ns
         self.instances = instances_of(sequence_parts(folder)[2], folder)
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:

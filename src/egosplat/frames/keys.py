@@ -1,4 +1,4 @@
-"""How the readers of a format read frames and annotations."""
+"""How annotations are read from a recording."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,26 +9,6 @@ from numpy.typing import NDArray
 
 from egosplat.calibration.lens import Lens
 from egosplat.geometry import Camera
-
-
-@dataclass(frozen=True)
-class ReaderKeys:
-    """How frames are read from a recording; see ``egosplat.frames.readers.open_recording``."""
-
-    resolution: int
-    focal: float
-    upright: bool
-    stride: int
-    start_s: float
-    end_s: float | None
-    known_poses: str
-    lens: str
-    pick: str
-
-    @property
-    def selection(self) -> dict[str, Any]:
-        """The keys that every format takes."""
-        return {key: getattr(self, key) for key in ("resolution", "stride", "start_s", "end_s")}
 
 
 @dataclass(frozen=True)
@@ -63,9 +43,15 @@ class Originals:
 
 @dataclass(frozen=True)
 class AnnotationKeys:
-    """How annotations are read from a recording; see ``egosplat.frames.annotations_stage.open_annotations``."""
+    """How annotations are read from a recording.
+
+    Attributes:
+        camera, upright: of the frames, as in ``Capture``.
+        max_age_ns: largest time between a frame and its annotation; pictures are annotated by name.
+        originals: of pictures: how they became the frames.
+    """
 
     camera: Camera
-    upright: bool
-    max_age_ns: int
-    originals: "Originals"
+    upright: bool = True
+    max_age_ns: int = 3_000_000
+    originals: Originals = field(default_factory=Originals)

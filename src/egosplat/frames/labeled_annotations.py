@@ -44,7 +44,7 @@ def annotate(
     for place, label in match_labels(labels, source.names).items():
         time, (width, height) = int(source.timestamp_ns[place]), source.sizes[place]
         painted = paint_layers(read_objects(label, (width, height)), (height, width))
-        layers[time] = np.stack([fit_labels(layer, time, keys.camera, keys.originals) for layer in painted])
+        layers[time] = np.stack([fit_labels(layer, time, keys) for layer in painted])
     return LayeredAnnotations(_instances(instances), layers)
 
 

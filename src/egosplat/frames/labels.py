@@ -8,12 +8,34 @@ from numpy.typing import NDArray
 
 from egosplat.calibration.lens import Rectifier
 from egosplat.errors import UserError
-from egosplat.frames.keys import Originals
-from egosplat.geometry import Camera
+from egosplat.frames.files import labels_folder, labels_of
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.images import resize_labels
 
 # Largest number of pictures' names in a message.
 _MAX_NAMES = 3
+# By format: an example of a scene, what its labels are, and what of a download has them.
+_EXAMPLES = {
+    "lerf": ("figurines", "labels (frame_00041.json, ...)", "lerf_ovs/label/{} of LangSplat's download"),
+    "3d_ovs": ("bed", "folder of masks (04/CLASS.png)", "segmentations/ of 3D-OVS's download"),
+}
+
+
+def find_labels(format: str, path: Path) -> dict[str, Path]:
+    """The label of each labeled picture of a benchmark's scene, see ``labels_of``.
+
+    Raises:
+        UserError: there is none, or no such scene.
+    """
+    scene, what, where = _EXAMPLES[format]
+    if not path.is_dir():
+        raise UserError(f"{path}: no such folder. Give the folder of a scene, such as {scene}.")
+    if labels := labels_of(format, path):
+        return labels
+    raise UserError(
+        f"{labels_folder(format, path)}: has no {what}. Get {where.format(path.absolute().name)}, or read the scene as "
+        "plain, without scores."
+    )
 
 
 def match_labels(labels: Mapping[str, Path], pictures: Sequence[str]) -> dict[int, Path]:
@@ -47,13 +69,11 @@ def match_labels(labels: Mapping[str, Path], pictures: Sequence[str]) -> dict[in
     return dict(sorted(found.items()))
 
 
-def fit_labels(
-    labels: NDArray[np.int32], time: int, camera: Camera, originals: Originals
-) -> NDArray[np.int32]:
+def fit_labels(labels: NDArray[np.int32], time: int, keys: AnnotationKeys) -> NDArray[np.int32]:
     """Rectify and resize (h, w) labels of a picture to its frame at ``time`` [ns], (H, W)."""
-    if lens := originals.lenses.get(time):
-        labels = Rectifier(lens, originals.pinhole).labels(labels)
-    return resize_labels(labels, camera.width, camera.height)
+    if lens := keys.originals.lenses.get(time):
+        labels = Rectifier(lens, keys.originals.pinhole).labels(labels)
+    return resize_labels(labels, keys.camera.width, keys.camera.height)
 
 
 def paint_layers(

@@ -18,7 +18,7 @@ from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.labeled_annotations import LabeledObject, annotate
-from egosplat.frames.lerf import find_labels
+from egosplat.frames.labels import find_labels
 from egosplat.frames.recording import LayeredAnnotations
 
 _LEAST_POINTS = 3
@@ -32,7 +32,7 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> LayeredAnnotations:
     Raises:
         UserError: there are none, one is damaged or for a picture of another size, or a polygon is none.
     """
-    labels = find_labels(path)
+    labels = find_labels("lerf", path)
     read = {label: _read_label(label) for label in labels.values()}
     most: Counter[str] = Counter()
     for _, objects in read.values():

@@ -10,11 +10,11 @@ import numpy as np
 
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
-from egosplat.frames.files import OVS_CLASSES, list_masks, ovs_labels
+from egosplat.frames.files import OVS_CLASSES, labels_folder, list_masks
 from egosplat.frames.images import read_rgb
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.labeled_annotations import LabeledObject, annotate
-from egosplat.frames.ovs import find_labels
+from egosplat.frames.labels import find_labels
 from egosplat.frames.recording import LayeredAnnotations
 
 _WHITE = 128
@@ -26,7 +26,8 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> LayeredAnnotations:
     Raises:
         UserError: there are none, a class has no name or no mask, or a mask has another size than its picture.
     """
-    labels, classes = find_labels(path), read_classes(ovs_labels(path) / OVS_CLASSES)
+    labels = find_labels("3d_ovs", path)
+    classes = read_classes(labels_folder("3d_ovs", path) / OVS_CLASSES)
 
     def objects_of(folder: Path, size: tuple[int, int]) -> list[LabeledObject]:
         _check_names(folder, classes)

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.distortion import lens_of_frames
-from egosplat.calibration.companions import AUTO, companion_path
+from egosplat.calibration.companions import companion_path
 from egosplat.calibration.known_poses import find_known_poses
 from egosplat.errors import UserError
 from egosplat.frames.files import VALID_MASK
 from egosplat.frames.images import ImageFolder, read_mask, read_valid
-from egosplat.frames.keys import ReaderKeys
 from egosplat.frames.labels import match_labels
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.picture_cameras import (
     Calibration,
     calibrate,
@@ -25,7 +25,7 @@ from egosplat.frames.picture_cameras import (
     size_of,
 )
 from egosplat.frames.recording import Capture
-from egosplat.frames.selection import FIRST, SHARPEST, select_frames, select_sharpest
+from egosplat.frames.selection import SHARPEST, select_frames, select_sharpest
 from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
 from egosplat.images import measure_sharpness, resize_image, resize_mask, shrunk_size
@@ -41,49 +41,33 @@ ENOUGH_PER_S = 3.0
 class PlainRecording:
     """A video or a folder of images; a ``Recording`` without a device frame."""
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        resolution: int,
-        stride: int,
-        start_s: float,
-        end_s: float | None,
-        known_poses: str = AUTO,
-        lens: str = "auto",
-        pick: str = FIRST,
-        labels: Mapping[str, Path] | None = None,
-    ) -> None:
+    def __init__(self, path: Path, options: FramesOptions, labels: Mapping[str, Path] | None = None) -> None:
         """Open the source, select frames and find the camera.
 
         Args:
-            path: video file or image folder.
-            resolution: longer side of the frames [px]; a smaller source keeps its own.
-            stride, start_s, end_s: see ``selection.select_frames``; a folder has one image per second.
-            known_poses: see ``known_poses.find_known_poses``.
-            lens: see ``distortion.lens_of_frames``; a calibration takes its place.
-            pick: ``first`` or ``sharpest`` of every ``stride`` frames.
+            path: video file or image folder, which has one image per second.
             labels: of pictures by their names, see ``labels.match_labels``; these pictures are taken whatever the stride.
 
         Raises:
-            UserError: the source or the calibration cannot be read, or an option is out of range.
+            UserError: the source or the calibration cannot be read, or no frame is selected.
         """
-        kind = find_known_poses(path, known_poses)
+        kind, stride = find_known_poses(path, options.known_poses), options.stride
         self._source = open_source(path, kind)
         self._calibration = calibrate(path, kind, self._source)
         full = self._calibration.pinhole or _guess_camera(self._source.width, self._source.height)
-        width, height = fit(full, resolution, path)
+        width, height = fit(full, options.resolution, path)
         times, pictures = self._source.timestamp_ns, picture_names(self._source)
         self._valid = _read_valid(path, self._source)
         # At full size, so that a reduced pixel is valid only if all its pixels are.
         reduced = resize_mask(self._valid, width, height)
-        interval = {"start_s": start_s, "end_s": end_s, "source": path}
-        self._frames = select_frames(times, stride=stride, **interval)
+        self._frames, every = (
+            select_frames(times, options, path),
+            select_frames(times, options, path, stride=1),
+        )
         if labels is not None:
-            labeled = self._find_labeled(labels, select_frames(times, stride=1, **interval))
+            labeled = self._find_labeled(labels, every)
             self._frames = np.union1d(self._frames, labeled)
-        if pick == SHARPEST and stride > 1:
-            every = select_frames(times, stride=1, **interval)
+        if options.pick == SHARPEST and stride > 1:
             self._frames = select_sharpest(every, self._sharpness(every, reduced), stride)
         if kind is None and (line := stride_advice(times[self._frames], stride)):
             log(f"{path.name}: {line}")
@@ -95,7 +79,7 @@ class PlainRecording:
             count = len(self._frames)
             masked = any(self._is_masked(index) for index in range(count))
             estimated, evidence = lens_of_frames(
-                lens,
+                options.lens,
                 self.read_frames,
                 count,
                 reduced,
@@ -117,11 +101,6 @@ class PlainRecording:
             "lens_evidence": evidence,
         }
         self.capture = replace(self.capture, facts=facts)
-
-    @classmethod
-    def labeled(cls, path: Path, keys: ReaderKeys, labels: Mapping[str, Path]) -> "PlainRecording":
-        """Open the pictures of a benchmark, whose labels choose the evaluation frames."""
-        return cls(path, known_poses=keys.known_poses, lens=keys.lens, labels=labels, **keys.selection)
 
     def _find_labeled(self, labels: Mapping[str, Path], frames: NDArray[np.int64]) -> NDArray[np.int64]:
         """The labeled ones of the frames of a time range."""
@@ -210,15 +189,12 @@ class PlainRecording:
             yield image
 
 
-def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
-    """Width and height of frames whose longer side is ``resolution`` [px]; a smaller source keeps its own, and the log says so.
+open_recording = PlainRecording
 
-    Raises:
-        UserError: ``resolution`` is not positive.
-    """
+
+def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
+    """Width and height of frames whose longer side is ``resolution`` [px]; a smaller source keeps its own, and the log says so."""
     longest = max(full.width, full.height)
-    if resolution < 1:
-        raise UserError(f"resolution: {resolution} px, but {path} has {longest}. Choose from 1 to {longest}.")
     if resolution > longest:
         log(f"{path.name}: frames keep their {longest} px, which are less than resolution: {resolution}")
     return shrunk_size(full.width, full.height, resolution)

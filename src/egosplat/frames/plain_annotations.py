@@ -23,12 +23,11 @@ from egosplat.errors import UserError
 from egosplat.files import read_user_text
 from egosplat.frames.files import INSTANCES_TABLE, list_masks
 from egosplat.frames.images import ImageFolder
-from egosplat.frames.keys import AnnotationKeys, Originals
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.labels import fit_labels
 from egosplat.frames.recording import Instance
 from egosplat.frames.recording_files import ANNOTATIONS, is_annotated
 from egosplat.frames.video import Video, open_source
-from egosplat.geometry import Camera
 
 _COLUMNS = ("id", "name", "category", "motion_type")
 # PIL's modes of one channel; a palette image holds indices, which are the ids.
@@ -45,30 +44,23 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> "PlainAnnotations | No
     """
     if not path.exists():
         raise UserError(f"{path}: not found. Give a video file or an image folder.")
-    annotated = is_annotated("plain", path)
-    return PlainAnnotations(path, camera=keys.camera, originals=keys.originals) if annotated else None
+    return PlainAnnotations(path, keys) if is_annotated("plain", path) else None
 
 
 class PlainAnnotations:
     """The annotations of a plain recording; an ``Annotations``."""
 
-    def __init__(self, path: Path, *, camera: Camera, originals: Originals = Originals()) -> None:  # noqa: B008
-        """Read the table and list the annotated frames.
-
-        Args:
-            path: video file or image folder.
-            camera: of the frames (``Capture.camera``).
-            originals: how the pictures became the frames.
+    def __init__(self, path: Path, keys: AnnotationKeys) -> None:
+        """Read the table and list the annotated frames of a video file or image folder.
 
         Raises:
             UserError: the table is unreadable, or a PNG belongs to no frame.
         """
         folder = companion_path(path, ANNOTATIONS)
         self.instances = read_instances(folder / INSTANCES_TABLE)
-        self._camera = camera
-        self._originals = originals
-        source = open_source(path, originals.known_poses)
-        if isinstance(source, ImageFolder) and originals.turned:
+        self._keys = keys
+        source = open_source(path, keys.originals.known_poses)
+        if isinstance(source, ImageFolder) and keys.originals.turned:
             source.turn()
         self._sizes = _size_of_timestamp(source)
         self._pngs = _png_of_timestamp(folder, source)
@@ -94,7 +86,7 @@ class PlainAnnotations:
         unknown = ids[index == _UNKNOWN_ID]
         if len(unknown):
             raise UserError(f"{path}: instance id {unknown[0]} is not in {INSTANCES_TABLE}. Add it there.")
-        return fit_labels(index, int(timestamp_ns), self._camera, self._originals)
+        return fit_labels(index, int(timestamp_ns), self._keys)
 
 
 def _size_of_timestamp(source: Video | ImageFolder) -> dict[int, tuple[int, int]]:

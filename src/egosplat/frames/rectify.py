@@ -1,7 +1,5 @@
 """Rectify Aria's fisheye images, as EgoLifter's preprocessing of ADT does (docs/method.md#rectification)."""
 
-import math
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +13,6 @@ from projectaria_tools.core.calibration import (
     get_linear_camera_calibration,
 )
 
-from egosplat.errors import UserError
 from egosplat.geometry import CLOCKWISE, Camera
 
 # Side of ADT's images [px]; ``frames.focal`` is given for this size.
@@ -34,16 +31,7 @@ def pinhole(resolution: int, focal: float) -> Camera:
     Args:
         resolution: side of the image [px].
         focal: focal length at a side of ``FOCAL_SIDE`` [px] (the paper: 460).
-
-    Raises:
-        UserError: an option is out of range.
     """
-    if resolution < 1:
-        raise UserError(f"resolution: {resolution} is not a positive number of pixels.")
-    if not (math.isfinite(focal) and focal > 0):
-        raise UserError(
-            f"focal: {focal} is not a positive number of pixels (at {FOCAL_SIDE} px; the paper: 460)."
-        )
     scaled = focal * resolution / FOCAL_SIDE
     return Camera(resolution, resolution, scaled, scaled, resolution / 2, resolution / 2)
 

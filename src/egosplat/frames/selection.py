@@ -1,6 +1,5 @@
 """Select frames of a recording by time and stride."""
 
-import math
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -8,34 +7,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
+from egosplat.frames.options import FramesOptions
 
-# Values of ``frames.pick``.
-FIRST, SHARPEST = "first", "sharpest"
+# Value of ``frames.pick``.
+SHARPEST = "sharpest"
 
 # Longer times in nanoseconds overflow int64.
 _MAX_S = 9e9
 
 
 def select_frames(
-    timestamp_ns: NDArray[np.int64], *, stride: int, start_s: float, end_s: float | None, source: Path
+    timestamp_ns: NDArray[np.int64], options: FramesOptions, source: Path, *, stride: int | None = None
 ) -> NDArray[np.int64]:
-    """Select every ``stride``-th frame of a time range.
+    """Select every ``stride``-th frame of the time range start_s <= t < end_s.
 
     Args:
         timestamp_ns: (N,) int64, strictly increasing capture times of all frames.
-        stride: 1 takes every frame; the first frame of the range is always taken.
-        start_s, end_s: the range start <= t < end in seconds after the first frame; None: to the end.
+        stride: in place of that of the options.
 
     Returns:
-        (F,) int64 indices into ``timestamp_ns``, F >= 1.
+        (F,) int64 indices into ``timestamp_ns``, F >= 1; the first frame of the range is one.
 
     Raises:
-        UserError: an option is out of range, or no frame is left.
+        UserError: the times do not increase, the range is empty, or no frame is in it.
     """
-    if stride < 1:
-        raise UserError(f"stride: {stride} is not a positive whole number; 1 takes every frame.")
-    if not (math.isfinite(start_s) and start_s >= 0):
-        raise UserError(f"start_s: {start_s} is not a time; give seconds after the first frame, 0 or more.")
+    start_s, end_s = options.start_s, options.end_s
     if end_s is not None and not end_s > start_s:
         raise UserError(f"end_s: {end_s} does not lie after start_s = {start_s}.")
     if not (np.diff(timestamp_ns) > 0).all():
@@ -47,7 +43,7 @@ def select_frames(
     in_range = elapsed_ns >= round(min(start_s, _MAX_S) * 1e9)
     if end_s is not None and end_s < _MAX_S:
         in_range &= elapsed_ns < round(end_s * 1e9)
-    selected = np.flatnonzero(in_range)[::stride].astype(np.int64)
+    selected = np.flatnonzero(in_range)[:: stride or options.stride].astype(np.int64)
     if not len(selected):
         raise UserError(
             f"{source}: no frame between start_s and end_s; the last one is at {elapsed_ns[-1] * 1e-9:.3f} s."

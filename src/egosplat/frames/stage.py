@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.writer import create
+from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.readers import open_recording
+from egosplat.frames.recording import Recording
 from egosplat.frames.recording_files import is_annotated
+from egosplat.frames.selection import SHARPEST
 from egosplat.frames.split import AUTO, evaluation_count, split_frames
 from egosplat.images import measure_sharpness
+from egosplat.pipeline.stages import load_module
 from egosplat.progress import log, track
 
 
@@ -23,19 +26,7 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
     Raises:
         UserError: the recording is missing or damaged, or the keys select no frame.
     """
-    reader = open_recording(
-        format,
-        recording_path,
-        resolution=options.resolution,
-        focal=options.focal,
-        upright=options.upright,
-        stride=options.stride,
-        start_s=options.start_s,
-        end_s=options.end_s,
-        known_poses=options.known_poses,
-        lens=options.lens,
-        pick=options.pick,
-    )
+    reader = open_recording(format, recording_path, options)
     capture = reader.capture
     count = len(capture.timestamp_ns)
     annotated = is_annotated(format, recording_path)
@@ -75,6 +66,19 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
             **capture.facts,
         }
     log(_split_line(count, int(evaluation.sum()), options.evaluation_frames == AUTO and not annotated))
+
+
+def open_recording(format: str, path: Path, options: FramesOptions) -> Recording:
+    """Open the frames of a recording: a folder, a video file, or the name of a HOI4D sequence.
+
+    Raises:
+        UserError: the format is unknown, the recording unreadable, or a key does not fit it.
+    """
+    if options.pick == SHARPEST and format != "plain":
+        raise UserError(
+            f"frames.pick={SHARPEST}: only for plain recordings, and this is {format}; set first."
+        )
+    return load_module("frames", format).open_recording(path, options)
 
 
 def _split_line(count: int, evaluation: int, unannotated: bool) -> str:

@@ -1,14 +1,19 @@
 """Check that a VRS file is complete.
 
 projectaria-tools drops records beyond the end of a truncated file and continues with a shorter recording.
-``check_complete`` walks through the records; ``check_log`` covers files truncated exactly at a record's end.
+``check_complete`` walks through the records; the library's log tells of files truncated exactly at a record's end.
 """
 
 import mmap
 import struct
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from egosplat.errors import UserError
+from egosplat.frames.native_log import captured_log, log_messages
+
+Provider = TypeVar("Provider")
 
 # Two magic numbers, file id, sizes of file and record header, offsets of index, description and first record.
 _HEADER = struct.Struct("<IIQIIqqq")
@@ -49,12 +54,21 @@ def _walk_records(path: Path, data: mmap.mmap, position: int, header_size: int) 
         raise UserError(f"{path}: truncated: {size} bytes, but its records go on. Download it again.")
 
 
-def check_log(path: Path, messages: list[str]) -> None:
-    """Check that the library dropped no record, from the messages it logged when it opened the file.
+def open_checked(path: Path, opened: Callable[[], Provider | None]) -> Provider:
+    """Open a VRS file by a function of projectaria-tools, and check that it is complete.
 
     Raises:
-        UserError: records are missing.
+        UserError: the file is missing, damaged or truncated, or the library refuses it.
     """
-    for message in messages:
-        if _DROPPED_RECORDS in message:
-            raise UserError(f"{path}: truncated ({message}). Download it again.")
+    check_complete(path)
+    try:
+        with captured_log() as messages:
+            provider = opened()
+    except RuntimeError as error:
+        raise UserError(f"{path}: cannot be read ({error}). Download it again.") from error
+    if provider is None:
+        raise UserError(f"{path}: cannot be read ({'; '.join(messages)}). Download it again.")
+    if dropped := [message for message in messages if _DROPPED_RECORDS in message]:
+        raise UserError(f"{path}: truncated ({dropped[0]}). Download it again.")
+    log_messages(messages, path)
+    return provider

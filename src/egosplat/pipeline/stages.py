@@ -125,7 +125,7 @@ _STAGES = (
             "format",
             adt="frames.adt",
             hoi4d="frames.hoi4d",
-            plain="frames.plain",
+            plain="frames.pictures",
             lerf="frames.lerf",
             **{"3d_ovs": "frames.ovs"},
         ),

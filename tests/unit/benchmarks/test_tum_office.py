@@ -8,8 +8,11 @@ import yaml
 from PIL import Image
 
 from benchmarks.tum_office.__main__ import HERE, Outline, parse_drawing, rasterize, write_recording
+from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import PlainRecording
-from egosplat.frames.plain_annotations import PlainAnnotations, read_instances
+from egosplat.frames.plain_annotations import read_instances
 from egosplat.frames.split import split_frames
 
 DRAWING = parse_drawing(json.loads((HERE / "polygons.json").read_text()))
@@ -62,14 +65,12 @@ def test_the_drawn_pictures_are_the_evaluated_ones():
 def test_the_recording_is_read_as_a_plain_one(pictures, tmp_path):
     output = tmp_path / "recording"
     write_recording(pictures, output, DRAWING)
-    recording = PlainRecording(
-        output, resolution=CONFIG["frames"]["resolution"], stride=1, start_s=0.0, end_s=None
-    )
+    recording = PlainRecording(output, FramesOptions(resolution=CONFIG["frames"]["resolution"]))
     capture = recording.capture
     assert capture.camera_known and len(capture.timestamp_ns) == len(DRAWING.pictures)
     # TUM states the center for pixel centers at integers.
     assert (capture.camera.cx, capture.camera.cy) == pytest.approx((320.6, 248.1))
-    annotations = PlainAnnotations(output, camera=capture.camera)
+    annotations = open_annotations("plain", output, AnnotationKeys(capture.camera))
     ids = np.array([0, *(instance.id for instance in annotations.instances)])
     for name, time in zip(DRAWING.pictures, capture.timestamp_ns.tolist(), strict=True):
         found = annotations.instance_map(time)

@@ -7,23 +7,24 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.frames.adt import AdtRecording
-from egosplat.frames.adt_annotations import AdtAnnotations
 from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.rectify import pinhole
 
-OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
 CAPTURE_NS = [87551170813262, 87551204152300, 87551237472175]
 ANNOTATION_NS = [87551170910000, 87551204237999]
 
 
 @pytest.fixture(scope="module")
 def full_size(sample):
-    return AdtRecording(sample, **(OPTIONS | {"resolution": 1408}))
+    return AdtRecording(sample, OPTIONS.change(resolution=1408))
 
 
 @pytest.fixture(scope="module")
 def annotations(sample, full_size):
-    return AdtAnnotations(sample, camera=full_size.capture.camera, upright=True)
+    return open_annotations("adt", sample, AnnotationKeys(full_size.capture.camera, True))
 
 
 def test_instances_are_read_with_their_categories(annotations):
@@ -57,20 +58,20 @@ def test_a_segmentation_up_to_3_ms_older_or_newer_is_used(annotations, frame, of
 
 def test_without_the_people_segmentation_the_plain_one_is_read(copy, capfd):
     (copy / "segmentations_with_skeleton.vrs").unlink()
-    reader = open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True)
+    reader = open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
     assert "reading segmentations.vrs" in capfd.readouterr().err
     present = {
         reader.instances[index].name for index in np.unique(reader.instance_map(CAPTURE_NS[0])) if index >= 0
     }
     assert "Skeleton_T" not in present and "ApartmentEnv" in present
     (copy / "segmentations.vrs").unlink()
-    assert open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True) is None
+    assert open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0))) is None
 
 
 @pytest.mark.parametrize("max_age_ms, told", [(3, True), (40, False)])
 def test_a_part_of_the_recording_that_is_annotated_is_told(sample, capsys, max_age_ms, told):
     """Some of ADT's sequences have annotations of a part; here the last of three frames, 33 ms later, has none."""
-    AdtAnnotations(sample, camera=pinhole(352, 460.0), upright=True, max_age_ns=max_age_ms * 10**6)
+    open_annotations("adt", sample, AnnotationKeys(pinhole(352, 460.0), True, max_age_ms * 10**6))
     assert ("covers 0.0 s to 0.0 s after the first frame" in capsys.readouterr().err) == told
 
 
@@ -79,7 +80,7 @@ def test_an_id_that_no_instance_has_is_named(copy):
     unlisted = next(key for key, entry in entries.items() if entry["instance_name"] == "ApartmentEnv")
     del entries[unlisted]
     (copy / "instances.json").write_text(json.dumps(entries))
-    reader = AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+    reader = open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
     with pytest.raises(UserError, match=f"{unlisted} .*instances.json"):
         reader.instance_map(CAPTURE_NS[0])
 
@@ -107,17 +108,17 @@ ENTRY = {
 def test_bad_instance_files_are_named(copy, content, message):
     (copy / "instances.json").write_text(content)
     with pytest.raises(UserError, match=f"instances.json: .*{message}"):
-        AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+        open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
 
 
 def test_a_missing_or_truncated_annotation_file_is_named(copy):
     segmentation = copy / "segmentations_with_skeleton.vrs"
     segmentation.write_bytes(segmentation.read_bytes()[:100_000])
     with pytest.raises(UserError, match="segmentations_with_skeleton.vrs"):
-        AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+        open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
     (copy / "instances.json").unlink()
     with pytest.raises(UserError, match="instances.json"):
-        AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+        open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
 
 
 def test_a_damaged_segmentation_is_named(copy):
@@ -125,6 +126,6 @@ def test_a_damaged_segmentation_is_named(copy):
     content = bytearray(path.read_bytes())
     content[60_000:60_200] = bytes(byte ^ 0xFF for byte in content[60_000:60_200])
     path.write_bytes(content)
-    reader = AdtAnnotations(copy, camera=pinhole(352, 460.0), upright=True)
+    reader = open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
     with pytest.raises(UserError, match="segmentations_with_skeleton.vrs"):
         reader.instance_map(CAPTURE_NS[0])

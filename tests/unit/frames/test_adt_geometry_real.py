@@ -7,12 +7,14 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigital
 from scipy.spatial.transform import Rotation
 
 from egosplat.frames.adt import RGB_LABEL, RGB_STREAM, AdtRecording, device_calibration, open_video
-from egosplat.frames.adt_annotations import AdtAnnotations
+from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.rectify import Rectification
 from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, transform
 
-OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
 ANNOTATION_NS = [87551170910000, 87551204237999]
 
 
@@ -22,7 +24,7 @@ def rgb_calibration(sample):
 
 @pytest.fixture(scope="module")
 def full_size(sample):
-    return AdtRecording(sample, **(OPTIONS | {"resolution": 1408}))
+    return AdtRecording(sample, OPTIONS.change(resolution=1408))
 
 
 def poses(table, translation, rotation):
@@ -73,9 +75,9 @@ def test_box_centers_project_into_the_2d_boxes(sample, boxes, world_from_device)
 
 @pytest.mark.parametrize("upright", [False, True])
 def test_the_pinhole_camera_finds_the_instances_at_box_centers(sample, boxes, world_from_device, upright):
-    recording = AdtRecording(sample, **(OPTIONS | {"resolution": 1408, "upright": upright}))
+    recording = AdtRecording(sample, OPTIONS.change(resolution=1408, upright=upright))
     capture = recording.capture
-    reader = AdtAnnotations(sample, camera=capture.camera, upright=upright)
+    reader = open_annotations("adt", sample, AnnotationKeys(capture.camera, upright))
     instance_map = reader.instance_map(ANNOTATION_NS[0])
     world = boxes[["x", "y", "z"]].to_numpy()
     pixels = capture.camera.project(
@@ -116,7 +118,7 @@ def test_depth_and_instances_warp_onto_the_other_frame(sample, copy, full_size, 
     """Without people: between the frames the wearer's hands move by up to a finger's width."""
     capture, camera = full_size.capture, full_size.capture.camera
     (copy / "segmentations_with_skeleton.vrs").unlink()
-    reader = AdtAnnotations(copy, camera=camera, upright=True)
+    reader = open_annotations("adt", copy, AnnotationKeys(camera, True))
     ids = [reader.instance_map(time) for time in ANNOTATION_NS]
     provider = adt_provider(sample)
     found = [provider.get_depth_image_by_timestamp_ns(time, RGB_STREAM) for time in ANNOTATION_NS]

@@ -11,21 +11,23 @@ from egosplat.errors import UserError
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, RGB_STREAM, AdtRecording
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.files import frames_files
+from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording_files import is_annotated
 from egosplat.frames.rectify import pinhole
 
-OPTIONS = {"resolution": 352, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
 CAPTURE_NS = [87551170813262, 87551204152300, 87551237472175]
 
 
 @pytest.fixture(scope="module")
 def full_size(sample):
-    return AdtRecording(sample, **(OPTIONS | {"resolution": 1408}))
+    return AdtRecording(sample, OPTIONS.change(resolution=1408))
 
 
 def open_and_read(folder, **options):
-    recording = AdtRecording(folder, **(OPTIONS | options))
+    recording = AdtRecording(folder, OPTIONS.change(**options))
     return list(recording.read_frames(np.arange(len(recording.capture.timestamp_ns))))
 
 
@@ -60,12 +62,12 @@ def test_a_recording_of_arias_own_tools_has_another_name(copy):
     (copy / "metadata.json").unlink()
     assert all(np.array_equal(one, other) for one, other in zip(before, open_and_read(copy), strict=True))
     assert [path.name for path in frames_files("adt", copy, "auto")] == ["recording.vrs"]
-    reader = open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True)
+    reader = open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
     assert reader.instance_map(CAPTURE_NS[0]) is not None
     for path in copy.glob("segmentations*.vrs"):
         path.unlink()
     assert not is_annotated("adt", copy) and is_annotated("adt", copy / "not rendered yet")
-    assert open_annotations("adt", copy, camera=pinhole(352, 460.0), upright=True) is None
+    assert open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0))) is None
 
 
 def test_a_folder_without_a_recording_names_both_files(copy):
@@ -75,7 +77,7 @@ def test_a_folder_without_a_recording_names_both_files(copy):
 
 
 def test_a_small_frame_is_the_large_one_averaged(sample, full_size):
-    small = AdtRecording(sample, **OPTIONS)
+    small = AdtRecording(sample, OPTIONS)
     (image,) = small.read_frames(np.array([1]))
     (large,) = full_size.read_frames(np.array([1]))
     averaged = large.reshape(352, 4, 352, 4, 3).mean(axis=(1, 3))
@@ -84,19 +86,19 @@ def test_a_small_frame_is_the_large_one_averaged(sample, full_size):
 
 
 def test_stride_and_range_select_frames(sample):
-    assert AdtRecording(sample, **(OPTIONS | {"stride": 2})).capture.timestamp_ns.tolist() == CAPTURE_NS[::2]
-    late = AdtRecording(sample, **(OPTIONS | {"start_s": 0.02}))
+    assert AdtRecording(sample, OPTIONS.change(stride=2)).capture.timestamp_ns.tolist() == CAPTURE_NS[::2]
+    late = AdtRecording(sample, OPTIONS.change(start_s=0.02))
     assert late.capture.timestamp_ns.tolist() == CAPTURE_NS[1:]
-    first, second = AdtRecording(sample, **OPTIONS).read_frames(np.array([0, 2]))
+    first, second = AdtRecording(sample, OPTIONS).read_frames(np.array([0, 2]))
     assert (second == next(late.read_frames(np.array([1])))).all() and (first != second).any()
     with pytest.raises(UserError, match="no frame"):
-        AdtRecording(sample, **(OPTIONS | {"start_s": 1.0}))
+        AdtRecording(sample, OPTIONS.change(start_s=1.0))
 
 
 def test_library_messages_are_silenced(sample, capfd):
     open_and_read(sample)
     # Within 40 ms the third frame counts as annotated, so that there is no line about the part that is.
-    opened = open_annotations("adt", sample, camera=pinhole(352, 460.0), upright=True, max_age_ns=40_000_000)
+    opened = open_annotations("adt", sample, AnnotationKeys(pinhole(352, 460.0), True, 40_000_000))
     opened.instance_map(CAPTURE_NS[0])
     assert capfd.readouterr() == ("", "")
 
@@ -110,10 +112,10 @@ def test_frames_need_only_the_video_file(copy, sample):
 
 def test_origin_follows_the_metadata(copy):
     (copy / "metadata.json").write_text('{"origin": "synthetic"}')
-    assert AdtRecording(copy, **OPTIONS).capture.origin == "synthetic"
+    assert AdtRecording(copy, OPTIONS).capture.origin == "synthetic"
     (copy / "metadata.json").write_text("{")
     with pytest.raises(UserError, match="metadata.json.*JSON"):
-        AdtRecording(copy, **OPTIONS)
+        AdtRecording(copy, OPTIONS)
 
 
 def record_ends(content):
@@ -129,21 +131,21 @@ def test_a_truncated_video_is_rejected(copy, keep):
     content = (copy / "video.vrs").read_bytes()
     (copy / "video.vrs").write_bytes(content[:keep])
     with pytest.raises(UserError, match="video.vrs"):
-        AdtRecording(copy, **OPTIONS)
+        AdtRecording(copy, OPTIONS)
 
 
 def test_a_video_truncated_at_the_end_of_a_record_is_rejected(copy):
     content = (copy / "video.vrs").read_bytes()
     (copy / "video.vrs").write_bytes(content[: record_ends(content)[150]])
     with pytest.raises(UserError, match="video.vrs.*truncated"):
-        AdtRecording(copy, **OPTIONS)
+        AdtRecording(copy, OPTIONS)
 
 
 @pytest.mark.parametrize("name", ["segmentations.vrs"])
 def test_another_vrs_file_is_rejected(copy, name):
     shutil.copyfile(copy / name, copy / "video.vrs")
     with pytest.raises(UserError, match="video.vrs.*RGB"):
-        AdtRecording(copy, **OPTIONS)
+        AdtRecording(copy, OPTIONS)
 
 
 def test_a_damaged_frame_is_named(copy):
@@ -157,13 +159,13 @@ def test_a_damaged_frame_is_named(copy):
 def test_missing_videos_are_named(copy):
     (copy / "video.vrs").unlink()
     with pytest.raises(UserError, match="video.vrs"):
-        AdtRecording(copy, **OPTIONS)
+        AdtRecording(copy, OPTIONS)
     with pytest.raises(UserError, match="nowhere"):
-        AdtRecording(copy / "nowhere", **OPTIONS)
+        AdtRecording(copy / "nowhere", OPTIONS)
 
 
 def test_a_black_frame_is_named(sample, monkeypatch):
-    recording = AdtRecording(sample, **OPTIONS)
+    recording = AdtRecording(sample, OPTIONS)
     monkeypatch.setattr(recording, "_decode", lambda frame: np.zeros((1408, 1408, 3), np.uint8))
     with pytest.raises(UserError, match="frame 2 .*black"):
         next(recording.read_frames(np.array([2])))

@@ -10,7 +10,9 @@ from PIL import Image
 from egosplat.calibration.companions import companion_path
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.files import annotations_files, digest_of_files, frames_files, pictures_of
-from egosplat.frames.readers import open_recording
+from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.options import FramesOptions
+from egosplat.frames.stage import open_recording
 from tests.support.recordings import copy_files
 from tests.unit.frames.test_hoi4d import FOLDER, root
 from tests.unit.frames.test_plain import CALIBRATION, images
@@ -18,7 +20,7 @@ from tests.unit.frames.test_plain_annotations import IDS, TABLE
 
 __all__ = ("images", "root")  # fixtures
 
-OPTIONS = {"resolution": 32, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+OPTIONS = FramesOptions(resolution=32, focal=460.0, upright=True)
 
 
 def files_of(stage: str, format: str, recording: Path) -> list[Path]:
@@ -32,7 +34,7 @@ def files_of(stage: str, format: str, recording: Path) -> list[Path]:
 
 def read_frames(format: str, recording: Path) -> tuple[np.ndarray, list]:
     """All that a recording gives, and its pictures."""
-    reader = open_recording(format, recording, **OPTIONS)
+    reader = open_recording(format, recording, OPTIONS)
     capture, count = reader.capture, len(reader.capture.timestamp_ns)
     told = [
         capture.timestamp_ns.tolist(),
@@ -46,8 +48,8 @@ def read_frames(format: str, recording: Path) -> tuple[np.ndarray, list]:
 
 def read_annotations(format: str, recording: Path) -> tuple[list[np.ndarray | None], list]:
     """The instance maps of all frames, and the instances."""
-    capture = open_recording(format, recording, **OPTIONS).capture
-    reader = open_annotations(format, recording, camera=capture.camera, upright=True)
+    capture = open_recording(format, recording, OPTIONS).capture
+    reader = open_annotations(format, recording, AnnotationKeys(capture.camera, True))
     return [reader.instance_map(int(time)) for time in capture.timestamp_ns], reader.instances
 
 

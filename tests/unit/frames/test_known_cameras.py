@@ -26,7 +26,7 @@ from egosplat.poses.stage import run as make_poses
 from tests.support.recordings import copy_files
 
 WIDTH, HEIGHT = 64, 48
-OPTIONS = {"resolution": 64, "stride": 1, "start_s": 0.0, "end_s": None}
+OPTIONS = FramesOptions(resolution=64)
 NAMES = [f"{number}.png" for number in range(1, 5)]
 CAMERA = {"fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "w": WIDTH, "h": HEIGHT}
 
@@ -101,10 +101,10 @@ def test_pictures_lie_as_their_files_have_them(tmp_path, capsys, kind, orientati
         write_model(recording, NAMES, [f"PINHOLE {size[0]} {size[1]} 60 60 32 24"], [1] * 4)
     else:
         write_transforms(recording, NAMES, numbers)
-    (shown,) = PlainRecording(recording, **OPTIONS).read_frames(np.array([2]))
+    (shown,) = PlainRecording(recording, OPTIONS).read_frames(np.array([2]))
     np.testing.assert_array_equal(shown, image)
     assert "4 pictures of" in capsys.readouterr().err
-    (turned,) = PlainRecording(recording, **OPTIONS, known_poses="none").read_frames(np.array([2]))
+    (turned,) = PlainRecording(recording, OPTIONS.change(known_poses="none")).read_frames(np.array([2]))
     assert turned.shape != image.shape or (turned != image).any()
 
 
@@ -113,7 +113,7 @@ def test_pictures_are_turned_if_only_this_is_the_size_of_their_camera(tmp_path, 
     for name in NAMES:
         save(tmp_path / name, picture(), 6)
     write_transforms(tmp_path, NAMES, CAMERA | {"w": HEIGHT, "h": WIDTH, "cx": 24.0, "cy": 32.0})
-    recording = PlainRecording(tmp_path, **OPTIONS)
+    recording = PlainRecording(tmp_path, OPTIONS)
     (shown,) = recording.read_frames(np.array([0]))
     np.testing.assert_array_equal(shown, np.rot90(picture(), -1))
     assert recording.capture.facts["turned"] and "turned by it" in capsys.readouterr().err
@@ -129,7 +129,7 @@ def test_a_camera_of_another_size_is_named(folder, kind):
     with pytest.raises(
         UserError, match=r"(cameras.txt|transforms.json): for 128x96 px, but .* 64x48 \(1.png\)"
     ):
-        PlainRecording(folder, **OPTIONS)
+        PlainRecording(folder, OPTIONS)
 
 
 def test_two_cameras_become_one_that_both_see(tmp_path):
@@ -168,7 +168,7 @@ def test_cameras_without_a_common_view_are_named():
 def test_names_that_are_no_path_match_no_picture(folder):
     """No traceback of the file system's."""
     write_transforms(folder, ["a/" * 3000 + "1.png", "\0.png"])
-    assert PlainRecording(folder, **OPTIONS).capture.facts["pictures"] == NAMES
+    assert PlainRecording(folder, OPTIONS).capture.facts["pictures"] == NAMES
 
 
 def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
@@ -219,7 +219,7 @@ def test_a_mask_of_the_folder_needs_pictures_of_one_size(tmp_path):
         tmp_path, ["a.png", "b.png"], ["PINHOLE 64 48 60 60 32 24", "PINHOLE 48 64 60 60 24 32"], [1, 2]
     )
     with pytest.raises(UserError, match="valid.png: the pictures have several sizes"):
-        PlainRecording(tmp_path, **OPTIONS)
+        PlainRecording(tmp_path, OPTIONS)
 
 
 def write_masks(folder: Path, *, suffix: str = "png") -> np.ndarray:
@@ -260,7 +260,7 @@ def test_a_mask_of_another_size_is_named(folder):
     save(folder / "masks/all.png", np.full((10, 10), 255, np.uint8))
     write_transforms(folder, NAMES, mask_path="masks/all.png")
     with pytest.raises(UserError, match="all.png: 10x10 px, but the frames are 64x48"):
-        PlainRecording(folder, **OPTIONS)
+        PlainRecording(folder, OPTIONS)
 
 
 def test_the_export_of_a_scene_is_read_again(folder, tmp_path):
@@ -298,7 +298,7 @@ def test_transparent_pixels_are_not_valid(folder, known):
         save(folder / name, np.dstack([picture(), alpha[index]]))
     if known:
         write_transforms(folder, NAMES)
-    recording = PlainRecording(folder, **OPTIONS, lens="pinhole")
+    recording = PlainRecording(folder, OPTIONS.change(lens="pinhole"))
     opaque, capture = alpha == 255, recording.capture
     np.testing.assert_array_equal(capture.valid, opaque.any(axis=0))
     for index in range(4):
@@ -310,7 +310,7 @@ def test_transparent_pixels_are_not_valid(folder, known):
 def test_a_picture_without_an_opaque_pixel_is_named(folder):
     save(folder / "2.png", np.dstack([picture(), np.full((HEIGHT, WIDTH), 254, np.uint8)]))
     with pytest.raises(UserError, match="2.png: no pixel is opaque"):
-        PlainRecording(folder, **OPTIONS, lens="pinhole")
+        PlainRecording(folder, OPTIONS.change(lens="pinhole"))
 
 
 LAYOUTS = {
@@ -352,7 +352,7 @@ def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, names, fir
     np.testing.assert_allclose(poses.read("camera_to_world")[:, 0, 3], [0.0, 0.3, 0.6, 0.9])
     (tmp_path / "copy").mkdir()
     files = [*frames_files("plain", recording, "auto"), *pictures_of("frames", "plain", recording, "auto")]
-    copied = PlainRecording(copy_files(files, recording, tmp_path / "copy"), **OPTIONS)
+    copied = PlainRecording(copy_files(files, recording, tmp_path / "copy"), OPTIONS)
     assert frames.facts | json.loads(json.dumps(copied.capture.facts)) == frames.facts
 
 
@@ -395,7 +395,7 @@ def test_masks_that_leave_nothing_are_an_error(folder):
         save(folder / f"dynamic_mask_{index}.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
     write_transforms(folder, NAMES)
     with pytest.raises(UserError, match="masks leave no pixel.*dynamic_mask_"):
-        PlainRecording(folder, **OPTIONS)
+        PlainRecording(folder, OPTIONS)
 
 
 def test_the_lens_is_looked_for_in_the_pixels_that_a_picture_shows(folder, monkeypatch):
@@ -405,6 +405,6 @@ def test_the_lens_is_looked_for_in_the_pixels_that_a_picture_shows(folder, monke
     save(folder / "2.png", np.dstack([picture(), alpha]))
     given = []
     monkeypatch.setattr(pictures, "lens_of_frames", lambda *about: given.append(about[-1]) or (None, None))
-    PlainRecording(folder, **OPTIONS)
+    PlainRecording(folder, OPTIONS)
     np.testing.assert_array_equal(given[0](1), alpha > 0)
     assert given[0](2).all()

@@ -10,13 +10,15 @@ from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.frames import annotations_stage, stage
-from egosplat.frames.plain import PlainRecording
-from egosplat.frames.plain_annotations import PlainAnnotations
+from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.options import FramesOptions
+from egosplat.frames.pictures import PlainRecording
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults, merge, validate
 
-OPTIONS = {"resolution": 32, "stride": 1, "start_s": 0.0, "end_s": None}
+OPTIONS = FramesOptions(resolution=32)
 CAMERA = Camera(32, 24, 38.4, 38.4, 16.0, 12.0)
 TABLE = "id\tname\tcategory\tmotion_type\n5\tBall_1\tball\tdynamic\n300\tTable\tcoffee table\tstatic\n"
 IDS = np.zeros((48, 64), np.uint16)
@@ -39,8 +41,8 @@ def images(tmp_path):
 
 
 def maps(path):
-    times = PlainRecording(path, **OPTIONS).capture.timestamp_ns
-    annotations = PlainAnnotations(path, camera=CAMERA)
+    times = PlainRecording(path, OPTIONS).capture.timestamp_ns
+    annotations = open_annotations("plain", path, AnnotationKeys(CAMERA))
     return [annotations.instance_map(int(time)) for time in times]
 
 
@@ -117,7 +119,7 @@ def test_annotations_without_an_evaluation_frame_are_rejected(images, tmp_path):
 
 
 def test_instances_are_those_of_the_table(images):
-    assert PlainAnnotations(images, camera=CAMERA).instances == [
+    assert open_annotations("plain", images, AnnotationKeys(CAMERA)).instances == [
         Instance(5, "Ball_1", "ball", "dynamic", "object"),
         Instance(300, "Table", "coffee table", "static", "object"),
     ]
@@ -125,7 +127,7 @@ def test_instances_are_those_of_the_table(images):
     table.write_text(
         "\ufeffname\tid\tinstance_type\tmotion_type\tcategory\nAnna\t5\thuman\tdynamic\tperson\n"
     )
-    (instance,) = PlainAnnotations(images, camera=CAMERA).instances
+    (instance,) = open_annotations("plain", images, AnnotationKeys(CAMERA)).instances
     assert instance == Instance(5, "Anna", "person", "dynamic", "human")
 
 
@@ -161,17 +163,17 @@ def test_video_frames_have_the_annotation_of_their_number(video, tmp_path):
 def test_bad_tables_are_named(images, table, message):
     (images / "annotations" / "instances.tsv").write_text(table)
     with pytest.raises(UserError, match=f"instances.tsv.*{message}"):
-        PlainAnnotations(images, camera=CAMERA)
+        open_annotations("plain", images, AnnotationKeys(CAMERA))
 
 
 def test_missing_and_undecodable_tables_are_named(images):
     table = images / "annotations" / "instances.tsv"
     table.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UserError, match="instances.tsv.*0xff"):
-        PlainAnnotations(images, camera=CAMERA)
+        open_annotations("plain", images, AnnotationKeys(CAMERA))
     table.unlink()
     with pytest.raises(UserError, match="instances.tsv.*No such file"):
-        PlainAnnotations(images, camera=CAMERA)
+        open_annotations("plain", images, AnnotationKeys(CAMERA))
 
 
 @pytest.mark.parametrize(

@@ -5,18 +5,20 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.readers import open_recording
+from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.options import FramesOptions
+from egosplat.frames.stage import open_recording
 from egosplat.geometry import Camera
 
-OPTIONS = {"resolution": 32, "focal": 460.0, "upright": True, "stride": 1, "start_s": 0.0, "end_s": None}
+OPTIONS = FramesOptions(resolution=32, focal=460.0, upright=True)
 CAMERA = Camera(32, 24, 30.0, 30.0, 16.0, 12.0)
 
 
 def test_an_unknown_format_is_rejected(tmp_path):
     with pytest.raises(UserError, match="'aria'.*hoi4d"):
-        open_recording("aria", tmp_path, **OPTIONS)
+        open_recording("aria", tmp_path, OPTIONS)
     with pytest.raises(UserError, match="'aria'"):
-        open_annotations("aria", tmp_path, camera=CAMERA, upright=True)
+        open_annotations("aria", tmp_path, AnnotationKeys(CAMERA, True))
 
 
 @pytest.mark.parametrize(
@@ -32,22 +34,22 @@ def test_an_unknown_format_is_rejected(tmp_path):
 def test_a_missing_recording_is_named_with_the_reason(tmp_path, format, problem):
     nowhere = tmp_path / "nowhere"
     with pytest.raises(UserError, match=f"nowhere: {problem}"):
-        open_recording(format, nowhere, **OPTIONS)
+        open_recording(format, nowhere, OPTIONS)
     with pytest.raises(UserError, match=f"nowhere: {problem}"):
-        open_annotations(format, nowhere, camera=CAMERA, upright=True)
+        open_annotations(format, nowhere, AnnotationKeys(CAMERA, True))
 
 
 def test_every_format_has_its_reader(tmp_path, video):
-    plain = open_recording("plain", video(), **OPTIONS)
+    plain = open_recording("plain", video(), OPTIONS)
     assert plain.capture.valid.shape == (24, 32)
     (image,) = plain.read_frames(np.array([3]))
     assert image.shape == (24, 32, 3)
-    assert open_annotations("plain", tmp_path / "clip.mp4", camera=CAMERA, upright=True) is None
+    assert open_annotations("plain", tmp_path / "clip.mp4", AnnotationKeys(CAMERA, True)) is None
     sequence = tmp_path / "ZY20210800001/H1/C11/N58/S376/s02/T2"
     video(sequence / "align_rgb/image.mp4")
     np.save(sequence / "intrin.npy", np.array([[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]))
-    assert open_recording("hoi4d", sequence, **OPTIONS).capture.camera_known
-    assert open_annotations("hoi4d", sequence, camera=CAMERA, upright=True) is None
+    assert open_recording("hoi4d", sequence, OPTIONS).capture.camera_known
+    assert open_annotations("hoi4d", sequence, AnnotationKeys(CAMERA, True)) is None
     with pytest.raises(UserError, match="video.vrs"):
-        open_recording("adt", tmp_path, **OPTIONS)
-    assert open_annotations("adt", tmp_path, camera=CAMERA, upright=True) is None
+        open_recording("adt", tmp_path, OPTIONS)
+    assert open_annotations("adt", tmp_path, AnnotationKeys(CAMERA, True)) is None

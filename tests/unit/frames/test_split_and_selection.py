@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from egosplat.errors import UserError
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.selection import select_frames
 from egosplat.frames.split import evaluation_count, split_frames
 
@@ -57,10 +58,8 @@ def test_an_explicit_number_of_evaluation_frames_wins():
 TIMES = 87_551_170_813_262 + np.array([0, 100, 200, 300, 400, 500]) * 1_000_000
 
 
-def select(stride=1, start_s=0.0, end_s=None, times=TIMES):
-    return select_frames(
-        times, stride=stride, start_s=start_s, end_s=end_s, source=Path("recording")
-    ).tolist()
+def select(times=TIMES, **options):
+    return select_frames(times, FramesOptions(**options), Path("recording")).tolist()
 
 
 def test_selection_takes_the_range_then_the_stride():
@@ -68,17 +67,13 @@ def test_selection_takes_the_range_then_the_stride():
     assert select(stride=4) == [0, 4]
     assert select(start_s=0.1) == [1, 2, 3, 4, 5]
     assert select(stride=2, start_s=0.1, end_s=0.5) == [1, 3]
-    assert select(end_s=float("inf")) == [0, 1, 2, 3, 4, 5]
+    assert select(end_s=1e300) == [0, 1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"stride": 0}, "stride"),
-        ({"start_s": -1.0}, "start_s"),
-        ({"start_s": float("nan")}, "start_s"),
         ({"start_s": 0.2, "end_s": 0.2}, "end_s"),
-        ({"end_s": float("nan")}, "end_s"),
         ({"start_s": 0.51}, "no frame .* 0.500 s"),
         ({"times": TIMES[::-1]}, "order of time"),
     ],

@@ -18,7 +18,9 @@ from scipy.spatial.transform import Rotation
 from egosplat.errors import UserError
 from egosplat.frames import adt
 from egosplat.frames.adt import AdtRecording, rectification
-from egosplat.frames.adt_annotations import AdtAnnotations
+from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.keys import AnnotationKeys
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.rectify import clockwise_turns, pinhole, turns_from_rotation
 from egosplat_apartments.adt_format.aria import calibration_json
 
@@ -102,12 +104,12 @@ def test_the_synthetic_device_is_turned_as_gen1():
     assert clockwise_turns(device_calibration_from_json_string(calibration_json(704)), RGB) == 1
 
 
-OPTIONS = {"resolution": 64, "focal": 460.0, "stride": 1, "start_s": 0.0, "end_s": None}
+OPTIONS = FramesOptions(resolution=64, focal=460.0)
 
 
 def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
     """The sample's frames with the mounting of gen2: as the sensor takes them, whatever frames.upright says."""
-    lying = AdtRecording(sample, upright=False, **OPTIONS)
+    lying = AdtRecording(sample, OPTIONS.change(upright=False))
     assert not lying.capture.upright
 
     def gen2(provider, path):
@@ -125,12 +127,12 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
     monkeypatch.setattr(adt, "device_calibration", gen2)
     monkeypatch.setattr("egosplat.frames.adt_annotations.device_calibration", gen2)
     for upright in (True, False):
-        turned = AdtRecording(sample, upright=upright, **OPTIONS)
+        turned = AdtRecording(sample, OPTIONS.change(upright=upright))
         assert turned.capture.upright
         image = next(turned.read_frames(np.array([0])))
         assert (image == next(lying.read_frames(np.array([0])))).all()
     found = [
-        AdtAnnotations(sample, camera=lying.capture.camera, upright=upright).instance_map(
+        open_annotations("adt", sample, AnnotationKeys(lying.capture.camera, upright)).instance_map(
             int(lying.capture.timestamp_ns[0])
         )
         for upright in (True, False)
