@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from benchmarks.transient.truth import moved_objects
 from egosplat.frames.adt import RGB_STREAM
-from egosplat.frames.adt_annotations import find_segmentation, open_segmentation, read_instances
+from egosplat.frames.adt_annotations import open_segmentation, read_instances
+from egosplat.frames.files import adt_video, find_segmentation
 
 BOXES = "2d_bounding_box_with_skeleton.csv"
 RESTS = "truth/rests.tsv"
@@ -105,7 +106,7 @@ def _segmentations(recording: Path, times: NDArray[np.int64]) -> Iterator[NDArra
     path = find_segmentation(recording)
     if path is None:
         raise ValueError(f"{recording}: has no segmentation")
-    provider = open_segmentation(recording, path)
+    provider = open_segmentation(adt_video(recording), path)
     for time in times.tolist():
         yield provider.get_segmentation_image_by_timestamp_ns(time, RGB_STREAM).data().to_numpy_array()
 

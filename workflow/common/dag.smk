@@ -12,7 +12,7 @@ from egosplat.frames.files import (
     frames_files,
     pictures_of,
 )
-from egosplat.frames.recording_files import is_annotated
+from egosplat.frames.files import is_annotated
 from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.chosen import chosen_value

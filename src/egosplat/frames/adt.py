@@ -65,11 +65,7 @@ class AdtRecording:
         )
 
     def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (H, W, 3) uint8 RGB frame of each index; see ``Recording.read_frames``.
-
-        Raises:
-            UserError: a frame cannot be decoded or is black.
-        """
+        """See ``Recording.read_frames``; UserError if a frame cannot be decoded or is black."""
         for index in indices:
             fisheye = self._decode(int(self._frames[index]))
             try:
@@ -123,11 +119,7 @@ def open_video(folder: Path) -> VrsDataProvider:
 
 
 def device_calibration(provider: VrsDataProvider, path: Path) -> DeviceCalibration:
-    """The factory calibration of the device, including its RGB camera.
-
-    Raises:
-        UserError: the file has no calibration of the RGB camera.
-    """
+    """The factory calibration of the device; UserError if the file has none of the RGB camera."""
     device = provider.get_device_calibration()
     if device is None or device.get_camera_calib(RGB_LABEL) is None:
         raise UserError(

@@ -11,11 +11,10 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigital
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.frames.adt import RGB_STREAM, device_calibration, open_video, rectification
-from egosplat.frames.files import ADT_INSTANCES, adt_video
+from egosplat.frames.files import ADT_INSTANCES, ADT_SEGMENTATIONS, adt_video, find_segmentation
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Instance
-from egosplat.frames.recording_files import ADT_SEGMENTATIONS, find_segmentation
 from egosplat.frames.vrs import open_checked
 from egosplat.progress import log
 
@@ -44,11 +43,7 @@ class AdtAnnotations:
     """
 
     def __init__(self, folder: Path, path: Path, keys: AnnotationKeys) -> None:
-        """Open the segmentation at ``path``, and ``instances.json``.
-
-        Raises:
-            UserError: a file is missing or damaged.
-        """
+        """Open the segmentation at ``path``, and ``instances.json``; UserError if one is missing or damaged."""
         self.instances = read_instances(folder / ADT_INSTANCES)
         self._max_age_ns = keys.max_age_ns
         if path.name == WITHOUT_PEOPLE:
@@ -75,11 +70,7 @@ class AdtAnnotations:
             )
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """The instance of each pixel of the frame captured at ``timestamp_ns``; see ``Annotations.instance_map``.
-
-        Raises:
-            UserError: the segmentation cannot be decoded, or holds an id that ``instances.json`` lacks.
-        """
+        """See ``Annotations.instance_map``; UserError if it cannot be decoded, or an id is not in ``instances.json``."""
         try:
             with captured_log() as messages:
                 found = self._provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
@@ -152,11 +143,7 @@ def _instance(path: Path, key: str, entry: object) -> Instance:
 
 
 def open_segmentation(video: Path, path: Path) -> AriaDigitalTwinDataProvider:
-    """Open the segmentation at ``path`` of a video.
-
-    Raises:
-        UserError: it cannot be read.
-    """
+    """Open the segmentation at ``path`` of a video; UserError if it cannot be read."""
     paths = AriaDigitalTwinDataPaths()
     paths.aria_vrs_filepath = str(video)
     paths.segmentations_filepath = str(path)

@@ -17,11 +17,16 @@ from egosplat.calibration.companions import (
     picture_folders,
 )
 from egosplat.errors import UserError
-from egosplat.frames.recording_files import ANNOTATIONS, find_segmentation, is_annotated
 from egosplat.pipeline.recording_origin import METADATA
 
 # The first is ADT's, the second that of Aria Everyday Activities and of Aria's tools.
 ADT_VIDEOS, ADT_INSTANCES = ("video.vrs", "recording.vrs"), "instances.json"
+
+# Folder with the annotations of a plain recording.
+ANNOTATIONS = "annotations"
+
+# Of an ADT sequence, in order of preference: releases without people's masks have the second.
+ADT_SEGMENTATIONS = ("segmentations_with_skeleton.vrs", "segmentations.vrs")
 
 HOI4D_VIDEO, HOI4D_INTRINSICS = Path("align_rgb") / "image.mp4", "intrin.npy"
 
@@ -100,6 +105,25 @@ def pictures_of(stage: str, format: str, recording: Path, known_poses: str) -> l
     return pictures
 
 
+def is_annotated(format: str, path: Path) -> bool:
+    """Whether a recording comes with annotations, judged without reading them.
+
+    HOI4D, LERF-OVS and 3D-OVS do. An ADT recording does if it has a segmentation, which other recordings of Aria glasses have not;
+    one that does not exist yet is a synthetic one. A plain recording does if its annotations folder exists.
+    """
+    if format == "adt":
+        return find_segmentation(path) is not None or not path.is_dir()
+    # A broken link counts as present: the annotations stage then reports it.
+    return format != "plain" or os.path.lexists(companion_path(path, ANNOTATIONS))
+
+
+def find_segmentation(folder: Path) -> Path | None:
+    """The segmentation of an ADT sequence, preferably the one with people; None if there is none."""
+    candidates = [folder / name for name in ADT_SEGMENTATIONS]
+    # A broken link is not a missing file: opening it reports the error.
+    return next((path for path in candidates if os.path.lexists(path)), None)
+
+
 def label_files(format: str, recording: Path) -> list[Path]:
     """The files with the labels of a benchmark's recording; of 3D-OVS without the masks. None of other formats."""
     if format == "lerf":
@@ -163,11 +187,7 @@ def list_masks(folder: Path) -> list[Path]:
 
 
 def find_sequence(path: Path) -> Path:
-    """The folder of a HOI4D sequence that is given as this folder or as ``root/ZY…_H…_C…_N…_S…_s…_T…``.
-
-    Raises:
-        UserError: the folder does not exist.
-    """
+    """The folder of a HOI4D sequence, given as it is or as ``root/ZY…_H…_C…_N…_S…_s…_T…``; UserError if there is none."""
     if path.is_dir():
         return path.absolute()
     parts = sequence_parts(path)
@@ -178,11 +198,7 @@ def find_sequence(path: Path) -> Path:
 
 
 def sequence_parts(path: Path) -> tuple[str, ...]:
-    """The seven parts of a HOI4D sequence's name: camera, person, category, object, room, layout, task.
-
-    Raises:
-        UserError: the path does not end in a sequence's name.
-    """
+    """Camera, person, category, object, room, layout and task of a HOI4D sequence; UserError if its path does not end so."""
     match = _SEQUENCE.search(path.as_posix())
     if match is None:
         raise UserError(

@@ -51,11 +51,7 @@ class Hoi4dRecording:
         self.capture = Capture.of_video(times[self._frames], target, True, valid)
 
     def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (H, W, 3) uint8 RGB frame of each index; see ``Recording.read_frames``.
-
-        Raises:
-            UserError: the video ends too early.
-        """
+        """See ``Recording.read_frames``; UserError if the video ends too early."""
         camera = self.capture.camera
         for image in self._video.read_frames(self._frames[indices]):
             yield resize_image(image, camera.width, camera.height)
@@ -65,11 +61,7 @@ open_recording = Hoi4dRecording
 
 
 def find_intrinsics(folder: Path) -> Path:
-    """Path of ``intrin.npy``; see ``intrinsics_files``.
-
-    Raises:
-        UserError: the file does not exist.
-    """
+    """Path of ``intrin.npy``, see ``intrinsics_files``; UserError if it does not exist."""
     if files := intrinsics_files(folder):
         return files[0]
     camera = sequence_parts(folder)[0]
@@ -80,11 +72,7 @@ def find_intrinsics(folder: Path) -> Path:
 
 
 def read_intrinsics(path: Path, width: int, height: int) -> Camera:
-    """Read the 3x3 intrinsic matrix of images of ``width`` x ``height`` pixels.
-
-    Raises:
-        UserError: the file is unreadable or not an intrinsic matrix.
-    """
+    """Read the 3x3 intrinsic matrix of ``width`` x ``height`` px; UserError if it is unreadable or no such matrix."""
     try:
         with path.open("rb") as file:
             matrix = np.asarray(np.lib.format.read_array(file, allow_pickle=False), dtype=np.float64)

@@ -69,11 +69,7 @@ class Hoi4dAnnotations:
         self.instances = instances_of(sequence_parts(folder)[2], folder)
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """The instance of each pixel of the frame at ``timestamp_ns``; see ``Annotations.instance_map``.
-
-        Raises:
-            UserError: the mask is unreadable, or has another aspect ratio or other colors.
-        """
+        """See ``Annotations.instance_map``; UserError if the mask is unreadable, or of another shape or other colors."""
         number = round(timestamp_ns * MASKS_PER_SECOND / 1e9)
         path = self._masks / f"{number:05d}.png"
         age_ns = abs(timestamp_ns - round(number * 1e9 / MASKS_PER_SECOND))

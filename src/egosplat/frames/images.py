@@ -98,11 +98,7 @@ class ImageFolder:
         return path if path in self._masks else None
 
     def check_sizes(self) -> None:
-        """Check that all images have the same size.
-
-        Raises:
-            UserError: they have not.
-        """
+        """Raise UserError unless all images have the same size."""
         for image, (width, height) in zip(self.paths, self.sizes, strict=True):
             if (width, height) != (self.width, self.height):
                 raise UserError(
@@ -111,20 +107,12 @@ class ImageFolder:
                 )
 
     def read_frames(self, frames: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (height, width, 3) uint8 RGB image of each number; transparency is dropped.
-
-        Raises:
-            UserError: an image cannot be decoded.
-        """
+        """Yield the (height, width, 3) uint8 RGB image of each number, without transparency; UserError if undecodable."""
         for frame in frames:
             yield read_rgb(self.paths[frame], turned=self.turned)
 
     def read_opaque(self, frame: int) -> NDArray[np.bool_]:
-        """(height, width) bool: pixels of an image without any transparency.
-
-        Raises:
-            UserError: the image cannot be decoded, or no pixel is opaque.
-        """
+        """(height, width) bool: pixels without any transparency; UserError if there is none, or it is undecodable."""
         path = self.paths[frame]
         with _opened(path, self.turned) as image:
             opaque = np.array(image.convert("RGBA"))[..., 3] == 255
@@ -142,19 +130,22 @@ def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
 
 
 @contextlib.contextmanager
-def _opened(path: Path, turned: bool) -> Iterator[Image.Image]:
-    """Open an image, turned upright or as its file has it.
-
-    Raises:
-        UserError: it cannot be decoded, or has more than 8 bits per channel.
-    """
+def open_image(path: Path) -> Iterator[Image.Image]:
+    """Open an image, which the block may decode; UserError if it cannot be read."""
     try:
         with Image.open(path) as image:
-            if image.mode not in _EIGHT_BIT:
-                raise UserError(f"{path}: pixels of type {image.mode}. Convert it to 8 bits per channel.")
-            yield ImageOps.exif_transpose(image) if turned else image
+            yield image
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise UserError(f"{path}: not a readable image ({error}).") from error
+
+
+@contextlib.contextmanager
+def _opened(path: Path, turned: bool) -> Iterator[Image.Image]:
+    """Open an image, turned upright or as stored; UserError if it is undecodable or has more than 8 bits a channel."""
+    with open_image(path) as image:
+        if image.mode not in _EIGHT_BIT:
+            raise UserError(f"{path}: pixels of type {image.mode}. Convert it to 8 bits per channel.")
+        yield ImageOps.exif_transpose(image) if turned else image
 
 
 def read_rgb(path: Path, *, turned: bool = True) -> NDArray[np.uint8]:
@@ -231,17 +222,10 @@ class _Header:
 
     @classmethod
     def read(cls, path: Path) -> "_Header":
-        """Read a header without decoding the image.
-
-        Raises:
-            UserError: the file is not an image.
-        """
-        try:
-            with Image.open(path) as image:
-                orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
-                return cls(path, image.size, orientation, image.has_transparency_data)
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-            raise UserError(f"{path}: not a readable image ({error}).") from error
+        """Read a header without decoding the image; UserError if the file is not an image."""
+        with open_image(path) as image:
+            orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
+            return cls(path, image.size, orientation, image.has_transparency_data)
 
     def shown(self, turned: bool) -> tuple[int, int]:
         """Width and height [px] as the image is read."""

@@ -27,11 +27,7 @@ _MOST_PX = 2**20
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> LayeredAnnotations:
-    """Read the labels of a scene.
-
-    Raises:
-        UserError: there are none, one is damaged or for a picture of another size, or a polygon is none.
-    """
+    """Read the labels of a scene; UserError if there are none, one is damaged or of another size, or a polygon is none."""
     labels = find_labels("lerf", path)
     read = {label: _read_label(label) for label in labels.values()}
     most: Counter[str] = Counter()

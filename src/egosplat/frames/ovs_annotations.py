@@ -21,11 +21,7 @@ _WHITE = 128
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> LayeredAnnotations:
-    """Read the class masks of a scene.
-
-    Raises:
-        UserError: there are none, a class has no name or no mask, or a mask has another size than its picture.
-    """
+    """Read the class masks of a scene; UserError if a class has no name or mask, or a mask another size than its picture."""
     labels = find_labels("3d_ovs", path)
     classes = read_classes(labels_folder("3d_ovs", path) / OVS_CLASSES)
 
@@ -38,11 +34,7 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> LayeredAnnotations:
 
 
 def read_classes(path: Path) -> list[str]:
-    """The names of the classes, sorted.
-
-    Raises:
-        UserError: the file cannot be read, names no class, or one twice.
-    """
+    """The names of the classes, sorted; UserError if the file cannot be read, names no class, or one twice."""
     try:
         lines = read_user_text(path).splitlines()
     except OSError as error:

@@ -76,7 +76,7 @@ def calibrate(path: Path, kind: str | None, source: Video | ImageFolder) -> Cali
     contents = read_known_poses(path, kind, source.width, source.height)
     if isinstance(source, Video):
         check_numbers(contents.names, len(source.timestamp_ns), known)
-    match = match_pictures(contents.names, picture_names(source), known)
+    match = match_pictures(contents.names, source.names, known)
     _log_known(known, contents, match)
     if len(contents.lenses) > 1:
         match = _only_matched(match, source)
@@ -103,7 +103,7 @@ def _settle_orientation(
     calibration: Calibration, source: Video | ImageFolder, path: Path, known: Path
 ) -> None:
     """Read pictures with an EXIF orientation as COLMAP does, as they are stored; turned if only this is their camera's size."""
-    if not (isinstance(source, ImageFolder) and source.oriented):
+    if not source.oriented:
         return
     if any(_misfits(calibration, source)):
         source.turn()
@@ -119,18 +119,14 @@ def _misfits(
     calibration: Calibration, source: Video | ImageFolder
 ) -> Iterator[tuple[str, tuple[int, int], Lens]]:
     """Yield name, size and lens of the pictures that have not the size of their camera."""
-    for frame, name in enumerate(picture_names(source)):
-        size, lens = size_of(source, frame), calibration.lenses[calibration.lens_index(frame)]
+    for frame, name in enumerate(source.names):
+        size, lens = source.sizes[frame], calibration.lenses[calibration.lens_index(frame)]
         if size != (lens.width, lens.height):
             yield name, size, lens
 
 
 def _check_sizes(calibration: Calibration, source: Video | ImageFolder, camera_file: str) -> None:
-    """Check that each picture has the size of its camera.
-
-    Raises:
-        UserError: one has not.
-    """
+    """Raise UserError unless each picture has the size of its camera."""
     for name, (width, height), lens in _misfits(calibration, source):
         raise UserError(
             f"{camera_file}: for {lens.width}x{lens.height} px, but the frames are {width}x{height} ({name})."
@@ -145,24 +141,3 @@ def _log_known(known: Path, contents: Contents, match: Match) -> None:
         log(line)
     if (count := len(contents.lenses)) > 1:
         log(f"{known}: {count} cameras; the frames show what all of them see")
-
-
-def size_of(source: Video | ImageFolder, frame: int) -> tuple[int, int]:
-    """Width and height of a picture [px]."""
-    return source.sizes[frame] if isinstance(source, ImageFolder) else (source.width, source.height)
-
-
-def has_alpha(source: Video | ImageFolder, frame: int) -> bool:
-    return isinstance(source, ImageFolder) and source.has_alpha(frame)
-
-
-def dynamic_mask_of(source: Video | ImageFolder, frame: int) -> Path | None:
-    """The mask next to a picture whose white pixels are left out; None without one."""
-    return source.mask(frame) if isinstance(source, ImageFolder) else None
-
-
-def picture_names(source: Video | ImageFolder) -> list[str]:
-    """The path of each image from the folder, or the number of each frame of a video, from 0."""
-    if isinstance(source, ImageFolder):
-        return source.names
-    return [str(number) for number in range(len(source.timestamp_ns))]

@@ -16,14 +16,7 @@ from egosplat.frames.files import VALID_MASK
 from egosplat.frames.images import ImageFolder, read_mask, read_valid
 from egosplat.frames.labels import match_labels
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.picture_cameras import (
-    Calibration,
-    calibrate,
-    dynamic_mask_of,
-    has_alpha,
-    picture_names,
-    size_of,
-)
+from egosplat.frames.picture_cameras import Calibration, calibrate
 from egosplat.frames.recording import Capture
 from egosplat.frames.selection import SHARPEST, select_frames, select_sharpest
 from egosplat.frames.video import Video, open_source
@@ -56,7 +49,7 @@ class PlainRecording:
         self._calibration = calibrate(path, kind, self._source)
         full = self._calibration.pinhole or _guess_camera(self._source.width, self._source.height)
         width, height = fit(full, options.resolution, path)
-        times, pictures = self._source.timestamp_ns, picture_names(self._source)
+        times, pictures = self._source.timestamp_ns, self._source.names
         self._valid = _read_valid(path, self._source)
         # At full size, so that a reduced pixel is valid only if all its pixels are.
         reduced = resize_mask(self._valid, width, height)
@@ -94,7 +87,7 @@ class PlainRecording:
         facts = {
             "pictures": [pictures[frame] for frame in self._frames],
             "known_poses": kind,
-            "turned": isinstance(self._source, ImageFolder) and self._source.turned,
+            "turned": self._source.turned,
             "pinhole": asdict(pinhole) if (pinhole := self._calibration.pinhole) else None,
             "lenses": [asdict(one) for one in self._calibration.lenses],
             "lens_of_frame": of_frame,
@@ -104,7 +97,7 @@ class PlainRecording:
 
     def _find_labeled(self, labels: Mapping[str, Path], frames: NDArray[np.int64]) -> NDArray[np.int64]:
         """The labeled ones of the frames of a time range."""
-        places = np.array([*match_labels(labels, picture_names(self._source))], np.int64)
+        places = np.array([*match_labels(labels, self._source.names)], np.int64)
         if not len(labeled := np.intersect1d(places, frames)):
             raise UserError(
                 f"{self._source.path}: none of its {len(places)} labeled pictures is within frames.start_s and frames.end_s; "
@@ -151,21 +144,21 @@ class PlainRecording:
         frame = int(self._frames[index])
         lens = self._calibration.lens_index(frame)
         differs = lens != self._calibration.lens_index(int(self._frames[0])) and not self._valid.all()
-        masks = self._calibration.mask(frame), dynamic_mask_of(self._source, frame)
-        return differs or any(masks) or has_alpha(self._source, frame)
+        masks = self._calibration.mask(frame), self._source.mask(frame)
+        return differs or any(masks) or self._source.has_alpha(frame)
 
     def _shown(self, index: int) -> NDArray[np.bool_]:
         """(H, W) bool: pixels of a rectified frame that ``valid.png``, its own mask and its transparency all leave."""
         frame = int(self._frames[index])
-        shown, (width, height) = self._valid, size_of(self._source, frame)
+        shown, (width, height) = self._valid, self._source.sizes[frame]
         if shown.shape != (height, width):
             # With pictures of several sizes ``valid.png`` is refused.
             shown = np.ones((height, width), bool)
         if path := self._calibration.mask(frame):
             shown = shown & read_mask(path, width, height)
-        if path := dynamic_mask_of(self._source, frame):
+        if path := self._source.mask(frame):
             shown = shown & ~read_mask(path, width, height)
-        if has_alpha(self._source, frame):
+        if self._source.has_alpha(frame):
             shown = shown & self._source.read_opaque(frame)
         camera = self.capture.camera
         if rectifier := self._calibration.rectifier(frame):
@@ -173,14 +166,10 @@ class PlainRecording:
         return resize_mask(shown, camera.width, camera.height)
 
     def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (H, W, 3) uint8 RGB frame of each index; see ``Recording.read_frames``.
-
-        Raises:
-            UserError: a frame cannot be decoded.
-        """
+        """See ``Recording.read_frames``; UserError if a frame cannot be decoded."""
         camera, frames = self.capture.camera, self._frames[indices]
         for frame, full in zip(frames.tolist(), self._source.read_frames(frames), strict=True):
-            if has_alpha(self._source, frame):
+            if self._source.has_alpha(frame):
                 # Below transparent pixels is any color.
                 full = full * self._source.read_opaque(frame)[..., None]
             rectifier = self._calibration.rectifier(frame)
@@ -225,7 +214,7 @@ def _guess_camera(width: int, height: int) -> Camera:
 def _read_valid(path: Path, source: Video | ImageFolder) -> NDArray[np.bool_]:
     """The mask of the pictures' pixels that show the scene."""
     file = companion_path(path, VALID_MASK)
-    if isinstance(source, ImageFolder) and len(set(source.sizes)) > 1 and os.path.lexists(file):
+    if len(set(source.sizes)) > 1 and os.path.lexists(file):
         raise UserError(
             f"{file}: the pictures have several sizes. Give each a mask_path in transforms.json instead."
         )

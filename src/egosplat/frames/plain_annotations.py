@@ -16,17 +16,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from egosplat.calibration.companions import companion_path
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
-from egosplat.frames.files import INSTANCES_TABLE, list_masks
-from egosplat.frames.images import ImageFolder
+from egosplat.frames.files import ANNOTATIONS, INSTANCES_TABLE, is_annotated, list_masks
+from egosplat.frames.images import ImageFolder, open_image
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.labels import fit_labels
 from egosplat.frames.recording import Instance
-from egosplat.frames.recording_files import ANNOTATIONS, is_annotated
 from egosplat.frames.video import Video, open_source
 
 _COLUMNS = ("id", "name", "category", "motion_type")
@@ -62,18 +60,14 @@ class PlainAnnotations:
         source = open_source(path, keys.originals.known_poses)
         if isinstance(source, ImageFolder) and keys.originals.turned:
             source.turn()
-        self._sizes = _size_of_timestamp(source)
+        self._sizes = dict(zip(source.timestamp_ns.tolist(), source.sizes, strict=True))
         self._pngs = _png_of_timestamp(folder, source)
         self._index_of_id = np.full(_MAX_ID + 1, _UNKNOWN_ID, dtype=np.int32)
         self._index_of_id[0] = _NO_INSTANCE
         self._index_of_id[[instance.id for instance in self.instances]] = np.arange(len(self.instances))
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """The instance of each pixel of the frame captured at ``timestamp_ns``; see ``Annotations.instance_map``.
-
-        Raises:
-            UserError: the PNG is unreadable, has the wrong size or type, or holds an id that is not in the table.
-        """
+        """See ``Annotations.instance_map``; UserError if the PNG is unreadable or of a wrong size, or an id unknown."""
         path = self._pngs.get(int(timestamp_ns))
         if path is None:
             return None
@@ -89,18 +83,8 @@ class PlainAnnotations:
         return fit_labels(index, int(timestamp_ns), self._keys)
 
 
-def _size_of_timestamp(source: Video | ImageFolder) -> dict[int, tuple[int, int]]:
-    times = source.timestamp_ns.tolist()
-    sizes = source.sizes if isinstance(source, ImageFolder) else [(source.width, source.height)] * len(times)
-    return dict(zip(times, sizes, strict=True))
-
-
 def read_instances(path: Path) -> list[Instance]:
-    """Read ``instances.tsv`` in its order.
-
-    Raises:
-        UserError: the table is missing or unreadable, lacks a column, or has a bad line.
-    """
+    """Read ``instances.tsv`` in its order; UserError if it is unreadable, lacks a column, or has a bad line."""
     try:
         reader = csv.DictReader(io.StringIO(read_user_text(path), newline=""), delimiter="\t")
         columns, lines = reader.fieldnames or [], list(reader)
@@ -168,13 +152,10 @@ def _png_of_timestamp(folder: Path, source: Video | ImageFolder) -> dict[int, Pa
 
 
 def _read_ids(path: Path) -> NDArray[np.int64]:
-    try:
-        with Image.open(path) as image:
-            if image.mode not in _ONE_CHANNEL:
-                raise UserError(f"{path}: pixels of type {image.mode}; use a single channel of 8 or 16 bits.")
-            ids = np.array(image).astype(np.int64)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise UserError(f"{path}: not a readable image ({error}).") from error
+    with open_image(path) as image:
+        if image.mode not in _ONE_CHANNEL:
+            raise UserError(f"{path}: pixels of type {image.mode}; use a single channel of 8 or 16 bits.")
+        ids = np.array(image).astype(np.int64)
     if ids.min() < 0 or ids.max() > _MAX_ID:
         raise UserError(f"{path}: pixel values outside 0..{_MAX_ID}.")
     return ids

@@ -93,11 +93,7 @@ class Rectification:
         self._source_shape = _source_shape(calibration)
 
     def color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(h, w, 3) uint8 fisheye image -> (H, W, 3) uint8 pinhole image, 0 where not ``valid``.
-
-        Raises:
-            ValueError: the image and the calibration differ in size.
-        """
+        """(h, w, 3) uint8 fisheye image -> (H, W, 3) uint8 pinhole image, 0 where not ``valid``."""
         self._check_shape(image)
         fine = cv2.remap(image, self._map_u, self._map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         # Bilinear sampling reads only four source pixels, so a small image would alias: average finer samples.
@@ -109,11 +105,7 @@ class Rectification:
         return turned
 
     def labels(self, labels: NDArray[np.generic]) -> NDArray[np.generic]:
-        """(h, w) fisheye labels of any dtype -> (H, W) labels by nearest neighbor, 0 where not ``valid``.
-
-        Raises:
-            ValueError: the labels and the calibration differ in size.
-        """
+        """(h, w) fisheye labels of any dtype -> (H, W) labels by nearest neighbor, 0 where not ``valid``."""
         self._check_shape(labels)
         # Labels cannot be averaged, so each pixel takes the label at its center.
         sampled = labels.reshape(-1)[self._source_index]

@@ -48,8 +48,6 @@ def split_frames(
     Raises:
         UserError: there are too few frames for the split.
     """
-    if evaluation < 0:
-        raise UserError(f"frames.evaluation_frames: {evaluation} evaluation frames; 0 evaluates nothing.")
     if count < _MIN_TRAINING_FRAMES:
         raise UserError(
             f"{count} frame is read, and training needs {_MIN_TRAINING_FRAMES} or more: add pictures, or take more of "

@@ -10,9 +10,9 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
+from egosplat.frames.files import is_annotated
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Recording
-from egosplat.frames.recording_files import is_annotated
 from egosplat.frames.selection import SHARPEST
 from egosplat.frames.split import AUTO, evaluation_count, split_frames
 from egosplat.images import measure_sharpness

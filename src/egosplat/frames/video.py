@@ -26,17 +26,17 @@ class Video:
     """Frames and presentation times of a video; a rotation in its metadata is applied, and its pixels are made square.
 
     Attributes:
+        names: numbers of the frames, from 0.
         width, height: size of the frames after rotation, with square pixels [px].
+        sizes, turned, oriented: as of an ``ImageFolder``.
         timestamp_ns: (N,) int64: presentation time of each frame since the first, from the container; valid for
             variable frame rates too. Times that do not increase are rebuilt, see ``rebuild_times``.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Scan the video for the times of its frames.
+    turned, oriented = False, 0
 
-        Raises:
-            UserError: the file is missing or no frame can be decoded.
-        """
+    def __init__(self, path: Path) -> None:
+        """Scan the video for the times of its frames; UserError if it is missing or no frame can be decoded."""
         self.path = path
         # The frame count and rate in the header are unreliable.
         capture, messages = self._open(), []
@@ -61,6 +61,8 @@ class Video:
         self._pixel_aspect = num / den if num > 0 and den > 0 else 1.0
         self._lies = capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180 == 90
         self.height, self.width = next(self.read_frames(np.array([0]))).shape[:2]
+        count = len(self.timestamp_ns)
+        self.names, self.sizes = [*map(str, range(count))], [(self.width, self.height)] * count
         if self._pixel_aspect != 1.0:
             log(
                 f"{path}: its pixels are {num:g}:{den:g}; frames are resampled to square ones, "
@@ -68,11 +70,7 @@ class Video:
             )
 
     def read_frames(self, frames: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (height, width, 3) uint8 RGB frame of each number; numbers increase.
-
-        Raises:
-            UserError: the video ends before the last frame.
-        """
+        """Yield the (height, width, 3) uint8 RGB frame of each number, increasing; UserError if the video ends before."""
         capture, position = self._open(), -1
         for frame in frames:
             with captured_log() as messages:
@@ -83,6 +81,13 @@ class Video:
             if not decoded:
                 raise UserError(f"{self.path}: frame {frame} cannot be decoded{_reason(messages)}.")
             yield self._squared(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+
+    def has_alpha(self, frame: int) -> bool:
+        """As of an ``ImageFolder``: no frame has transparent pixels."""
+        return False
+
+    def mask(self, frame: int) -> None:
+        """As of an ``ImageFolder``: no frame has a mask beside it."""
 
     def _squared(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """An image with square pixels: its side that was stored as the width is scaled."""

@@ -23,11 +23,7 @@ _DROPPED_RECORDS = "beyond the end of the file"
 
 
 def check_complete(path: Path) -> None:
-    """Walk through the record headers of a VRS file to its end.
-
-    Raises:
-        UserError: the file is missing, not a VRS file, truncated or damaged.
-    """
+    """Walk through the records of a VRS file; UserError if it is missing, no VRS file, truncated or damaged."""
     if not path.is_file():
         raise UserError(f"{path}: not found. Check the path, or download this file of the recording.")
     size = path.stat().st_size

@@ -10,11 +10,10 @@ from projectaria_tools.core import data_provider
 from egosplat.errors import UserError
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, RGB_STREAM, AdtRecording
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.files import frames_files
+from egosplat.frames.files import frames_files, is_annotated
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.recording_files import is_annotated
 from egosplat.frames.rectify import pinhole
 
 OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
