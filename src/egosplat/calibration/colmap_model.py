@@ -23,11 +23,7 @@ _MAX_LENGTH_ERROR = 1e-3
 
 
 def read_model(folder: Path) -> Contents:
-    """Read the cameras, the poses and the points of a model.
-
-    Raises:
-        UserError: a file is missing or damaged.
-    """
+    """Read the cameras, the poses and the points of a model; UserError if a file is missing or damaged."""
     suffix = _suffix(folder)
     model = _read(folder, suffix)
     images = sorted(
@@ -66,11 +62,7 @@ def _world_to_camera(image: pycolmap.Image) -> NDArray[np.float64]:
 
 
 def _suffix(folder: Path) -> str:
-    """The extension of the model's three files.
-
-    Raises:
-        UserError: a file is missing in both formats.
-    """
+    """The extension of the model's three files; UserError if one is missing in both formats."""
     files = model_files(folder)
     if len(files) == len(MODEL_FILES):
         return files[0].suffix
@@ -82,12 +74,8 @@ def _suffix(folder: Path) -> str:
 
 
 def _read(folder: Path, suffix: str) -> pycolmap.Reconstruction:
-    if suffix == ".bin":
-        for name in MODEL_FILES:
-            _check_whole(folder / f"{name}.bin")
-    else:
-        for name in MODEL_FILES:
-            _check_finite(folder / f"{name}.txt")
+    for name in MODEL_FILES:
+        (_check_whole if suffix == ".bin" else _check_finite)(folder / f"{name}{suffix}")
     # COLMAP reads every file that it finds; here the three that are checked.
     with tempfile.TemporaryDirectory(prefix="egosplat-model-") as scratch:
         for name in MODEL_FILES:
@@ -103,11 +91,7 @@ def _read(folder: Path, suffix: str) -> pycolmap.Reconstruction:
 
 
 def _check_names(path: Path) -> None:
-    """Check that no name has a space: COLMAP reads it to the first one.
-
-    Raises:
-        UserError: one has.
-    """
+    """Raise UserError if a name has a space: COLMAP reads it to the first one."""
     if broken := next((name for name in text_names(path) if " " in name), None):
         raise UserError(
             f"{path}: {broken}: the text format holds no names with spaces. Export the model as .bin."
@@ -115,11 +99,7 @@ def _check_names(path: Path) -> None:
 
 
 def _check_finite(path: Path) -> None:
-    """Check that a text file has finite numbers: COLMAP tells neither the file nor the line of another one.
-
-    Raises:
-        UserError: it has not.
-    """
+    """Raise UserError unless a text file has finite numbers: COLMAP tells neither the file nor the line of another one."""
     content = path.read_bytes()
     for found in _NOT_FINITE.finditer(content):
         begin = content.rfind(b"\n", 0, found.start()) + 1
@@ -133,11 +113,7 @@ def _check_finite(path: Path) -> None:
 
 
 def _check_whole(path: Path) -> None:
-    """Check that a binary file ends where its last record ends: COLMAP would wait or invent values.
-
-    Raises:
-        UserError: it does not.
-    """
+    """Raise UserError unless a binary file ends where its last record ends: COLMAP would wait or invent values."""
     content = path.read_bytes()
     skip = {"cameras": _skip_camera, "images": _skip_image, "points3D": _skip_point}[path.stem]
     try:
@@ -170,14 +146,9 @@ def _skip_point(content: bytes, position: int) -> int:
     return position + 51 + 8 * length
 
 
-def _parameters() -> dict[int, int]:
-    """Number of parameters of each camera model, by its number in a file."""
-    models = pycolmap.CameraModelId.__members__
-    return {
-        int(number): len(pycolmap.Camera.create_from_model_name(1, name, 1.0, 1, 1).params)
-        for name, number in models.items()
-        if name != "INVALID"
-    }
-
-
-_PARAMETERS = _parameters()
+# Number of parameters of each camera model, by its number in a file.
+_PARAMETERS = {
+    int(number): len(pycolmap.Camera.create_from_model_name(1, name, 1.0, 1, 1).params)
+    for name, number in pycolmap.CameraModelId.__members__.items()
+    if name != "INVALID"
+}

@@ -35,10 +35,7 @@ _LEAST_ADVISED = 0.5
 
 
 def companion_path(source: Path, name: str) -> Path:
-    """Path of a file that accompanies a plain recording.
-
-    It lies in the image folder, or next to the video as ``clip.mp4.<name>``.
-    """
+    """Path of a companion file of a plain recording: in the image folder, or next to the video as ``clip.mp4.<name>``."""
     return source / name if source.is_dir() else source.with_name(f"{source.name}.{name}")
 
 

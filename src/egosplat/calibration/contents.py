@@ -1,6 +1,6 @@
 """What a file with known poses holds, whichever its format."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,3 @@ class Contents:
     masks: list[Path | None] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
     notes: dict[str, Any] = field(default_factory=dict)
-
-    def with_poses(self, camera_to_world: NDArray[np.float64]) -> "Contents":
-        """The same contents with other poses."""
-        return replace(self, camera_to_world=camera_to_world)

@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -26,23 +26,8 @@ _MAX_NAMES = 3
 _MOST, _MAX_REACH = 0.9, 1e4
 # Not every end after a dot is an extension: ``frame.0001``.
 _EXTENSIONS = (
-    *(
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".webp",
-        ".tif",
-        ".tiff",
-        ".bmp",
-        ".gif",
-        ".heic",
-        ".heif",
-        ".avif",
-        ".jxl",
-        ".exr",
-        ".ppm",
-    ),
-    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"),
+    *(".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jxl"),
+    *(".exr", ".ppm", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"),
 )
 
 
@@ -97,15 +82,11 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
     wheres = [f"{contents.pose_file}: {name}" for name in contents.names]
     poses = np.stack([_rigid(*one) for one in zip(contents.camera_to_world, wheres, strict=True)])
     _check_positions(poses[:, :3, 3], wheres)
-    return contents.with_poses(poses)
+    return replace(contents, camera_to_world=poses)
 
 
 def _check_positions(centers: NDArray[np.float64], wheres: Sequence[str]) -> None:
-    """Check that the origin and all cameras are near each other, as float32 needs.
-
-    Raises:
-        UserError: they are not.
-    """
+    """Raise UserError unless the origin and all cameras are near each other, as float32 needs."""
     # The largest coordinate stands for the length, whose square may overflow.
     away = np.abs(centers - np.median(centers, axis=0)).max(axis=1)
     spread = float(np.quantile(away, _MOST, method="lower"))
@@ -151,11 +132,7 @@ def match_pictures(names: Sequence[str], pictures: Sequence[str], path: Path) ->
 
 
 def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
-    """Check that a video of ``count`` frames has the frames that the entries of a file number.
-
-    Raises:
-        UserError: it has not, as where the numbers begin at 1.
-    """
+    """Raise UserError unless a video has the ``count`` frames that the entries number, as where they begin at 1."""
     for name in names:
         if (number_of(name) or 0) >= count:
             raise UserError(

@@ -154,11 +154,7 @@ class Lens:
         return tuple(map(float, view))
 
     def scaled_to(self, width: int, height: int) -> "Lens":
-        """The lens of the pictures resized to ``width`` x ``height``, for a radial model.
-
-        Raises:
-            ValueError: the lens has another model.
-        """
+        """The lens of the pictures resized to ``width`` x ``height``; ValueError if it is not radial."""
         if self.model != "RADIAL":
             raise ValueError(f"only radial lenses are scaled, not {self.model}")
         f, cx, cy, k1, k2 = self.params
@@ -244,11 +240,7 @@ def _source_positions(lens: Lens, target: Camera) -> tuple[NDArray[np.float32], 
 
 
 def read_camera_file(path: Path, width: int, height: int) -> Lens:
-    """Read ``camera.json``, for pictures of ``width`` x ``height`` pixels.
-
-    Raises:
-        UserError: the file is damaged, for pictures of another size, or not possible.
-    """
+    """Read ``camera.json``; UserError if it is damaged, for pictures of another size than the given, or not possible."""
     try:
         entries = read_json(path)
         numbers = [float(entries[key]) for key in _KEYS]

@@ -8,16 +8,8 @@ from numpy.typing import NDArray
 from egosplat.errors import UserError
 
 # Types by their names in C; the header may also have numpy's names.
-_TYPES = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-}
+_TYPES = {"char": "i1", "short": "i2", "int": "i4", "float": "f4"}
+_TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4", "double": "f8"}
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = b"end_header"
 # Color of points without one.
@@ -47,11 +39,7 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
 
 
 def read_vertices(path: Path) -> NDArray[np.void]:
-    """Read the table of vertices of a PLY file, text or binary, with the columns that the header names.
-
-    Raises:
-        UserError: the file is missing, damaged, or does not begin with its vertices.
-    """
+    """The table of vertices of a PLY file, with the header's columns; UserError if it is missing, damaged, or not first."""
     try:
         return _vertices(path.read_bytes())
     except _DAMAGE as error:

@@ -10,11 +10,7 @@ DATAPARSER = "dataparser_transforms.json"
 
 
 def source_files(source: str) -> list[Path]:
-    """The Gaussians of another program, and nerfstudio's transform if it lies beside them.
-
-    Raises:
-        UserError: there is no such file.
-    """
+    """The Gaussians of another program, and nerfstudio's transform beside them; UserError if there is no such file."""
     path = expand_home(source)
     if path.is_dir():
         raise UserError(

@@ -34,14 +34,8 @@ _READ = ("frames", "applied_transform", "applied_scale", "ply_file_path")
 _READ_OF_FRAME = ("file_path", "transform_matrix", "mask_path")
 # What changes the meaning of pixels or poses and is not read; a number of 0 or false changes nothing.
 _REFUSED = (
-    *(
-        "transform_matrix_start",
-        "transform_matrix_end",
-        "from_mitsuba",
-        "latlong",
-        "equirectangular",
-        "orthographic",
-    ),
+    *("transform_matrix_start", "transform_matrix_end", "from_mitsuba"),
+    *("latlong", "equirectangular", "orthographic"),
     *("ftheta_p0", "ftheta_p1", "ftheta_p2", "ftheta_p3", "ftheta_p4", "k5", "k6", "omega", "skew"),
 )
 # pycolmap counts pixels in 32 bits.

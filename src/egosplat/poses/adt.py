@@ -7,9 +7,8 @@ semi-dense points are a gzipped table with the columns ``uid``, ``graph_uid``, `
 
 import gzip
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, is_rigid
 from egosplat.poses.files import MPS_FOLDER, POINTS, TRAJECTORIES, find_points
+from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 from egosplat.poses.trajectory import (
     MAX_POSITION_M,
@@ -28,6 +28,10 @@ from egosplat.poses.trajectory import (
 )
 from egosplat.progress import log, track
 
+# Longest gap in the device's trajectory that is interpolated [ms]: one missing row of ground truth, which has one every
+# 33.3 ms; a closed-loop trajectory has one a millisecond.
+MAX_GAP_MS = 50.0
+
 # A head looks down by less than this on average; beyond it, the frames are probably not upright.
 MAX_TILT_DEG = 60.0
 
@@ -37,11 +41,8 @@ def adt_poses(
     exposure_middle_ns: NDArray[np.int64],
     device_from_camera: NDArray[np.float64],
     camera: Camera,
-    *,
-    trajectory: Literal["closed_loop", "ground_truth"],
-    max_gap_ms: float,
-    max_inv_dist_std: float = 0.001,
-    max_dist_std: float = 0.15,
+    options: PosesOptions,
+    max_gap_ms: float = MAX_GAP_MS,
 ) -> Poses:
     """Interpolate the trajectory of an ADT recording at its frames, and read its points (docs/method.md#poses).
 
@@ -52,10 +53,7 @@ def adt_poses(
         exposure_middle_ns: (F,) int64 middle of each exposure, in the device's clock.
         device_from_camera: (4, 4) float64; camera axes are those of the (upright) frames.
         camera: of the frames.
-        trajectory: ``closed_loop`` (SLAM of the glasses) or ``ground_truth`` (motion capture).
-        max_gap_ms: frames between rows further apart than this get no pose. Ground truth has a row every 33.3 ms, a
-            closed-loop trajectory one per millisecond.
-        max_inv_dist_std, max_dist_std: limits of the points' uncertainty, see ``read_semidense_points``.
+        max_gap_ms: frames between rows further apart than this get no pose.
 
     Returns:
         Poses in ADT's scene frame [m], with gray points. A ground-truth recording without usable semi-dense points gets
@@ -67,9 +65,9 @@ def adt_poses(
     """
     if not is_rigid(device_from_camera):
         raise ValueError("device_from_camera is not a rigid motion")
-    path = Path(folder) / TRAJECTORIES[trajectory]
+    path = folder / TRAJECTORIES[options.trajectory]
     if not path.is_file():
-        raise UserError(_missing_message(Path(folder), trajectory))
+        raise UserError(_missing_message(folder, options.trajectory))
     rows = read_trajectory(path)
     # EgoLifter takes the nearest row instead (docs/method.md#trajectory).
     device = interpolate_trajectory(rows, exposure_middle_ns, max_gap_ms)
@@ -78,12 +76,12 @@ def adt_poses(
     camera_to_world = unregistered(len(device.known))
     # Both trajectories are in ADT's scene frame, which ADT publishes already aligned: no alignment is needed here.
     camera_to_world[device.known] = device.poses[device.known] @ device_from_camera
-    points, point_notes = _points(Path(folder), trajectory == "closed_loop", max_inv_dist_std, max_dist_std)
+    points, point_notes = _points(folder, options)
     tilt = _angle_deg(rows.up, mean_camera_up(camera_to_world[device.known]))
     if tilt > MAX_TILT_DEG:
         log(f"{path}: up is {tilt:.0f} degrees from up in the frames: are the frames upright?")
     notes = {
-        "trajectory": trajectory,
+        "trajectory": options.trajectory,
         "frames": len(device.known),
         "registered": int(device.known.sum()),
         "frames_outside_trajectory": device.outside,
@@ -111,33 +109,26 @@ def _angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)))
 
 
-def _points(
-    folder: Path, required: bool, max_inv_dist_std: float, max_dist_std: float
-) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """The semi-dense points and their notes; no points if they are missing and not required."""
-    path = find_points(folder / MPS_FOLDER)
+def _points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """The semi-dense points and their notes; no points if they are missing, which ground truth may be used without."""
+    path, required = find_points(folder / MPS_FOLDER), options.trajectory == "closed_loop"
+    limits = {name: getattr(options, name) for name in ("max_inv_dist_std", "max_dist_std")}
     if path is None:
         if required:
             raise UserError(
                 f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud"
             )
         return np.empty((0, 3)), {"points": 0, "points_missing": "the recording has no semi-dense points"}
-    cloud = read_semidense_points(path, max_inv_dist_std, max_dist_std)
-    notes = {
-        "points": len(cloud.points),
-        "points_read": cloud.read,
-        "points_rejected": cloud.rejected,
-        "max_inv_dist_std": max_inv_dist_std,
-        "max_dist_std": max_dist_std,
-    }
-    if len(cloud.points) == 0:
+    points, read, rejected = read_semidense_points(path, **limits)
+    notes = {"points": len(points), "points_read": read, "points_rejected": rejected, **limits}
+    if len(points) == 0:
         if required:
             raise UserError(
-                f"{path}: none of {cloud.read} points passes inv_dist_std < {max_inv_dist_std}"
-                f" and dist_std < {max_dist_std}: raise poses.max_inv_dist_std or poses.max_dist_std"
+                f"{path}: none of {read} points passes inv_dist_std < {options.max_inv_dist_std}"
+                f" and dist_std < {options.max_dist_std}: raise poses.max_inv_dist_std or poses.max_dist_std"
             )
         notes["points_missing"] = "no semi-dense point passes the filter"
-    return cloud.points, notes
+    return points, notes
 
 
 def _no_pose_message(
@@ -166,28 +157,18 @@ _COLUMNS = [*_POSITION, "inv_dist_std", "dist_std"]
 _ROWS_PER_BLOCK = 1_000_000
 
 
-@dataclass(frozen=True)
-class SemidensePoints:
-    """Points that pass the filter.
-
-    Attributes:
-        points: (P, 3) float64 [m].
-        read: number of points in the file.
-        rejected: number of points that fail each criterion; a point may fail several.
-    """
-
-    points: NDArray[np.float64]
-    read: int
-    rejected: dict[str, int]
-
-
-def read_semidense_points(path: Path, max_inv_dist_std: float, max_dist_std: float) -> SemidensePoints:
+def read_semidense_points(
+    path: Path, max_inv_dist_std: float, max_dist_std: float
+) -> tuple[NDArray[np.float64], int, dict[str, int]]:
     """Read the points with a small position uncertainty (docs/method.md#point-filter).
 
     Args:
         path: ``semidense_points.csv.gz``, or the uncompressed table.
         max_inv_dist_std: limit of the standard deviation of the inverse distance [1/m].
         max_dist_std: limit of the standard deviation of the distance [m].
+
+    Returns:
+        (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.
 
     Raises:
         UserError: the file is damaged or lacks a column.
@@ -209,4 +190,4 @@ def read_semidense_points(path: Path, max_inv_dist_std: float, max_dist_std: flo
                     rejected[name] += int(mask.sum())
     except (ValueError, pd.errors.ParserError, gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise UserError(f"{path} is not a readable MPS point cloud ({error}); download it again") from error
-    return SemidensePoints(np.concatenate([np.empty((0, 3)), *kept]), read, rejected)
+    return np.concatenate([np.empty((0, 3)), *kept]), read, rejected

@@ -10,7 +10,6 @@ adjustment sums in no fixed order, and is not faster on two cores (50 images, 15
 
 import os
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,12 @@ from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
 from egosplat.calibration.colmap.mapping import MIN_IMAGES, build_models, choose_model
-from egosplat.calibration.colmap.matching import Matching, match_images
+from egosplat.calibration.colmap.matching import match_images
 from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose
+from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import (
     MAX_REPROJECTION_ERROR_PX,
     MIN_TRACK_LENGTH,
@@ -33,19 +33,23 @@ from egosplat.poses.result import (
     unregistered,
 )
 
+# Frames that each frame is matched with if matching is sequential. Frames 1, 2, 4, 8, ... later and similar-looking
+# frames (loops) are matched, too.
+OVERLAP = 12
+
+# Of COLMAP's random choices. Trainings with several seeds have the same poses.
+SEED = 0
+
 
 def colmap_poses(
     images: Iterable[NDArray[np.uint8]],
     valid: NDArray[np.bool_],
     camera: Camera,
     camera_known: bool,
+    options: PosesOptions,
     *,
-    matching: Matching,
-    overlap: int,
-    min_registered: float,
-    seed: int,
+    overlap: int = OVERLAP,
     threads: int | None = None,
-    workdir: Path | None = None,
     shown: Iterable[NDArray[np.bool_]] | None = None,
 ) -> Poses:
     """Estimate the poses of upright images of one camera, in order of time.
@@ -55,12 +59,9 @@ def colmap_poses(
         valid: (H, W) bool: pixels that show the scene; features are extracted there only.
         camera_known: True: ``camera`` is a calibration and kept. False: it is a guess, and its focal lengths are
             refined.
-        matching, overlap: see ``matching.match_images``.
-        min_registered: required fraction of registered images, 0 to 1.
-        seed: of everything random in COLMAP.
+        overlap: see ``matching.match_images``.
         threads: for features and matches; None: all of this process. The result does not depend on it.
         shown: (H, W) bool of each image, if some show the scene in fewer pixels than ``valid``; read once.
-        workdir: parent of the temporary folder, which takes a few MB per image; None: the system's.
 
     Returns:
         Poses of the largest model in COLMAP's frame and scale, with the models that share frames with it; other frames are not registered. Points are seen in
@@ -71,7 +72,7 @@ def colmap_poses(
             the camera stands still.
     """
     threads = threads or len(os.sched_getaffinity(0))
-    with scratch_directory("egosplat-colmap-", workdir) as folder, quiet_colmap():
+    with scratch_directory("egosplat-colmap-") as folder, quiet_colmap():
         project = Project(folder)
         project.write_images(images, camera)
         frames = len(project.names)
@@ -81,13 +82,13 @@ def colmap_poses(
         if shown is not None:
             project.write_masks(shown)
         check_camera_moves(project)
-        pycolmap.set_random_seed(seed)
+        pycolmap.set_random_seed(SEED)
         project.import_images(camera, camera_known)
         features = project.extract(camera, threads)
         check_features(features)
-        matches = match_images(project, matching, overlap, seed, threads)
-        models = build_models(project, camera_known, seed)
-        chosen = choose_model(models, matches, project, camera_known, min_registered)
+        matches = match_images(project, options.matching, overlap, SEED, threads)
+        models = build_models(project, camera_known, SEED)
+        chosen = choose_model(models, matches, project, camera_known, options.min_registered)
         left = [model.num_reg_images() for model in chosen.others]
         notes = {
             "frames": frames,

@@ -13,6 +13,7 @@ from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
+from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import (
     MAX_REPROJECTION_ERROR_PX,
     MIN_TRACK_LENGTH,
@@ -31,9 +32,7 @@ def known_poses(
     pinhole: Camera,
     pictures: Sequence[str],
     camera: Camera,
-    *,
-    min_registered: float,
-    meters_per_unit: float | None,
+    options: PosesOptions,
 ) -> Poses:
     """Take the poses of a recording's frames from its file, as they are.
 
@@ -43,8 +42,6 @@ def known_poses(
         pinhole: of the full-size rectified pictures.
         pictures: name of each frame's picture.
         camera: of the frames.
-        min_registered: required fraction of frames with a pose, 0 to 1.
-        meters_per_unit: meters of one unit of the file; None if it is not known.
 
     Returns:
         Poses in the file's world, in meters if their scale is given. Points as for ``colmap_poses``, except that a
@@ -59,8 +56,8 @@ def known_poses(
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
     row = match_pictures(contents.names, pictures, path).row
     registered = row >= 0
-    _check_share(registered, path, min_registered)
-    scale = meters_per_unit or 1.0
+    _check_share(registered, path, options.min_registered)
+    scale = options.meters_per_unit or 1.0
     camera_to_world = unregistered(len(pictures))
     camera_to_world[registered] = contents.camera_to_world[row[registered]]
     camera_to_world[registered, :3, 3] *= scale
@@ -74,11 +71,11 @@ def known_poses(
         "registered": int(registered.sum()),
         "points": int(kept.sum()),
         "points_read": len(kept),
-        "scale": "arbitrary" if meters_per_unit is None else "meters",
+        "scale": "arbitrary" if options.meters_per_unit is None else "meters",
         "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], contents.points[kept] * scale),
         **contents.notes,
     }
-    log(_summary(path, notes, meters_per_unit))
+    log(_summary(path, notes, options.meters_per_unit))
     gsplat = gsplat_world(contents.camera_to_world, contents.points) if kind == "colmap" else None
     if gsplat is not None:
         notes["gsplat_world"] = gsplat.tolist()

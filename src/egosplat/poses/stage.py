@@ -18,24 +18,9 @@ from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses
 from egosplat.progress import log
 
-# Longest gap in the device's trajectory that is interpolated [ms]: one missing row of ground truth, which has one every
-# 33.3 ms. Frames in longer gaps get no pose.
-MAX_GAP_MS = 50.0
-
-# Frames that each frame is matched with if matching is sequential. Frames 1, 2, 4, 8, ... later and similar-looking
-# frames (loops) are matched, too.
-OVERLAP = 12
-
-# Of COLMAP's random choices. Trainings with several seeds have the same poses.
-COLMAP_SEED = 0
-
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOptions) -> None:
-    """Write the poses artifact of ``frames``.
-
-    Raises:
-        UserError: the trajectory is missing or damaged, or COLMAP fails.
-    """
+    """Write the poses artifact of ``frames``; UserError if the trajectory is missing or damaged, or COLMAP fails."""
     frames = open_artifact(frames_path, FRAMES)
     has_device = frames.facts["device_from_camera"] is not None
     if options.method == "device" and not has_device:
@@ -77,10 +62,7 @@ def _from_device(recording: Path, frames: Artifact, options: PosesOptions) -> Po
         frames.read("exposure_middle_ns"),
         np.asarray(frames.facts["device_from_camera"], dtype=np.float64),
         Camera(**frames.facts["camera"]),
-        trajectory=options.trajectory,
-        max_gap_ms=MAX_GAP_MS,
-        max_inv_dist_std=options.max_inv_dist_std,
-        max_dist_std=options.max_dist_std,
+        options,
     )
 
 
@@ -92,8 +74,7 @@ def _from_file(recording: Path, kind: str, frames: Artifact, options: PosesOptio
         Camera(**frames.facts["pinhole"]),
         frames.facts["pictures"],
         Camera(**frames.facts["camera"]),
-        min_registered=options.min_registered,
-        meters_per_unit=options.meters_per_unit,
+        options,
     )
 
 
@@ -105,9 +86,6 @@ def _from_colmap(frames: Artifact, options: PosesOptions) -> Poses:
         valid,
         Camera(**frames.facts["camera"]),
         frames.facts["camera_known"],
-        matching=options.matching,
-        overlap=OVERLAP,
-        min_registered=options.min_registered,
-        seed=COLMAP_SEED,
+        options,
         shown=shown if frames.has("masked") else None,
     )

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from egosplat.errors import UserError
 from egosplat.geometry import CLOCKWISE, Camera, make_pose
 from egosplat.poses.adt import TRAJECTORIES, adt_poses
+from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses
 from egosplat.poses.trajectory import read_trajectory
 
@@ -27,7 +28,7 @@ def poses_at(
     folder: Path, times_us: list[float], trajectory: str = "ground_truth", gap: float = 50.0
 ) -> Poses:
     times = np.array([round(time * 1000) for time in times_us], dtype=np.int64)
-    return adt_poses(folder, times, MOUNT, CAMERA, trajectory=trajectory, max_gap_ms=gap)  # type: ignore[arg-type]
+    return adt_poses(folder, times, MOUNT, CAMERA, PosesOptions(trajectory=trajectory), gap)
 
 
 def device_pose(x: float, angle_deg: float) -> np.ndarray:
@@ -195,7 +196,7 @@ def test_poses_of_real_frames_are_upright_and_move_little(real_data: Callable[[s
     provider = data_provider.create_vrs_data_provider(str(folder / "video.vrs"))
     sensor = provider.get_device_calibration().get_transform_device_sensor("camera-rgb").to_matrix()
     times = np.array([87551170813262, 87551204152300, 87551237472175], dtype=np.int64)
-    poses = adt_poses(folder, times, sensor @ CLOCKWISE, CAMERA, trajectory="ground_truth", max_gap_ms=50.0)
+    poses = adt_poses(folder, times, sensor @ CLOCKWISE, CAMERA, PosesOptions(trajectory="ground_truth"))
     # The first frame was captured 97 microseconds before the ground truth begins.
     assert poses.registered.tolist() == [False, True, True]
     assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(33.328)
@@ -204,7 +205,7 @@ def test_poses_of_real_frames_are_upright_and_move_little(real_data: Callable[[s
     assert np.linalg.norm(np.diff(poses.camera_to_world[1:, :3, 3], axis=0)) < 0.01
     assert poses.points.shape == (0, 3)
     with pytest.raises(UserError, match="closed_loop_trajectory.csv"):
-        adt_poses(folder, times, sensor, CAMERA, trajectory="closed_loop", max_gap_ms=50.0)
+        adt_poses(folder, times, sensor, CAMERA, PosesOptions(trajectory="closed_loop"))
 
 
 def test_frames_that_are_not_upright_are_reported(
@@ -214,6 +215,6 @@ def test_frames_that_are_not_upright_are_reported(
     for turn_deg, told in ((180.0, False), (90.0, True), (0.0, True)):
         # The device's y axis points up, as does -y of a camera rotated by 180 degrees about z.
         mount = make_pose(Rotation.from_rotvec([0.0, 0.0, np.radians(turn_deg)]).as_matrix(), np.zeros(3))
-        poses = adt_poses(folder, time, mount, CAMERA, trajectory="ground_truth", max_gap_ms=50.0)
+        poses = adt_poses(folder, time, mount, CAMERA, PosesOptions(trajectory="ground_truth"))
         assert poses.notes["up_against_pictures_deg"] == pytest.approx(180.0 - turn_deg)
         assert ("are the frames upright?" in capsys.readouterr().err) == told

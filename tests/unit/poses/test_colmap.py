@@ -1,6 +1,7 @@
 """COLMAP on rendered images with known poses, on unusable images, and on real photographs."""
 
 import re
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from egosplat.poses.colmap import (
     colmap_poses,
     filter_points,
 )
+from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses
 from egosplat.progress import format_ranges
 
@@ -41,18 +43,13 @@ def reconstruct(
     camera: Camera = CAMERA,
     known: bool = True,
     valid: NDArray[np.bool_] | None = None,
+    threads: int = 2,
     **options: Any,
 ) -> Poses:
     if valid is None:
         valid = np.ones((camera.height, camera.width), np.bool_)
-    defaults: dict[str, Any] = {
-        "matching": "auto",
-        "overlap": 2,
-        "min_registered": 0.5,
-        "seed": 0,
-        "threads": 2,
-    }
-    return colmap_poses(iter(images), valid, camera, known, **(defaults | options))
+    keys = PosesOptions(**options)
+    return colmap_poses(iter(images), valid, camera, known, keys, overlap=2, threads=threads)
 
 
 def noise(seed: int) -> NDArray[np.uint8]:
@@ -272,12 +269,16 @@ def test_an_image_of_another_size_than_its_camera_is_rejected(walk_images: Image
 
 
 def test_colmap_leaves_no_temporary_files(
-    walk_images: Images, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    walk_images: Images,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     level = pycolmap.logging.minloglevel
-    reconstruct(walk_images[3:7], workdir=tmp_path)
+    reconstruct(walk_images[3:7])
     with pytest.raises(UserError):
-        reconstruct(walk_images[:2], workdir=tmp_path)
+        reconstruct(walk_images[:2])
     assert list(tmp_path.iterdir()) == []
     assert pycolmap.logging.minloglevel == level
     output = capfd.readouterr()

@@ -5,6 +5,7 @@ import pytest
 
 from egosplat.poses.adt import adt_poses
 from egosplat.poses.files import poses_files
+from egosplat.poses.options import PosesOptions
 from tests.support.recordings import copy_files
 from tests.unit.poses.test_adt import CAMERA, MOUNT, cloud
 
@@ -17,8 +18,7 @@ def test_the_trajectory_and_the_points_of_the_device_are_read(recording, table, 
     listed = poses_files("device", folder, trajectory, "auto")
     copied = copy_files(listed, folder, tmp_path / "copy")
     whole, alone = (
-        adt_poses(one, TIMES, MOUNT, CAMERA, trajectory=trajectory, max_gap_ms=50.0)
-        for one in (folder, copied)
+        adt_poses(one, TIMES, MOUNT, CAMERA, PosesOptions(trajectory=trajectory)) for one in (folder, copied)
     )
     np.testing.assert_array_equal(whole.camera_to_world, alone.camera_to_world)
     np.testing.assert_array_equal(whole.points, alone.points)

@@ -46,11 +46,7 @@ class Project:
         self.models.mkdir()
 
     def check_free_space(self) -> None:
-        """Check that the disk has room for the next batch.
-
-        Raises:
-            UserError: it does not.
-        """
+        """Raise UserError unless the disk has room for the next batch."""
         # COLMAP aborts the whole process if SQLite cannot write.
         if (free := shutil.disk_usage(self.images).free) < _MIN_FREE_BYTES:
             raise UserError(
@@ -59,11 +55,7 @@ class Project:
             )
 
     def in_batches(self, items: Sequence[Item], size: int, what: str, unit: str) -> Iterator[Sequence[Item]]:
-        """Yield ``items`` in slices of ``size``; show progress in items and check the disk before each slice.
-
-        Raises:
-            UserError: the disk is full.
-        """
+        """Yield ``items`` in slices of ``size``; show progress in items, and check the disk before each slice."""
         for index, _ in enumerate(track(items, what, unit=unit)):
             if index % size == 0:
                 self.check_free_space()
@@ -74,11 +66,7 @@ class Project:
         return int(Path(name).stem)
 
     def write_images(self, images: Iterable[NDArray[np.uint8]], camera: Camera) -> None:
-        """Write each (H, W, 3) uint8 RGB image as a PNG file.
-
-        Raises:
-            ValueError: an image does not have the camera's size.
-        """
+        """Write (H, W, 3) uint8 RGB images as PNG files; ValueError if one does not have the camera's size."""
         for index, image in enumerate(track(images, "COLMAP: writing images")):
             self.check_free_space()
             if image.shape != (camera.height, camera.width, 3) or image.dtype != np.uint8:
@@ -121,11 +109,7 @@ class Project:
             database.update_camera(entered)
 
     def extract(self, camera: Camera, threads: int) -> NDArray[np.int64]:
-        """Extract SIFT features.
-
-        Returns:
-            (F,) int64 number of features of each image.
-        """
+        """Extract SIFT features: (F,) int64 number of them in each image."""
         # The images are in the database already, so their ids do not depend on the order of the threads.
         options = pycolmap.FeatureExtractionOptions(num_threads=threads)
         for names in self.in_batches(self.names, _IMAGES_PER_BATCH, "COLMAP: extracting features", "image"):
@@ -179,14 +163,7 @@ def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 
 def check_features(counts: NDArray[np.int64]) -> None:
-    """Check that at least three images have enough features.
-
-    Args:
-        counts: (F,) int64 features of each image.
-
-    Raises:
-        UserError: they do not.
-    """
+    """Raise UserError unless at least three images have enough features, by their (F,) int64 numbers."""
     sufficient = int((counts >= MIN_FEATURES).sum())
     if sufficient < 3:
         raise UserError(

@@ -20,8 +20,8 @@ import pycolmap
 from numpy.typing import NDArray
 from scipy import stats
 
-from egosplat.calibration.colmap.adjustment import adjust
 from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
+from egosplat.calibration.colmap.joining import adjust
 from egosplat.calibration.colmap.mapping import build_models
 from egosplat.calibration.colmap.matching import match_images
 from egosplat.calibration.colmap.movement import check_camera_moves
@@ -73,10 +73,6 @@ class Evidence:
     k1: float
     k2: float
     distorted: bool
-
-    def facts(self) -> dict[str, float | int | bool]:
-        """As plain JSON."""
-        return asdict(self)
 
     def line(self) -> str:
         """The log line."""
@@ -154,11 +150,7 @@ def _models(
 
 
 def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
-    """Fit a pinhole and a radial camera to the observations of a model, and compare them picture by picture.
-
-    Args:
-        model: with one RADIAL camera.
-    """
+    """Fit a pinhole and a radial camera to a model of a RADIAL one, and compare them picture by picture."""
     with quiet_colmap():
         pinhole, without = _fitted(model, "SIMPLE_PINHOLE")
         radial, with_it = _fitted(model, "RADIAL")
@@ -250,4 +242,4 @@ def lens_of_frames(
         log(f"lens: taken as a pinhole camera, because it cannot be estimated: {reason}")
         return None, None
     log(evidence.line())
-    return (lens if rectified else None), evidence.facts()
+    return (lens if rectified else None), asdict(evidence)

@@ -8,13 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from egosplat.calibration.colmap.adjustment import adjust
-
 # COLMAP aligns two models by a similarity, estimated from the centers of three shared cameras.
 MIN_SHARED = 3
 # The error of a joined model, in units of the larger error of its parts. Bundle adjustment absorbs a slightly wrong
 # alignment; a wrong one bends the scene and raises the error.
 _MAX_ERROR_RATIO = 1.5
+
+
+def adjust(model: pycolmap.Reconstruction, focal_length: bool, distortion: bool = False) -> None:
+    """Refine poses, points, and if asked focal length and distortion of a model in place; the principal point is kept."""
+    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+    options.refine_focal_length = focal_length
+    options.refine_extra_params = distortion
+    # With more threads, the result depends on their order.
+    options.ceres.solver_options.num_threads = 1
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in model.reg_image_ids():
+        config.add_image(number)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    # ``pycolmap.bundle_adjustment`` does the same, and logs past every level.
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    model.update_point_3d_errors()
 
 
 @dataclass(frozen=True)

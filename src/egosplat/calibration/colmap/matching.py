@@ -83,11 +83,7 @@ def _named(database: pycolmap.Database, generator: pycolmap.PairGenerator) -> li
 
 
 def _write_vocabulary(project: Project, database: pycolmap.Database, seed: int) -> bool:
-    """Cluster descriptors of all images into visual words.
-
-    Returns:
-        False if there are too few descriptors for a vocabulary.
-    """
+    """Cluster descriptors of all images into visual words; False if there are too few for a vocabulary."""
     images = sorted(database.read_all_images(), key=lambda image: image.name)
     per_image = math.ceil(_MAX_DESCRIPTORS / len(images))
     rng = np.random.default_rng(seed)

@@ -34,11 +34,7 @@ _Features = tuple[NDArray[np.float64], NDArray[np.float32]]
 
 
 def check_camera_moves(project: Project) -> None:
-    """Compare frames spread over the recording, in seconds.
-
-    Raises:
-        UserError: the camera stands still.
-    """
+    """Compare frames spread over the recording, in seconds; UserError if the camera stands still."""
     spread = np.linspace(0, len(project.names) - 1, min(_FRAMES, len(project.names))).round().astype(int)
     names = [project.names[index] for index in spread]
     found = [
