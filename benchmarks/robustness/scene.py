@@ -116,7 +116,7 @@ class Scene:
         """Whether every existing artifact is whole; there may be none."""
         if not any(self.output(stage).exists() for stage in ARTIFACTS if ARTIFACTS[stage].endswith(".zarr")):
             return True
-        return all(report.sound for report in check_tree(self.folder / "results", lambda _: None))
+        return not any(check_tree(self.folder / "results", lambda _: None).values())
 
     def left_over(self) -> list[Path]:
         """Files that were started and neither finished nor removed."""

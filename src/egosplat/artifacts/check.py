@@ -1,7 +1,7 @@
 """Verification of a whole folder of results: ``egosplat check``."""
 
+import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +16,10 @@ from egosplat.pipeline.validation import read_document
 DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json": "tradeoff"}
 
 
-@dataclass(frozen=True)
-class Report:
-    """The result for one artifact; ``problem`` is empty if it is sound."""
-
-    path: Path
-    problem: str
-
-    @property
-    def sound(self) -> bool:
-        return not self.problem
-
-
-def check_tree(folder: Path, say: Callable[[str], object]) -> list[Report]:
+def check_tree(folder: Path, say: Callable[[str], object]) -> dict[Path, str]:
     """Verify every ``*.zarr`` and every file of ``DOCUMENTS`` at or below ``folder``; report each result with ``say``.
 
-    An artifact is sound if its bytes match its digest; a JSON file is sound if it matches its schema. In addition, an
+    Returns the problem of each, empty if it is sound. An artifact is sound if its bytes match its digest; a JSON file is sound if it matches its schema. In addition, an
     input in the same folder must have the digest that the provenance records.
 
     Raises:
@@ -40,12 +28,11 @@ def check_tree(folder: Path, say: Callable[[str], object]) -> list[Report]:
     paths = [folder] if _is_result(folder) else sorted(filter(_is_result, folder.rglob("*")))
     if not paths:
         raise UserError(f"{folder}: holds no artifact. Give a folder of results, such as results/adt/scene1")
-    reports = []
+    problems = {}
     for path in paths:
-        report = Report(path, _problem(path))
-        say(f"{'ok     ' if report.sound else 'NOT OK '} {report.problem or path}")
-        reports.append(report)
-    return reports
+        problems[path] = problem = _problem(path)
+        say(f"{'NOT OK ' if problem else 'ok     '} {problem or path}")
+    return problems
 
 
 def _is_result(path: Path) -> bool:
@@ -68,17 +55,10 @@ def _provenance(path: Path) -> dict[str, Any]:
     return read_document(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
 
 
-def _digest_of(path: Path) -> str | None:
-    """The recorded digest of an artifact; None if it cannot be read."""
-    # A damaged input has its own line in the report.
-    try:
-        return recorded_digest(path)
-    except (UserError, OSError):
-        return None
-
-
 def _changed_input(path: Path, provenance: dict[str, Any]) -> str:
     for name, digest in provenance["inputs"].items():
-        if _digest_of(path.parent / name) not in (digest, None):
-            return str(made_from_another(path, path.parent / name))
+        # A damaged input has its own line in the report.
+        with contextlib.suppress(UserError, OSError):
+            if recorded_digest(path.parent / name) != digest:
+                return str(made_from_another(path, path.parent / name))
     return ""

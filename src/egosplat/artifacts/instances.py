@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.values import COUNT, index_of, index_or_none
+from egosplat.artifacts.segments import LABELED
+from egosplat.artifacts.values import COUNT, index_or_none
 
 # Value of the fact ``source``: the tracks of segments.zarr, unchanged.
 TRACKS = "tracks"
@@ -14,21 +15,7 @@ INSTANCES = Schema(
     "instances",
     1,
     {
-        "labels": Field(
-            ("frame", "level", "height", "width"),
-            "int32",
-            "index",
-            "instance that the pixel belongs to at the level, -1 for none; levels as the facts name them",
-            by_row=True,
-            values=index_or_none("instance"),
-        ),
-        "instances/level": Field(
-            ("instance",),
-            "int8",
-            "index",
-            "level of the instance; it is seen at no other",
-            values=index_of("level"),
-        ),
+        **LABELED,
         "instances/parent": Field(
             ("instance",),
             "int32",

@@ -41,11 +41,7 @@ def digest_of(root: Path) -> str:
 
 
 def check_replaceable(path: Path, schema: Schema) -> None:
-    """Check that a path is free, an empty folder, or an artifact of the same kind, damaged or not.
-
-    Raises:
-        ArtifactError: something else is at the path.
-    """
+    """Raise ArtifactError unless a path is free, an empty folder, or an artifact of the same kind, damaged or not."""
     # A mistyped --output must not delete a folder of pictures.
     if path.is_symlink() or not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return

@@ -1,5 +1,6 @@
 """Select the frames to train on, from the survey."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,7 @@ def kept_frames(frames: Artifact, survey_path: Path | None) -> tuple[NDArray[np.
     Raises:
         UserError: the survey cannot be read, or is of other frames.
     """
-    if survey_path is None:
-        return _selected(frames, None)
-    views = _survey_of(frames, survey_path)["views"]
-    return _selected(frames, (views["kept"], views["digest"]))
+    return _selected(frames, survey_path, lambda found: (found["views"]["kept"], found["views"]["digest"]))
 
 
 def frames_for_gaussians(
@@ -35,24 +33,18 @@ def frames_for_gaussians(
 
     A static scene without masks keeps every frame that is not blurred.
     """
-    if survey_path is None:
-        return _selected(frames, None)
-    return _selected(frames, frames_of_gaussians(_survey_of(frames, survey_path), masking))
-
-
-def _survey_of(frames: Artifact, path: Path) -> Survey:
-    found = read_survey(path)
-    check_inputs(path, found["provenance"]["inputs"], [frames])
-    return found
+    return _selected(frames, survey_path, lambda found: frames_of_gaussians(found, masking))
 
 
 def _selected(
-    frames: Artifact, chosen: tuple[list[int], str] | None
+    frames: Artifact, path: Path | None, choose: Callable[[Survey], tuple[list[int], str]]
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """The frames of a list with its digest; all frames without one."""
-    count = frames.shape("rgb")[0]
-    if chosen is None:
-        return np.ones(count, bool), {}
-    kept = np.zeros(count, bool)
-    kept[chosen[0]] = True
-    return kept, {"kept_frames": chosen[1]}
+    """The frames that a survey chooses, with its digest; all frames without one."""
+    kept = np.full(frames.shape("rgb")[0], path is None)
+    if path is None:
+        return kept, {}
+    found = read_survey(path)
+    check_inputs(path, found["provenance"]["inputs"], [frames])
+    chosen, digest = choose(found)
+    kept[chosen] = True
+    return kept, {"kept_frames": digest}

@@ -7,13 +7,15 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import egosplat
 from egosplat.artifacts import usage
 from egosplat.pipeline.code_hash import library_version
 from egosplat.pipeline.stages import STAGES, code_of
+
+if TYPE_CHECKING:
+    from egosplat.artifacts.reader import Artifact
 
 
 @dataclass(frozen=True)
@@ -54,17 +56,6 @@ class Provenance:
         }
         told = {key: None if value is None else round(value, 3) for key, value in cost.items()}
         return values | {"machine": usage.machine()} | usage.checkout() | told
-
-
-class Made(Protocol):
-    """An artifact that is an input of another."""
-
-    @property
-    def path(self) -> Path: ...
-    @property
-    def digest(self) -> str: ...
-    @property
-    def origin(self) -> str: ...
 
 
 def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
@@ -112,7 +103,7 @@ def begin(
 def begin_from(
     stage: str,
     options: Mapping[str, Any],
-    used: Iterable[Made],
+    used: "Iterable[Artifact]",
     models: Mapping[str, str] | None = None,
     chosen: str | None = None,
 ) -> Provenance:

@@ -195,11 +195,7 @@ def open_foreign(path: Path, schema: Schema, attributes: Mapping[str, Any], page
 
 
 def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
-    """Open an artifact of any kind in ``schemas``, by name.
-
-    Raises:
-        ArtifactError: as ``open_artifact``, or the artifact is of no kind in ``schemas``.
-    """
+    """Open an artifact of any kind in ``schemas``; ArtifactError as ``open_artifact``, or for another kind."""
     group, attributes = _open(path)
     schema = schemas.get(attributes.get("schema", ""))
     if schema is None:
@@ -226,11 +222,7 @@ def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
 
 
 def recorded_digest(path: Path) -> str:
-    """The digest in an artifact's attributes; no array is read.
-
-    Raises:
-        ArtifactError: its attributes cannot be trusted.
-    """
+    """The digest in an artifact's attributes, without reading an array; ArtifactError if they cannot be trusted."""
     return _open(path)[1]["digest"]
 
 

@@ -86,11 +86,7 @@ class Relevancy:
 
 
 def open_relevancy(path: Path) -> Relevancy:
-    """Open another method's maps and check everything except the values of the maps.
-
-    Raises:
-        UserError: the group is absent or has another layout.
-    """
+    """Open another method's maps, checked but for the maps' values; UserError if absent or of another layout."""
     artifact = open_foreign(path, RELEVANCY, ATTRIBUTES, PAGE)
     facts, (queries, levels, *_) = artifact.facts, artifact.shape("relevancy")
     for key, count in (("levels", levels), ("category", queries)):

@@ -3,25 +3,30 @@
 from egosplat.artifacts.schema import Field, Schema
 from egosplat.artifacts.values import COUNT, FINITE, SHARE, index_of, index_or_none
 
+# The arrays that instances.zarr has, too.
+LABELED = {
+    "labels": Field(
+        ("frame", "level", "height", "width"),
+        "int32",
+        "index",
+        "instance that the pixel belongs to at the level, -1 for none; levels as the facts name them",
+        by_row=True,
+        values=index_or_none("instance"),
+    ),
+    "instances/level": Field(
+        ("instance",),
+        "int8",
+        "index",
+        "level of the instance; it is seen at no other",
+        values=index_of("level"),
+    ),
+}
+
 SEGMENTS = Schema(
     "segments",
     2,
     {
-        "labels": Field(
-            ("frame", "level", "height", "width"),
-            "int32",
-            "index",
-            "instance that the pixel belongs to at the level, -1 for none; levels as the facts name them",
-            by_row=True,
-            values=index_or_none("instance"),
-        ),
-        "instances/level": Field(
-            ("instance",),
-            "int8",
-            "index",
-            "level of the instance; it is seen at no other",
-            values=index_of("level"),
-        ),
+        **LABELED,
         "instances/predicted_iou": Field(
             ("instance",),
             "float32",

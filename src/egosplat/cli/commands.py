@@ -105,8 +105,8 @@ def check(folders: tuple[Path, ...]) -> None:
     """Verify all artifacts and JSON files below FOLDERS: checksums, schemas, and the artifacts they were made from."""
     from egosplat.artifacts.check import check_tree
 
-    problems = sum(not report.sound for folder in folders for report in check_tree(folder, click.echo))
-    if problems:
+    found = [problem for folder in folders for problem in check_tree(folder, click.echo).values()]
+    if problems := len(list(filter(None, found))):
         raise UserError(f"{problems} artifact{'s are' if problems > 1 else ' is'} not sound")
 
 

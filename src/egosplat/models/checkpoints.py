@@ -1,5 +1,6 @@
 """Find the checkpoints of SAM2 and OpenCLIP and hash their content, without importing the models' libraries."""
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -19,7 +20,7 @@ from egosplat.models.configs import (
     SMALL_CLIP,
     SMALL_SAM2,
     clip_config_files,
-    sam2_config_files,
+    sam2_config_file,
 )
 
 # Replaces the hash of a missing model, so that only the stage that needs it reports the error.
@@ -47,9 +48,6 @@ class ModelSpec:
 SAM2 = ModelSpec("SAM2", "sam2_config", "sam2_checkpoint", SMALL_SAM2.parent / "model.safetensors")
 
 CLIP = ModelSpec("OpenCLIP", "clip_model", "clip_checkpoint", SMALL_CLIP / "open_clip_model.safetensors")
-
-# By model: a function from the value of its configuration key to the files that describe the architecture.
-CONFIG_FILES = {SAM2: sam2_config_files, CLIP: clip_config_files}
 
 
 def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
@@ -102,7 +100,9 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
     """
     checkpoint = find_checkpoint(model, models[model.checkpoint_key])
     # The weights alone do not determine the results: the architecture's files count, too.
-    described = map(_description_hash, CONFIG_FILES[model](models[model.config_key]))
+    config = models[model.config_key]
+    files = [sam2_config_file(config)] if model is SAM2 else clip_config_files(config)
+    described = map(_description_hash, files)
     return hashlib.sha256(" ".join([content_hash(checkpoint), *described]).encode()).hexdigest()[:16]
 
 
@@ -122,14 +122,11 @@ def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:
 
     The rules that use a model have its hash as a parameter: another content makes their results stale.
     """
-    return {model.checkpoint_key: _hash_or_missing(model, config["models"]) for model in (SAM2, CLIP)}
-
-
-def _hash_or_missing(model: ModelSpec, models: Mapping[str, str]) -> str:
-    try:
-        return model_hash(model, models)
-    except UserError:
-        return MISSING
+    found = {model.checkpoint_key: MISSING for model in (SAM2, CLIP)}
+    for model in (SAM2, CLIP):
+        with contextlib.suppress(UserError):
+            found[model.checkpoint_key] = model_hash(model, config["models"])
+    return found
 
 
 @functools.cache

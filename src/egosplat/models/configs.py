@@ -47,13 +47,8 @@ class WeightsPackage:
     license: str
 
     def find(self) -> Path:
-        """Find the file.
-
-        Raises:
-            UserError: the package is not installed, or lacks it.
-        """
-        path = _package(self.module, self.name) / self.file
-        return _existing(path, f"the package {self.name}")
+        """Find the file; UserError if the package is not installed, or lacks it."""
+        return _existing(_package(self.module, self.name) / self.file, f"the package {self.name}")
 
 
 PHOTO_WEIGHTS = WeightsPackage(
@@ -68,9 +63,12 @@ SENTENCES = WeightsPackage(
 )
 
 
+_OPEN_CLIP = "open_clip_torch"
+
+
 def class_names_file() -> Path:
     """The file of the package open_clip with the names of ImageNet's classes."""
-    return _existing(_package("open_clip") / "zero_shot_metadata.py", "the package open_clip_torch")
+    return _existing(_package("open_clip", _OPEN_CLIP) / "zero_shot_metadata.py", f"the package {_OPEN_CLIP}")
 
 
 def sam2_config_file(config: str) -> Path:
@@ -97,7 +95,7 @@ def sam2_config_file(config: str) -> Path:
 
 def sam2_configs() -> dict[str, Path]:
     """The configuration files of the package sam2, by name."""
-    folder = _package("sam2") / "configs"
+    folder = _package("sam2", "sam2") / "configs"
     return {file.stem: file for kind in ("sam2", "sam2.1") for file in sorted((folder / kind).glob("*.yaml"))}
 
 
@@ -128,12 +126,7 @@ def clip_folder(model: str) -> Path | None:
 
 def clip_names() -> list[str]:
     """The names of the architectures in the package open_clip."""
-    return sorted(file.stem for file in (_package("open_clip") / "model_configs").glob("*.json"))
-
-
-def sam2_config_files(config: str) -> list[Path]:
-    """All files that describe a SAM2 architecture; errors as for ``sam2_config_file``."""
-    return [sam2_config_file(config)]
+    return sorted(file.stem for file in (_package("open_clip", _OPEN_CLIP) / "model_configs").glob("*.json"))
 
 
 def clip_config_files(model: str) -> list[Path]:
@@ -146,16 +139,11 @@ def clip_config_files(model: str) -> list[Path]:
     return [path for name in (CLIP_CONFIG, CLIP_VOCABULARY) if (path := folder / name).is_file()]
 
 
-# By module, where pip knows the package by another name.
-_DISTRIBUTIONS = {"open_clip": "open_clip_torch"}
-
-
-def _package(module: str, name: str = "") -> Path:
+def _package(module: str, name: str) -> Path:
+    """The folder of a module of a package, which pip knows by a name."""
     spec = importlib.util.find_spec(module)
     if spec is None or not spec.submodule_search_locations:
-        name = name or module
-        remedy = f"run make install, or pip install {_DISTRIBUTIONS.get(name, name)}"
-        raise UserError(f"the package {name} is not installed: {remedy}")
+        raise UserError(f"the package {name} is not installed: run make install, or pip install {name}")
     return Path(spec.submodule_search_locations[0])
 
 
@@ -173,11 +161,7 @@ def _existing(path: Path, key: str) -> Path:
 
 def _one_of(name: str, known: Iterable[str]) -> str:
     names = list(known)
+    if len(names) < 12:
+        return f"one of {', '.join(names)}"
     near = difflib.get_close_matches(name, names, n=1)
-    return (
-        f"one of {', '.join(names)}"
-        if len(names) < 12
-        else f"known (did you mean {near[0]!r}?)"
-        if near
-        else "known"
-    )
+    return f"known (did you mean {near[0]!r}?)" if near else "known"

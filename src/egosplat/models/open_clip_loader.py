@@ -154,11 +154,7 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
 
 
 def build_model(model: str, description: dict[str, Any]) -> nn.Module:
-    """Build the module that ``model_cfg`` describes, with random weights, on the CPU.
-
-    Raises:
-        UserError: ``model_cfg`` is invalid.
-    """
+    """Build the module that ``model_cfg`` describes, with random weights, on the CPU; UserError if it is invalid."""
     with without_compiler():
         import open_clip
 

@@ -85,11 +85,7 @@ def load_photo_words(device: str, precision: str) -> OpenClip:
 
 
 def read_classifier(path: Path) -> nn.Module:
-    """Build timm's EfficientNet-Lite2 with the weights of the package, whose tensors have other names in the same order.
-
-    Raises:
-        UserError: the file is damaged, or holds another architecture.
-    """
+    """timm's EfficientNet-Lite2 with the package's weights, in the same order under other names; UserError if damaged."""
     with without_compiler():
         import timm
 

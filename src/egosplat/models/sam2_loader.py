@@ -84,11 +84,7 @@ def load_sam2(
 
 
 def set_image_size(model: "SAM2Base", side: int) -> None:
-    """Set the side of the square to which a model resizes images. Larger images show smaller objects.
-
-    Args:
-        side: a multiple of 32 [px].
-    """
+    """Set the side of the square that images are resized to, a multiple of 32 [px]; larger ones show smaller objects."""
     # SAM2's weights fit any side: its positional encodings are relative to it, or computed from the features' size.
     prompts = model.sam_prompt_encoder
     cells = side // model.backbone_stride

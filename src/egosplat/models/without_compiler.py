@@ -20,11 +20,7 @@ class _StandIn(ModuleType):
     is_compile_supported = staticmethod(lambda device: False)
 
     def __getattr__(self, name: str) -> Any:
-        """Import the compiler after all, because something else of it is needed.
-
-        Raises:
-            AttributeError: a name such as ``__file__``, which ``inspect`` asks of every module.
-        """
+        """Import the compiler after all, for something else of it; not for ``__file__``, which ``inspect`` asks of all."""
         if name.startswith("__"):
             raise AttributeError(name)
         if sys.modules.get(_UTILS) is self:

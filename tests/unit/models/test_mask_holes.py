@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from egosplat.models.mask_holes import FILLED, fill_holes
+from egosplat.models.video_predictor import FILLED, fill_holes
 
 
 def ring(side: int, hole: int) -> torch.Tensor:
