@@ -12,7 +12,7 @@ from torch import Tensor
 from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.nms import areas, intersections
 
-Ints = NDArray[np.int64]
+Ints, Sizes = NDArray[np.int64], NDArray[np.float64]
 
 # Instances that share fewer frames are not merged: in a single frame, two objects can overlap by chance.
 MIN_COMMON_FRAMES = 2
@@ -44,13 +44,13 @@ class Segmented:
         labels: instance number of each pixel, by frame and level.
         instances: by number.
         same: pairs of numbers that are the same object.
-        notes: JSON values about the run, for the artifact's facts.
+        notes: lists of places in the video by name, whose indices are facts of the artifact.
     """
 
     labels: LabelMaps
     instances: list[Track]
     same: list[tuple[int, int]]
-    notes: dict[str, object]
+    notes: dict[str, list[int]]
 
 
 @dataclass(frozen=True)
@@ -99,34 +99,28 @@ class Overlaps:
     def add(self, ids: list[int], masks: Tensor) -> None:
         """Add a frame: numbers of K instances of the level and their (K, M, M) bool masks."""
         self._grow(ids)
-        size = _sizes(masks)
-        # Only frames in which both are visible count: an occluded object must not lower the IoU.
-        both = (size > 0)[:, None] & (size > 0)[None]
-        at = np.ix_(ids, ids)
-        self._shared[at] += intersections(masks, masks).cpu().numpy()
-        self._area[at] += size[:, None] * both
-        self._frames[at] += both
+        self._add(ids, ids, _sizes(masks), _sizes(masks), intersections(masks, masks).cpu().numpy())
 
     def add_between(self, ids: list[int], masks: Tensor, other_ids: list[int], others: Tensor) -> None:
         """Add a frame, but only the overlaps between two sets of instances: numbers and (K, M, M) bool masks of each."""
         self._grow([*ids, *other_ids])
         size, other_size = _sizes(masks), _sizes(others)
         shared = intersections(masks, others).cpu().numpy()
+        self._add(ids, other_ids, size, other_size, shared)
+        self._add(other_ids, ids, other_size, size, shared.T)
+
+    def _add(
+        self, ids: list[int], other_ids: list[int], size: Sizes, other_size: Sizes, shared: Sizes
+    ) -> None:
+        # Only frames in which both are visible count: an occluded object must not lower the IoU.
         both = (size > 0)[:, None] & (other_size > 0)[None]
-        for at, values, areas_, seen in (
-            (np.ix_(ids, other_ids), shared, size[:, None], both),
-            (np.ix_(other_ids, ids), shared.T, other_size[:, None], both.T),
-        ):
-            self._shared[at] += values
-            self._area[at] += areas_ * seen
-            self._frames[at] += seen
+        at = np.ix_(ids, other_ids)
+        self._shared[at] += shared
+        self._area[at] += size[:, None] * both
+        self._frames[at] += both
 
     def same(self, iou_thresh: float, frames: int) -> list[tuple[int, int]]:
-        """Pairs of instances whose IoU over their common frames is above the threshold.
-
-        Args:
-            frames: length of the video, which limits ``MIN_COMMON_FRAMES``.
-        """
+        """Pairs of instances whose IoU over their common frames is above the threshold, in a video of ``frames`` frames."""
         union = self._area + self._area.T - self._shared
         iou = np.divide(self._shared, union, out=np.zeros_like(union), where=union > 0)
         alike = (iou > iou_thresh) & (self._frames >= min(MIN_COMMON_FRAMES, frames))
@@ -149,7 +143,7 @@ class Overlaps:
             self._frames = np.pad(self._frames, pad)
 
 
-def _sizes(masks: Tensor) -> NDArray[np.float64]:
+def _sizes(masks: Tensor) -> Sizes:
     return areas(masks).cpu().numpy().astype(np.float64)
 
 

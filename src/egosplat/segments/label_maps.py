@@ -51,11 +51,7 @@ class LabelMaps:
         return np.frombuffer(zlib.decompress(self._frames[frame]), dtype=np.int32).reshape(self._shape).copy()
 
     def state_dict(self) -> LabelState:
-        """Append the frames set since the last call to ``path``, which the first call makes.
-
-        Returns:
-            Start, length and CRC-32 of each frame in the file.
-        """
+        """Append the frames set since the last call to ``path``: start, length and CRC-32 of each frame in the file."""
         path = self.path
         assert path is not None, "only labels with a path have checkpoints"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -75,11 +71,7 @@ class LabelMaps:
         return {frame: list(place) for frame, place in places.items()}
 
     def load_state_dict(self, state: LabelState) -> None:
-        """Replace the content by that of the file when ``state_dict`` returned ``state``.
-
-        Raises:
-            DamagedLabels: the file does not hold it.
-        """
+        """Replace the content by that of the file when ``state_dict`` returned ``state``; DamagedLabels if it is lost."""
         assert self.path is not None, "only labels with a path have checkpoints"
         content = self.path.read_bytes() if self.path.exists() else b""
         places = {frame: (start, length, crc) for frame, (start, length, crc) in state.items()}

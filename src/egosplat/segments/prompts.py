@@ -61,11 +61,7 @@ def grid_points(points_per_side: int) -> Tensor:
 
 
 def lie_in(points: Tensor, pixels: Tensor) -> Tensor:
-    """(P,) bool, which (P, 2) points lie on a True pixel of (H, W); on the device of the pixels.
-
-    Args:
-        points: x, y in [0, 1), relative to the sides.
-    """
+    """(P,) bool, which (P, 2) points x, y in [0, 1) lie on a True pixel of (H, W); on the device of the pixels."""
     height, width = pixels.shape
     columns, rows = (points * torch.tensor([width, height])).long().T.to(pixels.device)
     return pixels[rows, columns]

@@ -15,8 +15,8 @@ from sam2.modeling.sam2_base import NO_OBJ_SCORE
 from torch import Tensor
 
 from egosplat.models.image_encoder import EncodedImage
-from egosplat.models.mask_holes import fill_holes
 from egosplat.models.sam2_loader import Sam2
+from egosplat.models.video_predictor import fill_holes
 
 # ``maskmem_features`` (K, C, h, w) bfloat16, ``maskmem_pos_enc`` one (K, C, h, w), and ``obj_ptr`` (K, C), as
 # SAM2 names them. Memories of older frames hold ``obj_ptr`` only.
@@ -58,12 +58,6 @@ def to_device(output: Memory, device: torch.device) -> Memory:
         position = [each[:1].to(device) for each in output["maskmem_pos_enc"]]
         on_device["maskmem_pos_enc"] = _expand(position, len(on_device["obj_ptr"]))
     return on_device
-
-
-def drop_features(output: Memory) -> None:
-    """Remove the mask memory in place; the object pointers stay."""
-    output.pop("maskmem_features", None)
-    output.pop("maskmem_pos_enc", None)
 
 
 def _expand(position: list[Tensor], count: int) -> list[Tensor]:
@@ -126,23 +120,14 @@ class Propagator:
         """Start a group from the (K, M, M) logits of its objects in one frame, at the size of the model's masks."""
         side = (self._model.image_size, self._model.image_size)
         masks = F.interpolate(logits[:, None], side, mode="bilinear", align_corners=False) > 0
-        features, positions = encoded.expand(len(ids))
+        given = self._inputs(encoded, frame, len(ids))
         output = self._model.track_step(
-            frame_idx=frame,
-            is_init_cond_frame=True,
-            current_vision_feats=features,
-            current_vision_pos_embeds=positions,
-            feat_sizes=encoded.sizes,
-            point_inputs=None,
-            mask_inputs=masks.float(),
-            output_dict={},
-            num_frames=self._frames,
-            run_mem_encoder=False,
+            **given, is_init_cond_frame=True, mask_inputs=masks.float(), output_dict={}, run_mem_encoder=False
         )
         # As in SAM2's predictor: the memory of a given mask is encoded from its low-resolution form.
         high = F.interpolate(output["pred_masks"], side, mode="bilinear", align_corners=False)
         stored, position = self._model._encode_new_memory(
-            current_vision_feats=features,
+            current_vision_feats=given["current_vision_feats"],
             feat_sizes=encoded.sizes,
             pred_masks_high_res=high,
             object_score_logits=output["object_score_logits"],
@@ -171,9 +156,7 @@ class Propagator:
         last = group.recent.get(frame + 1 if reverse else frame - 1, group.begun)
         memory = dict(last)  # a copy, because ``_forget`` removes parts of it later
         if chosen:  # only these objects pass through the model
-            found, new = self._track(
-                encoded(), frame, group.first_frame, *_of_objects(group, chosen), reverse
-            )
+            found, new = self._track(encoded(), frame, group, chosen, reverse)
             places = range(len(chosen)) if accepts is None else accepts(found).nonzero()[:, 0].tolist()
             kept = [chosen[place] for place in places]
             logits[kept] = found[list(places)]
@@ -201,27 +184,31 @@ class Propagator:
             if unseen < self._patience and (unseen < stride or frame % stride == 0)
         ]
 
+    def _inputs(self, encoded: EncodedImage, frame: int, count: int) -> dict[str, Any]:
+        """What SAM2 takes for a batch of objects in a frame."""
+        features, positions = encoded.expand(count)
+        return {
+            "frame_idx": frame,
+            "current_vision_feats": features,
+            "current_vision_pos_embeds": positions,
+            "feat_sizes": encoded.sizes,
+            "point_inputs": None,
+            "num_frames": self._frames,
+        }
+
     def _track(
-        self,
-        encoded: EncodedImage,
-        frame: int,
-        first_frame: int,
-        begun: Memory,
-        recent: dict[int, Memory],
-        reverse: bool,
+        self, encoded: EncodedImage, frame: int, group: Group, chosen: list[int], reverse: bool
     ) -> tuple[Tensor, Memory]:
-        """Run SAM2 on a batch of objects: (K, M, M) float32 logits, and the memory of this frame."""
-        features, positions = encoded.expand(len(begun["obj_ptr"]))
+        """Run SAM2 on the chosen objects of a group: (K, M, M) float32 logits, and the memory of this frame."""
+        begun, recent = group.begun, group.recent
+        if len(chosen) < len(group.ids):
+            begun = select_objects(begun, chosen)
+            recent = {number: select_objects(output, chosen) for number, output in recent.items()}
         output = self._model.track_step(
-            frame_idx=frame,
+            **self._inputs(encoded, frame, len(chosen)),
             is_init_cond_frame=False,
-            current_vision_feats=features,
-            current_vision_pos_embeds=positions,
-            feat_sizes=encoded.sizes,
-            point_inputs=None,
             mask_inputs=None,
-            output_dict={"cond_frame_outputs": {first_frame: begun}, "non_cond_frame_outputs": recent},
-            num_frames=self._frames,
+            output_dict={"cond_frame_outputs": {group.first_frame: begun}, "non_cond_frame_outputs": recent},
             track_in_reverse=reverse,
         )
         new = make_memory(output["maskmem_features"], output["maskmem_pos_enc"], output["obj_ptr"])
@@ -235,17 +222,10 @@ class Propagator:
             age = abs(frame - number) + 1
             # SAM2 attends to the mask memory of few frames, and to the object pointers of more.
             if age > (self._model.num_maskmem - 1) * self._model.memory_temporal_stride_for_eval:
-                drop_features(output)
+                output.pop("maskmem_features", None)
+                output.pop("maskmem_pos_enc", None)
             if age > self._model.max_obj_ptrs_in_encoder:
                 del group.recent[number]
-
-
-def _of_objects(group: Group, chosen: list[int]) -> tuple[Memory, dict[int, Memory]]:
-    """The memories of the chosen objects, by their places in the batch."""
-    if len(chosen) == len(group.ids):
-        return group.begun, group.recent
-    recent = {number: select_objects(output, chosen) for number, output in group.recent.items()}
-    return select_objects(group.begun, chosen), recent
 
 
 def restart(group: Group) -> Group:

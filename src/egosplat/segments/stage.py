@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -14,6 +14,7 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.prompts import PROMPTS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
@@ -24,7 +25,6 @@ from egosplat.progress import log, track
 from egosplat.segments.classical.segmenter import segment_video
 from egosplat.segments.instances import Segmented, finalize_instances
 from egosplat.segments.options import LEVELS, SegmentsOptions
-from egosplat.segments.placed_points import PlacedPoints
 
 
 def run(
@@ -54,7 +54,7 @@ def run(
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
     transient = _open_transient(transient_path, frames, options)
-    placed = PlacedPoints(prompts_path, frames) if options.by_depth else None
+    placed = _PlacedPoints(prompts_path, frames) if options.by_depth else None
     inputs = [one for one in (frames, transient, placed and placed.artifact) if one is not None]
     made = provenance.begin_from("segments", options.as_dict() | by_survey, inputs, models)
     video = _Video(frames, np.flatnonzero(kept), transient, placed)
@@ -74,6 +74,28 @@ def run(
     checkpoint.remove()
 
 
+class _PlacedPoints:
+    """The points that each frame is prompted with."""
+
+    def __init__(self, path: Path | None, frames: Artifact) -> None:
+        """Read the points of ``prompts.zarr``; UserError without a path, or if they are of other frames."""
+        if path is None:
+            raise UserError("segments.point_prompts = depth needs the prompts artifact: give --prompts")
+        self.artifact = open_artifact(path, PROMPTS)
+        check_made_from(self.artifact, frames)
+        self._frame = self.artifact.read("frame")
+        self._position = torch.from_numpy(self.artifact.read("position"))
+
+    def has(self, frames: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether each of (N,) frames has points."""
+        return np.isin(frames, self._frame)
+
+    def of(self, frame: int) -> Tensor:
+        """Get the (P, 2) points of a frame, x, y in [0, 1]."""
+        begin, end = np.searchsorted(self._frame, [frame, frame + 1])
+        return self._position[begin:end]
+
+
 @dataclass(frozen=True)
 class _Video:
     """The frames to segment.
@@ -87,7 +109,7 @@ class _Video:
     source: Artifact
     frame: NDArray[np.intp]
     transient: Artifact | None
-    placed: PlacedPoints | None
+    placed: _PlacedPoints | None
 
     def image(self, place: int) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 RGB image of the frame at a place in the video."""
@@ -169,35 +191,27 @@ def _write(artifact: Writer, segmented: Segmented, video: _Video, options: Segme
             occupancy.add(row, video.shown(place_of[frame]))
         artifact.put_row("labels", frame, row)
     chosen = [segmented.instances[number] for number in final.kept]
-    artifact.put("instances/level", np.array([one.level for one in chosen], dtype=np.int8))
-    artifact.put("instances/predicted_iou", np.array([one.predicted_iou for one in chosen], dtype=np.float32))
-    artifact.put("instances/stability", np.array([one.stability for one in chosen], dtype=np.float32))
-    moving = np.array([one.moving for one in chosen], dtype=bool)
-    artifact.put("instances/moving", moving)
-    begun = video.frame[[one.first_frame for one in chosen]]
-    artifact.put("instances/first_frame", begun.astype(np.int64))
+    types = {"level": np.int8, "predicted_iou": np.float32, "stability": np.float32, "moving": bool}
+    columns = {name: np.array([getattr(one, name) for one in chosen], kind) for name, kind in types.items()}
+    columns["first_frame"] = video.frame[[one.first_frame for one in chosen]].astype(np.int64)
+    for name, values in columns.items():
+        artifact.put(f"instances/{name}", values)
+    moving = int(columns["moving"].sum())
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
     dropped = len(segmented.instances) - len(final.kept)
     named = ", ".join(f"{number} {name}s" for name, number in by_level.items())
     log(f"{len(chosen)} instances ({named}); {dropped} more are merged into them or seen in too few frames")
     if single:
-        log(f"{int(moving.sum())} of them are tracked, because they move; each other is a mask of one frame")
+        log(f"{moving} of them are tracked, because they move; each other is a mask of one frame")
     artifact.facts = {
         "levels": list(LEVELS),
         "instances": by_level,
         "found": len(segmented.instances),
-        "moving": int(moving.sum()),
+        "moving": moving,
         "merged": final.merged,
         **occupancy.figures(tracked=not single),
-        **_to_frame_indices(segmented.notes, video),
+        **{name: video.frame[places].tolist() for name, places in segmented.notes.items()},
     }
-
-
-def _to_frame_indices(notes: dict[str, Any], video: _Video) -> dict[str, Any]:
-    """Replace places in the video by indices of frames.zarr."""
-    if "key_frames" not in notes:
-        return notes
-    return notes | {"key_frames": [int(video.frame[place]) for place in notes["key_frames"]]}
 
 
 class Occupancy:

@@ -167,17 +167,25 @@ class Tracker:
         """Decides which masks continue their track in a frame; None for all."""
         return None
 
-    def _forwards(self, frame: int) -> None:
-        encoded, accepts = self._encoded(frame), self._accepts(frame)
+    def _propagated(
+        self, encoded: Callable[[], EncodedImage], frame: int, *, reverse: bool
+    ) -> list[list[LevelMasks]]:
+        """The masks of each level's tracks in the next frame of a direction, with those that levels share."""
+        accepts = self._accepts(frame)
         seen = [
             [
-                (group.ids, self._propagator.step(encoded, frame, group, False, accepts))
+                (group.ids, self._propagator.step(encoded, frame, group, reverse, accepts))
                 for group in level.groups
-                if not self._propagator.ended(group)
+                if not (reverse and group.first_frame <= frame) and not self._propagator.ended(group)
             ]
             for level in self._levels
         ]
         add_shared(self._levels, seen)
+        return seen
+
+    def _forwards(self, frame: int) -> None:
+        encoded = self._encoded(frame)
+        seen = self._propagated(encoded, frame, reverse=False)
         if self._prompts(frame):
             self._add_new_tracks(encoded, frame, seen)
         for level, found in zip(self._levels, seen, strict=True):
@@ -205,17 +213,8 @@ class Tracker:
         return level.overlaps.same(self._options.merge_iou, self._frames)
 
     def _backwards(self, frame: int) -> None:
-        encoded, accepts = self._encoded(frame), self._accepts(frame)
         labels = self._labels[frame]
-        seen = [
-            [
-                (group.ids, self._propagator.step(encoded, frame, group, True, accepts))
-                for group in level.groups
-                if group.first_frame > frame and not self._propagator.ended(group)
-            ]
-            for level in self._levels
-        ]
-        add_shared(self._levels, seen)
+        seen = self._propagated(self._encoded(frame), frame, reverse=True)
         for number, (level, found) in enumerate(zip(self._levels, seen, strict=True)):
             back = stack_masks(found, self._inside(frame))
             level.overlaps.add(*back)

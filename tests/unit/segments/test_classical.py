@@ -132,27 +132,3 @@ def test_odd_and_tiny_pictures_are_segmented(shape):
     image = np.random.default_rng(6).integers(0, 256, (*shape, 3), dtype=np.uint8)
     levels = segment(image, everywhere(image), OPTIONS)
     assert levels.shape == (3, *shape) and levels.min() == 0
-
-
-@pytest.mark.parametrize(
-    ("image", "valid"),
-    [
-        (np.zeros((8, 8, 3), dtype=np.float32), np.ones((8, 8), dtype=bool)),
-        (np.zeros((8, 8), dtype=np.uint8), np.ones((8, 8), dtype=bool)),
-        (np.zeros((8, 8, 4), dtype=np.uint8), np.ones((8, 8), dtype=bool)),
-        (np.zeros((0, 8, 3), dtype=np.uint8), np.ones((0, 8), dtype=bool)),
-        (np.zeros((8, 8, 3), dtype=np.uint8), np.ones((8, 7), dtype=bool)),
-        (np.zeros((8, 8, 3), dtype=np.uint8), np.ones((8, 8), dtype=np.uint8)),
-    ],
-)
-def test_wrong_input_is_rejected(image, valid):
-    with pytest.raises(ValueError, match="image|valid"):
-        segment(image, valid, OPTIONS)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"part": 1e9}, {"side": 0}, {"purity": 1.1}, {"least_area": -1.0}, {"smoothing": float("nan")}]
-)
-def test_invalid_options_are_rejected(wrong):
-    with pytest.raises(ValueError):
-        ClassicalOptions(**wrong)

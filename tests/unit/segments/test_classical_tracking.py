@@ -153,12 +153,6 @@ def test_pictures_larger_than_the_flow_are_tracked_alike():
     assert iou(labels == 1, moved > 0) > 0.9
 
 
-def test_wrong_input_is_rejected():
-    """An image without colors is a programming error."""
-    with pytest.raises(ValueError, match="image"):
-        list(track([frame(20)[0][..., 0]], VALID, "whole", OPTIONS))
-
-
 def test_pixels_that_a_frame_leaves_out_have_no_label():
     """The box is hidden in the third frame, and everything in the fourth."""
     images, masks = zip(*(frame(column) for column in (20, 25, 30, 35, 40)), strict=True)

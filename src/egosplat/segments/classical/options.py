@@ -54,16 +54,3 @@ class ClassicalOptions:
     least_support: float = 0.15
     purity: float = 0.7
     new_area: float = 1e-3
-
-    def __post_init__(self) -> None:
-        """Raise ValueError if a value is out of range."""
-        for name, value in vars(self).items():
-            if not value >= 0:
-                raise ValueError(f"{name} must not be negative: {value}")
-        if self.side < 1 or self.flow_side < 1:
-            raise ValueError(f"side and flow_side must be at least 1 px: {self.side}, {self.flow_side}")
-        if not self.subpart <= self.part <= self.whole:
-            raise ValueError(f"levels must rise: {self.subpart} <= {self.part} <= {self.whole} does not hold")
-        for name in ("least_area", "contact_weight", "least_support", "purity", "new_area"):
-            if getattr(self, name) > 1:
-                raise ValueError(f"{name} is a share, at most 1: {getattr(self, name)}")

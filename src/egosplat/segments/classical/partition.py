@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from egosplat.segments.classical.graph import Floats, RegionGraph, make_graph
 from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.working_image import check_image, enlarge, resize_to_side
+from egosplat.segments.classical.working_image import enlarge, resize_to_side
 
 
 def partition(
@@ -22,11 +22,7 @@ def partition(
     Returns:
         (4, H, W) int32 fine regions, subparts, parts and wholes, numbered from 0 at each level, -1 outside of ``valid``.
         A region is a union of regions of the next finer level.
-
-    Raises:
-        ValueError: wrong shape or element type.
     """
-    check_image(image, valid)
     if not valid.any():
         return np.full((4, *valid.shape), -1, dtype=np.int32)
     working = resize_to_side(image, valid, options.side)

@@ -75,9 +75,6 @@ def track_levels(
     Yields:
         For each level, (H, W) int32 track number of each pixel, -1 for none. The first frame's numbers are those of its
         regions; no number is used twice.
-
-    Raises:
-        ValueError: wrong shape or element type.
     """
     previous, before = None, valid
     labels = [np.full(valid.shape, -1, dtype=np.int32) for _ in LEVELS]

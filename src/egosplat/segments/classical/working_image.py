@@ -24,14 +24,6 @@ class WorkingImage:
     unit: float
 
 
-def check_image(image: NDArray[np.uint8], valid: NDArray[np.bool_]) -> None:
-    """Raise ValueError unless ``image`` is (H, W, 3) uint8, not empty, and ``valid`` is (H, W) bool."""
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
-        raise ValueError(f"an image is (H, W, 3) uint8, not {image.shape} {image.dtype}")
-    if valid.dtype != np.bool_ or valid.shape != image.shape[:2]:
-        raise ValueError(f"valid is {image.shape[:2]} bool, not {valid.shape} {valid.dtype}")
-
-
 def resize_to_side(image: NDArray[np.uint8], valid: NDArray[np.bool_], side: int) -> WorkingImage:
     """Reduce an image to a longest side of at most ``side``; invalid pixels have no influence.
 
