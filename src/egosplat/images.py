@@ -55,11 +55,11 @@ def resize_mask(mask: NDArray[np.bool_], width: int, height: int) -> NDArray[np.
 
 
 def resize_labels(labels: NDArray[np.generic], width: int, height: int) -> NDArray[np.generic]:
-    """(h, w) -> (height, width): the label under the center of each new pixel."""
+    """(..., h, w) -> (..., height, width): the label under the center of each new pixel."""
     # The source pixel of center i + 1/2 in integer arithmetic, without rounding.
-    rows = (2 * np.arange(height) + 1) * labels.shape[0] // (2 * height)
-    columns = (2 * np.arange(width) + 1) * labels.shape[1] // (2 * width)
-    return labels[rows[:, None], columns]
+    rows = (2 * np.arange(height) + 1) * labels.shape[-2] // (2 * height)
+    columns = (2 * np.arange(width) + 1) * labels.shape[-1] // (2 * width)
+    return labels[..., rows[:, None], columns]
 
 
 def measure_sharpness(image: NDArray[np.uint8], valid: NDArray[np.bool_]) -> float:

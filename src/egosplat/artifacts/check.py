@@ -17,10 +17,9 @@ DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json"
 
 
 def check_tree(folder: Path, say: Callable[[str], object]) -> dict[Path, str]:
-    """Verify every ``*.zarr`` and every file of ``DOCUMENTS`` at or below ``folder``; report each result with ``say``.
+    """Verify ``*.zarr`` and files of ``DOCUMENTS`` at or below a folder: the problem of each, empty if it is sound.
 
-    Returns the problem of each, empty if it is sound. An artifact is sound if its bytes match its digest; a JSON file is sound if it matches its schema. In addition, an
-    input in the same folder must have the digest that the provenance records.
+    Bytes match the digest, a JSON file its schema, and an input in the same folder the digest of the provenance.
 
     Raises:
         UserError: the folder holds no artifact.

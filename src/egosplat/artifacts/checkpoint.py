@@ -26,12 +26,7 @@ class Checkpoint:
     """The checkpoint of the artifact at ``output``."""
 
     def __init__(self, output: Path, key: str, every_s: float | None = None) -> None:
-        """Describe the checkpoint.
-
-        Args:
-            key: hash of all that decides the result, see ``provenance.key_of``.
-            every_s: least wall time between two checkpoints [s]; ``EVERY_S`` if it is None.
-        """
+        """Take the hash of all that decides the result (``provenance.key_of``), and the time between checkpoints [s]."""
         # Next to the output and not in it, because the workflow deletes outputs before it makes them.
         self.file = output.parent / f".{output.name}.checkpoint" / "state"
         self._key = key

@@ -27,15 +27,7 @@ def check_made_from(made: Artifact, *sources: Artifact, axes: Sequence[str] = ()
 
 
 def check_inputs(path: Path, inputs: Mapping[str, str], sources: Sequence[Artifact]) -> None:
-    """Check that a JSON result was made from ``sources``.
-
-    Args:
-        inputs: the digest of each of its inputs, from its provenance.
-        sources: what it is used with.
-
-    Raises:
-        UserError: the digest of a source is not among ``inputs``.
-    """
+    """Raise UserError unless a JSON result at ``path``, by the digests of its inputs, was made from ``sources``."""
     for source in sources:
         if source.digest not in inputs.values():
             raise made_from_another(path, source.path)

@@ -12,13 +12,7 @@ from egosplat.pipeline.survey_file import Survey, frames_of_gaussians, read_surv
 
 
 def kept_frames(frames: Artifact, survey_path: Path | None) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """Select the frames that add views, and the entry about it for the provenance of a stage.
-
-    Args:
-        survey_path: their survey; None to keep all.
-
-    Returns:
-        (F,) bool, and ``{"kept_frames": digest}``; an empty dictionary if every frame is kept without a survey.
+    """The (F,) bool frames that add views, and ``{"kept_frames": digest}`` for the provenance; all, and {}, without a survey.
 
     Raises:
         UserError: the survey cannot be read, or is of other frames.

@@ -23,11 +23,7 @@ class Lineage:
 
 
 def lineage(artifacts: Sequence[Artifact]) -> Lineage:
-    """Find the inputs of artifacts by their recorded digests, in their folders and those that variants share with.
-
-    Raises:
-        UserError: two artifacts were made from different inputs of one name, or an artifact is damaged.
-    """
+    """Find the inputs of artifacts by digest, where variants share them; UserError if two differ or one is damaged."""
     own = [artifact.path.parent for artifact in artifacts]
     folders = list(dict.fromkeys([*own, *(place for folder in own for place in shared_with(folder))]))
     found = {artifact.path.name: artifact for artifact in artifacts}

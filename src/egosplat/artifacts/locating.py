@@ -10,14 +10,9 @@ from egosplat.pipeline.variant_folders import shared_with
 
 
 def locate(folder: Path, *names: str) -> list[Path]:
-    """Find artifacts of a scene, or of a variant, which shares artifacts with its scene and with other variants.
+    """The path of each artifact ``name`` of a scene or variant, whose artifacts its scene or others may have.
 
-    Args:
-        folder: folder of the scene or variant.
-        names: of artifacts, without ``.zarr``.
-
-    Returns:
-        The path of each; in ``folder`` if the artifact is not there.
+    Where the artifact is not there, it is in ``folder``.
 
     Raises:
         UserError: an artifact or metrics.json of the variant is damaged, or its artifacts do not belong together.

@@ -89,11 +89,7 @@ class Artifact:
         return self._group[name].shape
 
     def read(self, name: str) -> NDArray[Any]:
-        """Read a whole array.
-
-        Raises:
-            ArtifactError: a chunk does not match its checksum, or holds numbers that the schema does not allow.
-        """
+        """Read a whole array; ArtifactError if a chunk's checksum differs, or the schema does not allow a number."""
         array = self._group[name]
         values = np.empty(array.shape, array.dtype)
         for start, chunk in self._chunks(name):

@@ -77,11 +77,7 @@ class Relevancy:
         return self.artifact.shape("relevancy")[2:]
 
     def maps(self, frame: int, category: str) -> NDArray[np.float32]:
-        """The maps of a query, (L, H, W) float32; NaN where nothing is seen.
-
-        Raises:
-            UserError: the maps cannot be read, or hold a number outside 0..1.
-        """
+        """The (L, H, W) float32 maps of a query, NaN where nothing is seen; UserError if unreadable or outside 0..1."""
         return self.artifact.row("relevancy", self.rows[frame, category]).astype(np.float32)
 
 

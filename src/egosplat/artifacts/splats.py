@@ -132,10 +132,6 @@ SPLATS = Schema(
 
 
 def camera_poses(poses: Artifact, splats: Artifact) -> NDArray[np.float64]:
-    """The poses to render the Gaussians with: those of training if it refined them, else those of poses.zarr.
-
-    Returns:
-        (F, 4, 4) float64 camera_to_world, NaN where not registered.
-    """
+    """(F, 4, 4) float64 poses to render with, those of training where it refined them; NaN where not registered."""
     corrected = splats.has("corrections/camera_to_world")
     return splats.read("corrections/camera_to_world") if corrected else poses.read("camera_to_world")

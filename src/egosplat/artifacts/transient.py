@@ -66,12 +66,7 @@ class InstanceScores:
         self._pixels = np.zeros(count, np.int64)
 
     def add(self, labels: NDArray[np.int32], probability: NDArray[np.floating]) -> None:
-        """Add one frame.
-
-        Args:
-            labels: (L, H, W) instance at each level, -1 for none; an instance belongs to one level.
-            probability: (H, W) in [0, 1].
-        """
+        """Add a frame: (L, H, W) instance at each level, -1 for none, and (H, W) probability in [0, 1]."""
         # float64: sums over all frames of a video exceed the digits of float16 and float32.
         weight = probability.astype(np.float64)
         for level in labels:

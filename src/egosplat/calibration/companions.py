@@ -58,13 +58,7 @@ def known_poses_path(recording: Path, kind: str) -> Path:
 
 
 def poses_source(method: str, has_device: bool, has_known: bool) -> str:
-    """Where the poses of a recording come from: ``device``, ``known`` or ``colmap``.
-
-    Args:
-        method: ``poses.method``.
-        has_device: whether its device recorded a trajectory.
-        has_known: whether its poses are known.
-    """
+    """Where poses come from, by ``poses.method`` and what there is: ``device``, ``known`` or ``colmap``."""
     if method != AUTO:
         return method
     return "known" if has_known else "device" if has_device else "colmap"

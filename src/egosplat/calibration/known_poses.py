@@ -45,10 +45,7 @@ class Match:
 
 
 def find_known_poses(recording: Path, wanted: str) -> str | None:
-    """The kind of the recording's known poses, a key of ``KNOWN_POSES``; None if there are none.
-
-    Args:
-        wanted: ``frames.known_poses``.
+    """The kind of a recording's known poses, a key of ``KNOWN_POSES``, by ``frames.known_poses``; None without any.
 
     Raises:
         UserError: the wanted file does not exist, or ``auto`` finds two.

@@ -58,14 +58,7 @@ class Lens:
         return cls(**{**facts, "params": tuple(facts["params"])})
 
     def check(self, source: str) -> "Lens":
-        """Check the values and return self.
-
-        Args:
-            source: file that an error names.
-
-        Raises:
-            UserError: the model is not supported, a parameter is not possible, or there is no ``pinhole``.
-        """
+        """Return self; UserError, of ``source``, if the model is unsupported, a parameter impossible, or no ``pinhole``."""
         if self.model not in MODELS:
             raise UserError(
                 f"{source}: camera model {self.model} is not supported. Supported: {', '.join(MODELS)}."
@@ -169,14 +162,7 @@ class Lens:
 
 
 def shared_pinhole(lenses: Sequence[Lens], share: Sequence[int]) -> Camera:
-    """The pinhole camera of the rectified pictures of several lenses: the largest view that all show, without blank pixels.
-
-    Args:
-        share: number of pictures of each lens; the focal length is the median one of the pictures.
-
-    Raises:
-        UserError: they share less than a pixel.
-    """
+    """The largest view that all lenses show, of the pictures' median focal length; UserError if that is below a pixel."""
     if len(lenses) == 1:
         return lenses[0].pinhole
     views = np.array([lens.inner_view() for lens in lenses])

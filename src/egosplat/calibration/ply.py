@@ -19,14 +19,7 @@ _DAMAGE = (OSError, ValueError, KeyError, IndexError, TypeError)
 
 
 def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Read the points of a PLY file.
-
-    Returns:
-        (P, 3) float64 positions and (P, 3) uint8 colors, gray if the file has none.
-
-    Raises:
-        UserError: the file is missing, damaged, or does not begin with its vertices.
-    """
+    """(P, 3) float64 positions and (P, 3) uint8 colors, gray if the file has none; UserError as ``read_vertices``."""
     vertices = read_vertices(path)
     try:
         points = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)

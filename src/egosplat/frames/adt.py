@@ -36,11 +36,7 @@ class AdtRecording:
     """The RGB frames of an ADT sequence folder; a ``Recording``."""
 
     def __init__(self, folder: Path, options: FramesOptions) -> None:
-        """Open ``video.vrs`` and select frames; ``read_frames`` decodes them.
-
-        Raises:
-            UserError: the folder or ``video.vrs`` is missing or damaged, or no frame is selected.
-        """
+        """Open ``video.vrs`` and select frames; UserError if it is missing or damaged, or no frame is selected."""
         camera, upright = pinhole(options.resolution, options.focal), options.upright
         self._path = adt_video(folder)
         self._provider = open_video(folder)
@@ -100,11 +96,7 @@ open_recording = AdtRecording
 
 
 def open_video(folder: Path) -> VrsDataProvider:
-    """Open ``video.vrs`` of a sequence and check that it is complete and has an RGB stream.
-
-    Raises:
-        UserError: the folder or the file is missing, or the file is damaged or has no RGB stream.
-    """
+    """Open ``video.vrs`` of a sequence; UserError if it is missing, damaged, incomplete, or has no RGB stream."""
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder. Give the folder of a sequence, not a file in it.")
     path = adt_video(folder)
@@ -129,16 +121,7 @@ def device_calibration(provider: VrsDataProvider, path: Path) -> DeviceCalibrati
 
 
 def rectification(device: DeviceCalibration, camera: Camera, upright: bool, path: Path) -> Rectification:
-    """Rectification of RGB frames, and of label maps in their pixels, to a pinhole camera.
-
-    Args:
-        device: see ``device_calibration``.
-        camera: from ``rectify.pinhole``.
-        upright: whether to turn the result upright, according to the device's calibration.
-
-    Raises:
-        UserError: ``upright`` is set, but the calibration does not give the orientation.
-    """
+    """Rectification of frames and label maps to a ``rectify.pinhole``; UserError if upright is asked for and not known."""
     turns = clockwise_turns(device, RGB_LABEL) if upright else 0
     if turns is None:
         version = device.get_device_version().name

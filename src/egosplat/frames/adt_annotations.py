@@ -24,11 +24,7 @@ _ALLOWED = {"motion_type": ("static", "dynamic"), "instance_type": ("object", "h
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> "AdtAnnotations | None":
-    """Open the annotations of a sequence; None if it has no segmentation.
-
-    Raises:
-        UserError: the sequence is missing, or as ``AdtAnnotations``.
-    """
+    """Open a sequence's annotations; None without a segmentation, UserError if it is missing or they are damaged."""
     if not path.is_dir():
         raise UserError(f"{path}: no such folder. Give the folder of an ADT sequence.")
     segmentation = find_segmentation(path)
@@ -106,11 +102,7 @@ class AdtAnnotations:
 
 
 def read_instances(path: Path) -> list[Instance]:
-    """Read ``instances.json``, sorted by id.
-
-    Raises:
-        UserError: the file is missing or not JSON, or an entry lacks a field or has an unknown value.
-    """
+    """Read ``instances.json``, sorted by id; UserError if it is unreadable, or an entry lacks a field or has a bad value."""
     try:
         entries = read_json(path)
     except FileNotFoundError as error:

@@ -208,10 +208,7 @@ def sequence_parts(path: Path) -> tuple[str, ...]:
 
 
 def intrinsics_files(folder: Path) -> list[Path]:
-    """The existing intrinsics of a HOI4D sequence, in order of preference.
-
-    They lie in the sequence or its parent folder, or in ``camera_params/<ZY…>`` of a folder above.
-    """
+    """The existing intrinsics of a HOI4D sequence: in it, in its parent, or in ``camera_params/<ZY…>`` of a folder above."""
     camera = sequence_parts(folder)[0]
     nearby = [folder / HOI4D_INTRINSICS, folder.parent / HOI4D_INTRINSICS]
     above = [parent / "camera_params" / camera / HOI4D_INTRINSICS for parent in folder.parents]

@@ -27,14 +27,10 @@ class Hoi4dRecording:
     """The frames of one sequence; a ``Recording`` without a device frame."""
 
     def __init__(self, path: Path, options: FramesOptions) -> None:
-        """Open the video and select frames.
-
-        Args:
-            path: the sequence's folder, or its name with underscores in the dataset's root folder.
+        """Open the video and select frames; ``path`` is the folder, or the name with underscores in the root folder.
 
         Raises:
-            UserError: the sequence, its video or its intrinsics are missing or damaged, the video is smaller than the
-                resolution, or no frame is selected.
+            UserError: the sequence, its video or its intrinsics are missing, damaged or too small, or no frame is selected.
         """
         folder = find_sequence(path)
         self._video = Video(folder / HOI4D_VIDEO)

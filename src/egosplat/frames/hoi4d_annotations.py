@@ -58,11 +58,7 @@ class Hoi4dAnnotations:
     """The annotations of one sequence; an ``Annotations``. Instance ids are the dataset's labels 1 to 6."""
 
     def __init__(self, folder: Path, masks: Path, keys: AnnotationKeys) -> None:
-        """Take the folders of a sequence and of its masks; ``max_age_ns`` matters if the video has not 15 frames a second.
-
-        Raises:
-            UserError: the object category is unknown.
-        """
+        """Take the folders of a sequence and of its masks; UserError if the object category is unknown."""
         self._masks = masks
         self._camera = keys.camera
         self._max_age_ns = keys.max_age_ns
@@ -91,14 +87,7 @@ class Hoi4dAnnotations:
 
 
 def instances_of(category: str, folder: Path) -> list[Instance]:
-    """The instances of labels 1 to 6.
-
-    Args:
-        category: ``C1`` … ``C20``.
-
-    Raises:
-        UserError: HOI4D has no such category.
-    """
+    """The instances of labels 1 to 6 of a category ``C1`` … ``C20``; UserError if HOI4D has no such category."""
     if category not in _OBJECTS:
         raise UserError(f"{folder}: {category} is not an object category of HOI4D.")
     documented = _LABELS[category]

@@ -41,11 +41,7 @@ class ImageFolder:
     """
 
     def __init__(self, path: Path, folders: Sequence[Path] | None = None, *, turned: bool = True) -> None:
-        """List the images and read their sizes without decoding them; log ignored formats.
-
-        Args:
-            folders: in ``path``, with the images; None: ``path`` itself.
-            turned: whether EXIF orientation is applied.
+        """List the images of folders in ``path`` and read their headers; log ignored formats.
 
         Raises:
             UserError: there is no image, one is unreadable, or two share a name.
@@ -149,24 +145,13 @@ def _opened(path: Path, turned: bool) -> Iterator[Image.Image]:
 
 
 def read_rgb(path: Path, *, turned: bool = True) -> NDArray[np.uint8]:
-    """Decode an image to (H, W, 3) uint8 RGB.
-
-    Args:
-        turned: whether EXIF orientation is applied.
-
-    Raises:
-        UserError: it cannot be decoded, or has more than 8 bits per channel.
-    """
+    """Decode an image to (H, W, 3) uint8 RGB, turned by EXIF orientation or not; UserError as ``_opened``."""
     with _opened(path, turned) as image:
         return np.array(image.convert("RGB"))
 
 
 def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
-    """Read a mask: (height, width) bool, True where the image is not black.
-
-    Raises:
-        UserError: the mask is missing, unreadable, or has another size than the pictures.
-    """
+    """(height, width) bool, True where an image is not black; UserError if it is unreadable or of another size."""
     black = _BLACK_OF_JPEG if path.suffix.lower() in (".jpg", ".jpeg") else 0
     mask = (read_rgb(path) > black).any(axis=2)
     if mask.shape != (height, width):
@@ -175,13 +160,7 @@ def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
 
 
 def read_valid(path: Path, width: int, height: int) -> NDArray[np.bool_]:
-    """Read the mask of pixels that show the scene: (height, width) bool, True where the image is not black.
-
-    A missing file means all pixels.
-
-    Raises:
-        UserError: the mask is unreadable, has another size, or is all black.
-    """
+    """``read_mask`` of the pixels that show the scene, not all black; all pixels without a file."""
     # A broken link is not a missing file: reading it reports the error.
     if not os.path.lexists(path):
         return np.ones((height, width), dtype=bool)

@@ -24,16 +24,12 @@ def annotate(
     instances: Sequence[str],
     read_objects: Callable[[Path, tuple[int, int]], Sequence[LabeledObject]],
 ) -> LayeredAnnotations:
-    """Read the labels of a recording's pictures, as they lie in its frames.
+    """Read the labels of the pictures in the folder of a recording, as they lie in its frames.
 
     Args:
-        path: folder of the recording.
         labels: as of ``labels.match_labels``.
         instances: category of each instance. Several of one category are told apart by numbers.
         read_objects: reads the objects of a label, for a picture of a width and height.
-
-    Raises:
-        UserError: a label belongs to no picture, or as ``read_objects``.
     """
     source = open_source(path, keys.originals.known_poses)
     if not isinstance(source, ImageFolder):

@@ -22,11 +22,7 @@ _EXAMPLES = {
 
 
 def find_labels(format: str, path: Path) -> dict[str, Path]:
-    """The label of each labeled picture of a benchmark's scene, see ``labels_of``.
-
-    Raises:
-        UserError: there is none, or no such scene.
-    """
+    """See ``labels_of``; UserError if there is no label, or no such scene."""
     scene, what, where = _EXAMPLES[format]
     if not path.is_dir():
         raise UserError(f"{path}: no such folder. Give the folder of a scene, such as {scene}.")
@@ -39,15 +35,12 @@ def find_labels(format: str, path: Path) -> dict[str, Path]:
 
 
 def match_labels(labels: Mapping[str, Path], pictures: Sequence[str]) -> dict[int, Path]:
-    """Find the picture of each label.
+    """The labels by the index of the picture, in its order.
 
     Args:
         labels: by the name of the picture, without folder and extension; or by its place in the natural order, from 0, if no
             picture is named by a number.
         pictures: names of the pictures.
-
-    Returns:
-        The labels by the index of the picture, in its order.
 
     Raises:
         UserError: a label belongs to no picture, or to two.
@@ -79,15 +72,9 @@ def fit_labels(labels: NDArray[np.int32], time: int, keys: AnnotationKeys) -> ND
 def paint_layers(
     objects: Iterable[tuple[int, NDArray[np.bool_]]], size: tuple[int, int]
 ) -> NDArray[np.int32]:
-    """Paint masks that may overlap into maps of the index of each.
+    """Paint masks that may overlap, (H, W) bool each, into (L, H, W) int32 maps of their indices; -1 for none.
 
-    Args:
-        objects: index and (H, W) bool mask of each.
-        size: H, W.
-
-    Returns:
-        (L, H, W) int32, -1 for none. The first layer has all objects, smaller ones over larger ones; further layers have
-        those that it shows in part, whole.
+    The first layer has all objects, smaller ones over larger ones; further layers have those that it shows in part, whole.
     """
     largest_first = sorted(objects, key=lambda one: -int(one[1].sum()))
     layers = [_paint(largest_first, size)]

@@ -35,10 +35,9 @@ class PlainRecording:
     """A video or a folder of images; a ``Recording`` without a device frame."""
 
     def __init__(self, path: Path, options: FramesOptions, labels: Mapping[str, Path] | None = None) -> None:
-        """Open the source, select frames and find the camera.
+        """Open a video or a folder of images, one a second; select frames and find the camera.
 
         Args:
-            path: video file or image folder, which has one image per second.
             labels: of pictures by their names, see ``labels.match_labels``; these pictures are taken whatever the stride.
 
         Raises:
@@ -190,12 +189,7 @@ def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
 
 
 def stride_advice(timestamp_ns: NDArray[np.int64], stride: int) -> str | None:
-    """What to set if a recording whose poses COLMAP has to find has far more frames than it needs; None if it has not.
-
-    Args:
-        timestamp_ns: (N,) times of the selected frames.
-        stride: with which they were selected.
-    """
+    """What to set if COLMAP has to find poses of far more frames, at (N,) times, than it needs; None if it has not."""
     span_s = float(timestamp_ns[-1] - timestamp_ns[0]) * 1e-9
     rate = (len(timestamp_ns) - 1) / span_s if span_s > 0 else 0.0
     if rate < 2 * ENOUGH_PER_S:

@@ -35,11 +35,7 @@ _NO_INSTANCE, _UNKNOWN_ID = -1, -2
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> "PlainAnnotations | None":
-    """Open the annotations of a video or image folder; None if it has none.
-
-    Raises:
-        UserError: the recording is missing, or as ``PlainAnnotations``.
-    """
+    """Open the annotations of a recording; None without any, UserError if it is missing or they are damaged."""
     if not path.exists():
         raise UserError(f"{path}: not found. Give a video file or an image folder.")
     return PlainAnnotations(path, keys) if is_annotated("plain", path) else None
@@ -49,11 +45,7 @@ class PlainAnnotations:
     """The annotations of a plain recording; an ``Annotations``."""
 
     def __init__(self, path: Path, keys: AnnotationKeys) -> None:
-        """Read the table and list the annotated frames of a video file or image folder.
-
-        Raises:
-            UserError: the table is unreadable, or a PNG belongs to no frame.
-        """
+        """Read the table and list the annotated frames; UserError if it is unreadable, or a PNG belongs to no frame."""
         folder = companion_path(path, ANNOTATIONS)
         self.instances = read_instances(folder / INSTANCES_TABLE)
         self._keys = keys

@@ -26,22 +26,13 @@ _TURNS = {DeviceVersion.Gen1: 1, DeviceVersion.Gen2: 0}
 
 
 def pinhole(resolution: int, focal: float) -> Camera:
-    """A square pinhole camera with the principal point in the middle of the image.
-
-    Args:
-        resolution: side of the image [px].
-        focal: focal length at a side of ``FOCAL_SIDE`` [px] (the paper: 460).
-    """
+    """A square camera with a central principal point; its focal length is given for ``FOCAL_SIDE`` px (the paper: 460)."""
     scaled = focal * resolution / FOCAL_SIDE
     return Camera(resolution, resolution, scaled, scaled, resolution / 2, resolution / 2)
 
 
 def clockwise_turns(device: DeviceCalibration, label: str) -> int | None:
-    """Clockwise quarter turns that bring the images of camera ``label`` upright.
-
-    Returns:
-        0 to 3; None if the calibration is of an unknown device.
-    """
+    """Clockwise quarter turns, 0 to 3, that bring images of camera ``label`` upright; None of an unknown device."""
     if device.get_transform_cpf_sensor(label, True) is not None:
         cpf_from_device = device.get_transform_device_cpf(CpfType.CadBased).to_matrix().T[:3, :3]
         device_from_camera = device.get_camera_calib(label).get_transform_device_camera().to_matrix()[:3, :3]
@@ -70,13 +61,7 @@ class Rectification:
     """
 
     def __init__(self, calibration: CameraCalibration, camera: Camera, turns: int) -> None:
-        """Compute the sampling positions.
-
-        Args:
-            calibration: of the fisheye images.
-            camera: from ``pinhole``.
-            turns: clockwise quarter turns of the result, see ``clockwise_turns``.
-        """
+        """Compute the sampling positions of ``camera``, from ``pinhole``; the result is turned, see ``clockwise_turns``."""
         if camera != camera.rotated_clockwise():
             raise ValueError("Aria images are rectified to a square camera with a central principal point")
         self.camera = camera

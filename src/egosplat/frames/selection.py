@@ -19,11 +19,10 @@ _MAX_S = 9e9
 def select_frames(
     timestamp_ns: NDArray[np.int64], options: FramesOptions, source: Path, *, stride: int | None = None
 ) -> NDArray[np.int64]:
-    """Select every ``stride``-th frame of the time range start_s <= t < end_s.
+    """Select every ``stride``-th frame, by default of the options, of the time range start_s <= t < end_s.
 
     Args:
         timestamp_ns: (N,) int64, strictly increasing capture times of all frames.
-        stride: in place of that of the options.
 
     Returns:
         (F,) int64 indices into ``timestamp_ns``, F >= 1; the first frame of the range is one.
@@ -52,14 +51,11 @@ def select_frames(
 
 
 def select_sharpest(frames: NDArray[np.int64], sharpness: Iterable[float], stride: int) -> NDArray[np.int64]:
-    """Select the sharpest of every ``stride`` frames, the first of equally sharp ones.
+    """Select the sharpest of every ``stride`` frames, the first of equally sharp ones: (ceil(N / stride),) int64.
 
     Args:
         frames: (N,) int64 numbers of consecutive frames.
         sharpness: of each of them; NaN, a frame without edges, is less than any other.
-
-    Returns:
-        (ceil(N / stride),) int64.
     """
     values = np.nan_to_num(np.fromiter(sharpness, np.float64, len(frames)), nan=-np.inf)
     best = [start + int(values[start : start + stride].argmax()) for start in range(0, len(frames), stride)]

@@ -14,11 +14,9 @@ _AUTO_EVALUATION_FRAMES, _FRAMES_PER_EVALUATION_FRAME = 12, 6
 
 
 def evaluation_count(wanted: int | str, count: int, annotated: bool, labeled: int | None = None) -> int:
-    """Number of evaluation frames of a recording.
+    """Number of evaluation frames: the ``wanted`` one, or for ``auto`` by the frames and annotations of the recording.
 
     Args:
-        wanted: the configured number, or ``auto``.
-        annotated: whether the recording has annotations.
         labeled: number of frames that alone may be chosen; None if all may.
     """
     if wanted != AUTO:
@@ -37,9 +35,7 @@ def split_frames(
     """Choose the middle frame of each of ``evaluation`` equal parts of the recording for evaluation.
 
     Args:
-        evaluation: number of evaluation frames, 0 or more.
-        holdout: whether evaluation frames are excluded from training; the paper does not say
-            (docs/method.md#holdout).
+        holdout: whether they are excluded from training; the paper does not say (docs/method.md#holdout).
         labeled: the frames that alone may be chosen, increasing: parts are then of these; None if all may.
 
     Returns:

@@ -122,13 +122,9 @@ class Video:
 
 
 def open_source(path: Path, known_poses: str | None) -> Video | ImageFolder:
-    """Open a video file or an image folder.
+    """Open a video file or an image folder; UserError if it cannot be read.
 
-    Args:
-        known_poses: kind of the known poses. They name the pictures, and their tools do not turn them by EXIF orientation.
-
-    Raises:
-        UserError: the source is missing or cannot be read.
+    Known poses name the pictures, and their tools do not turn them by EXIF orientation.
     """
     if not path.is_dir():
         return Video(path)
@@ -140,16 +136,10 @@ def open_source(path: Path, known_poses: str | None) -> Video | ImageFolder:
 
 
 def rebuild_times(milliseconds: NDArray[np.float64], declared: float) -> tuple[NDArray[np.float64], float]:
-    """Even times of frames whose own do not increase, as in AVI with B-frames, raw streams and joined files.
+    """Even times [ms] of frames whose own do not increase, as in AVI with B-frames, raw streams and joined files.
 
-    The decoder yields the frames in the order in which they are shown, whatever their times say.
-
-    Args:
-        milliseconds: (N,) times as read.
-        declared: frames a second by the header, which raw streams do not have.
-
-    Returns:
-        (N,) times [ms], and the frames a second: the median of the steps that go forward, else ``declared``.
+    The decoder yields the frames in the order in which they are shown, whatever their times say. Returns the frames a second,
+    too: by the median of the steps that go forward, else as ``declared`` by the header, which raw streams do not have.
     """
     steps = np.diff(milliseconds)
     forward = steps[steps > 0]

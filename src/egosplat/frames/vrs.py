@@ -51,11 +51,7 @@ def _walk_records(path: Path, data: mmap.mmap, position: int, header_size: int) 
 
 
 def open_checked(path: Path, opened: Callable[[], Provider | None]) -> Provider:
-    """Open a VRS file by a function of projectaria-tools, and check that it is complete.
-
-    Raises:
-        UserError: the file is missing, damaged or truncated, or the library refuses it.
-    """
+    """Open a VRS file by a function of projectaria-tools; UserError if it is missing, damaged or truncated."""
     check_complete(path)
     try:
         with captured_log() as messages:

@@ -51,11 +51,7 @@ CLIP = ModelSpec("OpenCLIP", "clip_model", "clip_checkpoint", SMALL_CLIP / "open
 
 
 def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
-    """The file of a model's checkpoint.
-
-    Args:
-        model: SAM2 or CLIP.
-        checkpoint: a path, ``small`` for the bundled one, or OpenCLIP's ``photos``, which a Python package carries.
+    """The file of a checkpoint: a path, ``small`` for the bundled one, or OpenCLIP's ``photos`` of a Python package.
 
     Raises:
         UserError: the file is missing. The message names the command that fetches published ones, and the key.
@@ -90,14 +86,7 @@ def joint_hash(files: Iterable[Path]) -> str:
 
 
 def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
-    """Hash of a model's checkpoint and of the files that describe its architecture; 16 hexadecimal digits.
-
-    Args:
-        model: SAM2 or CLIP.
-
-    Raises:
-        UserError: one of the files is missing.
-    """
+    """Hash of a checkpoint and the files of its architecture, 16 hexadecimal digits; UserError if one is missing."""
     checkpoint = find_checkpoint(model, models[model.checkpoint_key])
     # The weights alone do not determine the results: the architecture's files count, too.
     config = models[model.config_key]

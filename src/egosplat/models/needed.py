@@ -52,11 +52,7 @@ class Needed:
 
 
 def find_needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
-    """List the checkpoints that any of several configurations needs, each once.
-
-    Raises:
-        UserError: there is no published checkpoint of a configured architecture, or a package with weights is missing.
-    """
+    """List the checkpoints that configurations need, each once; UserError if a package or a published one is missing."""
     found: dict[Path, Needed] = {}
     for config in map(locate_checkpoints, configs):
         named = {f"models.{key}": value for key, value in configured_checkpoints(config).items()}
@@ -73,25 +69,14 @@ def find_needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
 
 
 def catalogue(config: Mapping[str, Any], names: Sequence[str] = ()) -> list[Needed]:
-    """List checkpoints of the catalogue, as files in the configuration's folder ``models.cache``.
-
-    Args:
-        names: architectures or file names; empty for all.
-
-    Raises:
-        UserError: a name is unknown.
-    """
+    """List checkpoints of the catalogue, by architecture or file, in ``models.cache``; UserError for an unknown name."""
     cache = expand_home(config["models"]["cache"])
     models = [named_model(name) for name in names] or CATALOGUE
     return [Needed("", cache / one.file, one) for one in models]
 
 
 def listing(files: Sequence[Needed], options: Sequence[str] = ()) -> str:
-    """Describe files: place, address, license, size, digest, and whether they are there. Existing ones are hashed.
-
-    Args:
-        options: of the command line, repeated in the command that fetches what is missing.
-    """
+    """Describe files, hashed if they are there; the command that fetches the others repeats the ``options``."""
     parts = [_entry(one) for one in files]
     missing = [one for one in files if one.missing]
     fetchable = [one for one in missing if one.published]
@@ -106,14 +91,10 @@ def listing(files: Sequence[Needed], options: Sequence[str] = ()) -> str:
 
 
 def download(files: Sequence[Needed]) -> list[str]:
-    """Fetch what is missing of published checkpoints, and verify what is there.
-
-    Returns:
-        A line for each file.
+    """Fetch what is missing of published checkpoints, and verify what is there; a line for each file.
 
     Raises:
-        UserError: a file cannot be fetched, or is not the published one. If there is no connection, the message has
-            the address of each missing file and its place.
+        UserError: a file cannot be fetched, or is not the published one; without a connection, with addresses and places.
     """
     lines = []
     for one in files:

@@ -67,14 +67,7 @@ class PhotoWords(nn.Module):
 
 
 def load_photo_words(device: str, precision: str) -> OpenClip:
-    """Build the model from the weights of the two packages.
-
-    Args:
-        device, precision: see ``load_open_clip``.
-
-    Raises:
-        UserError: a package is missing or damaged, or the device is missing.
-    """
+    """Build the model from the two packages; UserError if one is missing or damaged, or the device is missing."""
     compute, weights = choose_compute(device, precision), find_checkpoint(CLIP, PHOTOS)
     with without_compiler():
         from open_clip.zero_shot_metadata import IMAGENET_CLASSNAMES

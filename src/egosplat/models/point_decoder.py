@@ -58,13 +58,10 @@ class PointDecoder:
         )
 
     def decode(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Masks of single points.
+        """(P, 3, 4h, 4w) logits and (P, 3) predicted IoU of the masks of single points.
 
         Args:
             points: (P, 2) x, y in [0, 1], relative to the image's sides; each is foreground.
-
-        Returns:
-            (P, 3, 4h, 4w) logits and (P, 3) predicted IoU of the three masks of each point.
         """
         model, device = self.sam2.video_predictor, self.sam2.compute.device
         decoder = model.sam_mask_decoder

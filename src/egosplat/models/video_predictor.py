@@ -13,16 +13,12 @@ FILLED = 0.1
 
 
 def fill_holes(scores: Tensor, max_area: int) -> Tensor:
-    """Fill holes of masks: 8-connected components outside of the mask, up to an area.
+    """Fill holes of masks: 8-connected components outside of the mask, up to an area [px].
 
     SAM2 does this in its compiled extension, and skips it with a warning if that is missing.
 
     Args:
-        scores: (..., H, W) floating-point scores, above 0 inside the mask.
-        max_area: largest hole to fill [px].
-
-    Returns:
-        Scores of the same shape, type and device.
+        scores: (..., H, W) floating-point scores, above 0 inside the mask; returned are such, too.
     """
     outside = (scores <= 0).to("cpu", torch.uint8).reshape(-1, *scores.shape[-2:]).numpy()
     holes = np.stack([_small_parts(mask, max_area) for mask in outside]) if len(outside) else outside > 0

@@ -160,18 +160,14 @@ _ROWS_PER_BLOCK = 1_000_000
 def read_semidense_points(
     path: Path, max_inv_dist_std: float, max_dist_std: float
 ) -> tuple[NDArray[np.float64], int, dict[str, int]]:
-    """Read the points with a small position uncertainty (docs/method.md#point-filter).
+    """Read the points with a small position uncertainty (docs/method.md#point-filter) of a table, compressed or not.
 
     Args:
-        path: ``semidense_points.csv.gz``, or the uncompressed table.
         max_inv_dist_std: limit of the standard deviation of the inverse distance [1/m].
         max_dist_std: limit of the standard deviation of the distance [m].
 
     Returns:
         (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.
-
-    Raises:
-        UserError: the file is damaged or lacks a column.
     """
     kept, rejected, read = [], dict.fromkeys(("not_finite", "too_far", "inv_dist_std", "dist_std"), 0), 0
     try:

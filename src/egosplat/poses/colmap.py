@@ -132,11 +132,7 @@ def _poses(
 def filter_points(
     model: pycolmap.Reconstruction,
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], dict[str, Any]]:
-    """The points of a model with a long enough track and a small enough reprojection error.
-
-    Returns:
-        (P, 3) float64 positions, (P, 3) uint8 RGB, and the numbers of rejected points for the notes.
-    """
+    """(P, 3) float64 points of long enough tracks and small enough errors, (P, 3) uint8 RGB, and numbers for the notes."""
     every = [point for _, point in sorted(model.points3D.items())]
     track_length = np.array([point.track.length() for point in every])
     error = np.array([point.error for point in every])

@@ -20,14 +20,7 @@ POINTS = ("semidense_points.csv.gz", "global_points.csv.gz")
 
 
 def poses_files(source: str, recording: Path, trajectory: str, known_poses: str) -> list[Path]:
-    """The existing files that the stage opens.
-
-    Args:
-        source: see ``egosplat.calibration.companions.poses_source``.
-        recording: folder, or video file.
-        trajectory: ``poses.trajectory``.
-        known_poses: ``frames.known_poses``.
-    """
+    """The existing files that the stage opens, by ``poses_source``, ``poses.trajectory`` and ``frames.known_poses``."""
     if source == "device":
         points = find_points(recording / MPS_FOLDER)
         found = [recording / TRAJECTORIES[trajectory], *([points] if points else [])]

@@ -61,17 +61,7 @@ def unregistered(frames: int) -> NDArray[np.float64]:
 
 
 def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of the cameras' up axes (-y): up in the world if the frames are upright.
-
-    Args:
-        camera_to_world: (N, 4, 4) float64, registered poses only.
-
-    Returns:
-        (3,) float64 unit vector.
-
-    Raises:
-        UserError: the frames have no common up direction.
-    """
+    """(3,) mean of up (-y) of (N, 4, 4) registered poses, a unit vector; UserError without a common direction."""
     mean = -camera_to_world[:, :3, 1].mean(axis=0)
     length = float(np.linalg.norm(mean))
     if not length > _MIN_MEAN_UP:

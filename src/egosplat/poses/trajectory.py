@@ -65,9 +65,7 @@ def read_trajectory(path: Path) -> Trajectory:
     """Read a trajectory table.
 
     Raises:
-        UserError: the file is missing, lacks a column, has fewer than two rows, or has a bad row (the message
-            names its line): a value that is not a finite number, a time not after the previous row's, a
-            quaternion without unit norm, a position too far away, or another world frame than the first row.
+        UserError: the file is missing, lacks a column or a second row, or has a bad row, whose line the message names.
     """
     # ``projectaria_tools.core.mps`` (2.3) stops at a damaged row and returns the rows before without an error, and it
     # returns NaN poses for a quaternion of zero norm.
@@ -94,13 +92,7 @@ def read_trajectory(path: Path) -> Trajectory:
 def interpolate_trajectory(
     trajectory: Trajectory, timestamp_ns: NDArray[np.int64], max_gap_ms: float
 ) -> InterpolatedPoses:
-    """Interpolate the poses of the device at given times.
-
-    Args:
-        trajectory: as read.
-        timestamp_ns: (F,) int64 in the device's clock.
-        max_gap_ms: times between rows further apart than this get no pose.
-    """
+    """Interpolate the device's poses at (F,) int64 times; those between rows more than ``max_gap_ms`` apart get none."""
     times = trajectory.timestamp_ns
     wanted = np.asarray(timestamp_ns, dtype=np.int64)
     inside = (wanted >= times[0]) & (wanted <= times[-1])

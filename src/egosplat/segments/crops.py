@@ -71,16 +71,14 @@ def prompt_with_crops(
     found: list[Candidates],
     options: SegmentsOptions,
 ) -> list[Candidates]:
-    """Add masks of small things, from crops, to the candidates of the whole frame.
+    """Add masks of small things, from crops, to the candidates of each level that the whole frame gave.
 
     Args:
         image: (H, W, 3) uint8 RGB.
         valid: (H, W) bool, pixels that show the scene; others are not prompted.
-        found: candidates of the whole frame at each level.
 
     Returns:
-        Candidates of each level. Their logits have the size of the frame's or ``crops_per_side`` times that of the
-        crops', whichever is larger.
+        Candidates; their logits have the size of the frame's, or the larger one of ``crops_per_side`` times the crops'.
     """
     crops = crops_of(*image.shape[:2], options.crops_per_side)
     by_crop = [_prompt_crop(sam2, image, valid, crop, options) for crop in crops]
@@ -108,12 +106,7 @@ def _prompt_crop(
 
 
 def _whole_and_small(found: Candidates, crop: Crop, shape: tuple[int, ...], coarse_side: int) -> Candidates:
-    """Drop masks that a border of the crop inside the frame cuts off, and those that the whole frame shows as well.
-
-    Args:
-        shape: of the frame, H and W first.
-        coarse_side: of the logits of the whole frame [cells].
-    """
+    """Drop masks that a border inside the frame cuts off, and those that the frame's ``coarse_side`` cells show, too."""
     if len(found) == 0:
         return found
     masks = found.masks

@@ -160,16 +160,11 @@ def merge_roots(count: int, pairs: list[tuple[int, int]]) -> Ints:
 
 
 def number_kept(roots: Ints, frames_seen: Ints, min_frames: int, frames: int) -> tuple[Ints, Ints]:
-    """Number the instances that are kept.
+    """(count,) new number of each instance, -1 if it is dropped, and the (N,) roots that are kept.
 
     Args:
         roots: from ``merge_roots``.
-        frames_seen: (count,) number of frames in which each root is seen.
-        min_frames: drop instances that are seen in fewer frames.
-        frames: length of the video, which limits ``min_frames``.
-
-    Returns:
-        (count,) new number of each instance, -1 if it is dropped, and the (N,) roots that are kept.
+        frames_seen: (count,) number of frames in which each root is seen; ``min_frames`` of ``frames``, or all, are needed.
     """
     # A video shorter than ``min_frames`` still has instances.
     least = max(1, min(min_frames, frames))

@@ -84,15 +84,7 @@ class LabelMaps:
 def paint(
     objects: Iterable[tuple[list[int], Tensor]], valid: NDArray[np.bool_], device: torch.device
 ) -> NDArray[np.int32]:
-    """Label each pixel with the object of the highest logit, if that is above 0.
-
-    Args:
-        objects: groups of K instance numbers and their (K, M, M) logits.
-        valid: (H, W) bool; other pixels get no label.
-
-    Returns:
-        (H, W) int32, -1 for none.
-    """
+    """(H, W) int32 object of the highest of its groups' (K, M, M) logits above 0; -1 for none, and where not ``valid``."""
     best = torch.zeros(valid.shape, device=device)
     labels = torch.full(valid.shape, -1, dtype=torch.int32, device=device)
     # Logits are enlarged for a few objects at a time, which bounds the memory.

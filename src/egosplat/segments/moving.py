@@ -121,13 +121,9 @@ def _mean_reaches(least: float, masks: Tensor, probability: Tensor) -> Tensor:
 
 
 def add_tracks(single: Segmented, tracked: Segmented) -> Segmented:
-    """Add the tracks of what moves to the masks of single frames.
+    """Add the tracks of what moves to the masks of single frames, of the same video: the masks, then the tracks.
 
-    Args:
-        single, tracked: of the same frames.
-
-    Returns:
-        The masks, then the tracks. A mask that tracks cover for the most part is without pixels.
+    A mask that tracks cover for the most part is without pixels.
     """
     first, labels = len(single.instances), LabelMaps(single.labels[0].shape)
     for frame in range(len(single.labels)):

@@ -79,14 +79,11 @@ def join(parts: list[Candidates]) -> Candidates:
 def prompt(
     sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions, frame_share: float = 1.0
 ) -> list[Candidates]:
-    """Prompt SAM2 with points; each gives one mask per level. Masks of low quality are dropped.
+    """Prompt SAM2 with points: candidates of each level, in the order of the points, without masks of low quality.
 
     Args:
         points: (P, 2) x, y in [0, 1], relative to the image's sides.
         frame_share: share of the frame that the image covers.
-
-    Returns:
-        Candidates of each level, in the order of the points.
     """
     min_area = options.min_area / frame_share
     size = _POINTS_A_BATCH_ON_CPU if sam2.compute.device.type == "cpu" else _POINTS_A_BATCH
@@ -101,12 +98,7 @@ def prompt(
 def _good_masks(
     logits: Tensor, ious: Tensor, options: SegmentsOptions, min_area: float
 ) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
-    """Logits, predicted IoU and stability of the masks of each level that are of sufficient quality.
-
-    Args:
-        logits, ious: of a batch of points, see ``PointDecoder.decode``.
-        min_area: least share of the image.
-    """
+    """Logits, predicted IoU and stability of each level's masks of good quality, and at least a share of the image large."""
     kept: tuple[list[Tensor], list[Tensor], list[Tensor]] = ([], [], [])
     limits = options.mask_filter
     for level in range(len(LEVELS)):

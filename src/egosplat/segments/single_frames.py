@@ -39,14 +39,10 @@ class SingleFrames:
         Args:
             sam2: the model at its own image size. Only whole frames are prompted at that of the options: crops are
                 larger anyway, and tracking takes time by its fourth power.
-            images: returns the (H, W, 3) uint8 RGB image of a frame index.
-            frames: indices of the frames that may be prompted.
-            length: number of frames of the video.
-            valid: (H, W) bool, pixels that show the scene.
-            options: of the stage.
+            frames: indices of the frames that may be prompted, of the ``length`` of the video.
             movers: tracks what moves through all frames, after the masks are found; None to track nothing.
             points: returns the (P, 2) points of a frame index, x, y in [0, 1]; None for a grid, in crops as well.
-            shown: returns the (H, W) bool pixels of a frame index that show the scene; None: ``valid`` for all.
+            images, valid, options, shown: see ``Tracker``.
         """
         self._sam2, self._images, self._options = sam2, images, options
         self._frames, self._length = prompted_frames(frames, options), length

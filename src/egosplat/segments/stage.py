@@ -224,12 +224,7 @@ class Occupancy:
         self._pixels = self._empty_pixels = 0
 
     def add(self, labels: NDArray[np.int32], shown: NDArray[np.bool_]) -> None:
-        """Count one frame.
-
-        Args:
-            labels: (L, H, W) instance at each level, -1 for none.
-            shown: (H, W) bool, pixels that show the scene.
-        """
+        """Count a frame: (L, H, W) instance at each level, -1 for none, and (H, W) bool pixels that show the scene."""
         found = np.unique(labels)
         self._frames_of[found[found >= 0]] += 1
         self._frames += 1

@@ -218,14 +218,10 @@ def lens_of_frames(
     camera: Camera,
     shown: ShownIn | None = None,
 ) -> tuple[Lens | None, dict[str, float | int | bool] | None]:
-    """The lens that frames are rectified from, and the evidence, by ``frames.lens``.
+    """The lens that frames are rectified from, and the evidence, by ``frames.lens``; arguments as of ``estimate_lens``.
 
     Args:
-        wanted: ``auto``: a lens if the frames ask for it. ``radial``: always. ``pinhole``: never.
-        read, count, valid, camera, shown: see ``estimate_lens``.
-
-    Raises:
-        UserError: ``radial`` is wanted, and the lens cannot be estimated.
+        wanted: ``auto``: a lens if the frames ask for it. ``radial``: always, or a UserError. ``pinhole``: never.
     """
     if wanted == "pinhole":
         return None, None

@@ -49,12 +49,7 @@ class Joined:
 
 
 def join_models(models: list[pycolmap.Reconstruction], camera_known: bool) -> Joined:
-    """Join as many models as possible to the largest.
-
-    Args:
-        models: at least one, of one database: equal image ids are equal images.
-        camera_known: whether bundle adjustment keeps the focal lengths.
-    """
+    """Join to the largest as many models of one database as possible; a known camera keeps its focal lengths."""
     model, *others = sorted(models, key=lambda one: (-one.num_reg_images(), -one.num_points3D()))
     parts, reasons = 1, [""] * len(others)
     joined = True

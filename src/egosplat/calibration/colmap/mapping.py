@@ -22,14 +22,11 @@ _SECONDS_BETWEEN_LINES = 5.0
 def build_models(
     project: Project, camera_known: bool, seed: int, distortion: bool = False
 ) -> list[pycolmap.Reconstruction]:
-    """Reconstruct by incremental mapping with bundle adjustment.
+    """The models with enough points by incremental mapping; images without common views end in different ones, or in none.
 
     Args:
         camera_known: whether the focal lengths are kept fixed.
         distortion: whether the distortion of the camera in the database is estimated.
-
-    Returns:
-        The models with enough points. Images without common views end in different models, or in none.
     """
     project.check_free_space()
     options = pycolmap.IncrementalPipelineOptions(
@@ -84,17 +81,7 @@ def choose_model(
     camera_known: bool,
     min_registered: float,
 ) -> Joined:
-    """The largest model with those that can be joined to it; log what has no pose, and why.
-
-    Args:
-        matches: explain why there is no model.
-        project: with the names of all images.
-        camera_known: see ``build_models``.
-        min_registered: required fraction of registered images.
-
-    Raises:
-        UserError: there is no model, or it registers too few images.
-    """
+    """The largest model, joined with others; log what has no pose. UserError if it registers too few images, or is none."""
     if not models:
         raise UserError(_no_model_message(matches))
     joined = join_models(models, camera_known)
@@ -113,11 +100,10 @@ def choose_model(
 def model_lines(
     parts: int, registered: set[int], others: list[set[int]], reasons: list[str], frames: int
 ) -> Iterator[str]:
-    """Lines about joined models, models that are left out, and frames without a pose; none if all is well.
+    """Lines about models that are joined, models that are left out, and frames without a pose; none if all is well.
 
     Args:
-        parts: number of models that became one.
-        registered: its frames.
+        parts, registered: number of models that became one, and its frames.
         others, reasons: frames of each model that is left out, and why.
         frames: number of all frames.
     """
@@ -143,14 +129,7 @@ def frames_of_model(model: pycolmap.Reconstruction, project: Project) -> set[int
 def too_few_message(
     registered: set[int], others: list[set[int]], frames: int, min_registered: float, strategy: str
 ) -> str:
-    """The error of a largest model with too few frames.
-
-    Args:
-        registered: frames of the largest model.
-        others: frames of each other model.
-        min_registered: required fraction.
-        strategy: of matching, ``exhaustive`` or ``sequential``.
-    """
+    """The error of a largest model with the frames ``registered``, beside models of other frames; it advises."""
     lost = format_ranges(set(range(frames)) - registered)
     problem = (
         f"COLMAP registers {len(registered)} of {frames} frames, and poses.min_registered requires "

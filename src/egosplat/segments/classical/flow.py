@@ -109,11 +109,7 @@ _SEED = 1
 
 
 def find_motion(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(3, 3) homography from pixels (x, y) of ``source`` to ``target``; the identity if none is found.
-
-    Args:
-        source, target: (h, w) uint8.
-    """
+    """(3, 3) homography from pixels (x, y) of one (h, w) uint8 image to another; the identity if none is found."""
     if min(source.shape) < _LEAST_SIDE:
         return np.eye(3)
     finder = cv2.ORB_create(_FEATURES, fastThreshold=_FAST_THRESHOLD)
@@ -142,13 +138,11 @@ def _is_plausible(motion: NDArray[np.float64], shape: tuple[int, int]) -> bool:
     moved = move(corners, motion)
     apart = np.linalg.norm(moved - corners, axis=2)
     return bool(
-        (depth > 0).all() and apart.max() < max(shape) and cv2.isContourConvex(moved) and _turn(moved) > 0
+        (depth > 0).all()
+        and apart.max() < max(shape)
+        and cv2.isContourConvex(moved)
+        and cv2.contourArea(moved, oriented=True) > 0
     )
-
-
-def _turn(corners: NDArray[np.float32]) -> float:
-    """Signed area of a (1, 4, 2) quadrilateral."""
-    return cv2.contourArea(corners, oriented=True)
 
 
 def move(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -5,15 +5,16 @@ import heapq
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.images import resize_labels
 from egosplat.segments.classical.graph import Floats, RegionGraph, make_graph
 from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.working_image import enlarge, resize_to_side
+from egosplat.segments.classical.working_image import resize_to_side
 
 
 def partition(
     image: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
 ) -> NDArray[np.int32]:
-    """Divide an image into nested regions.
+    """Divide an image into nested regions; those of a level are unions of regions of the next finer one.
 
     Args:
         image: (H, W, 3) uint8 RGB.
@@ -21,14 +22,13 @@ def partition(
 
     Returns:
         (4, H, W) int32 fine regions, subparts, parts and wholes, numbered from 0 at each level, -1 outside of ``valid``.
-        A region is a union of regions of the next finer level.
     """
     if not valid.any():
         return np.full((4, *valid.shape), -1, dtype=np.int32)
     working = resize_to_side(image, valid, options.side)
     graph = make_graph(working, options)
     levels = merge_levels(graph, working.unit, options)
-    return np.where(valid, enlarge(levels[:, graph.labels], working.shape), np.int32(-1))
+    return np.where(valid, resize_labels(levels[:, graph.labels], *working.shape[::-1]), np.int32(-1))
 
 
 def merge_levels(graph: RegionGraph, unit: float, options: ClassicalOptions) -> NDArray[np.int32]:

@@ -26,13 +26,7 @@ def segment_video(
     valid: NDArray[np.bool_],
     shown: Callable[[int], NDArray[np.bool_]] | None = None,
 ) -> Segmented:
-    """Segment a video: regions of each level, tracked by optical flow. A region's track is an instance.
-
-    Args:
-        images: returns the (H, W, 3) uint8 RGB image of a frame index.
-        valid: (H, W) bool, pixels that show the scene.
-        shown: returns the (H, W) bool pixels of a frame index that show the scene; None: ``valid`` for all.
-    """
+    """Segment a video: regions of each level, tracked by optical flow, as instances; arguments as of ``Tracker``."""
     labels = LabelMaps((len(LEVELS), *valid.shape))
     instances: list[Track] = []
     inside = map(shown, range(frames)) if shown else None
@@ -96,17 +90,13 @@ def track_levels(
 
 
 def propagate(labels: Labels, origins: Origins, regions: Labels, options: ClassicalOptions) -> Labels:
-    """Propagate labels to the next frame: a fine region takes the label of most of its pixels.
+    """Propagate (H, W) int32 labels, -1 for none, to the next frame: a fine region takes the label of most of its pixels.
 
     A pixel that was hidden, out of view or without a label has no vote.
 
     Args:
-        labels: (H, W) int32 of the previous frame, -1 for none.
         origins: of the current frame's pixels in the previous frame.
         regions: (H, W) int32 fine regions of the current frame, -1 outside of the valid pixels (of both frames).
-
-    Returns:
-        (H, W) int32 labels of the current frame, -1 for none.
     """
     return _vote(np.where(origins.known, origins.look_up(labels), np.int32(-1)), regions, options)
 
@@ -131,16 +121,9 @@ def _vote(brought: Labels, regions: Labels, options: ClassicalOptions) -> Labels
 
 
 def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float) -> Labels:
-    """Start tracks for regions that no track covers.
+    """Start tracks, numbered from ``first``, for (H, W) regions of which no track covers ``least_pixels`` or more pixels.
 
-    Args:
-        labels: (H, W) int32, -1 where no track covers the pixel.
-        regions: (H, W) int32, -1 outside of the valid pixels.
-        first: number of the next new track.
-        least_pixels: number of uncovered pixels a region needs to become a track.
-
-    Returns:
-        (H, W) int32 labels.
+    Labels and regions are (H, W) int32, -1 for none; so is what is returned.
     """
     uncovered = (labels < 0) & (regions >= 0)
     count = int(regions.max(initial=-1)) + 1

@@ -25,13 +25,7 @@ class WorkingImage:
 
 
 def resize_to_side(image: NDArray[np.uint8], valid: NDArray[np.bool_], side: int) -> WorkingImage:
-    """Reduce an image to a longest side of at most ``side``; invalid pixels have no influence.
-
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        valid: (H, W) bool.
-        side: nominal longest side [px].
-    """
+    """Reduce an (H, W, 3) uint8 image to at most ``side`` px; pixels outside of (H, W) ``valid`` have no influence."""
     height, width = valid.shape
     scale = min(1.0, side / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
@@ -53,12 +47,3 @@ def fill(values: NDArray[np.generic], known: NDArray[np.bool_]) -> NDArray[np.ge
     by_number = np.zeros((nearest.max() + 1, *values.shape[2:]), dtype=values.dtype)
     by_number[nearest[known]] = values[known]
     return by_number[nearest]
-
-
-def enlarge(labels: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.int32]:
-    """Enlarge (..., h, w) labels to (..., *shape): each pixel takes the label at its center."""
-    rows, columns = (
-        (2 * np.arange(size) + 1) * there // (2 * size)
-        for size, there in zip(shape, labels.shape[-2:], strict=True)
-    )
-    return labels[..., rows[:, None], columns]
