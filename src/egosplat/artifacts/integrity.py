@@ -68,7 +68,8 @@ def _kind(metadata: Path) -> str | None:
 
 def damaged(path: Path, what: str) -> ArtifactError:
     """The error for a damaged artifact, or for something else in its place."""
-    if _is_own(path):
+    # A message must not tell a user to remove what egosplat did not write, by its metadata or its place.
+    if _is_result(path) or _kind(path / "zarr.json") is not None:
         return ArtifactError(f"{path}: {what}. It is damaged. Rebuild it: {rebuild_command(path)}")
     return ArtifactError(f"{path}: {what}. Give an artifact of egosplat, such as {EXAMPLE}")
 
@@ -87,12 +88,6 @@ def rebuild_command(path: Path) -> str:
 
 def _removal(path: Path) -> str:
     return f"rm -r {shlex.quote(str(path))}"
-
-
-def _is_own(path: Path) -> bool:
-    """Whether egosplat wrote what is at a path, by its metadata or its place."""
-    # A message must not tell a user to remove anything else.
-    return _is_result(path) or _kind(path / "zarr.json") is not None
 
 
 def _is_result(path: Path) -> bool:

@@ -31,7 +31,8 @@ def read_model(folder: Path) -> Contents:
     )
     if not images:
         raise UserError(f"{folder}: has no image with a pose.")
-    cameras = [_lens(model.cameras[image.camera_id]) for image in images]
+    found = [model.cameras[image.camera_id] for image in images]
+    cameras = [Lens(one.model_name, one.width, one.height, tuple(map(float, one.params))) for one in found]
     lenses = list(dict.fromkeys(cameras))
     world_to_camera = np.stack([_world_to_camera(image) for image in images])
     points = [point for _, point in sorted(model.points3D.items())]
@@ -47,10 +48,6 @@ def read_model(folder: Path) -> Contents:
         point_views=np.array([point.track.length() for point in points], np.int64),
         point_error_px=np.array([max(point.error, 0.0) for point in points], np.float64),
     )
-
-
-def _lens(camera: pycolmap.Camera) -> Lens:
-    return Lens(camera.model_name, camera.width, camera.height, tuple(map(float, camera.params)))
 
 
 def _world_to_camera(image: pycolmap.Image) -> NDArray[np.float64]:

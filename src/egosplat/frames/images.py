@@ -41,11 +41,7 @@ class ImageFolder:
     """
 
     def __init__(self, path: Path, folders: Sequence[Path] | None = None, *, turned: bool = True) -> None:
-        """List the images of folders in ``path`` and read their headers; log ignored formats.
-
-        Raises:
-            UserError: there is no image, one is unreadable, or two share a name.
-        """
+        """Read the headers of images in folders of ``path``; UserError without any, or if one is unreadable or double."""
         self.path, self.turned = path, turned
         folders = folders or [path]
         listed = [image for each in folders for image in sorted(list_pictures(each), key=natural_key)]

@@ -48,12 +48,9 @@ def captured_log() -> Iterator[list[str]]:
                 os.dup2(copy, number)
                 os.close(copy)
             sink.seek(0)
-            messages += _without_chatter(sink.read().decode(errors="replace"))
-
-
-def _without_chatter(text: str) -> list[str]:
-    lines = (_ADDRESS.sub("", _COLOR_CODE.sub("", line)).strip() for line in text.splitlines())
-    return [line for line in lines if line and not _CHATTER.search(line)]
+            text = _COLOR_CODE.sub("", sink.read().decode(errors="replace"))
+            lines = (_ADDRESS.sub("", line).strip() for line in text.splitlines())
+            messages += [line for line in lines if line and not _CHATTER.search(line)]
 
 
 def find_damage(messages: list[str]) -> str | None:

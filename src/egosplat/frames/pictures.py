@@ -46,7 +46,9 @@ class PlainRecording:
         kind, stride = find_known_poses(path, options.known_poses), options.stride
         self._source = open_source(path, kind)
         self._calibration = calibrate(path, kind, self._source)
-        full = self._calibration.pinhole or _guess_camera(self._source.width, self._source.height)
+        width, height = self._source.width, self._source.height
+        focal = FOCAL_PRIOR * max(width, height)
+        full = self._calibration.pinhole or Camera(width, height, focal, focal, width / 2, height / 2)
         width, height = fit(full, options.resolution, path)
         times, pictures = self._source.timestamp_ns, self._source.names
         self._valid = _read_valid(path, self._source)
@@ -198,11 +200,6 @@ def stride_advice(timestamp_ns: NDArray[np.int64], stride: int) -> str | None:
         f"{len(timestamp_ns)} frames, {rate:.0f} a second; frames.stride={stride * int(rate / ENOUGH_PER_S)} takes about "
         f"{ENOUGH_PER_S:.0f} a second, for which COLMAP takes a fraction of the time"
     )
-
-
-def _guess_camera(width: int, height: int) -> Camera:
-    focal = FOCAL_PRIOR * max(width, height)
-    return Camera(width, height, focal, focal, width / 2, height / 2)
 
 
 def _read_valid(path: Path, source: Video | ImageFolder) -> NDArray[np.bool_]:

@@ -73,12 +73,13 @@ class Rectification:
         # projectaria-tools computes once where each pinhole pixel lies in the fisheye image, and OpenCV samples every
         # image there: several times as fast as ``distort_by_calibration``, and equal within one gray level.
         self._map_u, self._map_v, inside = _source_coordinates(calibration, camera, self._factor)
-        self.valid = self._turn(_shrink_mask(inside, self._factor))
+        samples = inside.reshape(camera.height, self._factor, camera.width, self._factor)
+        self.valid = self._turn(samples.all(axis=(1, 3)))
         self._source_index = self._turn(_nearest_source(calibration, camera))
         self._source_shape = _source_shape(calibration)
 
     def color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(h, w, 3) uint8 fisheye image -> (H, W, 3) uint8 pinhole image, 0 where not ``valid``."""
+        """(h, w, 3) uint8 fisheye image -> (H, W, 3) uint8 pinhole image, 0 where not ``valid``; ValueError for another size."""
         self._check_shape(image)
         fine = cv2.remap(image, self._map_u, self._map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         # Bilinear sampling reads only four source pixels, so a small image would alias: average finer samples.
@@ -90,7 +91,7 @@ class Rectification:
         return turned
 
     def labels(self, labels: NDArray[np.generic]) -> NDArray[np.generic]:
-        """(h, w) fisheye labels of any dtype -> (H, W) labels by nearest neighbor, 0 where not ``valid``."""
+        """(h, w) fisheye labels of any dtype -> (H, W) labels by nearest neighbor, 0 where not ``valid``; ValueError as ``color``."""
         self._check_shape(labels)
         # Labels cannot be averaged, so each pixel takes the label at its center.
         sampled = labels.reshape(-1)[self._source_index]
@@ -149,9 +150,3 @@ def _nearest_source(calibration: CameraCalibration, camera: Camera) -> NDArray[n
 def _source_shape(calibration: CameraCalibration) -> tuple[int, int]:
     width, height = calibration.get_image_size()
     return int(height), int(width)
-
-
-def _shrink_mask(mask: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
-    """(H * factor, W * factor) bool -> (H, W) bool: True where all samples of a pixel are in the mask."""
-    height, width = mask.shape[0] // factor, mask.shape[1] // factor
-    return mask.reshape(height, factor, width, factor).all(axis=(1, 3))

@@ -44,8 +44,10 @@ class Video:
         frames = _grabbed(capture, messages)
         milliseconds = list(track(frames, f"scanning {path.name}", total=declared if declared > 0 else None))
         if not milliseconds:
+            # ffmpeg also repairs what it can.
             raise UserError(
-                f"{path}: no frame can be decoded{_codec(capture)}{_reason(messages)}. {_advice(path)}"
+                f"{path}: no frame can be decoded{_codec(capture)}{_reason(messages)}. "
+                f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18 {path.stem}_h264.mp4"
             )
         if len(milliseconds) < self._least(declared, capture.get(cv2.CAP_PROP_FPS)) or messages:
             log(
@@ -164,11 +166,6 @@ def _codec(capture: cv2.VideoCapture) -> str:
         int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode("ascii", "replace")
     )
     return f", codec {letters}" if letters.isprintable() else ""
-
-
-def _advice(path: Path) -> str:
-    """How a video of another codec becomes one that can be read; ffmpeg also repairs what it can."""
-    return f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18 {path.stem}_h264.mp4"
 
 
 def _reason(messages: list[str]) -> str:

@@ -127,8 +127,9 @@ def _verified(one: Needed, model: PublishedModel) -> str:
     """A line about a file that is there. Its digest is stored if nothing else could verify it later."""
     digest, known = content_hash(one.path), model.sha256 or stored_digest(one.path)
     if known not in (None, digest):
+        source = "published" if model.sha256 else "that of the first copy"
         raise UserError(
-            f"{one.path}: has SHA-256 {digest}, {_source(model)} is {known}: it is damaged, or another file.\n"
+            f"{one.path}: has SHA-256 {digest}, {source} is {known}: it is damaged, or another file.\n"
             "Remove it and start the command again, or give its key another name"
         )
     if known is None:
@@ -140,10 +141,6 @@ def _trust(model: PublishedModel, digest: str) -> str:
     if model.sha256:
         return f"SHA-256 as published ({digest})"
     return f"SHA-256 {digest} (none is published: this one is stored, and later copies must have it)"
-
-
-def _source(model: PublishedModel) -> str:
-    return "published" if model.sha256 else "that of the first copy"
 
 
 def _entry(one: Needed) -> str:

@@ -25,25 +25,21 @@ def notice(origin: str, checkpoints: Mapping[str, str], *, aria: bool = False) -
         aria: whether Aria glasses filmed it.
     """
     if origin == "real" and PHOTOS in checkpoints.values():
-        return _photos_notice(aria)
+        if aria:
+            return (
+                "models.set photos names hardly anything in the dark pictures of Aria glasses: answers are unreliable. "
+                f"{_FETCH}"
+            )
+        return (
+            "models.set photos: words are matched through ImageNet's 1,000 classes, and masks come from the small SAM2, "
+            f"which was trained on synthetic apartments only. {_FETCH}, for better answers"
+        )
     small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value == SMALL]
     if origin != "real" or not small:
         return None
     return (
         f"the small checkpoints ({', '.join(small)}) were trained on synthetic apartments only: results on a real "
         f"recording are unreliable. {_FETCH}"
-    )
-
-
-def _photos_notice(aria: bool) -> str:
-    if aria:
-        return (
-            "models.set photos names hardly anything in the dark pictures of Aria glasses: answers are unreliable. "
-            f"{_FETCH}"
-        )
-    return (
-        "models.set photos: words are matched through ImageNet's 1,000 classes, and masks come from the small SAM2, which "
-        f"was trained on synthetic apartments only. {_FETCH}, for better answers"
     )
 
 

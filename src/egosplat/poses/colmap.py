@@ -126,7 +126,9 @@ def _poses(
         **point_notes,
     }
     up = mean_camera_up(camera_to_world[registered])
-    return Poses(camera_to_world, registered, _camera(model), points, colors, up, notes).check()
+    (pinhole,) = model.cameras.values()
+    camera = Camera(pinhole.width, pinhole.height, *map(float, pinhole.params))
+    return Poses(camera_to_world, registered, camera, points, colors, up, notes).check()
 
 
 def filter_points(
@@ -145,8 +147,3 @@ def filter_points(
     }
     positions = np.array([point.xyz for point in kept], dtype=np.float64).reshape(-1, 3)
     return positions, np.array([point.color for point in kept], dtype=np.uint8).reshape(-1, 3), notes
-
-
-def _camera(model: pycolmap.Reconstruction) -> Camera:
-    (camera,) = model.cameras.values()
-    return Camera(camera.width, camera.height, *(float(value) for value in camera.params))

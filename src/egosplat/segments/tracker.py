@@ -251,7 +251,8 @@ class Tracker:
                 new, tracked[number], _MAX_COVERED_NEW, self._options.mask_filter.nms_iou_thresh
             )
             # ``max_instances`` keeps the best masks; the sort is stable, so that equal scores keep their order.
-            new = new.take(new.scores.argsort(descending=True, stable=True)[: self._room(number)])
+            room = max(0, self._options.max_instances - self._levels[number].instances)
+            new = new.take(new.scores.argsort(descending=True, stable=True)[:room])
             alike = match_masks(new.masks, begun[1], self._options.cross_level_iou)
             self._begin_shared(
                 frame,
@@ -262,9 +263,6 @@ class Tracker:
             )
             ids = self._begin(encoded(), frame, number, new.take(alike < 0), seen[number])
             begun = begun[0] + ids, torch.cat([begun[1], new.take(alike < 0).masks])
-
-    def _room(self, level: int) -> int:
-        return max(0, self._options.max_instances - self._levels[level].instances)
 
     def _begin(
         self, encoded: EncodedImage, frame: int, level: int, new: Candidates, seen: list[LevelMasks]

@@ -55,7 +55,7 @@ class Project:
             )
 
     def in_batches(self, items: Sequence[Item], size: int, what: str, unit: str) -> Iterator[Sequence[Item]]:
-        """Yield ``items`` in slices of ``size``; show progress in items, and check the disk before each slice."""
+        """Yield ``items`` in slices of ``size``; show progress in items. UserError before one for which the disk is full."""
         for index, _ in enumerate(track(items, what, unit=unit)):
             if index % size == 0:
                 self.check_free_space()

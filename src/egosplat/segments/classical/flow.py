@@ -91,9 +91,10 @@ def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[
     # finds among repeating textures.
     source, target = pad(source), pad(target)
     start = pixel_grid(*source.shape)
-    moved = move(start, motion)
+    moved = cv2.perspectiveTransform(start, motion)
     target = cv2.remap(target, moved, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return (move(start + find_flow(source, target), motion) - start)[:height, :width]
+    ends = cv2.perspectiveTransform(start + find_flow(source, target), motion)
+    return (ends - start)[:height, :width]
 
 
 # Smallest side of images in which features are detected [px]; ORB's pyramid fails in tiny images.
@@ -135,7 +136,7 @@ def _is_plausible(motion: NDArray[np.float64], shape: tuple[int, int]) -> bool:
     height, width = shape
     corners = np.array([[[0, 0], [width, 0], [width, height], [0, height]]], dtype=np.float32)
     depth = np.dstack([corners, np.ones((1, 4, 1))]) @ motion[2]
-    moved = move(corners, motion)
+    moved = cv2.perspectiveTransform(corners, motion)
     apart = np.linalg.norm(moved - corners, axis=2)
     return bool(
         (depth > 0).all()
@@ -143,8 +144,3 @@ def _is_plausible(motion: NDArray[np.float64], shape: tuple[int, int]) -> bool:
         and cv2.isContourConvex(moved)
         and cv2.contourArea(moved, oriented=True) > 0
     )
-
-
-def move(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Apply a homography to (h, w, 2) float32 points (x, y)."""
-    return cv2.perspectiveTransform(points, motion)
