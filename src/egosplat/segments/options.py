@@ -17,9 +17,6 @@ from egosplat.pipeline.shared_options import (
 # The levels in the order of SAM2's three masks for one point (docs/method.md#levels).
 LEVELS = ("subpart", "part", "whole")
 
-EACH_FRAME = "each_frame"
-"""Value of ``prompting`` without tracking: each mask of each prompted frame is an instance of its own."""
-
 
 @dataclass(frozen=True)
 class MaskFilter:
@@ -114,7 +111,7 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     @property
     def single_frames(self) -> bool:
         """Whether masks of single frames are instances of their own, and at most what moves is tracked."""
-        return self.segmenter == "sam2" and self.prompting == EACH_FRAME
+        return self.segmenter == "sam2" and self.prompting == "each_frame"
 
     @property
     def by_depth(self) -> bool:

@@ -49,8 +49,9 @@ def test_no_import_leads_to_the_modules_of_other_values(stage, value):
     """Protects that a constant of one method or format makes no scene stale that uses another."""
     others = {*CHOICES[stage].values()} - {CHOICES[stage][value]}
     reached = {*modules_of(STAGES[stage].module, CHOICES[stage][value])}
-    # Splat Feature Solver scales codes as training does.
-    assert reached & others <= ({"egosplat.language.training"} if value == "clustered" else set())
+    # Splat Feature Solver scales codes as training does, and benchmarks are read as plain pictures are.
+    shared = {"clustered": "language.training", "lerf": "frames.pictures", "3d_ovs": "frames.pictures"}
+    assert reached & others <= {f"egosplat.{shared.get(value)}"}
 
 
 def test_other_formats_and_methods_never_reach_colmap_and_baselines():
