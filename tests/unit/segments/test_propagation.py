@@ -11,7 +11,7 @@ from egosplat.compute import choose_compute
 from egosplat.models.configs import SMALL_SAM2
 from egosplat.models.image_encoder import EncodedImage, encode
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
-from egosplat.segments.propagation import Group, Propagator, restart
+from egosplat.segments.propagation import Group, Propagator, restart, select_objects
 
 FRAMES = 5
 
@@ -111,8 +111,8 @@ def test_lost_objects_are_searched_only_every_stride_frames(sam2, video, monkeyp
     """Object 1 is lost after frame 2 and visible again from frame 5: it is found in the next searched frame."""
     searched: dict[int, list[int]] = {}
 
-    def track(self, encoded, frame, first_frame, begun, recent, reverse):
-        count = len(begun["obj_ptr"])
+    def track(self, encoded, frame, group, chosen, reverse):
+        begun, count = select_objects(group.begun, chosen), len(chosen)
         # The test marks each object by its pointer.
         places = [round(float(value)) for value in begun["obj_ptr"][:, 0]]
         searched[frame] = places
@@ -142,7 +142,8 @@ def test_lost_objects_end_when_the_memory_does(sam2, video, monkeypatch):
     """An object that is lost from frame 1 on and visible again from frame 9 is found only if its track has no end."""
     asked: dict[bool, list[int]] = {}
 
-    def track(self, encoded, frame, first_frame, begun, recent, reverse):
+    def track(self, encoded, frame, group, chosen, reverse):
+        begun = select_objects(group.begun, chosen)
         asked[self._patience < self._frames].append(frame)
         found = torch.full((len(begun["obj_ptr"]), 64, 64), 10.0 if frame >= 9 else -10.0)
         return found, {name: begun[name] for name in begun}
