@@ -25,7 +25,7 @@ TO_BE_MADE_ANEW = {
     "benchmarks/ablation/README.md": 15,
     "benchmarks/gpu/README.md": 2,
     "benchmarks/instances/README.md": 4,
-    "benchmarks/methods/README.md": 52,
+    "benchmarks/methods/README.md": 50,
     "benchmarks/open_vocabulary/README.md": 17,
     "benchmarks/real_camera/README.md": 13,
     "benchmarks/required/README.md": 5,
