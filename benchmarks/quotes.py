@@ -30,7 +30,6 @@ TO_BE_MADE_ANEW = {
     "benchmarks/real_camera/README.md": 13,
     "benchmarks/required/README.md": 5,
     "benchmarks/tradeoff/README.md": 16,
-    "benchmarks/transient/README.md": 1,
     "benchmarks/true_instances/README.md": 13,
     "benchmarks/tum_office/README.md": 2,
     "benchmarks/variants/README.md": 6,
