@@ -26,7 +26,7 @@ TO_BE_MADE_ANEW = {
     "benchmarks/gpu/README.md": 2,
     "benchmarks/instances/README.md": 4,
     "benchmarks/methods/README.md": 50,
-    "benchmarks/open_vocabulary/README.md": 17,
+    "benchmarks/open_vocabulary/README.md": 12,
     "benchmarks/real_camera/README.md": 13,
     "benchmarks/required/README.md": 5,
     "benchmarks/tradeoff/README.md": 16,
