@@ -10,7 +10,7 @@ from egosplat.pipeline.variant_folders import shared_with
 
 
 def locate(folder: Path, *names: str) -> list[Path]:
-    """The path of each artifact ``name`` of a scene or variant, whose artifacts its scene or others may have.
+    """The path of each artifact of a scene or variant, which shares artifacts with its scene and other variants.
 
     Where the artifact is not there, it is in ``folder``.
 

@@ -129,7 +129,7 @@ def match_pictures(names: Sequence[str], pictures: Sequence[str], path: Path) ->
 
 
 def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
-    """Raise UserError unless a video has the ``count`` frames that the entries number, as where they begin at 1."""
+    """Raise UserError if an entry numbers a frame that a video of ``count`` has not, as where numbers begin at 1."""
     for name in names:
         if (number_of(name) or 0) >= count:
             raise UserError(

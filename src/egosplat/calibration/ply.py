@@ -32,7 +32,7 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
 
 
 def read_vertices(path: Path) -> NDArray[np.void]:
-    """The table of vertices of a PLY file, with the header's columns; UserError if it is missing, damaged, or not first."""
+    """The table of vertices of a PLY file, by the header's columns; UserError if it is damaged or they are not first."""
     try:
         return _vertices(path.read_bytes())
     except _DAMAGE as error:

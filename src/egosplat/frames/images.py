@@ -41,7 +41,7 @@ class ImageFolder:
     """
 
     def __init__(self, path: Path, folders: Sequence[Path] | None = None, *, turned: bool = True) -> None:
-        """Read the headers of images in folders of ``path``; UserError without any, or if one is unreadable or double."""
+        """Read the headers of images in folders of ``path``; UserError without any, or if one is damaged or twice there."""
         self.path, self.turned = path, turned
         folders = folders or [path]
         listed = [image for each in folders for image in sorted(list_pictures(each), key=natural_key)]

@@ -54,10 +54,8 @@ class PlainRecording:
         self._valid = _read_valid(path, self._source)
         # At full size, so that a reduced pixel is valid only if all its pixels are.
         reduced = resize_mask(self._valid, width, height)
-        self._frames, every = (
-            select_frames(times, options, path),
-            select_frames(times, options, path, stride=1),
-        )
+        every = select_frames(times, options, path, stride=1)
+        self._frames = select_frames(times, options, path)
         if labels is not None:
             labeled = self._find_labeled(labels, every)
             self._frames = np.union1d(self._frames, labeled)
