@@ -1,6 +1,6 @@
 """Masks of classes, as in 3D-OVS's benchmark: each pixel is of the category of the recording that is most relevant there."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,15 +15,12 @@ CLASSES = "classes"
 class ClassMap:
     """The most relevant phrase of each pixel, from one relevancy map after another."""
 
-    def __init__(self, relevancies: Iterable[tuple[str, Map]] = ()) -> None:
-        """Compare (H, W) relevancies, 0 where nothing is visible."""
+    def __init__(self) -> None:
         self._best: Map | None = None
         self._phrases: list[str] = []
-        for phrase, relevancy in relevancies:
-            self.add(phrase, relevancy)
 
     def add(self, phrase: str, relevancy: Map) -> None:
-        """Compare one more phrase; of equal ones, the first stays."""
+        """Compare the (H, W) relevancy of one more phrase, 0 where nothing is visible; of equal ones, the first stays."""
         if self._best is None:
             self._best = np.zeros_like(relevancy)
             self._winner = np.full(relevancy.shape, -1, np.int32)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.artifacts.lineage import Lineage
+from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact
 from egosplat.evaluation.classes import CLASSES, pixel_accuracy
 from egosplat.evaluation.evaluation_frames import Frame
@@ -57,10 +58,19 @@ class Setup:
     camera: str | None = None
 
 
-def setup_entries(
-    setup: Setup, frames: Artifact, record: Mapping[str, Any], seed: int | None
+def provenance_entries(
+    run: Provenance,
+    made_from: Lineage,
+    setup: Setup,
+    seed: int | None,
+    total: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The entries on what was measured, with which preset, seed and code."""
+    """The entries on what was measured, with which preset, seed and code, and on what it was made from.
+
+    Args:
+        total: sum of the wall times of all stages [s] and the largest peak memory [MiB]; None: of the lineage.
+    """
+    frames, record = made_from.found["frames.zarr"], run.record()
     times = frames.read("timestamp_ns")
     return {
         "recording": {
@@ -76,6 +86,12 @@ def setup_entries(
         "preset": setup.preset,
         "commit": record["commit"],
         "clean": record["clean"],
+        "format_version": FORMAT_VERSION,
+        "origin": run.origin,
+        "provenance": record,
+        "models": models_used(made_from),
+        "artifacts": _artifact_entries(made_from),
+        "total": total or _total_cost(made_from, record),
     }
 
 
@@ -128,7 +144,7 @@ def class_entries(answered: Sequence[AnsweredQuery], valid: Mask, masks: str) ->
 _MIB = 2**20
 
 
-def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
+def _artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
     """Provenance, digest and size on disk [MiB] of each artifact, by file name; None for a lost artifact.
 
     A trained artifact also has its total training time [s], without interruptions.
@@ -137,7 +153,7 @@ def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
     return known | dict.fromkeys(made_from.lost)
 
 
-def total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
+def _total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
     """Sum of the wall times of all stages [s] and the largest peak memory [MiB]; None if an artifact is lost."""
     if made_from.lost:
         return {"wall_s": None, "peak_memory_mb": None}

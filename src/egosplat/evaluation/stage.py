@@ -18,19 +18,15 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES, length_unit
-from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.evaluation.document import (
-    FORMAT_VERSION,
     Setup,
-    artifact_entries,
     class_entries,
     frame_entries,
     models_used,
+    provenance_entries,
     query_entry,
-    setup_entries,
-    total_cost,
     write_metrics,
 )
 from egosplat.evaluation.evaluation_frames import (
@@ -45,7 +41,7 @@ from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.rendering import summarise_rendering
-from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
+from egosplat.evaluation.run_queries import AnsweredQuery, ask_of, run_queries
 from egosplat.evaluation.scores import GroupScore, summarise
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
@@ -94,13 +90,15 @@ def run(
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
     asker = scene.asker(phrases_to_ask(queries, evaluation.instances, options))
-    answered = list(run_queries(queries, evaluation, asker, options.hit_region, options.masks))
+    ask = ask_of(evaluation, asker, options.masks)
+    answered = list(run_queries(queries, ask, annotations, evaluation.valid, options))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
     scores = summarise([one.score for one in answered], RESAMPLING)
     used, levels = list(made_from.found.values()), language.facts["levels"]
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
+    seed = splats.provenance["options"]["seed"]
     document = {
         "scene": title,
         **({} if method is None else {"method": method}),
@@ -114,7 +112,7 @@ def run(
         "length_unit": length_unit(poses),
         "queries": [query_entry(one, evaluation.instances, levels) for one in answered],
         **_rendering_entries(evaluation, answered),
-        **_provenance_entries(record, made_from, Setup(preset, world_seed, camera)),
+        **provenance_entries(record, made_from, Setup(preset, world_seed, camera), seed),
     }
     write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
@@ -162,20 +160,6 @@ def _rendering_entries(evaluation: Evaluation, answered: Sequence[AnsweredQuery]
         scores = summarise_rendering(given).items()
         entries["rendering_without_corrections"] = {name: asdict(score) for name, score in scores}
     return entries
-
-
-def _provenance_entries(provenance_of_run: Provenance, made_from: Lineage, setup: Setup) -> dict[str, Any]:
-    record, found = provenance_of_run.record(), made_from.found
-    seed = found["splats.zarr"].provenance["options"]["seed"]
-    return {
-        **setup_entries(setup, found["frames.zarr"], record, seed),
-        "format_version": FORMAT_VERSION,
-        "origin": provenance_of_run.origin,
-        "provenance": record,
-        "models": models_used(made_from),
-        "artifacts": artifact_entries(made_from),
-        "total": total_cost(made_from, record),
-    }
 
 
 def _alarms(score: GroupScore) -> Iterator[Alarm]:

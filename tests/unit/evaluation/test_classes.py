@@ -29,7 +29,8 @@ def masks() -> np.ndarray:
 def test_the_most_relevant_class_wins_and_the_first_of_equal_ones():
     one, two = np.zeros(SIZE, np.float32), np.zeros(SIZE, np.float32)
     one[:6], two[:, :8], two[0, 0] = 0.5, 0.5, 0.6
-    found = ClassMap([("one", one), ("two", two)])
+    found = ClassMap()
+    found.add("one", one), found.add("two", two)
     assert (found.mask("one") == ((one > 0) & (one >= two))).all() and found.mask("two")[0, 0]
     assert found.mask("two").sum() == 6 * 8 + 1
     # Nothing is visible in the last columns of the lower half.

@@ -15,7 +15,7 @@ from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query, find_queries, mask_of, phrases_to_ask
-from egosplat.evaluation.run_queries import answer_frame
+from egosplat.evaluation.run_queries import ask_of
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.query.answer import ViewAnswer
 from egosplat.query.finished_scene import Scene, scene_of
@@ -84,12 +84,11 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
     asked = {(one.frame, one.category): one for one in queries}
     shown = [asked[one.frame, one.category] for one in chosen]
     asker = scene.asker(phrases_to_ask(shown, evaluation.instances, scene.options))
-    frames = {frame.index: frame for frame in evaluation.frames}
+    ask = ask_of(evaluation, asker, scene.options.masks)
     for frame in sorted({one.frame for one in chosen}):
         in_frame = [one for one in chosen if one.frame == frame]
         photograph, view = scene.frames[frame], scene.render(frame)
-        phrases = [one.category for one in in_frame]
-        answers = answer_frame(phrases, evaluation, frames[frame], asker, scene.options.masks)
+        answers = ask(frame, [one.category for one in in_frame])
         for one, answer in zip(in_frame, answers, strict=True):
             target, boxes = _target(evaluation, asked[frame, one.category])
             yield ShownQuery(one, photograph, view, target, boxes, answer)
