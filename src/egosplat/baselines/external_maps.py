@@ -20,7 +20,6 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
 from egosplat.baselines.options import MethodMetricsOptions
 from egosplat.errors import UserError
-from egosplat.evaluation.classes import CLASSES
 from egosplat.evaluation.document import (
     Setup,
     class_entries,
@@ -33,7 +32,7 @@ from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queri
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.queries import Mask, Query, instances_of, phrases_to_ask
 from egosplat.evaluation.rendering import summarise_rendering
-from egosplat.evaluation.run_queries import mask_classes, run_queries
+from egosplat.evaluation.run_queries import CLASSES, mask_classes, run_queries
 from egosplat.evaluation.scores import summarise
 from egosplat.progress import log
 from egosplat.query.answer import ViewAnswer

@@ -9,11 +9,10 @@ from typing import Any
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact
-from egosplat.evaluation.classes import CLASSES, pixel_accuracy
 from egosplat.evaluation.evaluation_frames import Frame
 from egosplat.evaluation.queries import Mask
 from egosplat.evaluation.rendering import RegionScore
-from egosplat.evaluation.run_queries import AnsweredQuery
+from egosplat.evaluation.run_queries import CLASSES, AnsweredQuery, pixel_accuracy
 from egosplat.files import write_json
 from egosplat.frames.recording import Instance
 from egosplat.models.configs import SMALL

@@ -24,13 +24,17 @@ from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
 from egosplat.viewing.frames import pack_frames
-from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
+from egosplat.viewing.gaussians import (
+    keep_largest,
+    pack_gaussians,
+    pack_instances,
+    pack_visibility,
+    spatial_order,
+)
 from egosplat.viewing.html import scene_html
-from egosplat.viewing.instances import pack_instances
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.record import record_of
-from egosplat.viewing.visibility import pack_visibility
 from egosplat.viewing.words import pack_words
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE)

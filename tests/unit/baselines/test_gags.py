@@ -11,11 +11,14 @@ from egosplat.baselines.gags import (
     HIDDEN,
     SCALES,
     SKIPS,
+    Sample,
     entropy,
+    mean_over_regions,
     regions,
+    sample_regions,
+    variance_within,
     weighted_target,
 )
-from egosplat.baselines.regions import Sample, mean_over_regions, sample_regions, variance_within
 from egosplat.codes.decoder import split_layers
 
 CPU = torch.device("cpu")

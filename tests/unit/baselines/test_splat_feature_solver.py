@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.baselines import clusters
-from egosplat.baselines.clusters import clusters_of, principal_components
-from egosplat.baselines.splat_feature_solver import SHARPENING, agreeing, lift_clusters, mask_means, sharpen
+from egosplat.baselines import splat_feature_solver as solver
+from egosplat.baselines.splat_feature_solver import (
+    SHARPENING,
+    agreeing,
+    clusters_of,
+    lift_clusters,
+    mask_means,
+    principal_components,
+    sharpen,
+)
 from egosplat.codes.targets import Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
@@ -27,7 +34,7 @@ SHOWN, LEFT_HALF, RIGHT_HALF = slice(10, 38), slice(2, 30), slice(34, 62)
 @pytest.fixture(autouse=True)
 def small_clusters(monkeypatch):
     """Clusters of 20 Gaussians instead of 500."""
-    monkeypatch.setattr(clusters, "LEAST", 20)
+    monkeypatch.setattr(solver, "LEAST", 20)
 
 
 class Masks:
@@ -124,7 +131,7 @@ def test_a_missing_library_is_reported_before_anything_is_computed(monkeypatch):
 
 
 def test_without_clusters_codes_are_those_of_lifting_with_sharpened_opacities(monkeypatch):
-    monkeypatch.setattr(clusters, "LEAST", 1000)
+    monkeypatch.setattr(solver, "LEAST", 1000)
     gaussians, _ = halves()
     masks = Masks([(LEFT, RIGHT)] * 2)
     kept = lift(sharpen(gaussians), look_at(masks), SETTINGS)
@@ -194,7 +201,7 @@ def test_gaussians_without_a_code_are_in_no_cluster():
 
 
 def test_others_take_the_cluster_of_the_nearest_one_of_the_sample(monkeypatch):
-    monkeypatch.setattr(clusters, "SAMPLE", 70)
+    monkeypatch.setattr(solver, "SAMPLE", 70)
     code = groups([90, 60, 0])
     found = clusters_of(code, torch.ones(150), 3)
     first, second = found.split([90, 60])
@@ -216,7 +223,7 @@ def test_two_groups_of_equal_codes_are_two_clusters():
 def test_principal_components_keep_distances_in_the_directions_of_most_variance(monkeypatch):
     draw = torch.Generator().manual_seed(0)
     flat = torch.randn(200, 2, generator=draw) @ torch.randn(2, 6, generator=draw) + 100.0
-    monkeypatch.setattr(clusters, "COMPONENTS", 2)
+    monkeypatch.setattr(solver, "COMPONENTS", 2)
     parts = principal_components(flat, torch.arange(200))
     assert parts.shape == (200, 2)
     exact = torch.cdist(flat.double(), flat.double())

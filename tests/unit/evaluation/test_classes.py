@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from egosplat.evaluation.classes import ClassMap, count_right, pixel_accuracy
-from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import Query, categories, mask_of
-from egosplat.evaluation.scores import score_query
+from egosplat.evaluation.run_queries import ClassMap, count_right, pixel_accuracy
+from egosplat.evaluation.scores import bounding_boxes, score_query
 from egosplat.frames.labels import paint_layers
 from egosplat.frames.recording import Instance
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.evaluation.localization import bounding_boxes, is_hit, middle_hit, random_hit, target_area
+from egosplat.evaluation.scores import bounding_boxes, is_hit, middle_hit, random_hit, target_area
 
 
 @pytest.fixture

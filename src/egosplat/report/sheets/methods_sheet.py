@@ -9,8 +9,15 @@ from matplotlib.figure import SubFigure
 
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, plt, save_figure
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_scored, scoring_options
-from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
+from egosplat.report.sheets.queries_asking import (
+    ScoredQuery,
+    ShownQuery,
+    ask_again,
+    best_and_worst,
+    open_scored,
+    scored_queries,
+    scoring_options,
+)
 from egosplat.report.tables.series import OWN
 
 # Maximum number of best queries, and of worst ones.

@@ -1,8 +1,9 @@
 """Answer scored queries of a scene again, to get the maps behind their scores."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +13,32 @@ from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
-from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query, find_queries, mask_of, phrases_to_ask
 from egosplat.evaluation.run_queries import ask_of
 from egosplat.evaluation.scored_scenes import ScoredScene
+from egosplat.evaluation.scores import bounding_boxes
 from egosplat.query.answer import ViewAnswer
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.opening import open_artifacts
-from egosplat.report.sheets.queries_choice import ScoredQuery
+
+
+@dataclass(frozen=True)
+class ScoredQuery:
+    """A query of ``metrics.json``, scored against all instances of its category.
+
+    Attributes:
+        frame: index in frames.zarr.
+        relevancy: largest smoothed relevancy, 0..1.
+        hit: whether the answer hits.
+        iou: IoU of the mask, 0..1.
+    """
+
+    frame: int
+    category: str
+    relevancy: float
+    hit: bool
+    iou: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +60,46 @@ class ShownQuery:
     target: NDArray[np.bool_]
     boxes: NDArray[np.int64]
     answer: ViewAnswer
+
+
+def scored_queries(document: Mapping[str, Any]) -> list[ScoredQuery]:
+    """All queries of a ``metrics.json``."""
+    return [
+        ScoredQuery(
+            one["frame"],
+            one["category"],
+            one["relevancy"],
+            one["groups"]["all"]["hit"],
+            one["groups"]["all"]["iou"],
+        )
+        for one in document["queries"]
+    ]
+
+
+def best_and_worst(queries: Sequence[ScoredQuery], count: int) -> tuple[list[ScoredQuery], list[ScoredQuery]]:
+    """Choose at most ``count`` best and ``count`` worst queries, each of a different category.
+
+    The best ones hit; they are ordered by decreasing IoU. The worst ones miss, and their category is not among the best;
+    they are ordered by increasing IoU, then by decreasing relevancy. Ties are ordered by frame and category.
+    """
+    found = sorted((one for one in queries if one.hit), key=lambda one: (-one.iou, one.frame, one.category))
+    best = _one_a_category(found, ())[:count]
+    missed = sorted(
+        (one for one in queries if not one.hit),
+        key=lambda one: (one.iou, -one.relevancy, one.frame, one.category),
+    )
+    return best, _one_a_category(missed, (one.category for one in best))[:count]
+
+
+def _one_a_category(queries: Iterable[ScoredQuery], taken: Iterable[str]) -> list[ScoredQuery]:
+    """The first query of each category outside ``taken``."""
+    seen = set(taken)
+    first: list[ScoredQuery] = []
+    for one in queries:
+        if one.category not in seen:
+            seen.add(one.category)
+            first.append(one)
+    return first
 
 
 def open_scored(folder: Path, options: MetricsOptions) -> Scene:

@@ -19,8 +19,13 @@ from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_mask, draw
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
 from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
-from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, scoring_options
-from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
+from egosplat.report.sheets.queries_asking import (
+    ShownQuery,
+    ask_again,
+    best_and_worst,
+    scored_queries,
+    scoring_options,
+)
 from egosplat.report.tables.series import find_series
 
 # Maximum number of best queries, and of worst ones.

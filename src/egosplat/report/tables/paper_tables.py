@@ -7,8 +7,7 @@ from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
 from egosplat.evaluation.scored_scenes import CHANCE, FULL, VALIDATION, Cell, Cost, ScoredScene
-from egosplat.report.tables.paper_layouts import LAYOUTS, scenes_of
-from egosplat.report.tables.paper_numbers import PAPER_NOTES, find_printed
+from egosplat.report.tables.paper_numbers import LAYOUTS, PAPER_NOTES, find_printed, scenes_of
 from egosplat.report.tables.series import APARTMENTS, NAMES, OWN, VALIDATION_APARTMENTS, Series
 from egosplat.report.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
 

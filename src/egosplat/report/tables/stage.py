@@ -10,7 +10,7 @@ from egosplat.files import write_text
 from egosplat.progress import log
 from egosplat.report.tables.formats import COMMAND, note_text, to_csv, to_html, to_latex, to_markdown
 from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
-from egosplat.report.tables.paper_layouts import in_a_table
+from egosplat.report.tables.paper_numbers import in_a_table
 from egosplat.report.tables.paper_tables import paper_tables
 from egosplat.report.tables.series import Series, find_series
 from egosplat.report.tables.table import Layout
@@ -21,7 +21,7 @@ _FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
 
 
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
-    """Write each of ``egosplat.report.tables.paper_layouts.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
+    """Write each of ``egosplat.report.tables.paper_numbers.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
 
     Files are written atomically; equal inputs give equal bytes.
 
