@@ -58,8 +58,7 @@ def read(folder: Path) -> tuple[Asked, dict[str, Lifted | Coded]]:
     evaluation = evaluation_of(scene)
     queries = find_asked_queries(evaluation.annotations, evaluation.valid, options, evaluation.frames)
     asker = scene.asker(sorted({query.category for query in queries}))
-    given = learnt.gaussians, learnt.views, learnt.settings
-    ways = {MEANS: lift(*given), ONE: lift_instances(*given, learnt.targets)}
+    ways = {MEANS: lift(learnt.views), ONE: lift_instances(learnt.views, learnt.targets)}
     return Asked(asker, evaluation, queries, options), ways
 
 

@@ -11,8 +11,6 @@ from egosplat.baselines.decoders import Layers, described
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.method import Method
@@ -36,12 +34,7 @@ _STRIDE, _SMOOTHED = 2, 5
 
 
 def train_granular(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    targets: CodeTargets,
-    options: LanguageOptions,
-    checkpoint: Checkpoint,
+    views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Train codes, their decoder and the decoder that weighs the levels.
 
@@ -52,10 +45,10 @@ def train_granular(
         raise UserError(
             f"language.method = granular needs three levels, not {', '.join(targets.levels)}; lower segments.pred_iou_thresh"
         )
-    pixels = PixelViews(gaussians, views, settings, options.pixels)
+    pixels = PixelViews(views, options.pixels)
     codes = GranularCodes(pixels, targets.uncompressed(), options)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
-    share = shares(gaussians, views, settings, lambda frame: targets.known(frame).all(dim=0, keepdim=True))
+    share = shares(views, lambda frame: targets.known(frame).all(dim=0, keepdim=True))
     by_depth = options.segmenter == "sam2" and options.point_prompts == "depth"
     stands_in = (
         *(() if by_depth else ("distillation alone: the segments are shared, not prompted by depth",)),
@@ -164,8 +157,8 @@ class GranularCodes(Trainee):
     def __init__(self, pixels: PixelViews, targets: CodeTargets, options: LanguageOptions) -> None:
         """Start from zero codes and random decoders."""
         super().__init__()
-        device = pixels.gaussians.means.device
-        self.code = nn.Parameter(torch.zeros(pixels.gaussians.count, CHANNELS, device=device))
+        device = pixels.views.device
+        self.code = nn.Parameter(torch.zeros(pixels.views.gaussians.count, CHANNELS, device=device))
         layers = described((CHANNELS, *HIDDEN, targets.channels), skips=SKIPS)
         self.decoder = Layers(layers, options.seed, device)
         self.scales = Layers(described(SCALES), options.seed, device)

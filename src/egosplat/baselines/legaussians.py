@@ -13,8 +13,6 @@ from egosplat.baselines.decoders import Layers, described
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.decoder import Decoder
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import evaluate_everywhere, shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.method import Method
@@ -46,12 +44,7 @@ _MOST_UNCERTAIN = 1 - 1e-6
 
 
 def train_indices(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    tiles: TileViews,
-    options: LanguageOptions,
-    checkpoint: Checkpoint,
+    views: CodeViews, tiles: TileViews, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Train the codebook, then codes with the decoder of indices; the curve has both, one after the other.
 
@@ -59,11 +52,11 @@ def train_indices(
         UserError: a view has no tiles, or training diverges.
     """
     tiles.check_has(views.frame)
-    pixels = PixelViews(gaussians, views, settings, options.pixels)
+    pixels = PixelViews(views, options.pixels)
     codes = QuantizedCodes(pixels, tiles, options.seed)
     total = codes.first_phase + options.iterations
     curve = train(codes, len(views), total, options.seed, checkpoint)
-    share = shares(gaussians, views, settings, evaluate_everywhere(views))
+    share = shares(views, evaluate_everywhere(views))
     stands_in = (
         *tiles.stands_in,
         *fewer_iterations(options.iterations, _ITERATIONS),
@@ -113,7 +106,7 @@ class QuantizedCodes(Trainee):
     def __init__(self, pixels: PixelViews, tiles: TileViews, seed: int) -> None:
         """Start from random numbers."""
         super().__init__()
-        gaussians, device = pixels.gaussians, pixels.gaussians.means.device
+        gaussians, device = pixels.views.gaussians, pixels.views.device
         draw = torch.Generator().manual_seed(seed)
         self.code = nn.Parameter(torch.randn(gaussians.count, CHANNELS, generator=draw).to(device))
         start = math.log(_UNCERTAIN / (1 - _UNCERTAIN))
@@ -183,7 +176,7 @@ class QuantizedCodes(Trainee):
         return nearest(self._indices[view], pixels.to(self.code.device), camera.width, camera.height)
 
     def _smoothing(self, draw: torch.Generator) -> Tensor:
-        means = self._pixels.gaussians.means
+        means = self._pixels.views.gaussians.means
         chosen = torch.randint(len(means), (self._pixels.count,), generator=draw)
         predicted = self.positions(means[chosen])
         return smoothing(self.code[chosen], predicted, self.uncertainty[chosen].sigmoid())

@@ -16,8 +16,6 @@ from egosplat.baselines.pixel_views import PixelViews
 from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.centers import median_depths
 from egosplat.codes.decoder import Decoder
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import invert
 from egosplat.language.lifting import evaluate_everywhere, shares
 from egosplat.language.loop import Step, Trainee, train
@@ -52,12 +50,7 @@ CHANNELS = 32
 
 
 def train_field(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    tiles: TileViews,
-    options: LanguageOptions,
-    checkpoint: Checkpoint,
+    views: CodeViews, tiles: TileViews, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Train the field at the depths that the Gaussians show, then evaluate it at their centers, at several scales.
 
@@ -65,12 +58,12 @@ def train_field(
         UserError: a view has no tiles, or training diverges.
     """
     tiles.check_has(views.frame)
-    pixels = PixelViews(gaussians, views, settings, options.pixels)
+    pixels = PixelViews(views, options.pixels)
     trained = Field(pixels, tiles, options.seed)
     curve = train(trained, len(views), options.iterations, options.seed, checkpoint)
-    scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=gaussians.means.device)
-    code, decoder = evaluate_at_centers(trained, gaussians.means, scales, CHANNELS)
-    share = shares(gaussians, views, settings, evaluate_everywhere(views))
+    scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=views.device)
+    code, decoder = evaluate_at_centers(trained, views.gaussians.means, scales, CHANNELS)
+    share = shares(views, evaluate_everywhere(views))
     weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
     stands_in = (
         tiles.stands_in[0] + weight,
@@ -142,13 +135,13 @@ class Field(Trainee):
         self.regulariser = None
         if tiles.components:
             self.regulariser = Layers(described((width, *REGULARISED, tiles.components)), seed + 1, cpu)
-        self.to(pixels.gaussians.means.device)
+        self.to(pixels.views.device)
         networks = [part for name, part in self.named_parameters() if not name.startswith("grid")]
         self.optimizers = [
             torch.optim.SparseAdam([self.grid.table], lr=_FIRST_RATE, eps=_EPSILON),
             torch.optim.RAdam(networks, lr=_FIRST_RATE, eps=_EPSILON, weight_decay=_DECAY),
         ]
-        self.world = world_of(pixels.views.camera_to_world, pixels.gaussians.means.device)
+        self.world = world_of(pixels.views.camera_to_world, pixels.views.device)
         self._pixels, self._tiles = pixels, tiles
 
     def forward(self, points: Tensor, scale: Tensor) -> Tensor:
@@ -182,9 +175,9 @@ class Field(Trainee):
 
     def _surface(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The points [m] at the median depth of pixels, their distances from the camera [m], and which pixels have one."""
-        views, gaussians = self._pixels.views, self._pixels.gaussians
-        camera, pose = views.camera, views.camera_to_world[view]
-        shown = pixel_lists(view_of(gaussians, camera, pose, self._pixels.settings), pixels)
+        views = self._pixels.views
+        gaussians, camera, pose = views.gaussians, views.camera, views.camera_to_world[view]
+        shown = pixel_lists(views.view(view), pixels)
         inverse = torch.from_numpy(invert(pose))
         depth = median_depths(*shown, gaussians.means.cpu().double() @ inverse[2, :3] + inverse[2, 3])
         seen = depth.isfinite()

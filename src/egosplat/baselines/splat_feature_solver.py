@@ -12,7 +12,6 @@ from torch import Tensor
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.lifting import lift
 from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
@@ -26,14 +25,7 @@ from egosplat.rasterize.view import composite_sparse
 SHARPENING, AGREEMENT = 1.2, 0.8
 
 
-def lift_clusters(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    targets: CodeTargets,
-    options: LanguageOptions,
-    *_: object,
-) -> Coded:
+def lift_clusters(views: CodeViews, targets: CodeTargets, options: LanguageOptions, *_: object) -> Coded:
     """Method ``lift_clusters``: lifted codes; those of a cluster become the mean code of the masks that agree with it.
 
     Each level is clustered by itself. Gaussians in no cluster, or in one that no mask agrees with, keep their lifted
@@ -43,17 +35,17 @@ def lift_clusters(
         UserError: scikit-learn is not installed.
     """
     check_installed()
-    sharp = sharpen(gaussians)
-    found = lift(sharp, views, settings)
+    sharp = replace(views, gaussians=sharpen(views.gaussians))
+    found = lift(sharp)
     levels = zip(found.code.unbind(1), found.share.unbind(1), strict=True)
     labels = torch.stack([clusters_of(code, share, options.seed) for code, share in levels], dim=1)
-    means, known = mask_means(sharp, views, settings, targets, labels)
+    means, known = mask_means(sharp, targets, labels)
     # Gaussians in no cluster read the last row, which is never known.
     level = torch.arange(len(targets.levels), device=views.device)
     code = torch.where(known[level, labels][..., None], means[level, labels], found.code)
     code = codes_to_render(code, options.normalize_codes)
     stands_in = ["opacities sharpened where codes are lifted, not where they are rendered"]
-    if gaussians.count > SAMPLE:
+    if views.gaussians.count > SAMPLE:
         stands_in.append(f"clusters of {SAMPLE:,} Gaussians, which the others join by their nearest")
     return Coded(code, found.share, targets.levels, stands_in=tuple(stands_in))
 
@@ -63,9 +55,7 @@ def sharpen(gaussians: Gaussians) -> Gaussians:
     return replace(gaussians, logit_opacities=SHARPENING * gaussians.logit_opacities)
 
 
-def mask_means(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, labels: Tensor
-) -> tuple[Tensor, Tensor]:
+def mask_means(views: CodeViews, targets: CodeTargets, labels: Tensor) -> tuple[Tensor, Tensor]:
     """Average the codes of the masks that agree with each cluster, each mask of a frame counting once.
 
     Args:
@@ -79,8 +69,7 @@ def mask_means(
     counts = torch.zeros(shape, device=views.device)
     members = [_members(column.cpu().numpy() + 1, shape[1]) for column in labels.unbind(1)]
     for index in track(range(len(views)), "comparing masks with clusters", unit="view"):
-        frame, weight = int(views.frame[index]), views.weight(index)
-        view = view_of(gaussians, views.camera, views.camera_to_world[index], settings)
+        frame, weight, view = int(views.frame[index]), views.weight(index), views.view(index)
         for level, masks in enumerate(targets.labels(frame)):
             shown = composite_sparse(view, members[level]).argmax(dim=0)
             instances, cluster = agreeing(masks, shown - 1, weight)
