@@ -109,10 +109,8 @@ class SplatViews:
 
 
 def densities(views: SplatViews) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_]]]:
-    """The sides of the cells, and the pixels that hold a center, of each view; see ``draw_points``.
-
-    The views are rendered twice: depths of all of them take memory by the length of the recording.
-    """
+    """The sides of the cells, and the pixels that hold a center, of each view; see ``draw_points``."""
+    # The views are rendered twice: depths of all of them take memory by the length of the recording.
     every = range(len(views.camera_to_world))
     nearest = np.full(views.gaussians.count, np.inf)
     for view in track(every, "finding nearest views", unit="view"):

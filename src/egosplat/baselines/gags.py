@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.decoders import Layers
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
@@ -81,12 +81,16 @@ class Sample:
     Attributes:
         pixel: (S,) int64 index among the pixels that were drawn from.
         region: (S,) int64 in [0, R), sorted.
-        size: (R,) int64 pixels that each region has in all.
+        size, drawn: (R,) int64 pixels that each region has in all, and that were drawn from it.
     """
 
     pixel: Tensor
     region: Tensor
     size: Tensor
+
+    @property
+    def drawn(self) -> Tensor:
+        return self.region.bincount(minlength=len(self.size))
 
 
 def sample_regions(region: Tensor, count: int, draw: torch.Generator) -> Sample:
@@ -120,7 +124,7 @@ def mean_over_regions(values: Tensor, sample: Sample) -> Tensor:
     """() mean over regions of the mean of each region's (S,) values; 0 without regions."""
     regions = len(sample.size)
     sums = values.new_zeros(regions).index_add(0, sample.region.to(values.device), values)
-    return (sums / _drawn(sample).to(values).clamp(min=1)).sum() / max(1, regions)
+    return (sums / sample.drawn.to(values).clamp(min=1)).sum() / max(1, regions)
 
 
 def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
@@ -130,17 +134,12 @@ def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
         values: (S, C).
         pixels: of the whole image. A region of one pixel does not count.
     """
-    drawn, region = _drawn(sample).to(values)[:, None], sample.region.to(values.device)
+    drawn, region = sample.drawn.to(values)[:, None], sample.region.to(values.device)
     sums = values.new_zeros(len(sample.size), values.shape[1])
     means = sums.index_add(0, region, values) / drawn.clamp(min=1)
     squares = sums.index_add(0, region, (values - means[region]).square())
     variance = torch.where(drawn > 1, squares / (drawn - 1).clamp(min=1), 0.0).mean(dim=1)
     return (sample.size.to(values) * variance).sum() / pixels
-
-
-def _drawn(sample: Sample) -> Tensor:
-    """(R,) drawn pixels of each region."""
-    return sample.region.bincount(minlength=len(sample.size))
 
 
 class GranularCodes(Trainee):
@@ -159,9 +158,8 @@ class GranularCodes(Trainee):
         super().__init__()
         device = pixels.views.device
         self.code = nn.Parameter(torch.zeros(pixels.views.gaussians.count, CHANNELS, device=device))
-        layers = described((CHANNELS, *HIDDEN, targets.channels), skips=SKIPS)
-        self.decoder = Layers(layers, options.seed, device)
-        self.scales = Layers(described(SCALES), options.seed, device)
+        self.decoder = Layers((CHANNELS, *HIDDEN, targets.channels), options.seed, device, skips=SKIPS)
+        self.scales = Layers(SCALES, options.seed, device)
         self.optimizers = [
             adam([([self.code], _CODE_RATE)]),
             torch.optim.Adam([self.decoder.values, self.scales.values], lr=_LAYER_RATE),

@@ -52,11 +52,7 @@ def train_mixtures(
 
 
 def codebook(rows: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
-    """Cluster (R, D) features into at most ``WORDS`` centers, (K, D) float32.
-
-    Raises:
-        UserError: there are no features.
-    """
+    """Cluster (R, D) features into at most ``WORDS`` centers, (K, D) float32; raises UserError without features."""
     different = np.unique(rows, axis=0)
     if not len(different):
         raise UserError("language.method = sparse: no view of an instance has a feature; use lifted")

@@ -1,6 +1,7 @@
 """Method ``train_indices``: LEGaussians (Shi et al., CVPR 2024). Dense features become indices into a codebook."""
 
 import math
+from functools import cached_property
 
 import torch
 from torch import Tensor, nn
@@ -9,7 +10,7 @@ from torch.nn import functional as F
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.tiles import TILES
 from egosplat.baselines.codebook import Codebook, dense_features
-from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.decoders import Layers
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.decoder import Decoder
@@ -58,7 +59,7 @@ def train_indices(
     curve = train(codes, len(views), total, options.seed, checkpoint)
     share = shares(views, evaluate_everywhere(views))
     stands_in = (
-        *tiles.stands_in,
+        tiles.stands_in,
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"the loss of {options.pixels:,} pixels of a view, and of as many features a batch",
         "color and geometry fixed, not trained along with it",
@@ -112,10 +113,9 @@ class QuantizedCodes(Trainee):
         start = math.log(_UNCERTAIN / (1 - _UNCERTAIN))
         self.uncertainty = nn.Parameter(torch.full((gaussians.count,), start, device=device))
         self.codebook = Codebook(tiles.channels, tiles.components, draw).to(device)
-        self.decoder = Layers(
-            described((CHANNELS, *HIDDEN, len(self.codebook.words)), unit_input=True), seed, device
-        )
-        self.positions = Layers(described(POSITIONS), seed, device)
+        widths = (CHANNELS, *HIDDEN, len(self.codebook.words))
+        self.decoder = Layers(widths, seed, device, unit_input=True)
+        self.positions = Layers(POSITIONS, seed, device)
         self.optimizers = [
             self.codebook.optimizer,
             adam([([self.code], _CODE_RATE), ([self.uncertainty], _UNCERTAINTY_RATE)]),
@@ -123,7 +123,6 @@ class QuantizedCodes(Trainee):
             torch.optim.AdamW([self.positions.values], lr=_LAYER_RATE),
         ]
         self._pixels, self._tiles = pixels, tiles
-        self._pool: Tensor | None = None
         self._indices: dict[int, Tensor] = {}
         self.first_phase = _EPOCHS * math.ceil(len(pixels.views) / _BATCH)
 
@@ -145,13 +144,12 @@ class QuantizedCodes(Trainee):
         return Decoder((*decoder.widths, words.shape[1]), torch.cat(values).numpy(), after, unit_input=True)
 
     def _codebook_loss(self, step: Step) -> Tensor:
-        if self._pool is None:
-            self._pool = self._drawn_features()
         chosen = torch.randint(len(self._pool), (self._pixels.count,), generator=step.draw)
         self.codebook.set_rate(step.iteration * _EPOCHS / self.first_phase)
         return self.codebook.loss(self._pool[chosen].to(self.code.device))
 
-    def _drawn_features(self) -> Tensor:
+    @cached_property
+    def _pool(self) -> Tensor:
         """(R, D + K) features of all views, about ``_POOL`` of them. They are equal after a kill."""
         views, draw = self._pixels.views, torch.Generator().manual_seed(0)
         few, rows = max(1, _POOL // len(views)), []

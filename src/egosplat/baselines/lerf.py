@@ -10,7 +10,7 @@ from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.tiles import TILES
-from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.decoders import Layers
 from egosplat.baselines.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract, exponential
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
@@ -66,8 +66,7 @@ def train_field(
     share = shares(views, evaluate_everywhere(views))
     weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
     stands_in = (
-        tiles.stands_in[0] + weight,
-        *tiles.stands_in[1:],
+        tiles.stands_in + weight,
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"{options.pixels:,} rays of one view an iteration",
         "one sample a ray, at the depth of the shared geometry, not nerfacto's 24",
@@ -131,10 +130,10 @@ class Field(Trainee):
         width = len(RESOLUTIONS) * FEATURES
         draw, cpu = torch.Generator().manual_seed(seed), torch.device("cpu")
         self.grid = HashGrid(draw)
-        self.features = Layers(described((width + 1, *HIDDEN, tiles.channels)), seed, cpu)
+        self.features = Layers((width + 1, *HIDDEN, tiles.channels), seed, cpu)
         self.regulariser = None
         if tiles.components:
-            self.regulariser = Layers(described((width, *REGULARISED, tiles.components)), seed + 1, cpu)
+            self.regulariser = Layers((width, *REGULARISED, tiles.components), seed + 1, cpu)
         self.to(pixels.views.device)
         networks = [part for name, part in self.named_parameters() if not name.startswith("grid")]
         self.optimizers = [
@@ -193,16 +192,7 @@ class Field(Trainee):
 def evaluate_at_centers(
     trained: Field, means: Tensor, scales: Tensor, channels: int
 ) -> tuple[Tensor, Decoder]:
-    """Evaluate a field at the centers of Gaussians, as codes of a linear basis.
-
-    Args:
-        means: (N, 3) [m].
-        scales: (S,).
-        channels: C of the codes.
-
-    Returns:
-        (N, S, C) codes, and their decoder.
-    """
+    """Evaluate a field at (N, 3) centers of Gaussians [m] and (S,) scales: (N, S, C) codes of a linear basis, and their decoder."""
     rows = [
         torch.stack([trained(part, scale.expand(len(part))) for scale in scales], dim=1)
         for part in means.split(_ROWS_AT_ONCE)

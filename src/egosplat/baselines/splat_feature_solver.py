@@ -34,7 +34,10 @@ def lift_clusters(views: CodeViews, targets: CodeTargets, options: LanguageOptio
     Raises:
         UserError: scikit-learn is not installed.
     """
-    check_installed()
+    if importlib.util.find_spec("sklearn") is None:
+        raise UserError(
+            'scikit-learn is not installed; it comes with the extra "clusters": pip install "egosplat[clusters]"'
+        )
     sharp = replace(views, gaussians=sharpen(views.gaussians))
     found = lift(sharp)
     levels = zip(found.code.unbind(1), found.share.unbind(1), strict=True)
@@ -117,14 +120,6 @@ _DECIMALS = 5
 SAMPLE = 20_000
 
 
-def check_installed() -> None:
-    """Raise UserError if the library that finds clusters is absent."""
-    if importlib.util.find_spec("sklearn") is None:
-        raise UserError(
-            'scikit-learn is not installed; it comes with the extra "clusters": pip install "egosplat[clusters]"'
-        )
-
-
 def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
     """Cluster the codes of Gaussians; a random sample is clustered, and the others take the cluster of the nearest one.
 
@@ -149,26 +144,18 @@ def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
     chosen = torch.randperm(len(rows), generator=draw)[:SAMPLE]
     parts = principal_components(values, chosen).numpy()
     least = max(2, round(LEAST * len(chosen) / len(rows)))
-    model = HDBSCAN(
-        min_cluster_size=least,
-        min_samples=NEIGHBORS,
-        algorithm="kd_tree",  # others may hold all distances
-        copy=True,
-    )
+    # Other algorithms than a k-d tree may hold all distances.
+    model = HDBSCAN(min_cluster_size=least, min_samples=NEIGHBORS, algorithm="kd_tree", copy=True)
     found = model.fit_predict(parts[chosen])
     labels[rows] = torch.from_numpy(found[pairwise_distances_argmin(parts, parts[chosen])]).long()
     return labels.to(code.device)
 
 
 def principal_components(values: Tensor, sample: Tensor) -> Tensor:
-    """Coordinates of values along the axes of most variance in a sample of them, scaled so that the largest is 1.
-
-    Args:
-        values: (N, C).
-        sample: (S,) int64 rows.
+    """Coordinates of (N, C) values along the axes of most variance in a sample of them, (S,) int64 rows.
 
     Returns:
-        (N, min(C, COMPONENTS)), rounded.
+        (N, min(C, COMPONENTS)), scaled so that the largest is 1, and rounded.
     """
     drawn = values[sample].double()
     mean = drawn.mean(dim=0)

@@ -42,13 +42,10 @@ class TileViews:
         self.scales = [Scale(**one) for one in tiles.facts["scales"]]
         self.channels = tiles.shape(scale_name(0))[-1]
         self.components = tiles.shape("regulariser")[-1] if tiles.has("regulariser") else 0
-        names = [scale_name(number) for number in range(len(self.scales))]
-        if self.components:
-            names.append("regulariser")
+        names = [*map(scale_name, range(len(self.scales))), *(["regulariser"] if self.components else [])]
         self._rows = {name: _rows_of(tiles, name) for name in names}
-        self.stands_in = [
-            "SAM2's encoder in place of DINO" if self.components else "no regulariser in place of DINO"
-        ]
+        found = "SAM2's encoder" if self.components else "no regulariser"
+        self.stands_in = f"{found} in place of DINO"
 
     def check_has(self, frames: NDArray[np.int64]) -> None:
         """Raise UserError unless all frames have tiles."""
