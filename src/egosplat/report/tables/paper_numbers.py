@@ -30,10 +30,7 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
             "except for the few queries that count in both. Probably a misprint.",
             (("scene1", "LERF", "accuracy", "all"),),
         ),
-        Note(
-            "The mean of the five scenes is 23.5.",
-            ((AVERAGE, "SG", "accuracy", "static"),),
-        ),
+        Note("The mean of the five scenes is 23.5.", ((AVERAGE, "SG", "accuracy", "static"),)),
         Note(
             "Below LangSplat and GAGS; the paper does not discuss this.",
             (("scene4", "EgoSplat", "accuracy", "dynamic"),),
@@ -48,24 +45,14 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
         ),
     ),
     "adt_iou": (
-        Note(
-            "The mean of the five scenes is 9.6.",
-            ((AVERAGE, "SG", "mean_iou", "static"),),
-        ),
-        Note(
-            "The mean of the five scenes is 8.2.",
-            ((AVERAGE, "SG", "mean_iou", "all"),),
-        ),
+        Note("The mean of the five scenes is 9.6.", ((AVERAGE, "SG", "mean_iou", "static"),)),
+        Note("The mean of the five scenes is 8.2.", ((AVERAGE, "SG", "mean_iou", "all"),)),
     ),
     "adt_ablation": (
         Note(
             "Equal to LangSplat's row in the tables by scene. egosplat's baseline is given masks that hold in 3D; its row "
             "LangSplat in the other tables has the masks of single frames.",
-            tuple(
-                (AVERAGE, "baseline", metric, group)
-                for metric in ("accuracy", "mean_iou")
-                for group in ("static", "dynamic", "all")
-            ),
+            tuple((AVERAGE, "baseline", metric, group) for metric in METRICS for group in GROUPS),
         ),
         Note(
             "Transient prediction gains 1.3 points of accuracy and 0.5 points of mIoU on static targets; one pair of a "
@@ -82,7 +69,7 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
     "adt_transient": (
         Note(
             "The initial stage alone lowers mIoU in every group, compared with no transient prediction.",
-            tuple(("scene1", "initial", "mean_iou", group) for group in ("static", "dynamic", "all")),
+            tuple(("scene1", "initial", "mean_iou", group) for group in GROUPS),
         ),
         Note(
             "Both stages gain 0.6 points of accuracy and 0.8 points of mIoU over none, on one scene with 100 to 300 "
@@ -93,19 +80,7 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
 
 
 def find_printed(table: str, scene: str, method: str, metric: str, group: str) -> float:
-    """A printed number [%].
-
-    Args:
-        table: ``adt``, ``hoi4d``, ``adt-ablation`` or ``adt-transient``.
-        scene: its name, or ``AVERAGE``.
-        method: one of ``METHODS``; in the ablations ``baseline``, ``aggregation`` or ``full``, and ``none``,
-            ``initial`` or ``refined``.
-        metric: one of ``METRICS``.
-        group: one of ``egosplat.evaluation.queries.GROUPS``.
-
-    Raises:
-        KeyError: the paper prints no such number.
-    """
+    """A printed number [%], by the ``numbers`` and a line of a layout; raises KeyError if the paper prints no such number."""
     return _numbers()[table, scene, method, metric, group]
 
 
@@ -117,9 +92,7 @@ def _numbers() -> Mapping[tuple[str, ...], float]:
 
 
 _METRIC_NAMES = {"accuracy": "Acc", "mean_iou": "mIoU"}
-_BY_METRIC = tuple(
-    (f"{_METRIC_NAMES[metric]} (%)", group.capitalize()) for metric in METRICS for group in GROUPS
-)
+_BY_METRIC = tuple((f"{_METRIC_NAMES[one]} (%)", group.capitalize()) for one in METRICS for group in GROUPS)
 _METHOD_LINES = {method: (FULL if method == OWN else None, ()) for method in METHODS}
 
 
@@ -203,13 +176,11 @@ def in_a_table(scene: ScoredScene) -> bool:
     return any(
         layout.dataset == scene.dataset
         and scene.scene in scenes_of(layout, scene.validation)
-        and _has_line(layout, scene)
+        # Other methods have rows in all tables but ablations of EgoSplat.
+        and (
+            scene.variant in {one for one, _ in layout.lines.values()}
+            if scene.method is None
+            else not layout.components
+        )
         for layout in LAYOUTS
     )
-
-
-def _has_line(layout: Layout, scene: ScoredScene) -> bool:
-    """Whether a table has a line for a scene's variant, or a row for another method: an ablation of EgoSplat has none."""
-    if scene.method is not None:
-        return not layout.components
-    return scene.variant in {variant for variant, _ in layout.lines.values()}

@@ -34,7 +34,11 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
     Raises:
         UserError: a file cannot be read, two files are of the same scene, or protocols differ.
     """
-    scenes = _with_a_place([read_scored_scene(path) for path in metrics])
+    read = [read_scored_scene(path) for path in metrics]
+    scenes = [one for one in read if in_a_table(one)]
+    for one in read:
+        if one not in scenes:
+            log(f"{one.path}: no table shows {one.dataset}/{one.scene}, variant {one.variant}")
     check_protocol(scenes)
     series = find_series(scenes)
     tables = paper_tables(series)
@@ -44,13 +48,6 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
             write_text(output / f"{table.name}.{suffix}", form(table))
     write_text(output / PAGE, page)
     log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
-
-
-def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
-    for one in scenes:
-        if not in_a_table(one):
-            log(f"{one.path}: no table shows {one.dataset}/{one.scene}, variant {one.variant}")
-    return [one for one in scenes if in_a_table(one)]
 
 
 def write_page(tables: Sequence[Layout], series: Sequence[Series], pictures: Sequence[Path]) -> str:
