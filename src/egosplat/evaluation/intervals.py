@@ -52,12 +52,7 @@ class Clusters:
 
 
 def cluster(values: Sequence[float], categories: Sequence[str]) -> Clusters:
-    """Sum the values of a scene's queries by category.
-
-    Args:
-        values: (P,) values of the queries.
-        categories: (P,) categories of the queries.
-    """
+    """Sum the values of a scene's queries by category."""
     # Queries of one category in one scene show one thing from several frames, so they hit or miss together. The
     # bootstrap resamples categories, never queries.
     _, number = np.unique(np.asarray(categories, np.str_), return_inverse=True)

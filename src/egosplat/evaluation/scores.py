@@ -29,12 +29,7 @@ class Result:
 
 @dataclass(frozen=True)
 class QueryScore:
-    """Scores of one query.
-
-    Attributes:
-        category: category of the query; intervals resample categories.
-        groups: results, by the groups in which the query counts.
-    """
+    """Scores of one query, by the groups in which it counts; intervals resample categories."""
 
     category: str
     groups: Mapping[str, Result]
@@ -133,30 +128,15 @@ def _summary(scores: Sequence[QueryScore], group: str, options: IntervalOptions)
     )
 
 
-# Regions to hit: the bounding box of an instance, as in LangSplat, or its pixels.
-TARGETS = ("box", "mask")
-
-
 def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:
-    """(H, W) bool pixels that hit any of the instances.
-
-    Args:
-        instance_map: (..., H, W) int32.
-        hit_region: one of ``TARGETS``.
-
-    Raises:
-        ValueError: the hit region is unknown.
-    """
-    match hit_region:
-        case "mask":
-            return mask_of(instance_map, instances)
-        case "box":
-            area = np.zeros(instance_map.shape[-2:], np.bool_)
-            for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
-                # The last column and row belong to the box.
-                area[y0 : y1 + 1, x0 : x1 + 1] = True
-            return area
-    raise ValueError(f"hit_region {hit_region!r} is not one of {TARGETS}")
+    """(H, W) bool pixels of a (..., H, W) int32 map that hit any of the instances, by ``metrics.hit_region``."""
+    if hit_region == "mask":
+        return mask_of(instance_map, instances)
+    area = np.zeros(instance_map.shape[-2:], np.bool_)
+    for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
+        # The last column and row belong to the box.
+        area[y0 : y1 + 1, x0 : x1 + 1] = True
+    return area
 
 
 def is_hit(pixel: tuple[int, int] | None, area: Mask) -> bool:
@@ -165,12 +145,7 @@ def is_hit(pixel: tuple[int, int] | None, area: Mask) -> bool:
 
 
 def random_hit(area: Mask, valid: Mask | None) -> float:
-    """Probability that a random valid pixel hits, 0..1.
-
-    Args:
-        area: (H, W) bool, see ``target_area``.
-        valid: (H, W) bool pixels that show the scene, at least one; None for all.
-    """
+    """Probability that a random one of the (H, W) bool valid pixels, None for all, hits an (H, W) area, 0..1."""
     return float((area if valid is None else area[valid]).mean())
 
 
@@ -181,11 +156,7 @@ def middle_hit(area: Mask) -> bool:
 
 
 def bounding_boxes(instance_map: InstanceMap, instances: Sequence[int]) -> NDArray[np.int64]:
-    """Bounding boxes of the visible instances.
-
-    Returns:
-        (B, 4) int64 x0, y0, x1, y1: first and last column and row [px], both inside.
-    """
+    """(B, 4) int64 boxes of the visible instances: first column and row, last column and row [px], all inside."""
     boxes = []
     for instance in instances:
         rows, columns = np.nonzero(mask_of(instance_map, [instance]))

@@ -49,11 +49,6 @@ def test_a_box_is_one_instances(ring):
     assert not is_hit((3, 16), target_area(ring, (0, 2), "box"))
 
 
-def test_an_unknown_target_is_rejected(ring):
-    with pytest.raises(ValueError, match="'point'"):
-        target_area(ring, (0,), "point")
-
-
 def test_chance_is_the_share_of_valid_pixels_that_hit(ring):
     """The ring's box has 9x9 pixels, its mask nine fewer; overlapping boxes count once."""
     box, mask = (target_area(ring, (0, 1), target) for target in ("box", "mask"))

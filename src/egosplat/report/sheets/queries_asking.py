@@ -14,7 +14,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.queries import Query, find_queries, mask_of, phrases_to_ask
+from egosplat.evaluation.queries import Query, find_queries, mask_of, phrases_to_ask, read_layers
 from egosplat.evaluation.run_queries import ask_of
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.evaluation.scores import bounding_boxes
@@ -164,6 +164,6 @@ def _check(scene: Scene, scored: ScoredScene) -> None:
 
 def _target(evaluation: Evaluation, query: Query) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """The pixels and the boxes of all instances of a query."""
-    frame = next(one for one in evaluation.frames if one.row == query.row)
-    layers, instances = evaluation.layers_of(frame), query.instances["all"]
+    layers = read_layers(evaluation.annotations, query.row, evaluation.valid)
+    instances = query.instances["all"]
     return mask_of(layers, instances), bounding_boxes(layers, instances)
