@@ -96,7 +96,7 @@ def run(
         **class_entries(answered, valid, options.masks),
         "queries": [query_entry(one, instances, maps.levels) for one in answered],
         "frames": frame_entries(evaluated, answered, [{} for _ in evaluated]),
-        "rendering": {name: asdict(score) for name, score in summarise_rendering([]).items()},
+        "rendering": summarise_rendering([]),
         **provenance_entries(record, made_from, Setup(preset, world_seed, camera), None, _UNKNOWN_COST),
     }
     write_metrics(output, document)

@@ -5,14 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from egosplat.artifacts.frames import shown_pixels
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES, shown_pixels
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import camera_poses
+from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import InstanceMap, Mask, Query, find_queries, instances_of, read_map
 from egosplat.evaluation.rendering import RegionScore, region_scores, regions
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array, Camera
+
+# Schemas of a scene that is scored, without what OpenCLIP encoded.
+SCORED = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
 
 
 @dataclass(frozen=True)

@@ -24,25 +24,20 @@ class RegionScore:
     ssim: float
 
 
-@dataclass(frozen=True)
-class RenderingScore:
-    """Mean scores of one region over the ``frames`` images with a pixel of it that have a value; NaN without any."""
-
-    frames: int
-    psnr: float
-    ssim: float
-
-
-def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str, RenderingScore]:
-    """The mean over images for each of ``GROUPS``; images where a group is empty do not count."""
+def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str, dict[str, float]]:
+    """Number of images with a pixel, mean PSNR and mean SSIM of each of ``GROUPS``, as in ``metrics.json``; NaN without any."""
     return {name: _mean([one[name] for one in scores if name in one]) for name in GROUPS}
 
 
-def _mean(scores: Sequence[RegionScore]) -> RenderingScore:
+def _mean(scores: Sequence[RegionScore]) -> dict[str, float]:
     # An image without a dynamic pixel has no score for that group.
     seen = [score for score in scores if score.pixels]
-    psnrs, ssims = [one.psnr for one in seen], [one.ssim for one in seen if not math.isnan(one.ssim)]
-    return RenderingScore(len(seen), *(float(np.mean(one)) if one else math.nan for one in (psnrs, ssims)))
+    values = {
+        "psnr": [one.psnr for one in seen],
+        "ssim": [one.ssim for one in seen if not math.isnan(one.ssim)],
+    }
+    means = {name: float(np.mean(own)) if own else math.nan for name, own in values.items()}
+    return {"frames": len(seen)} | means
 
 
 def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mask) -> dict[str, Mask]:

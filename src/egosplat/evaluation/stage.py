@@ -11,15 +11,11 @@ from egosplat.alarms.artifact_alarms import alarms_of_all
 from egosplat.alarms.limits import Alarm, find_chance_alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts import provenance
-from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES, length_unit
+from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
 from egosplat.evaluation.document import (
     Setup,
     class_entries,
@@ -30,6 +26,7 @@ from egosplat.evaluation.document import (
     write_metrics,
 )
 from egosplat.evaluation.evaluation_frames import (
+    SCORED,
     Evaluation,
     Frame,
     count_frames,
@@ -78,8 +75,7 @@ def run(
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
     """
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
-    schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
-    artifacts = list(map(open_artifact, paths, schemas))
+    artifacts = list(map(open_artifact, paths, SCORED))
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
     scene = scene_of([*artifacts, encoded], options)
@@ -130,35 +126,30 @@ def _counts(
     # Without masks, the lineage has no masks artifact.
     masks = next((one for one in made_from.found.values() if one.schema.name == MASKS.name), None)
     with_code = (language.read("share") > 0).sum(axis=0)
-    return count_frames(evaluation.frames_artifact, evaluation.frames, evaluation.instances) | {
+    counts = count_frames(evaluation.frames_artifact, evaluation.frames, evaluation.instances) | {
         "training_frames": evaluation.splats.facts["views"]["training"],
         "transient_instances": None if masks is None else masks.facts["transient"],
         "gaussians": evaluation.splats.shape("means")[0],
         "gaussians_with_code": dict(zip(language.facts["levels"], with_code.tolist(), strict=True)),
         "code_channels": language.shape("code")[2],
-        **(_instance_counts(encoded) if encoded.schema.name == FEATURES.name else {}),
     }
-
-
-def _instance_counts(features: Artifact) -> dict[str, Any]:
-    levels = features.facts["levels"]
-    by_level = np.bincount(features.read("instances/level"), minlength=len(levels))
-    return {
-        "instances": dict(zip(levels, by_level.tolist(), strict=True)),
-        "views": features.shape("instance")[0],
-    }
+    if encoded.schema.name == FEATURES.name:
+        levels = encoded.facts["levels"]
+        by_level = np.bincount(encoded.read("instances/level"), minlength=len(levels))
+        counts["instances"] = dict(zip(levels, by_level.tolist(), strict=True))
+        counts["views"] = encoded.shape("instance")[0]
+    return counts
 
 
 def _rendering_entries(evaluation: Evaluation, answered: Sequence[AnsweredQuery]) -> dict[str, Any]:
     rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
     entries = {
         "frames": frame_entries(evaluation.frames, answered, rendering),
-        "rendering": {name: asdict(score) for name, score in summarise_rendering(rendering).items()},
+        "rendering": summarise_rendering(rendering),
     }
     if evaluation.splats.has("held_out/render_given"):
         given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
-        scores = summarise_rendering(given).items()
-        entries["rendering_without_corrections"] = {name: asdict(score) for name, score in scores}
+        entries["rendering_without_corrections"] = summarise_rendering(given)
     return entries
 
 

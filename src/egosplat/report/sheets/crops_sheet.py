@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.codes.vectors import unit, usable
-from egosplat.drawing import plt
+from egosplat.drawing import empty_grid, plt
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
@@ -23,8 +23,7 @@ COLUMNS = 12
 # Number of often seen instances with the most different features.
 DISTINCT = 6
 
-# Share of all instances, those with the most views, that count as often seen: rows of one or two views say
-# little.
+# Share of all instances, those with the most views, that count as often seen: rows of one or two views say little.
 OFTEN = 0.5
 
 # Number of further instances, those with the most outliers.
@@ -81,7 +80,13 @@ def run(
     frames: Artifact, instances: Artifact, view_features: Artifact, features: Artifact
 ) -> tuple[Figure, str]:
     """Draw the crops of some instances in order of time, with outlier views struck out."""
-    table = _read(view_features, features)
+    table = Table(
+        *map(view_features.read, ("instance", "frame", "box")),
+        features.read("inlier"),
+        view_features.read("instances/level"),
+        unit(features.read("consistent")),
+        view_features.provenance["options"]["cut"] == "hull",
+    )
     chosen = choose_instances(table)
     height = max(len(chosen), 1)
     figure = plt.figure(figsize=(COLUMNS * CELL + 0.4, height * (CELL + 0.62) + 1.0), layout="constrained")
@@ -89,22 +94,10 @@ def run(
     for strip, instance in zip(strips, chosen, strict=False):
         numbers, limit = _numbers(view_features, features, table.rows(instance))
         strip.suptitle(_caption(features, table, instance, limit), fontsize=10, x=0.01, ha="left")
-        cells = strip.subplots(1, COLUMNS, squeeze=False)[0]
+        cells = empty_grid(strip, 1, COLUMNS)[0]
         rows = choose_views(table, instance)
         _draw_views(cells, frames, instances, table, rows, numbers, view_features.facts["turned"])
     return figure, _summary(features, table)
-
-
-def _read(views: Artifact, features: Artifact) -> Table:
-    return Table(
-        views.read("instance"),
-        views.read("frame"),
-        views.read("box"),
-        features.read("inlier"),
-        views.read("instances/level"),
-        unit(features.read("consistent")),
-        views.provenance["options"]["cut"] == "hull",
-    )
 
 
 def choose_instances(table: Table) -> list[int]:
@@ -166,17 +159,14 @@ def _draw_views(
     numbers: Mapping[int, str],
     turned: bool,
 ) -> None:
-    for cell in cells:
-        cell.set_axis_off()
     for cell, row in zip(cells, rows.tolist(), strict=False):
         frame, instance = table.frame[row], table.instance[row]
         labels = instances.row("labels", frame)[table.level[instance]]
         crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], hull=table.hull)
         _draw_crop(cell, np.rot90(crop, -1) if turned else crop, bool(table.inlier[row]))
         color = "black" if table.inlier[row] else "crimson"
-        cell.set_title(
-            f"{frame}: {numbers[row]}" if numbers[row] else f"{frame}", fontsize=8, pad=2, color=color
-        )
+        number = f": {numbers[row]}" if numbers[row] else ""
+        cell.set_title(f"{frame}{number}", fontsize=8, pad=2, color=color)
 
 
 def _draw_crop(cell: Axes, crop: NDArray[np.uint8], inlier: bool) -> None:

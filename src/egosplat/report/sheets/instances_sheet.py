@@ -102,15 +102,10 @@ def palette(count: int) -> NDArray[np.float64]:
 def tinted(
     picture: NDArray[np.uint8], labels: NDArray[np.int32], colors: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Tint and outline the instances of an image; the rest is gray.
+    """Tint and outline the instances of an (H, W, 3) uint8 image, (H, W) labels, -1 for none; the rest is gray.
 
     Args:
-        picture: (H, W, 3) uint8.
-        labels: (H, W) instances, -1 for none.
-        colors: (N, 3) in 0..1.
-
-    Returns:
-        (H, W, 3) float64 in 0..1.
+        colors: (N, 3) in 0..1, as the (H, W, 3) float64 result.
     """
     light = picture / 255.0
     gray = np.repeat(light.mean(axis=2, keepdims=True), 3, axis=2)
@@ -118,16 +113,10 @@ def tinted(
         return 0.6 * gray
     tint = (1 - TINT) * gray + TINT * colors[np.maximum(labels, 0)]
     shown = np.where((labels >= 0)[..., None], tint, 0.6 * gray)
-    shown[_borders(labels)] = 1.0
+    # Pixels whose right or lower neighbor has another label.
+    shown[:, :-1][labels[:, :-1] != labels[:, 1:]] = 1.0
+    shown[:-1][labels[:-1] != labels[1:]] = 1.0
     return shown
-
-
-def _borders(labels: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(H, W) bool pixels whose right or lower neighbor has another label."""
-    borders = np.zeros(labels.shape, dtype=bool)
-    borders[:, :-1] |= labels[:, :-1] != labels[:, 1:]
-    borders[:-1] |= labels[:-1] != labels[1:]
-    return borders
 
 
 # Gray level around a crop's mask, 0..1.
@@ -164,11 +153,7 @@ def shown_in(segments: Artifact, instances: Artifact) -> Shown:
 
 
 def largest_and_most_changed(instances: Artifact, shown: Shown) -> list[int]:
-    """The largest instance of the coarsest level, and of the next largest ones that whose masks were changed most.
-
-    Returns:
-        Two instances; fewer if there are not as many.
-    """
+    """The largest instance of the coarsest level, if any, and of the next ones that whose masks were changed most."""
     owner = instances.read("gaussians/instance")[:, -1]
     counts = np.bincount(owner[owner >= 0])
     largest = [int(one) for one in np.argsort(-counts, kind="stable")[:_LARGEST] if counts[one]]
@@ -186,13 +171,9 @@ def draw_merged_crops(
     instance: int,
     shown: Shown,
 ) -> None:
-    """Draw crops of one instance in frames through the video.
+    """Draw crops of a merged instance of the coarsest level in frames through the video, in (2, C) axes.
 
-    Args:
-        cells: (2, C) axes. Above, the mask of segments.zarr that holds most of the instance; below, the instance.
-        frames, segments, instances: artifacts.
-        instance: number of a merged instance of the coarsest level.
-        shown: of ``shown_in``.
+    Above, the mask of segments.zarr that holds most of the instance; below, the instance.
     """
     for cell in cells.flat:
         cell.set_axis_off()

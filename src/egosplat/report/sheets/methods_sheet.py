@@ -7,7 +7,7 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
-from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, plt, save_figure
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.report.sheets.queries_asking import (
     ScoredQuery,
@@ -29,8 +29,8 @@ CELL = 2.1
 # Frame and category of a query.
 Asked = tuple[int, str]
 
-BEST = "best: hits of half of the methods with the highest mean IoU, one per category"
 # Titles of the two blocks.
+BEST = "best: hits of half of the methods with the highest mean IoU, one per category"
 WORST = "worst: misses of most methods with the lowest mean IoU, one per category"
 
 
@@ -93,16 +93,13 @@ def _draw(
     """Draw a row for each query: its photograph, then the relevancy of each method."""
     if not queries:
         return
-    grid = page.subplots(len(queries), len(names) + 1, squeeze=False)
-    for cells, asked in zip(grid, queries, strict=True):
+    for cells, asked in zip(empty_grid(page, len(queries), len(names) + 1), queries, strict=True):
         first = shown[0][asked]
         cells[0].imshow(first.photograph)
         cells[0].set_title(f'"{asked[1]}", frame {asked[0]}', fontsize=8)
         draw_outline(cells[0], first.target)
         for axes, name, answers in zip(cells[1:], names, shown, strict=True):
             _draw_answer(axes, name, answers[asked])
-    for axes in grid.flat:
-        axes.set_axis_off()
 
 
 def _draw_answer(axes: Axes, name: str, query: ShownQuery) -> None:

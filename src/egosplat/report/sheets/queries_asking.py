@@ -14,7 +14,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.queries import Query, find_queries, mask_of, phrases_to_ask, read_layers
+from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, read_layers
 from egosplat.evaluation.run_queries import ask_of
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.evaluation.scores import bounding_boxes
@@ -25,14 +25,7 @@ from egosplat.query.opening import open_artifacts
 
 @dataclass(frozen=True)
 class ScoredQuery:
-    """A query of ``metrics.json``, scored against all instances of its category.
-
-    Attributes:
-        frame: index in frames.zarr.
-        relevancy: largest smoothed relevancy, 0..1.
-        hit: whether the answer hits.
-        iou: IoU of the mask, 0..1.
-    """
+    """A query of ``metrics.json``, scored against all instances of its category; relevancy and IoU are 0..1."""
 
     frame: int
     category: str
@@ -46,12 +39,10 @@ class ShownQuery:
     """A query with its images of (H, W) pixels.
 
     Attributes:
-        scored: the query and its score.
         photograph: (H, W, 3) uint8.
         view: (H, W, 3) float32 in [0, 1], rendered.
         target: (H, W) bool pixels of the annotated instances.
         boxes: (B, 4) int64 boxes of the instances, see ``bounding_boxes``.
-        answer: the answer with its maps.
     """
 
     scored: ScoredQuery
@@ -64,15 +55,10 @@ class ShownQuery:
 
 def scored_queries(document: Mapping[str, Any]) -> list[ScoredQuery]:
     """All queries of a ``metrics.json``."""
+    found = ((one, one["groups"]["all"]) for one in document["queries"])
     return [
-        ScoredQuery(
-            one["frame"],
-            one["category"],
-            one["relevancy"],
-            one["groups"]["all"]["hit"],
-            one["groups"]["all"]["iou"],
-        )
-        for one in document["queries"]
+        ScoredQuery(one["frame"], one["category"], one["relevancy"], score["hit"], score["iou"])
+        for one, score in found
     ]
 
 
@@ -134,7 +120,12 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
     Raises:
         UserError: the scene was scored with other artifacts, or the OpenCLIP model that made the features is missing.
     """
-    _check(scene, scored)
+    if scored.foreign:
+        raise UserError(
+            f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
+            "Give the scene's metrics.json"
+        )
+    check_inputs(scored.path, scored.document["provenance"]["inputs"], scene.given)
     if not chosen:
         return
     evaluation = evaluation_of(scene)
@@ -148,22 +139,7 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
         photograph, view = scene.frames[frame], scene.render(frame)
         answers = ask(frame, [one.category for one in in_frame])
         for one, answer in zip(in_frame, answers, strict=True):
-            target, boxes = _target(evaluation, asked[frame, one.category])
-            yield ShownQuery(one, photograph, view, target, boxes, answer)
-
-
-def _check(scene: Scene, scored: ScoredScene) -> None:
-    """Raise ``UserError`` if the scene was scored with other artifacts."""
-    if scored.foreign:
-        raise UserError(
-            f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
-            "Give the scene's metrics.json"
-        )
-    check_inputs(scored.path, scored.document["provenance"]["inputs"], scene.given)
-
-
-def _target(evaluation: Evaluation, query: Query) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """The pixels and the boxes of all instances of a query."""
-    layers = read_layers(evaluation.annotations, query.row, evaluation.valid)
-    instances = query.instances["all"]
-    return mask_of(layers, instances), bounding_boxes(layers, instances)
+            query = asked[frame, one.category]
+            layers = read_layers(evaluation.annotations, query.row, evaluation.valid)
+            target = layers, query.instances["all"]
+            yield ShownQuery(one, photograph, view, mask_of(*target), bounding_boxes(*target), answer)
