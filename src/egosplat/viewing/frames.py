@@ -12,13 +12,10 @@ PICTURES, SIDE, QUALITY = 40, 256, 60
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts]:
-    """Pack the poses of all frames that have one, and the pictures of evenly spaced ones.
+    """Pack ``poses`` (P, 3, 4) float32 of all frames that have one, and ``pictures`` uint8, WebP files of some in a row.
 
     Args:
         camera_to_world: (F, 4, 4) float64, NaN without a pose.
-
-    Returns:
-        ``poses`` (P, 3, 4) float32 and ``pictures`` uint8, the bytes of all WebP files in a row.
     """
     posed = known_poses(camera_to_world)
     shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()

@@ -110,12 +110,7 @@ def _quantize_centers(
 
 
 def pack_instances(instances: Artifact, means: NDArray[np.float32]) -> Arrays:
-    """Pack the instances of the Gaussians.
-
-    Returns:
-        ``instance`` (L, N) uint16: 0 for none, else 1 more than the instance's index; nothing if the instances are tracks, which
-        have no place in 3D.
-    """
+    """Pack ``instance`` (L, N) uint16: 0 for none, else 1 more than the index; nothing for tracks, which are not in 3D."""
     owner = instances_of_gaussians(instances, means)
     return {} if owner is None else {"instance": (owner + 1).clip(0, 65535).astype(np.uint16)}
 

@@ -38,8 +38,7 @@ def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> 
             continue
         entries = fit_palette(code[used, level], ENTRIES, seed)
         index[level, used] = vq(code[used, level], entries)[0]
-        features = decode(torch.from_numpy(entries), decoder).numpy()
-        palette[level, : len(entries)] = features
+        palette[level, : len(entries)] = decode(torch.from_numpy(entries), decoder).numpy()
     return {
         "code_index": index,
         # A share above 0 stays above 0: without a share, the Gaussian has no code.
@@ -49,11 +48,7 @@ def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> 
 
 
 def fit_palette(rows: Floats, count: int, seed: int) -> Floats:
-    """K-means centers of (M, C) rows; the distinct rows themselves if there are at most ``count``.
-
-    Returns:
-        (K, C) float32, K at most ``count``.
-    """
+    """At most ``count`` float32 K-means centers of (M, C) rows; the distinct rows themselves if there are as few."""
     rng = np.random.default_rng(seed)
     sample = rows[rng.permutation(len(rows))[:_SAMPLE]]
     if len(distinct := np.unique(sample, axis=0)) <= count and len(sample) == len(rows):

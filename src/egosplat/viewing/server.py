@@ -34,14 +34,11 @@ _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]*:[0-9a-f:.]*\]|[a-z0-9_-]+(?:\.[a-z0-
 
 
 class PageServer(ThreadingTCPServer):
-    """A server that listens from its construction on; ``offer`` gives it the page.
+    """A server that listens from its construction on at ``address``; ``offer`` gives it the page.
 
     A page of another site must not reach it through a browser in the same network: each request's ``Host`` must be a name
     of this server, and its ``Origin``, if it has one, the server itself. Where other computers reach it, requests need the
     token of its address, too.
-
-    Attributes:
-        address: where a browser finds the page.
     """
 
     allow_reuse_address = True
@@ -73,12 +70,7 @@ class PageServer(ThreadingTCPServer):
         self.address += f"?token={self.token}" if self.token else ""
 
     def offer(self, page: str, encode: Encode | None) -> None:
-        """Set what is served.
-
-        Args:
-            page: of ``html.scene_html``.
-            encode: encodes a phrase; None if the page does so itself.
-        """
+        """Set the page, and what encodes phrases if the page does not."""
         encoder = f"encode?token={self.token}&phrase=" if encode else None
         self.page, self.encode = served_html(page, encoder).encode(), encode
 

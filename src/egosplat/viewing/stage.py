@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -65,14 +64,7 @@ def run(
 
 
 def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> tuple[str, Facts]:
-    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``.
-
-    Returns:
-        The page, and its facts.
-
-    Raises:
-        UserError: as ``run``, but for the output.
-    """
+    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, with its facts; raises as ``run``."""
     scene = scene_of(map(open_artifact, paths, SCHEMAS), options)
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
@@ -104,16 +96,17 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
 
 def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     """Facts of the scene, and the constants of queries, which ``source/answer.js`` has no values of its own for."""
-    settings, camera = scene.trained.settings, scene.camera
+    settings, clip = scene.trained.settings, scene.encoded.facts["clip"]
     calibration = scene.grading(options).calibration
+    keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
     return {
         "origin": joint_origin(*(artifact.origin for artifact in scene.given)),
         "recording": scene.artifact("frames").facts["recording"],
-        "checkpoints": _checkpoints(scene.given),
+        "checkpoints": [f"OpenCLIP {clip['model']}, {clip['checkpoint']}"],
         "trained_count": scene.gaussians.count,
         "unit": scene.unit,
         "up": scene.artifact("poses").read("up").tolist(),
-        "camera": asdict(camera),
+        "camera": asdict(scene.camera),
         "near": settings.near_plane,
         "raster": {
             "margin": FRUSTUM_MARGIN,
@@ -124,16 +117,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
         "white": settings.background == "white",
         "antialiased": settings.antialiased,
         "levels": list(scene.levels),
-        "query": {
-            name: getattr(options, name)
-            for name in ("temperature", "segmentation_threshold", "box_filter", "min_score")
-        }
+        "query": {name: getattr(options, name) for name in keys}
         | {"calibration": calibration and asdict(calibration)}
         | {"nearest": NEAREST, "reach": REACH, "least": LEAST_GAUSSIANS, "same": SAME, "synonym": SYNONYM},
     }
-
-
-def _checkpoints(artifacts: Any) -> Sequence[str]:
-    """Lines such as ``OpenCLIP small, small``."""
-    clip = next(artifact.facts["clip"] for artifact in artifacts if "clip" in artifact.facts)
-    return [f"OpenCLIP {clip['model']}, {clip['checkpoint']}"]
