@@ -78,12 +78,7 @@ def run(
 
 @dataclass(frozen=True, eq=False)
 class SplatViews:
-    """V views of N Gaussians.
-
-    Attributes:
-        camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
-        valid: (H, W) bool pixels that show the scene.
-    """
+    """V views of N Gaussians: (V, 4, 4) float64 poses with OpenCV axes in meters, (H, W) bool pixels that show the scene."""
 
     gaussians: Gaussians
     settings: RenderSettings

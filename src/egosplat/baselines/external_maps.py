@@ -57,10 +57,9 @@ def run(
     """Write another method's scores of a scene as JSON, see ``metrics.schema.yaml``.
 
     Args:
-        frames_path, poses_path, annotations_path: of the scene. Frames without a pose are not queried, as in ``metrics``.
         relevancy_path: maps in the layout of ``egosplat.artifacts.relevancy``; maps of other queries are ignored.
         title: ``DATASET/SCENE``.
-        preset, world_seed, camera: of the scene, as in ``Setup``.
+        preset, world_seed, camera: as in ``Setup``.
 
     Raises:
         UserError: the inputs do not match, a query has no map, or a map does not follow the layout.

@@ -59,13 +59,7 @@ def train_granular(
 
 
 def weighted_target(weights: Tensor, features: Tensor, known: Tensor) -> Tensor:
-    """(S, D) sum of the levels' features by weight, not normalized; 0 where a level has none.
-
-    Args:
-        weights: (S, 3), they get a gradient.
-        features: (3, S, D).
-        known: (3, S) bool.
-    """
+    """(S, D) sum of (3, S, D) features by (S, 3) weights, which get a gradient; 0 unless all three are known."""
     return torch.einsum("sl,lsd->sd", weights, features) * known.all(dim=0)[:, None]
 
 
@@ -94,15 +88,13 @@ class Sample:
 
 
 def sample_regions(region: Tensor, count: int, draw: torch.Generator) -> Sample:
-    """Draw about ``count`` pixels, equally many of each region, none twice.
+    """Draw about ``count`` pixels, equally many of each region, at least 2, none twice; if that is too many, regions, too.
 
     The mean over regions of the mean over a region's drawn pixels has the expectation of that over all pixels, and
     so has a region's variance.
 
     Args:
         region: (Q,) int64 region of each pixel, any numbers; negative for none. On the CPU.
-        count: pixels to draw; at least 2 of each region. If that is too many, regions are drawn, too.
-        draw: generator.
     """
     inside = (region >= 0).nonzero()[:, 0]
     names, place, size = region[inside].unique(return_inverse=True, return_counts=True)
@@ -128,12 +120,7 @@ def mean_over_regions(values: Tensor, sample: Sample) -> Tensor:
 
 
 def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
-    """() sum over regions of pixels * mean over channels of the unbiased variance within, over all pixels.
-
-    Args:
-        values: (S, C).
-        pixels: of the whole image. A region of one pixel does not count.
-    """
+    """() sum over regions of pixels * mean over channels of the variance within of (S, C) values, over all pixels."""
     drawn, region = sample.drawn.to(values)[:, None], sample.region.to(values.device)
     sums = values.new_zeros(len(sample.size), values.shape[1])
     means = sums.index_add(0, region, values) / drawn.clamp(min=1)
@@ -143,13 +130,7 @@ def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
 
 
 class GranularCodes(Trainee):
-    """Codes with two decoders.
-
-    Attributes:
-        code: (N, 16), from zeros.
-        decoder: from codes to features.
-        scales: from codes to the logits of the three levels' weights.
-    """
+    """Codes, (N, 16), with two decoders: to features, and to the logits of the three levels' weights."""
 
     advice = "use another language.seed"
 
@@ -198,12 +179,7 @@ class GranularCodes(Trainee):
 
 
 def regions(weights: Tensor, labels: Tensor) -> Tensor:
-    """(h, w) int64 instance of each pixel at the level of largest weight, -1 for none.
-
-    Args:
-        weights: (h, w, 3), averaged over 5 x 5 pixels first.
-        labels: (3, h, w) int64 instances, of one level each; -1 for none.
-    """
+    """(h, w) int64 of (3, h, w) instances, -1 for none, at the level of largest (h, w, 3) weight over 5 x 5 pixels."""
     smooth = F.avg_pool2d(weights.movedim(-1, 0)[None], _SMOOTHED, 1, _SMOOTHED // 2, count_include_pad=False)
     level = smooth[0].argmax(dim=0)
     return labels.gather(0, level[None])[0]

@@ -70,12 +70,7 @@ def coefficients(logits: Tensor) -> Tensor:
 
 
 class SparseCodes(Trainee):
-    """Logits of each level, and the codebook.
-
-    Attributes:
-        logits: L of (N, K), from zeros.
-        words: (K, D).
-    """
+    """Logits of each level, L of (N, K), from zeros, and the (K, D) words of the codebook."""
 
     def __init__(self, pixels: PixelViews, targets: CodeTargets, words: Tensor, lr: float) -> None:
         """Start from a codebook; ``lr`` is that of logits and codebook."""

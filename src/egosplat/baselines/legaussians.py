@@ -68,12 +68,7 @@ def train_indices(
 
 
 def uncertain_loss(entropy: Tensor, uncertainty: Tensor) -> Tensor:
-    """() mean of ``entropy (1 - u) - log(1 - u)``; gradients reach both. 0 without pixels.
-
-    Args:
-        entropy: (P,) cross entropy of the indices.
-        uncertainty: (P,) u in [0, 1).
-    """
+    """() mean of (P,) ``entropy (1 - u) - log(1 - u)`` with u in [0, 1); gradients reach both. 0 without pixels."""
     sure = 1 - uncertainty.clamp(max=_MOST_UNCERTAIN)
     return (entropy * sure - sure.log()).sum() / max(1, len(entropy))
 
@@ -81,9 +76,7 @@ def uncertain_loss(entropy: Tensor, uncertainty: Tensor) -> Tensor:
 def smoothing(codes: Tensor, predicted: Tensor, uncertainty: Tensor) -> Tensor:
     """() two terms: the prediction follows the codes, and codes follow the prediction, the more the less certain.
 
-    Args:
-        codes: (S, C); predicted: (S, C) from positions.
-        uncertainty: (S,) of the Gaussians; it gets no gradient.
+    Codes and their prediction from positions are (S, C); the (S,) uncertainty of the Gaussians gets no gradient.
     """
     weight = LEAST_SMOOTHING * (1 - uncertainty.detach()) + uncertainty.detach()
     fit = (predicted - codes.detach()).square().mean()

@@ -78,12 +78,7 @@ def train_field(
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """The world as the field sees it: cameras around 0, the farthest coordinate 1.
-
-    Attributes:
-        center: (3,) mean position of the cameras [m].
-        unit: largest coordinate of a camera from there [m].
-    """
+    """The world as the field sees it: the cameras' (3,) mean position [m] at 0, their largest coordinate [m] at 1."""
 
     center: Tensor
     unit: float
@@ -114,13 +109,7 @@ def input_scale(scale: Tensor, distance: Tensor, height: int, focal: float) -> T
 
 
 class Field(Trainee):
-    """Features and regulariser by position; features by scale, too.
-
-    Attributes:
-        grid: of positions.
-        features: from the grid's features and the scale.
-        regulariser: from the grid's features; None without one.
-    """
+    """Features by position and scale, from a grid of positions; and a regulariser by position, or None."""
 
     advice = "use another language.seed"
 

@@ -93,8 +93,7 @@ def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Te
     """Find the masks of a picture that overlap with their most frequent cluster by an IoU above ``AGREEMENT``.
 
     Args:
-        masks, clusters: (H, W) int64 index of each pixel, -1 for none.
-        weight: (H, W) of each pixel; None for ones.
+        masks, clusters, weight: (H, W) int64 index, -1 for none, and weight of each pixel; None for ones.
 
     Returns:
         (M,) int64 masks, and (M,) their clusters.
@@ -121,15 +120,10 @@ SAMPLE = 20_000
 
 
 def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
-    """Cluster the codes of Gaussians; a random sample is clustered, and the others take the cluster of the nearest one.
-
-    Args:
-        code: (N, C) floats.
-        share: (N,) 0 for Gaussians without a code.
-        seed: of the sample.
+    """Cluster (N, C) codes; a random sample is clustered, and the others take the cluster of the nearest one.
 
     Returns:
-        (N,) int64 cluster, from 0, or -1 for none.
+        (N,) int64 cluster, from 0, or -1 for none and for codes whose (N,) share is 0.
     """
     # Imported here: it takes a second, which other methods need not wait.
     from sklearn.cluster import HDBSCAN

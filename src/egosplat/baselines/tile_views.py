@@ -59,15 +59,10 @@ class TileViews:
         return self._rows[scale_name(number)][self._row[frame]]
 
     def between(self, frame: int, pixels: Tensor, scale: Tensor, part: Tensor) -> Tensor:
-        """Interpolate between the tiles of a scale and the next, at pixels; not normalized.
-
-        Args:
-            pixels: (P, 2) columns and rows.
-            scale: (P,) int64, from 0 to one less than the last scale.
-            part: (P,) of the next scale, 0 to 1.
+        """Interpolate between the tiles of a (P,) int64 scale and the next, (P,) ``part`` of 0 to 1, at (P, 2) columns and rows.
 
         Returns:
-            (P, D) float32.
+            (P, D) float32, not normalized.
         """
         found = torch.zeros(len(pixels), self.channels)
         for number in scale.unique().tolist():

@@ -77,12 +77,7 @@ def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: 
 
 
 def encode_tiles(clip: OpenClip, rgb: Pixels, scales: list[Scale], turned: bool, batch: int) -> Halves:
-    """Encode all tiles of one frame, scale by scale, row by row.
-
-    Args:
-        rgb: (H, W, 3) uint8.
-        turned: whether tiles are turned upright first.
-        batch: tiles at a time.
+    """Encode all tiles of an (H, W, 3) uint8 frame, scale by scale, row by row, ``turned`` upright first.
 
     Returns:
         (T, D) float16 of unit norm; 0 where the model gives no finite feature.
@@ -159,8 +154,7 @@ def image_maps(
     """Encode frames at SAM2's coarsest resolution, one sixteenth of its square, and keep the principal components.
 
     Args:
-        images: returns the (H, W, 3) uint8 image of a frame.
-        rows: (V,) frames.
+        images: returns the (H, W, 3) uint8 image of a frame, by its row.
 
     Returns:
         (V, h, w, K) float16: components of the channels, each channel of mean 0 and variance 1 over the scene; and

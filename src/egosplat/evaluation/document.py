@@ -45,12 +45,7 @@ def finite(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Setup:
-    """How a scene was configured, as far as its artifacts do not tell.
-
-    Attributes:
-        preset: its preset.
-        world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
-    """
+    """How a scene was configured: its preset, and ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment."""
 
     preset: str | None = None
     world_seed: int | None = None

@@ -49,8 +49,7 @@ class Evaluation:
     """The evaluation frames with their artifacts.
 
     Attributes:
-        frames_artifact, annotations, splats: artifacts that belong together.
-        instances: instances by their index in the instance maps.
+        instances: by their index in the instance maps.
         valid: (H, W) bool pixels that show the scene.
         camera_to_world: (F, 4, 4) float64, NaN without a pose.
     """

@@ -34,12 +34,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """The values of one scene's queries, summed by category.
-
-    Attributes:
-        totals: (K,) float64 sums of values by category.
-        counts: (K,) float64 numbers of queries by category, at least 1.
-    """
+    """The values of one scene's queries: (K,) float64 sums by category, and (K,) float64 numbers of queries, at least 1."""
 
     totals: NDArray[np.float64]
     counts: NDArray[np.float64]

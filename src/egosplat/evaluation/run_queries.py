@@ -51,12 +51,12 @@ def count_right(query: Query, mask: Mask, layers: InstanceMap, instances: Sequen
 
 
 def pixel_accuracy(frames: Sequence[int], right: Sequence[int], pixels: int) -> float | None:
-    """Share of a frame's pixels whose class is right, mean over frames, 0..1; None without queries.
+    """Share of the pixels that show the scene whose class is right, mean over frames, 0..1; None without queries.
+
+    Pixels without a label count as wrong, as in 3D-OVS.
 
     Args:
-        frames: frame of each query.
-        right: its ``count_right``.
-        pixels: number of pixels of a frame that show the scene. Those without a label count as wrong, as in 3D-OVS.
+        frames, right: frame and ``count_right`` of each query.
     """
     if not frames:
         return None

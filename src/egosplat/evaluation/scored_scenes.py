@@ -74,10 +74,9 @@ class ScoredScene:
     """A scene's scores.
 
     Attributes:
-        dataset, scene, variant: names of the scene; scores of maps from elsewhere have the variant ``FULL``.
+        variant: its name; scores of maps from elsewhere have the variant ``FULL``.
         method: name of another method, or None for EgoSplat.
         origin: ``real`` or ``synthetic``.
-        models: models, sorted by key.
     """
 
     path: Path

@@ -15,10 +15,8 @@ class Result:
     """Scores of an answer against the instances of one group.
 
     Attributes:
-        hit: whether a candidate pixel hits.
         iou: IoU of the mask, 0..1.
-        random_hit: probability that a random valid pixel hits, 0..1.
-        middle_hit: whether the middle pixel of the image hits.
+        random_hit, middle_hit: probability that a random valid pixel hits, 0..1; whether the middle pixel of the image does.
     """
 
     hit: bool

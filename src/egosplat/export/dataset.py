@@ -27,14 +27,7 @@ _OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-    """What a data set holds.
-
-    Attributes:
-        frame: (F,) int64 frames with a pose.
-        camera_to_world: (F, 4, 4) float64, OpenCV axes.
-        xyz, rgb: (P, 3) float64 points of the scene and their uint8 colors.
-        origin: ``real`` or ``synthetic``.
-    """
+    """(F,) int64 frames with (F, 4, 4) float64 poses, OpenCV axes, and (P, 3) float64 points with uint8 colors."""
 
     camera: Camera
     frame: NDArray[np.int64]

@@ -61,13 +61,9 @@ Lines = Callable[[SceneFiles], Iterator[str]]
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the story.
+    """A step of the story, which tells of the output of a stage, with what to look for in a page's picture.
 
     Attributes:
-        stage: whose output it tells of.
-        lines: what happened, in sentences.
-        look: what to look for in the picture.
-        page: the stage that draws the picture.
         absent: what to say if the scene lacks the output.
     """
 
@@ -240,12 +236,7 @@ STEPS = (
 
 
 def run(paths: Sequence[Path], output: Path, title: str) -> None:
-    """Write the page.
-
-    Args:
-        paths: files of one scene: artifacts, pages, survey.json, metrics.json.
-        output: .html file.
-        title: name of the scene.
+    """Write the page of a scene from its files: artifacts, pages, survey.json, metrics.json.
 
     Raises:
         UserError: a file is missing or damaged.

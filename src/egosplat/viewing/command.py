@@ -79,11 +79,7 @@ def _written_page(
 
 
 def phrase_encoder(features: Artifact, options: ScenePageOptions) -> Encode:
-    """Load the OpenCLIP that made features, to encode phrases.
-
-    Raises:
-        UserError: it is missing, or is another one.
-    """
+    """Load the OpenCLIP that made features, to encode phrases; raises UserError if it is missing or another one."""
     from egosplat.query.text import encode_phrases, explain_untaught, load_clip_of, untaught_words
 
     clip = load_clip_of(

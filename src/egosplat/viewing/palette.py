@@ -20,14 +20,11 @@ Floats = NDArray[np.float32]
 
 
 def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> Arrays:
-    """Replace codes by the nearest of at most ``ENTRIES`` codes a level, and decode these.
-
-    Args:
-        code, share: (N, L, C) and (N, L) of language.zarr.
+    """Replace (N, L, C) codes with (N, L) shares by the nearest of at most ``ENTRIES`` codes a level, and decode these.
 
     Returns:
-        ``code_index`` (L, N) uint16, ``code_share`` (L, N) uint8 in 1/255, and ``palette`` (L, ENTRIES, D) float16 features of unit
-        norm, 0 where an entry is not used.
+        ``code_index`` (L, N) uint16, ``code_share`` (L, N) uint8 in 1/255, and ``palette`` (L, ENTRIES, D) float16 features
+        of unit norm, 0 where an entry is not used.
     """
     levels = code.shape[1]
     index = np.zeros((levels, len(code)), np.uint16)

@@ -45,15 +45,7 @@ class PageServer(ThreadingTCPServer):
     daemon_threads = True
 
     def __init__(self, host: str, port: int) -> None:
-        """Listen.
-
-        Args:
-            host: address or name of the network interface.
-            port: 0 takes a free one.
-
-        Raises:
-            UserError: the port is in use, or this computer has no such interface.
-        """
+        """Listen at a host, address or name, and a port, 0 for a free one; raises UserError if that is not possible."""
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), _Handler)

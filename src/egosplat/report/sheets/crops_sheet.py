@@ -51,13 +51,9 @@ BACKGROUND = 0.12
 
 @dataclass(frozen=True)
 class Table:
-    """R views, sorted by instance, then frame, of N instances.
+    """R views, sorted by instance, then frame, of N instances; boxes are (R, 4) int32.
 
     Attributes:
-        instance, frame: (R,) int32.
-        box: (R, 4) int32.
-        inlier: (R,) bool.
-        level: (N,) int8.
         consistent: (N, D) float64 features of unit norm, 0 without views.
         hull: whether crops show convex hulls, see ``cut_crop``.
     """

@@ -103,12 +103,7 @@ def _draw_views(
 
 
 def principal_colors(code: NDArray[np.float32], share: NDArray[np.float32]) -> CodeColors:
-    """Fit one color map to the codes of all levels, so that equal codes have equal colors at every level.
-
-    Args:
-        code: (N, L, C), weighted by their shares.
-        share: (N, L) in [0, 1].
-    """
+    """Fit one color map to (N, L, C) codes of all levels, weighted by their (N, L) shares: equal codes have equal colors."""
     channels = code.shape[2]
     total, first, second = 0.0, np.zeros(channels), np.zeros((channels, channels))
     for level in range(code.shape[1]):

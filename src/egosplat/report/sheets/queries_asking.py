@@ -36,14 +36,7 @@ class ScoredQuery:
 
 @dataclass(frozen=True, eq=False)
 class ShownQuery:
-    """A query with its images of (H, W) pixels.
-
-    Attributes:
-        photograph: (H, W, 3) uint8.
-        view: (H, W, 3) float32 in [0, 1], rendered.
-        target: (H, W) bool pixels of the annotated instances.
-        boxes: (B, 4) int64 boxes of the instances, see ``bounding_boxes``.
-    """
+    """A query with its (H, W, 3) uint8 photograph, float32 view in [0, 1], (H, W) bool target and ``bounding_boxes``."""
 
     scored: ScoredQuery
     photograph: NDArray[np.uint8]

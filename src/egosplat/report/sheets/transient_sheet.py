@@ -77,14 +77,10 @@ def run(
 
 
 def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list[int]:
-    """Choose the frames to show, in order of time.
+    """Choose the frames to show, in order of time, by their (F,) masked shares and whether they have a pose, to be rendered.
 
     The frames with masked pixels are split into ``MOVING`` equal parts; each part gives the frame with the largest masked
     share. The remaining frames have no masked pixel and are evenly spaced.
-
-    Args:
-        masked: (F,) masked share of each frame.
-        posed: (F,) which frames have a pose; only these can be rendered.
     """
     moving, still = np.flatnonzero(posed & (masked > 0)), np.flatnonzero(posed & (masked == 0))
     # The outer quarters of a part are left out, so that no two frames are neighbors.

@@ -26,9 +26,7 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
     Files are written atomically; equal inputs give equal bytes.
 
     Args:
-        metrics: ``metrics.json`` files of egosplat's variants and of other methods, see ``read_scored_scene``. Files that
-            belong to no table are logged and left out.
-        output: folder of the files, created if it does not exist.
+        metrics: ``metrics.json`` files of egosplat's variants and of other methods; those of no table are logged and left out.
         pictures: PNG or JPEG files of scenes, for the end of the page.
 
     Raises:

@@ -15,12 +15,7 @@ AVERAGE = "average"
 
 @dataclass(frozen=True)
 class Note:
-    """A footnote.
-
-    Attributes:
-        cells: scene, method, metric and group of the printed numbers that it is about; empty for the whole table.
-        mark: its letter, or empty.
-    """
+    """A footnote with its letter, on printed numbers by scene, method, metric and group, or without any on the whole table."""
 
     text: str
     cells: tuple[tuple[str, str, str, str], ...] = ()

@@ -16,13 +16,7 @@ from egosplat.report.tradeoff.estimates import Chance, Sample, pool
 
 @dataclass(frozen=True)
 class Measure:
-    """A cost or a gain.
-
-    Attributes:
-        scale: factor from the unit in files to the unit on the page.
-        decimals: number of decimals on the page.
-        more_is_better: whether it is a gain; else it is a cost.
-    """
+    """A cost or, if more is better, a gain; with the factor from the unit in files to that on the page, and decimals there."""
 
     name: str
     heading: str
