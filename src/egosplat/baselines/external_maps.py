@@ -115,8 +115,7 @@ def _check_size(maps: Relevancy, valid: Mask) -> None:
 def _check_complete(maps: Relevancy, queries: Sequence[Query], classes: Sequence[str] | None) -> None:
     # A query without a map would not be scored, instead of counting as a miss.
     needed = dict.fromkeys((one.frame, phrase) for one in queries for phrase in classes or [one.category])
-    missing = [one for one in needed if one not in maps.rows]
-    if missing:
+    if missing := [one for one in needed if one not in maps.rows]:
         frame, category = missing[0]
         raise UserError(
             f"{maps.path}: has no map for {len(missing)} of {len(needed)} queries, the first {category!r} in "

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -50,30 +49,38 @@ def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: 
     if not len(rows):
         raise UserError(f"{frames_path}: no frame is for training; see frames.holdout")
     clip = load_open_clip(options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    used = _model_hashes(options)
-    record = provenance.begin_from("tiles", options.as_dict() | by_survey, [frames], used)
+    keys, models = options.as_dict(), [CLIP, *([SAM2] if options.regulariser == "sam2" else [])]
+    used = {model.checkpoint_key: model_hash(model, keys) for model in models}
+    record = provenance.begin_from("tiles", keys | by_survey, [frames], used)
     _, height, width, _ = frames.shape("rgb")
     scales, turned = pyramid(height, width), lies_on_its_side(frames)
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    done = _resumed(checkpoint)
+    saved = checkpoint.load()
+    done = [] if saved is None else [one.numpy() for one in saved["done"]]
+    if done:
+        log(f"encoding resumes after {len(done)} frames")
     for row in track(rows[len(done) :], "encoding tiles"):
         done.append(encode_tiles(clip, frames.row("rgb", row), scales, turned, BATCH))
         checkpoint.save_if_due(lambda: {"done": [torch.from_numpy(one) for one in done]})
-    facts = _facts(scales, options, used)
+    small = options.clip_checkpoint == SMALL
+    made_with = {"model": options.clip_model, "checkpoint": options.clip_checkpoint, "small": small}
+    facts = {
+        "clip": made_with | {"hash": used[CLIP.checkpoint_key]},
+        "scales": [asdict(scale) for scale in scales],
+        "regulariser": options.regulariser,
+    }
     with create(output, TILES, record) as artifact:
         artifact.put("frame", rows.astype(np.int32))
         _put_tiles(artifact, done, scales)
         if options.regulariser == "sam2":
-            keys = options.sam2_config, options.sam2_checkpoint, options.device, options.precision
-            maps, facts["variance"] = image_maps(load_sam2(*keys), lambda row: frames.row("rgb", row), rows)
+            given = options.sam2_config, options.sam2_checkpoint, options.device, options.precision
+            maps, facts["variance"] = image_maps(load_sam2(*given), lambda row: frames.row("rgb", row), rows)
             artifact.put("regulariser", maps)
         artifact.facts = facts
     checkpoint.remove()
     lost = sum(int((~one.any(axis=1)).sum()) for one in done)
-    log(
-        f"{sum(map(len, done)):,} tiles of {len(rows)} frames"
-        + (f", {lost} without a feature" if lost else "")
-    )
+    without = f", {lost} without a feature" if lost else ""
+    log(f"{sum(map(len, done)):,} tiles of {len(rows)} frames{without}")
 
 
 def encode_tiles(clip: OpenClip, rgb: Pixels, scales: list[Scale], turned: bool, batch: int) -> Halves:
@@ -102,25 +109,6 @@ def cut_tiles(rgb: Pixels, scale: Scale) -> Iterator[Pixels]:
             yield padded[top : top + side, left : left + side]
 
 
-def _model_hashes(options: TilesOptions) -> dict[str, str]:
-    kinds = [CLIP, SAM2] if options.regulariser == "sam2" else [CLIP]
-    keys = options.as_dict()
-    return {
-        kind.checkpoint_key: model_hash(
-            kind, {key: keys[key] for key in (kind.config_key, kind.checkpoint_key)}
-        )
-        for kind in kinds
-    }
-
-
-def _resumed(checkpoint: Checkpoint) -> list[Halves]:
-    saved = checkpoint.load()
-    done = [] if saved is None else [one.numpy() for one in saved["done"]]
-    if done:
-        log(f"encoding resumes after {len(done)} frames")
-    return done
-
-
 def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> None:
     begin = 0
     for number, scale in enumerate(scales):
@@ -129,16 +117,6 @@ def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> Non
         for view, tiles in enumerate(done):
             artifact.put_row(scale_name(number), view, tiles[begin:end].reshape(shape))
         begin = end
-
-
-def _facts(scales: list[Scale], options: TilesOptions, used: dict[str, str]) -> dict[str, Any]:
-    checkpoint = options.clip_checkpoint
-    clip = {"model": options.clip_model, "checkpoint": checkpoint, "hash": used[CLIP.checkpoint_key]}
-    return {
-        "clip": clip | {"small": checkpoint == SMALL},
-        "scales": [asdict(scale) for scale in scales],
-        "regulariser": options.regulariser,
-    }
 
 
 # Most principal components that are kept.

@@ -112,10 +112,6 @@ def _by_scene(name: str, score: str, metric: str) -> Layout:
     )
 
 
-def _columns(scene: str) -> tuple[tuple[str, str, str], ...]:
-    return tuple((scene, metric, group) for metric in METRICS for group in GROUPS)
-
-
 # The five tables, in the paper's order.
 LAYOUTS = (
     _by_scene("adt_accuracy", "Localization accuracy", "accuracy"),
@@ -126,7 +122,7 @@ LAYOUTS = (
         "adt-ablation",
         "adt",
         SCENES["adt"],
-        _columns(AVERAGE),
+        tuple((AVERAGE, metric, group) for metric in METRICS for group in GROUPS),
         _BY_METRIC,
         {
             "baseline": ("baseline", (False, False)),
@@ -151,7 +147,7 @@ LAYOUTS = (
         "adt-transient",
         "adt",
         ("scene1",),
-        _columns("scene1"),
+        tuple(("scene1", metric, group) for metric in METRICS for group in GROUPS),
         _BY_METRIC,
         {
             "none": ("no_masks", (False, False)),
