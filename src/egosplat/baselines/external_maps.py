@@ -20,20 +20,11 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
 from egosplat.baselines.options import MethodMetricsOptions
 from egosplat.errors import UserError
-from egosplat.evaluation.document import (
-    Setup,
-    class_entries,
-    frame_entries,
-    provenance_entries,
-    query_entry,
-    write_metrics,
-)
+from egosplat.evaluation.document import Setup, answer_entries, provenance_entries, write_metrics
 from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queries, find_frames
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.queries import Mask, Query, instances_of, phrases_to_ask
-from egosplat.evaluation.rendering import summarise_rendering
 from egosplat.evaluation.run_queries import CLASSES, mask_classes, run_queries
-from egosplat.evaluation.scores import summarise
 from egosplat.progress import log
 from egosplat.query.answer import ViewAnswer
 from egosplat.query.maps import Found, find_in_maps
@@ -84,18 +75,14 @@ def run(
 
     asked = mask_classes(ask, classes) if classes else ask
     answered = list(run_queries(queries, asked, annotations, valid, options))
-    scores = summarise([one.score for one in answered], RESAMPLING)
+    no_renders = [{} for _ in evaluated]
     document = {
         "method": maps.method,
         "scene": title,
         "notice": None,
         "alarms": [asdict(alarm) for alarm in alarms_of_all(made_from.found.values())],
         "counts": count_frames(frames, evaluated, instances),
-        "scores": {name: asdict(score) for name, score in scores.items()},
-        **class_entries(answered, valid, options.masks),
-        "queries": [query_entry(one, instances, maps.levels) for one in answered],
-        "frames": frame_entries(evaluated, answered, [{} for _ in evaluated]),
-        "rendering": summarise_rendering([]),
+        **answer_entries(answered, evaluated, no_renders, instances, maps.levels, valid, options.masks),
         **provenance_entries(record, made_from, Setup(preset, world_seed, camera), None, _UNKNOWN_COST),
     }
     write_metrics(output, document)

@@ -10,9 +10,11 @@ from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact
 from egosplat.evaluation.evaluation_frames import Frame
+from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.queries import Mask
-from egosplat.evaluation.rendering import RegionScore
+from egosplat.evaluation.rendering import RegionScore, summarise_rendering
 from egosplat.evaluation.run_queries import CLASSES, AnsweredQuery, pixel_accuracy
+from egosplat.evaluation.scores import summarise
 from egosplat.files import write_json
 from egosplat.frames.recording import Instance
 from egosplat.models.configs import SMALL
@@ -89,7 +91,30 @@ def provenance_entries(
     }
 
 
-def query_entry(
+def answer_entries(
+    answered: Sequence[AnsweredQuery],
+    frames: Sequence[Frame],
+    rendering: Sequence[Mapping[str, RegionScore]],
+    instances: Sequence[Instance],
+    levels: Sequence[str],
+    valid: Mask,
+    masks: str,
+) -> dict[str, Any]:
+    """The entries of queries and evaluation frames with their scores, and with masks of classes of the pixels."""
+    scores = summarise([one.score for one in answered], RESAMPLING)
+    entries = {
+        "scores": {name: asdict(score) for name, score in scores.items()},
+        "queries": [_query_entry(one, instances, levels) for one in answered],
+        "frames": _frame_entries(frames, answered, rendering),
+        "rendering": summarise_rendering(rendering),
+    }
+    if masks == CLASSES:
+        asked, right = [one.query.frame for one in answered], [one.right_pixels for one in answered]
+        entries["pixel_accuracy"] = pixel_accuracy(asked, right, int(valid.sum()))
+    return entries
+
+
+def _query_entry(
     answered: AnsweredQuery, instances: Sequence[Instance], levels: Sequence[str]
 ) -> dict[str, Any]:
     """The entry of a query, with levels and instances by name."""
@@ -110,7 +135,7 @@ def query_entry(
     }
 
 
-def frame_entries(
+def _frame_entries(
     frames: Sequence[Frame], answered: Sequence[AnsweredQuery], rendering: Sequence[Mapping[str, RegionScore]]
 ) -> list[dict[str, Any]]:
     """The entries of the evaluation frames, with their numbers of queries and rendering scores by group."""
@@ -125,14 +150,6 @@ def frame_entries(
         }
         for frame, scores in zip(frames, rendering, strict=True)
     ]
-
-
-def class_entries(answered: Sequence[AnsweredQuery], valid: Mask, masks: str) -> dict[str, Any]:
-    """The entry on the classes of pixels; none unless masks are those of classes."""
-    if masks != CLASSES:
-        return {}
-    frames, right = [one.query.frame for one in answered], [one.right_pixels for one in answered]
-    return {"pixel_accuracy": pixel_accuracy(frames, right, int(valid.sum()))}
 
 
 _MIB = 2**20

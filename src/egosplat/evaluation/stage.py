@@ -18,11 +18,9 @@ from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.evaluation.document import (
     Setup,
-    class_entries,
-    frame_entries,
+    answer_entries,
     models_used,
     provenance_entries,
-    query_entry,
     write_metrics,
 )
 from egosplat.evaluation.evaluation_frames import (
@@ -38,8 +36,7 @@ from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.rendering import summarise_rendering
-from egosplat.evaluation.run_queries import AnsweredQuery, ask_of, run_queries
-from egosplat.evaluation.scores import GroupScore, summarise
+from egosplat.evaluation.run_queries import ask_of, run_queries
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
 from egosplat.query.finished_scene import scene_of
@@ -91,8 +88,10 @@ def run(
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
-    scores = summarise([one.score for one in answered], RESAMPLING)
-    used, levels = list(made_from.found.values()), language.facts["levels"]
+    about = evaluation.instances, language.facts["levels"], evaluation.valid, options.masks
+    rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
+    answers = answer_entries(answered, evaluation.frames, rendering, *about)
+    scores, used = answers["scores"], list(made_from.found.values())
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
     seed = splats.provenance["options"]["seed"]
     document = {
@@ -102,14 +101,14 @@ def run(
         "notice": notice,
         "alarms": [asdict(alarm) for alarm in alarms],
         "counts": _counts(evaluation, encoded, language, made_from),
-        "scores": {name: asdict(score) for name, score in scores.items()},
-        **class_entries(answered, evaluation.valid, options.masks),
         "presence": presence,
         "length_unit": length_unit(poses),
-        "queries": [query_entry(one, evaluation.instances, levels) for one in answered],
-        **_rendering_entries(evaluation, answered),
+        **answers,
         **provenance_entries(record, made_from, Setup(preset, world_seed, camera), seed),
     }
+    if splats.has("held_out/render_given"):
+        given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
+        document["rendering_without_corrections"] = summarise_rendering(given)
     write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
     if document.get("pixel_accuracy") is not None:
@@ -141,24 +140,12 @@ def _counts(
     return counts
 
 
-def _rendering_entries(evaluation: Evaluation, answered: Sequence[AnsweredQuery]) -> dict[str, Any]:
-    rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
-    entries = {
-        "frames": frame_entries(evaluation.frames, answered, rendering),
-        "rendering": summarise_rendering(rendering),
-    }
-    if evaluation.splats.has("held_out/render_given"):
-        given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
-        entries["rendering_without_corrections"] = summarise_rendering(given)
-    return entries
+def _alarms(score: Mapping[str, Any]) -> Iterator[Alarm]:
+    interval = score["accuracy_interval"]
+    return find_chance_alarm(interval and interval.low, max(score["random_pixel"], score["middle_pixel"]))
 
 
-def _alarms(score: GroupScore) -> Iterator[Alarm]:
-    interval = score.accuracy_interval
-    return find_chance_alarm(interval and interval.low, max(score.random_pixel, score.middle_pixel))
-
-
-def _log_scores(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:
+def _log_scores(frames: Sequence[Frame], scores: Mapping[str, Mapping[str, Any]]) -> None:
     if trained_on := sum(frame.trained_on for frame in frames):
         log(
             f"warning: {trained_on} of {len(frames)} evaluation frames are training frames; their renders are not scored"
@@ -168,10 +155,10 @@ def _log_scores(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> No
     for name in GROUPS:
         score = scores[name]
         values = (
-            f"accuracy {score.accuracy:.1%} (chance: a random pixel {score.random_pixel:.1%}, the middle of the image "
-            f"{score.middle_pixel:.1%}), mIoU {score.mean_iou:.1%}"
+            f"accuracy {score['accuracy']:.1%} (chance: a random pixel {score['random_pixel']:.1%}, the middle of the image "
+            f"{score['middle_pixel']:.1%}), mIoU {score['mean_iou']:.1%}"
         )
-        log(f"{name}: {score.count} queries, {values if score.count else 'no scores'}")
+        log(f"{name}: {score['count']} queries, {values if score['count'] else 'no scores'}")
 
 
 def _log_presence(presence: Mapping[str, Any]) -> None:

@@ -43,7 +43,10 @@ def run(frames: Artifact, annotations: Artifact, poses: Artifact) -> tuple[Figur
     rows = evenly_spaced(annotations.shape("frame")[0], PICTURES)
     columns = min(COLUMNS, max(len(shown), len(rows)))
     above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
-    widths = (HEIGHT * 0.72, _grid_width(frames, columns, above + below))
+    _, height, width, _ = frames.shape("rgb")
+    cell = (HEIGHT - 0.8) / (above + below) - 0.3
+    # The images fill the page's height, within limits.
+    widths = (HEIGHT * 0.72, float(np.clip(columns * cell * width / height, 6.0, 16.0)))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=widths)
     draw_from_above(left.subplots(), poses)
@@ -53,13 +56,6 @@ def run(frames: Artifact, annotations: Artifact, poses: Artifact) -> tuple[Figur
         show(cell, frames.row("rgb", index), f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s")
     _draw_evaluation_frames(grid[above:], frames, annotations, rows)
     return figure, _summary(frames, annotations, poses)
-
-
-def _grid_width(frames: Artifact, columns: int, rows: int) -> float:
-    """Width [inches] with which ``rows`` of images fill the page's height, within limits."""
-    _, height, width, _ = frames.shape("rgb")
-    cell = (HEIGHT - 0.8) / rows - 0.3
-    return float(np.clip(columns * cell * width / height, 6.0, 16.0))
 
 
 def _summary(frames: Artifact, annotations: Artifact, poses: Artifact) -> str:

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -159,17 +158,14 @@ def _draw_views(
         frame, instance = table.frame[row], table.instance[row]
         labels = instances.row("labels", frame)[table.level[instance]]
         crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], hull=table.hull)
-        _draw_crop(cell, np.rot90(crop, -1) if turned else crop, bool(table.inlier[row]))
+        crop = np.rot90(crop, -1) if turned else crop
+        shown = np.where((crop == 0).all(axis=2, keepdims=True), np.uint8(255 * BACKGROUND), crop)
+        cell.imshow(shown, interpolation="nearest" if len(crop) < 24 else "antialiased")
+        if not table.inlier[row]:
+            cell.plot([0, 1], [0, 1], color="crimson", linewidth=2.5, transform=cell.transAxes)
         color = "black" if table.inlier[row] else "crimson"
         number = f": {numbers[row]}" if numbers[row] else ""
         cell.set_title(f"{frame}{number}", fontsize=8, pad=2, color=color)
-
-
-def _draw_crop(cell: Axes, crop: NDArray[np.uint8], inlier: bool) -> None:
-    shown = np.where((crop == 0).all(axis=2, keepdims=True), np.uint8(255 * BACKGROUND), crop)
-    cell.imshow(shown, interpolation="nearest" if len(crop) < 24 else "antialiased")
-    if not inlier:
-        cell.plot([0, 1], [0, 1], color="crimson", linewidth=2.5, transform=cell.transAxes)
 
 
 def _numbers(views: Artifact, features: Artifact, rows: NDArray[np.int64]) -> tuple[dict[int, str], float]:

@@ -13,6 +13,7 @@ from egosplat.artifacts.splats import camera_poses
 from egosplat.codes.rendering import render_codes
 from egosplat.drawing import empty_grid, plt, show
 from egosplat.geometry import Camera
+from egosplat.query.answer import rendering_camera
 from egosplat.query.scene import TrainedScene, read_trained_scene
 from egosplat.report.sheets.sheet import sheet
 
@@ -56,7 +57,7 @@ def run(poses: Artifact, splats: Artifact, language: Artifact) -> tuple[Figure, 
     """Draw views through the recording, with the codes of each level as colors."""
     scene = read_trained_scene(splats, "auto")
     levels = language.facts["levels"]
-    camera = _reduced(scene.camera)
+    camera = rendering_camera(scene.camera, LONGEST_SIDE)
     camera_to_world = camera_poses(poses, splats)
     frames = choose_frames(camera_to_world, poses.read("registered"), VIEWS)
     size = (CELL * VIEWS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
@@ -64,12 +65,6 @@ def run(poses: Artifact, splats: Artifact, language: Artifact) -> tuple[Figure, 
     grid = empty_grid(figure, 1 + len(levels), VIEWS)
     _draw_views(grid, scene, {frame: camera_to_world[frame] for frame in frames}, language, camera)
     return figure, _summary(language)
-
-
-def _reduced(camera: Camera) -> Camera:
-    """Scale a camera down to a longer side of at most ``LONGEST_SIDE``."""
-    factor = min(LONGEST_SIDE / max(camera.width, camera.height), 1.0)
-    return camera.scaled_to(max(round(factor * camera.width), 1), max(round(factor * camera.height), 1))
 
 
 def _summary(language: Artifact) -> str:
