@@ -20,7 +20,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
 from egosplat.baselines.options import MethodMetricsOptions
 from egosplat.errors import UserError
-from egosplat.evaluation.document import Setup, answer_entries, provenance_entries, write_metrics
+from egosplat.evaluation.document import answer_entries, provenance_entries, write_metrics
 from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queries, find_frames
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.queries import Mask, Query, instances_of, phrases_to_ask
@@ -50,7 +50,7 @@ def run(
     Args:
         relevancy_path: maps in the layout of ``egosplat.artifacts.relevancy``; maps of other queries are ignored.
         title: ``DATASET/SCENE``.
-        preset, world_seed, camera: as in ``Setup``.
+        preset, world_seed, camera: as in ``provenance_entries``.
 
     Raises:
         UserError: the inputs do not match, a query has no map, or a map does not follow the layout.
@@ -83,7 +83,7 @@ def run(
         "alarms": [asdict(alarm) for alarm in alarms_of_all(made_from.found.values())],
         "counts": count_frames(frames, evaluated, instances),
         **answer_entries(answered, evaluated, no_renders, instances, maps.levels, valid, options.masks),
-        **provenance_entries(record, made_from, Setup(preset, world_seed, camera), None, _UNKNOWN_COST),
+        **provenance_entries(record, made_from, None, preset, world_seed, camera, _UNKNOWN_COST),
     }
     write_metrics(output, document)
     log(f"{maps.method}: {len(answered)} queries; {len(maps.rows) - len(answered)} maps belong to no query")

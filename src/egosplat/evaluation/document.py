@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -45,25 +45,19 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-@dataclass(frozen=True)
-class Setup:
-    """How a scene was configured: its preset, and ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment."""
-
-    preset: str | None = None
-    world_seed: int | None = None
-    camera: str | None = None
-
-
 def provenance_entries(
     run: Provenance,
     made_from: Lineage,
-    setup: Setup,
     seed: int | None,
+    preset: str | None,
+    world_seed: int | None,
+    camera: str | None,
     total: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The entries on what was measured, with which preset, seed and code, and on what it was made from.
 
     Args:
+        world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
         total: sum of the wall times of all stages [s] and the largest peak memory [MiB]; None: of the lineage.
     """
     frames, record = made_from.found["frames.zarr"], run.record()
@@ -75,11 +69,11 @@ def provenance_entries(
             "hash": frames.digest,
             "frames": len(times),
             "seconds": round(float(times[-1] - times[0]) * 1e-9, 3),
-            "seed": setup.world_seed,
-            "camera": setup.camera,
+            "seed": world_seed,
+            "camera": camera,
         },
         "seed": seed,
-        "preset": setup.preset,
+        "preset": preset,
         "commit": record["commit"],
         "clean": record["clean"],
         "format_version": FORMAT_VERSION,

@@ -72,7 +72,7 @@ class AnsweredQuery:
     """A query with its score and its answer, without the answer's maps.
 
     Attributes:
-        right_pixels: see ``egosplat.evaluation.run_queries.count_right``; None unless masks are those of classes.
+        right_pixels: see ``count_right``; None unless masks are those of classes.
         relevancy: largest smoothed relevancy, 0..1.
         level, pixel, position, mask_level: see ``egosplat.query.answer.ViewAnswer``.
     """

@@ -16,13 +16,7 @@ from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.evaluation.document import (
-    Setup,
-    answer_entries,
-    models_used,
-    provenance_entries,
-    write_metrics,
-)
+from egosplat.evaluation.document import answer_entries, models_used, provenance_entries, write_metrics
 from egosplat.evaluation.evaluation_frames import (
     SCORED,
     Evaluation,
@@ -64,7 +58,7 @@ def run(
 
     Args:
         method: name of the published method that the codes stand for; None for EgoSplat.
-        preset, world_seed, camera: as in ``Setup``.
+        preset, world_seed, camera: as in ``provenance_entries``.
         features_path: required unless the codes were learnt from tiles.
         tiles_path: required if they were.
 
@@ -104,7 +98,7 @@ def run(
         "presence": presence,
         "length_unit": length_unit(poses),
         **answers,
-        **provenance_entries(record, made_from, Setup(preset, world_seed, camera), seed),
+        **provenance_entries(record, made_from, seed, preset, world_seed, camera),
     }
     if splats.has("held_out/render_given"):
         given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]

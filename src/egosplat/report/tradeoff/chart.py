@@ -19,19 +19,8 @@ PANELS = ((WALL, ACCURACY), (CPU, ACCURACY), (CPU, MEAN_IOU), (CPU, PSNR))
 
 # The axis of time: half a minute to a day [min].
 _FROM, _TO = 0.5, 1440.0
-_TICKS = {
-    0.5: "½ min",
-    1: "1",
-    2: "2",
-    5: "5",
-    10: "10",
-    20: "20",
-    60: "1 h",
-    120: "2 h",
-    300: "5 h",
-    720: "12 h",
-    1440: "1 day",
-}
+_TICKS = {0.5: "½ min", **{one: str(one) for one in (1, 2, 5, 10, 20)}, 60: "1 h", 120: "2 h", 300: "5 h"}
+_TICKS |= {720: "12 h", 1440: "1 day"}
 
 
 def draw(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
