@@ -130,7 +130,11 @@ def annotated_shares(
     if not things:
         return total, names
     camera = rendering_camera(evaluation.camera, LABEL_SIDE)
-    members = _indicators(things, scene)
+    # 1 where a Gaussian belongs to a thing.
+    members = torch.zeros(scene.gaussians.count, len(things))
+    for column, thing in enumerate(things):
+        members[torch.from_numpy(thing.members), column] = 1.0
+    members = members.to(scene.code.device)
     # Frames without an annotation would count all their pixels as no category.
     for frame in (one for one in evaluation.frames if one.asked):
         category = _category_map(evaluation, frame, names, camera)
@@ -157,14 +161,6 @@ def separation(present: Sequence[float], absent: Sequence[float]) -> float:
         return float("nan")
     ranks = rankdata(np.concatenate([present, absent]))[: len(present)]
     return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
-
-
-def _indicators(things: Sequence[FoundThing], scene: QueryScene) -> torch.Tensor:
-    """(N, T) float32: 1 where a Gaussian belongs to a thing."""
-    values = torch.zeros(scene.gaussians.count, len(things))
-    for column, thing in enumerate(things):
-        values[torch.from_numpy(thing.members), column] = 1.0
-    return values.to(scene.code.device)
 
 
 def _category_map(

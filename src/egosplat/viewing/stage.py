@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from egosplat.alarms.artifact_alarms import warnings_of
@@ -13,16 +14,17 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import joint_origin
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.files import write_text
+from egosplat.geometry import Array, known_poses
+from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.grades.evidence import SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
-from egosplat.viewing.frames import pack_frames
 from egosplat.viewing.gaussians import (
     keep_largest,
     pack_gaussians,
@@ -37,6 +39,9 @@ from egosplat.viewing.record import record_of
 from egosplat.viewing.words import pack_words
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE)
+
+# Largest number of pictures, their longer side [px] and the quality of WebP.
+PICTURES, SIDE, QUALITY = 40, 256, 60
 
 
 def run(
@@ -120,4 +125,25 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
         "query": {name: getattr(options, name) for name in keys}
         | {"calibration": calibration and asdict(calibration)}
         | {"nearest": NEAREST, "reach": REACH, "least": LEAST_GAUSSIANS, "same": SAME, "synonym": SYNONYM},
+    }
+
+
+def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts]:
+    """Pack ``poses`` (P, 3, 4) float32 of all frames that have one, and ``pictures`` uint8, WebP files of some in a row.
+
+    Args:
+        camera_to_world: (F, 4, 4) float64, NaN without a pose.
+    """
+    posed = known_poses(camera_to_world)
+    shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()
+    files = [encode_webp(shrink_image(frames.row("rgb", frame), SIDE), QUALITY) for frame in shown]
+    arrays = {
+        "poses": camera_to_world[posed, :3].astype(np.float32),
+        "pictures": np.concatenate(files) if files else np.zeros(0, np.uint8),
+    }
+    seconds = (frames.read("timestamp_ns")[posed] - frames.read("timestamp_ns")[posed[:1]]) / 1e9
+    return arrays, {
+        "frames": posed.tolist(),
+        "seconds": np.round(seconds, 2).tolist(),
+        "pictures": [{"frame": frame, "bytes": len(file)} for frame, file in zip(shown, files, strict=True)],
     }

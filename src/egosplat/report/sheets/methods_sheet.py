@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
+from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.report.sheets.queries_asking import (
     ScoredQuery,
     ShownQuery,
@@ -47,10 +47,11 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
     by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]
     chosen = best_and_worst(over_methods(by_scene), ROWS)
     best, worst = ([(one.frame, one.category) for one in queries] for queries in chosen)
-    shown = [
-        _answers(scene, [queries[one] for one in (*best, *worst)])
-        for scene, queries in zip(scenes, by_scene, strict=True)
-    ]
+    shown = []
+    for scene, queries in zip(scenes, by_scene, strict=True):
+        opened = open_scored(scene.path.parent, scoring_options(scene))
+        answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene)
+        shown.append({(one.scored.frame, one.scored.category): one for one in answers})
     names = [scene.method or OWN for scene in scenes]
     rows = len(best) + len(worst)
     size = (len(scenes) + 1) * CELL, (CELL + 0.25) * max(rows, 1) + 1.2
@@ -79,12 +80,6 @@ def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuer
         )
         for asked in sorted(common)
     ]
-
-
-def _answers(scene: ScoredScene, queries: Sequence[ScoredQuery]) -> dict[Asked, ShownQuery]:
-    opened = open_scored(scene.path.parent, scoring_options(scene))
-    shown = ask_again(queries, opened, scene)
-    return {(one.scored.frame, one.scored.category): one for one in shown}
 
 
 def _draw(
