@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import click
 
+from egosplat.artifacts.locating import locate
 from egosplat.errors import UserError
 from egosplat.progress import show_log
 
@@ -46,9 +47,10 @@ scene_folders = click.argument(
 
 
 def survey_of(folder: Path) -> Path | None:
-    """The survey of a scene; None if the scene was made without one."""
-    path = folder / "survey.json"
-    return path if path.exists() else None
+    """The survey of a scene or variant, its own or the scene's; None if it was made without one."""
+    (frames,) = locate(folder, "frames")
+    paths = (folder / "survey.json", frames.with_name("survey.json"))
+    return next((path for path in paths if path.exists()), None)
 
 
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:

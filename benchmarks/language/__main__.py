@@ -91,11 +91,9 @@ def read(folder: Path) -> Scene:
         masks_path=folder / "masks.zarr",
     )
     targets = CodeTargets(found["instances"], found["features"], CPU)
-    views = select_code_views(found["frames"], found["poses"], splats, targets.of, masking, CPU)
-    decoder = read_decoder(found["features"])
-    return Scene(
-        read_gaussians(splats), read_render_settings(splats, "auto"), decoder, views, targets, **found
-    )
+    given = read_gaussians(splats), read_render_settings(splats, "auto")
+    views = select_code_views(found["frames"], found["poses"], splats, targets.of, masking, *given)
+    return Scene(*given, read_decoder(found["features"]), views, targets, **found)
 
 
 def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], Targets]:
@@ -111,7 +109,7 @@ def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], T
 def trained(scene: Scene, views: CodeViews, levels: int, iterations: int) -> Tensor:
     """Codes trained by gradients."""
     options = LanguageOptions(iterations=iterations)
-    found = PlainCodes(scene.gaussians, views, scene.settings, (levels, scene.targets.channels), options)
+    found = PlainCodes(views, (levels, scene.targets.channels), options)
     with TemporaryDirectory() as folder:
         train(found, len(views), iterations, options.seed, Checkpoint(Path(folder) / "x", "", 1e9))
     return found.code.detach()
@@ -149,7 +147,7 @@ def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
 def measure(folder: Path, way: str, iterations: int) -> dict[str, object]:
     """Measure one way in this process."""
     scene = read(folder)
-    found, seconds = time_call(lift, scene.gaussians, scene.views, scene.settings)
+    found, seconds = time_call(lift, scene.views)
     code = found.code
     if way != MEANS:
         code, seconds = time_call(codes, scene, way, iterations)

@@ -18,7 +18,7 @@ from egosplat.artifacts.language import GAUSSIANS, PIXELS
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query
-from egosplat.evaluation.run_queries import run_queries
+from egosplat.evaluation.run_queries import ask_of, run_queries
 from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import Lifted, lift
@@ -58,8 +58,7 @@ def read(folder: Path) -> tuple[Asked, dict[str, Lifted | Coded]]:
     evaluation = evaluation_of(scene)
     queries = find_asked_queries(evaluation.annotations, evaluation.valid, options, evaluation.frames)
     asker = scene.asker(sorted({query.category for query in queries}))
-    given = learnt.gaussians, learnt.views, learnt.settings
-    ways = {MEANS: lift(*given), ONE: lift_instances(*given, learnt.targets)}
+    ways = {MEANS: lift(learnt.views), ONE: lift_instances(learnt.views, learnt.targets)}
     return Asked(asker, evaluation, queries, options), ways
 
 
@@ -69,9 +68,9 @@ def rows(folder: Path) -> Iterator[tuple[object, ...]]:
     for name, codes in ways.items():
         for decoded, rendered in RENDERED.items():
             scene = replace(asked.asker.scene, code=codes.code, share=codes.share, decoded=decoded)
-            begun, hit_region = time.process_time(), asked.options.hit_region
-            asker = Asker.of(scene, asked.asker.texts, asked.options)
-            answers = run_queries(asked.queries, asked.evaluation, asker, hit_region)
+            begun, evaluation = time.process_time(), asked.evaluation
+            ask = ask_of(evaluation, Asker.of(scene, asked.asker.texts, asked.options))
+            answers = run_queries(asked.queries, ask, evaluation.annotations, evaluation.valid, asked.options)
             found = [answer.score.groups["all"] for answer in answers]
             spent = time.process_time() - begun
             scores = (f"{100 * np.mean([getattr(one, key) for one in found]):.1f}" for key in ("hit", "iou"))

@@ -28,6 +28,7 @@ from benchmarks.common import command, markdown, scene_folders, survey_of
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.codes.rendering import render_codes
 from egosplat.codes.targets import CodeTargets
@@ -88,7 +89,7 @@ class Overlap:
 def measure_overlap(scene: Scene, views: CodeViews) -> Overlap:
     """Compare the instances of a scene with the true things of its recording."""
     frames, instances = scene.artifact("frames"), scene.artifact("instances")
-    truth = read_truth(scene.folder / "recording", frames)
+    truth = read_truth(frames.path.with_name("recording"), frames)
     count, things = instances.shape("instances/level")[0], len(truth.names)
     # The last row counts all pixels of a thing, the one before those that are masked.
     common, own = np.zeros((count + 2, things)), np.zeros(count)
@@ -112,7 +113,7 @@ def measure_overlap(scene: Scene, views: CodeViews) -> Overlap:
 def lifted_instances(scene: Scene, views: CodeViews) -> NDArray[np.int64]:
     """(N, L) instance whose code each Gaussian took at each level, -1 for none."""
     targets = CodeTargets(scene.artifact("instances"), scene.encoded, views.device)
-    votes, _ = target_votes(scene.gaussians, views, scene.trained.settings, targets)
+    votes, _ = target_votes(views, targets)
     instance = targets.code_rows()[1]
     found = np.full((scene.gaussians.count, len(targets.levels)), -1)
     for level in range(found.shape[1]):
@@ -127,10 +128,13 @@ def lifted_instances(scene: Scene, views: CodeViews) -> NDArray[np.int64]:
 def training_views(scene: Scene) -> CodeViews:
     """The training views of the scene's codes, masked as they were."""
     frames, poses, splats = map(scene.artifact, ("frames", "poses", "splats"))
-    paths = {"transient_path": scene.folder / "transient.zarr", "masks_path": scene.folder / "masks.zarr"}
-    masking = open_masking(splats.provenance["options"]["masking"], frames, **paths)
+    transient, masks = locate(scene.folder, "transient", "masks")
+    masking = open_masking(
+        splats.provenance["options"]["masking"], frames, transient_path=transient, masks_path=masks
+    )
     kept, _ = kept_frames(frames, survey_of(scene.folder))
-    return select_code_views(frames, poses, splats, None, masking, torch.device("cpu"), kept)
+    given = scene.gaussians, scene.trained.settings
+    return select_code_views(frames, poses, splats, None, masking, *given, kept)
 
 
 def find_causes(folder: Path) -> Iterator[tuple[Mapping[str, Any], Evidence]]:
@@ -144,7 +148,7 @@ def find_causes(folder: Path) -> Iterator[tuple[Mapping[str, Any], Evidence]]:
         raise UserError(f"{folder}: language.method is {method}; only lifted gives codes of instances")
     views = training_views(scene)
     overlap, lifted = measure_overlap(scene, views), lifted_instances(scene, views)
-    annotations = open_artifact(folder / "annotations.zarr", ANNOTATIONS)
+    annotations = open_artifact(scene.artifact("frames").path.with_name("annotations.zarr"), ANNOTATIONS)
     row_of = {frame: row for row, frame in enumerate(annotations.read("frame").tolist())}
     for query in read_scored_scene(folder / "metrics.json").document["queries"]:
         true = query["groups"].get("all")

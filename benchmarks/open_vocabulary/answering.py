@@ -8,7 +8,7 @@ from benchmarks.open_vocabulary.questions import Question, find_questions
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.run_queries import run_queries
+from egosplat.evaluation.run_queries import ask_of, run_queries
 from egosplat.evaluation.scores import Result
 from egosplat.pipeline.config import Config, stage_values
 from egosplat.report.sheets.queries_asking import evaluation_of, open_scored
@@ -41,7 +41,8 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
     of_query = {id(one.query): one for one in questions}
     queries = [one.query for one in questions]
     asker = scene.asker(sorted({query.category for query in queries}))
-    answers = run_queries(queries, evaluation, asker, options.hit_region)
+    ask = ask_of(evaluation, asker)
+    answers = run_queries(queries, ask, evaluation.annotations, evaluation.valid, options)
     return [Answered(of_query[id(one.query)], one.score.groups["all"]) for one in answers]
 
 

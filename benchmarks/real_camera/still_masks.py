@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import command, markdown, scene_folders
+from benchmarks.common import command, markdown, scene_folders, survey_of
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.transient import TRANSIENT
@@ -26,21 +27,13 @@ COLUMNS = (
 )
 
 
-def _file(folder: Path, name: str) -> Path:
-    """A file of a scene, or of the scene of which the folder is a variant."""
-    own = folder / name
-    return own if own.exists() else folder.parents[1] / name
-
-
 def row(folder: Path) -> list[object]:
     """A row of the table: the survey, the network, and the masks of a still scene."""
-    masks, transient = (
-        open_artifact(_file(folder, f"{schema.name}.zarr"), schema) for schema in (MASKS, TRANSIENT)
-    )
+    masks, transient = map(open_artifact, locate(folder, "masks", "transient"), (MASKS, TRANSIENT))
     count = masks.shape("refined")[0]
     share = float(np.mean([masks.row("refined", frame).mean() for frame in range(count)]))
     moving = masks.read("instances/transient")
-    survey = read_survey(_file(folder, "survey.json"))["motion"]["share"]
+    survey = read_survey(survey_of(folder) or folder / "survey.json")["motion"]["share"]
     return [
         title_of(folder),
         "cannot tell" if survey is None else f"{survey:.3%}",

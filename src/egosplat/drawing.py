@@ -82,6 +82,14 @@ def inner_point(mask: NDArray[np.bool_]) -> tuple[int, int]:
     return int(columns[nearest]), int(rows[nearest])
 
 
+def empty_grid(page: FigureBase, rows: int, columns: int) -> NDArray[np.object_]:
+    """(rows, columns) places for images, without axes."""
+    grid = page.subplots(rows, columns, squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    return grid
+
+
 def show(cell: Axes, picture: NDArray, title: str, fontsize: int = 9, **style: Any) -> AxesImage:
     """Draw an image below its title, without axes; ``style`` as for ``Axes.imshow``."""
     cell.set_title(title, fontsize=fontsize)

@@ -17,10 +17,10 @@ from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import Surface
 from egosplat.viewing.container import Arrays, Facts, unpack
+from egosplat.viewing.gaussians import STEP
 from egosplat.viewing.html import data_of
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.stage import run
-from egosplat.viewing.visibility import STEP
 from tests.support.scenes import UP, camera_facts, put
 
 SIDE = 96

@@ -42,20 +42,10 @@ def dense_features(tiles: TileViews, frame: int, camera: Camera) -> Tensor:
 
 
 class Codebook(nn.Module):
-    """Words for features of two halves, each compared by direction.
-
-    Attributes:
-        words: (128, D + K).
-        optimizer: of the words.
-    """
+    """Words, (128, D + K), for features of two halves, each compared by direction, and their optimizer."""
 
     def __init__(self, channels: int, components: int, draw: torch.Generator) -> None:
-        """Start from random words.
-
-        Args:
-            channels: D of the first half.
-            components: K of the regulariser, 0 without one.
-        """
+        """Start from random words of ``channels`` D and ``components`` K, 0 without a regulariser."""
         super().__init__()
         values = (2 * torch.rand(WORDS, channels + components, generator=draw) - 1) / WORDS
         self.words = nn.Parameter(values)

@@ -17,30 +17,19 @@ class Layers(nn.Module):
         values: all weights and biases, as ``Decoder.values``.
     """
 
-    def __init__(self, described: Decoder, seed: int, device: torch.device) -> None:
-        """Start from random weights.
-
-        Args:
-            described: the layers; its values are not used.
-            seed: of the weights.
-        """
+    def __init__(self, widths: tuple[int, ...], seed: int, device: torch.device, **more: object) -> None:
+        """Start from random weights of ``seed``; the other arguments are those of ``Decoder``."""
         super().__init__()
-        self._described = described
-        self.values = nn.Parameter(_random(described.widths, seed).to(device))
+        self._described = Decoder(widths, np.zeros(0, np.float32), **more)
+        self.values = nn.Parameter(_random(widths, seed).to(device))
 
     def forward(self, codes: Tensor) -> Tensor:
         """(..., C) codes -> (..., D)."""
-        described = self._described
-        return apply_layers(codes, split_layers(self.values, described.widths), described)
+        return apply_layers(codes, split_layers(self.values, self._described.widths), self._described)
 
     def trained(self) -> Decoder:
         """The decoder with the weights of now."""
         return replace(self._described, values=self.values.detach().cpu().numpy())
-
-
-def described(widths: tuple[int, ...], **more: object) -> Decoder:
-    """Describe a decoder without weights; arguments as of ``Decoder``."""
-    return Decoder(widths, np.zeros(0, np.float32), **more)
 
 
 def _random(widths: tuple[int, ...], seed: int) -> Tensor:

@@ -6,7 +6,6 @@ counted.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -17,35 +16,20 @@ from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.relevancy import Relevancy, open_relevancy
 from egosplat.baselines.options import MethodMetricsOptions
 from egosplat.errors import UserError
-from egosplat.evaluation.classes import CLASSES, ClassMap, count_right
-from egosplat.evaluation.document import (
-    FORMAT_VERSION,
-    Setup,
-    artifact_entries,
-    class_entries,
-    frame_entries,
-    query_entry,
-    setup_entries,
-    write_metrics,
-)
+from egosplat.evaluation.document import answer_entries, provenance_entries, write_metrics
 from egosplat.evaluation.evaluation_frames import count_frames, find_asked_queries, find_frames
 from egosplat.evaluation.intervals import RESAMPLING
-from egosplat.evaluation.queries import (
-    Mask,
-    Query,
-    instances_of,
-    phrases_to_ask,
-    read_layers,
-)
-from egosplat.evaluation.rendering import summarise_rendering
-from egosplat.evaluation.run_queries import AnsweredQuery
-from egosplat.evaluation.scores import QueryScore, score_query, summarise
-from egosplat.progress import log, track
+from egosplat.evaluation.queries import Mask, Query, instances_of, phrases_to_ask
+from egosplat.evaluation.run_queries import CLASSES, mask_classes, run_queries
+from egosplat.progress import log
+from egosplat.query.answer import ViewAnswer
 from egosplat.query.maps import Found, find_in_maps
+
+_UNKNOWN_COST = {"wall_s": None, "peak_memory_mb": None}
 
 
 def run(
@@ -64,10 +48,9 @@ def run(
     """Write another method's scores of a scene as JSON, see ``metrics.schema.yaml``.
 
     Args:
-        frames_path, poses_path, annotations_path: of the scene. Frames without a pose are not queried, as in ``metrics``.
         relevancy_path: maps in the layout of ``egosplat.artifacts.relevancy``; maps of other queries are ignored.
         title: ``DATASET/SCENE``.
-        preset, world_seed, camera: of the scene, as in ``Setup``.
+        preset, world_seed, camera: as in ``provenance_entries``.
 
     Raises:
         UserError: the inputs do not match, a query has no map, or a map does not follow the layout.
@@ -85,27 +68,22 @@ def run(
     instances = instances_of(annotations)
     classes = phrases_to_ask(queries, instances, options) if options.masks == CLASSES else None
     _check_complete(maps, queries, classes)
-    answered = list(_answer(queries, annotations, maps, valid, options, classes))
-    scores = summarise([one.score for one in answered], RESAMPLING)
-    own = record.record()
+
+    def ask(frame: int, phrases: Sequence[str]) -> Iterator[ViewAnswer]:
+        found = (find_in_maps(maps.maps(frame, phrase), valid, options) for phrase in phrases)
+        return (_answer(phrase, one, valid) for phrase, one in zip(phrases, found, strict=True))
+
+    asked = mask_classes(ask, classes) if classes else ask
+    answered = list(run_queries(queries, asked, annotations, valid, options))
+    no_renders = [{} for _ in evaluated]
     document = {
-        **setup_entries(Setup(preset, world_seed, camera), frames, own, seed=None),
-        "format_version": FORMAT_VERSION,
         "method": maps.method,
         "scene": title,
-        "origin": record.origin,
         "notice": None,
         "alarms": [asdict(alarm) for alarm in alarms_of_all(made_from.found.values())],
         "counts": count_frames(frames, evaluated, instances),
-        "scores": {name: asdict(score) for name, score in scores.items()},
-        **class_entries(answered, valid, options.masks),
-        "queries": [query_entry(one, instances, maps.levels) for one in answered],
-        "frames": frame_entries(evaluated, answered, [{} for _ in evaluated]),
-        "rendering": {name: asdict(score) for name, score in summarise_rendering([]).items()},
-        "models": {},
-        "artifacts": artifact_entries(made_from),
-        "total": {"wall_s": None, "peak_memory_mb": None},
-        "provenance": own,
+        **answer_entries(answered, evaluated, no_renders, instances, maps.levels, valid, options.masks),
+        **provenance_entries(record, made_from, None, preset, world_seed, camera, _UNKNOWN_COST),
     }
     write_metrics(output, document)
     log(f"{maps.method}: {len(answered)} queries; {len(maps.rows) - len(answered)} maps belong to no query")
@@ -124,8 +102,7 @@ def _check_size(maps: Relevancy, valid: Mask) -> None:
 def _check_complete(maps: Relevancy, queries: Sequence[Query], classes: Sequence[str] | None) -> None:
     # A query without a map would not be scored, instead of counting as a miss.
     needed = dict.fromkeys((one.frame, phrase) for one in queries for phrase in classes or [one.category])
-    missing = [one for one in needed if one not in maps.rows]
-    if missing:
+    if missing := [one for one in needed if one not in maps.rows]:
         frame, category = missing[0]
         raise UserError(
             f"{maps.path}: has no map for {len(missing)} of {len(needed)} queries, the first {category!r} in "
@@ -133,49 +110,9 @@ def _check_complete(maps: Relevancy, queries: Sequence[Query], classes: Sequence
         )
 
 
-def _answer(
-    queries: Sequence[Query],
-    annotations: Artifact,
-    maps: Relevancy,
-    valid: Mask,
-    options: MethodMetricsOptions,
-    classes: Sequence[str] | None,
-) -> Iterator[AnsweredQuery]:
-    instances = instances_of(annotations)
-    for row, in_frame in groupby(track(queries, "reading maps", unit="query"), key=lambda query: query.row):
-        layers, asked = read_layers(annotations, row, valid), list(in_frame)
-        won = _classes(asked[0].frame, maps, valid, options, classes) if classes else None
-        for query in asked:
-            found = find_in_maps(maps.maps(query.frame, query.category), valid, options)
-            mask = np.zeros_like(valid) if found is None else found.segmentation.mask
-            mask = won.mask(query.category) if won else mask
-            pixel = None if found is None else found.location.pixel
-            score = score_query(query, pixel, mask, layers, valid, options.hit_region)
-            yield _answered(
-                query, found, mask, score, count_right(query, mask, layers, instances) if won else None
-            )
-
-
-def _classes(
-    frame: int, maps: Relevancy, valid: Mask, options: MethodMetricsOptions, classes: Sequence[str]
-) -> ClassMap:
-    """The most relevant of all classes at each pixel of a frame."""
-    found = ((name, find_in_maps(maps.maps(frame, name), valid, options)) for name in classes)
-    empty = np.zeros(valid.shape, np.float32)
-    return ClassMap((name, empty if one is None else one.relevancy) for name, one in found)
-
-
-def _answered(
-    query: Query, found: Found | None, mask: Mask, score: QueryScore, right_pixels: int | None
-) -> AnsweredQuery:
-    return AnsweredQuery(
-        query=query,
-        score=score,
-        right_pixels=right_pixels,
-        relevancy=0.0 if found is None else found.location.score,
-        level=None if found is None else found.location.level,
-        pixel=None if found is None else found.location.pixel,
-        position=None,
-        mask_level=None if found is None else found.segmentation.level,
-        mask_pixels=int(mask.sum()),
-    )
+def _answer(phrase: str, found: Found | None, valid: Mask) -> ViewAnswer:
+    if found is None:
+        nothing = np.zeros(valid.shape, np.float32)
+        return ViewAnswer(phrase, 0.0, None, None, None, nothing, None, nothing > 0)
+    at, mask = found.location, found.segmentation
+    return ViewAnswer(phrase, at.score, at.level, at.pixel, None, found.relevancy, mask.level, mask.mask)

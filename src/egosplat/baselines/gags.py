@@ -1,17 +1,16 @@
 """Method ``train_granular``: the distillation of GAGS (Peng et al. 2024). One code for three levels, which the training weighs."""
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.decoders import Layers
 from egosplat.baselines.pixel_views import PixelViews
-from egosplat.baselines.regions import Sample, mean_over_regions, sample_regions, variance_within
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.method import Method
@@ -35,12 +34,7 @@ _STRIDE, _SMOOTHED = 2, 5
 
 
 def train_granular(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    targets: CodeTargets,
-    options: LanguageOptions,
-    checkpoint: Checkpoint,
+    views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Train codes, their decoder and the decoder that weighs the levels.
 
@@ -51,10 +45,10 @@ def train_granular(
         raise UserError(
             f"language.method = granular needs three levels, not {', '.join(targets.levels)}; lower segments.pred_iou_thresh"
         )
-    pixels = PixelViews(gaussians, views, settings, options.pixels)
+    pixels = PixelViews(views, options.pixels)
     codes = GranularCodes(pixels, targets.uncompressed(), options)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
-    share = shares(gaussians, views, settings, lambda frame: targets.known(frame).all(dim=0, keepdim=True))
+    share = shares(views, lambda frame: targets.known(frame).all(dim=0, keepdim=True))
     by_depth = options.segmenter == "sam2" and options.point_prompts == "depth"
     stands_in = (
         *(() if by_depth else ("distillation alone: the segments are shared, not prompted by depth",)),
@@ -65,13 +59,7 @@ def train_granular(
 
 
 def weighted_target(weights: Tensor, features: Tensor, known: Tensor) -> Tensor:
-    """(S, D) sum of the levels' features by weight, not normalized; 0 where a level has none.
-
-    Args:
-        weights: (S, 3), they get a gradient.
-        features: (3, S, D).
-        known: (3, S) bool.
-    """
+    """(S, D) sum of (3, S, D) features by (S, 3) weights, which get a gradient; 0 unless all three are known."""
     return torch.einsum("sl,lsd->sd", weights, features) * known.all(dim=0)[:, None]
 
 
@@ -80,25 +68,79 @@ def entropy(weights: Tensor) -> Tensor:
     return -(weights * (weights + 1e-6).log()).mean()
 
 
-class GranularCodes(Trainee):
-    """Codes with two decoders.
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """S pixels drawn from R regions.
 
     Attributes:
-        code: (N, 16), from zeros.
-        decoder: from codes to features.
-        scales: from codes to the logits of the three levels' weights.
+        pixel: (S,) int64 index among the pixels that were drawn from.
+        region: (S,) int64 in [0, R), sorted.
+        size, drawn: (R,) int64 pixels that each region has in all, and that were drawn from it.
     """
+
+    pixel: Tensor
+    region: Tensor
+    size: Tensor
+
+    @property
+    def drawn(self) -> Tensor:
+        return self.region.bincount(minlength=len(self.size))
+
+
+def sample_regions(region: Tensor, count: int, draw: torch.Generator) -> Sample:
+    """Draw about ``count`` pixels, equally many of each region, at least 2, none twice; if that is too many, regions, too.
+
+    The mean over regions of the mean over a region's drawn pixels has the expectation of that over all pixels, and
+    so has a region's variance.
+
+    Args:
+        region: (Q,) int64 region of each pixel, any numbers; negative for none. On the CPU.
+    """
+    inside = (region >= 0).nonzero()[:, 0]
+    names, place, size = region[inside].unique(return_inverse=True, return_counts=True)
+    if (most := max(1, count // 2)) < len(names):
+        kept = torch.zeros(len(names), dtype=torch.bool)
+        kept[torch.randperm(len(names), generator=draw)[:most]] = True
+        inside, size = inside[kept[place]], size[kept]
+        place = (kept.cumsum(0) - 1)[place[kept[place]]]
+    # In random order, then sorted by region: the first pixels of a region are a random part of it.
+    order = torch.randperm(len(inside), generator=draw)
+    order = order[place[order].argsort(stable=True)]
+    first = size.cumsum(0) - size
+    rank = torch.arange(len(order)) - first[place[order]]
+    drawn = order[rank < max(2, count // max(1, len(size)))]
+    return Sample(inside[drawn], place[drawn], size)
+
+
+def mean_over_regions(values: Tensor, sample: Sample) -> Tensor:
+    """() mean over regions of the mean of each region's (S,) values; 0 without regions."""
+    regions = len(sample.size)
+    sums = values.new_zeros(regions).index_add(0, sample.region.to(values.device), values)
+    return (sums / sample.drawn.to(values).clamp(min=1)).sum() / max(1, regions)
+
+
+def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
+    """() sum over regions of pixels * mean over channels of the variance within of (S, C) values, over all pixels."""
+    drawn, region = sample.drawn.to(values)[:, None], sample.region.to(values.device)
+    sums = values.new_zeros(len(sample.size), values.shape[1])
+    means = sums.index_add(0, region, values) / drawn.clamp(min=1)
+    squares = sums.index_add(0, region, (values - means[region]).square())
+    variance = torch.where(drawn > 1, squares / (drawn - 1).clamp(min=1), 0.0).mean(dim=1)
+    return (sample.size.to(values) * variance).sum() / pixels
+
+
+class GranularCodes(Trainee):
+    """Codes, (N, 16), with two decoders: to features, and to the logits of the three levels' weights."""
 
     advice = "use another language.seed"
 
     def __init__(self, pixels: PixelViews, targets: CodeTargets, options: LanguageOptions) -> None:
         """Start from zero codes and random decoders."""
         super().__init__()
-        device = pixels.gaussians.means.device
-        self.code = nn.Parameter(torch.zeros(pixels.gaussians.count, CHANNELS, device=device))
-        layers = described((CHANNELS, *HIDDEN, targets.channels), skips=SKIPS)
-        self.decoder = Layers(layers, options.seed, device)
-        self.scales = Layers(described(SCALES), options.seed, device)
+        device = pixels.views.device
+        self.code = nn.Parameter(torch.zeros(pixels.views.gaussians.count, CHANNELS, device=device))
+        self.decoder = Layers((CHANNELS, *HIDDEN, targets.channels), options.seed, device, skips=SKIPS)
+        self.scales = Layers(SCALES, options.seed, device)
         self.optimizers = [
             adam([([self.code], _CODE_RATE)]),
             torch.optim.Adam([self.decoder.values, self.scales.values], lr=_LAYER_RATE),
@@ -137,12 +179,7 @@ class GranularCodes(Trainee):
 
 
 def regions(weights: Tensor, labels: Tensor) -> Tensor:
-    """(h, w) int64 instance of each pixel at the level of largest weight, -1 for none.
-
-    Args:
-        weights: (h, w, 3), averaged over 5 x 5 pixels first.
-        labels: (3, h, w) int64 instances, of one level each; -1 for none.
-    """
+    """(h, w) int64 of (3, h, w) instances, -1 for none, at the level of largest (h, w, 3) weight over 5 x 5 pixels."""
     smooth = F.avg_pool2d(weights.movedim(-1, 0)[None], _SMOOTHED, 1, _SMOOTHED // 2, count_include_pad=False)
     level = smooth[0].argmax(dim=0)
     return labels.gather(0, level[None])[0]

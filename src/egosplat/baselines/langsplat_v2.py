@@ -12,8 +12,6 @@ from egosplat.baselines.pixel_views import PixelViews
 from egosplat.codes.decoder import Decoder
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.method import Method
@@ -32,12 +30,7 @@ _ROUNDS = 20
 
 
 def train_mixtures(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    targets: CodeTargets,
-    options: LanguageOptions,
-    checkpoint: Checkpoint,
+    views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Train coefficients and the codebook; an iteration trains one level, in turn.
 
@@ -45,11 +38,11 @@ def train_mixtures(
         UserError: no view has a feature, or training diverges.
     """
     features = targets.uncompressed()
-    words = torch.from_numpy(codebook(features.rows, options.seed)).to(gaussians.means.device)
-    pixels = PixelViews(gaussians, views, settings, options.pixels)
+    words = torch.from_numpy(codebook(features.rows, options.seed)).to(views.device)
+    pixels = PixelViews(views, options.pixels)
     codes = SparseCodes(pixels, features, words, options.lr)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
-    share = shares(gaussians, views, settings, targets.known)
+    share = shares(views, targets.known)
     stands_in = (
         *fewer_iterations(options.iterations // len(targets.levels), _ITERATIONS, " a level"),
         f"the loss of {options.pixels:,} pixels of a view",
@@ -59,11 +52,7 @@ def train_mixtures(
 
 
 def codebook(rows: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
-    """Cluster (R, D) features into at most ``WORDS`` centers, (K, D) float32.
-
-    Raises:
-        UserError: there are no features.
-    """
+    """Cluster (R, D) features into at most ``WORDS`` centers, (K, D) float32; raises UserError without features."""
     different = np.unique(rows, axis=0)
     if not len(different):
         raise UserError("language.method = sparse: no view of an instance has a feature; use lifted")
@@ -81,18 +70,13 @@ def coefficients(logits: Tensor) -> Tensor:
 
 
 class SparseCodes(Trainee):
-    """Logits of each level, and the codebook.
-
-    Attributes:
-        logits: L of (N, K), from zeros.
-        words: (K, D).
-    """
+    """Logits of each level, L of (N, K), from zeros, and the (K, D) words of the codebook."""
 
     def __init__(self, pixels: PixelViews, targets: CodeTargets, words: Tensor, lr: float) -> None:
         """Start from a codebook; ``lr`` is that of logits and codebook."""
         super().__init__()
         self.words = nn.Parameter(words)
-        zeros = words.new_zeros(pixels.gaussians.count, len(words))
+        zeros = words.new_zeros(pixels.views.gaussians.count, len(words))
         self.logits = nn.ParameterList([nn.Parameter(zeros.clone()) for _ in targets.levels])
         self.optimizers = [adam([(self.logits, lr)]), torch.optim.Adam([self.words], lr=lr)]
         self._pixels, self._targets = pixels, targets

@@ -1,6 +1,7 @@
 """Method ``train_indices``: LEGaussians (Shi et al., CVPR 2024). Dense features become indices into a codebook."""
 
 import math
+from functools import cached_property
 
 import torch
 from torch import Tensor, nn
@@ -9,12 +10,10 @@ from torch.nn import functional as F
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.tiles import TILES
 from egosplat.baselines.codebook import Codebook, dense_features
-from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.decoders import Layers
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.decoder import Decoder
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import evaluate_everywhere, shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.method import Method
@@ -46,12 +45,7 @@ _MOST_UNCERTAIN = 1 - 1e-6
 
 
 def train_indices(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    tiles: TileViews,
-    options: LanguageOptions,
-    checkpoint: Checkpoint,
+    views: CodeViews, tiles: TileViews, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Train the codebook, then codes with the decoder of indices; the curve has both, one after the other.
 
@@ -59,13 +53,13 @@ def train_indices(
         UserError: a view has no tiles, or training diverges.
     """
     tiles.check_has(views.frame)
-    pixels = PixelViews(gaussians, views, settings, options.pixels)
+    pixels = PixelViews(views, options.pixels)
     codes = QuantizedCodes(pixels, tiles, options.seed)
     total = codes.first_phase + options.iterations
     curve = train(codes, len(views), total, options.seed, checkpoint)
-    share = shares(gaussians, views, settings, evaluate_everywhere(views))
+    share = shares(views, evaluate_everywhere(views))
     stands_in = (
-        *tiles.stands_in,
+        tiles.stands_in,
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"the loss of {options.pixels:,} pixels of a view, and of as many features a batch",
         "color and geometry fixed, not trained along with it",
@@ -74,12 +68,7 @@ def train_indices(
 
 
 def uncertain_loss(entropy: Tensor, uncertainty: Tensor) -> Tensor:
-    """() mean of ``entropy (1 - u) - log(1 - u)``; gradients reach both. 0 without pixels.
-
-    Args:
-        entropy: (P,) cross entropy of the indices.
-        uncertainty: (P,) u in [0, 1).
-    """
+    """() mean of (P,) ``entropy (1 - u) - log(1 - u)`` with u in [0, 1); gradients reach both. 0 without pixels."""
     sure = 1 - uncertainty.clamp(max=_MOST_UNCERTAIN)
     return (entropy * sure - sure.log()).sum() / max(1, len(entropy))
 
@@ -87,9 +76,7 @@ def uncertain_loss(entropy: Tensor, uncertainty: Tensor) -> Tensor:
 def smoothing(codes: Tensor, predicted: Tensor, uncertainty: Tensor) -> Tensor:
     """() two terms: the prediction follows the codes, and codes follow the prediction, the more the less certain.
 
-    Args:
-        codes: (S, C); predicted: (S, C) from positions.
-        uncertainty: (S,) of the Gaussians; it gets no gradient.
+    Codes and their prediction from positions are (S, C); the (S,) uncertainty of the Gaussians gets no gradient.
     """
     weight = LEAST_SMOOTHING * (1 - uncertainty.detach()) + uncertainty.detach()
     fit = (predicted - codes.detach()).square().mean()
@@ -113,16 +100,15 @@ class QuantizedCodes(Trainee):
     def __init__(self, pixels: PixelViews, tiles: TileViews, seed: int) -> None:
         """Start from random numbers."""
         super().__init__()
-        gaussians, device = pixels.gaussians, pixels.gaussians.means.device
+        gaussians, device = pixels.views.gaussians, pixels.views.device
         draw = torch.Generator().manual_seed(seed)
         self.code = nn.Parameter(torch.randn(gaussians.count, CHANNELS, generator=draw).to(device))
         start = math.log(_UNCERTAIN / (1 - _UNCERTAIN))
         self.uncertainty = nn.Parameter(torch.full((gaussians.count,), start, device=device))
         self.codebook = Codebook(tiles.channels, tiles.components, draw).to(device)
-        self.decoder = Layers(
-            described((CHANNELS, *HIDDEN, len(self.codebook.words)), unit_input=True), seed, device
-        )
-        self.positions = Layers(described(POSITIONS), seed, device)
+        widths = (CHANNELS, *HIDDEN, len(self.codebook.words))
+        self.decoder = Layers(widths, seed, device, unit_input=True)
+        self.positions = Layers(POSITIONS, seed, device)
         self.optimizers = [
             self.codebook.optimizer,
             adam([([self.code], _CODE_RATE), ([self.uncertainty], _UNCERTAINTY_RATE)]),
@@ -130,7 +116,6 @@ class QuantizedCodes(Trainee):
             torch.optim.AdamW([self.positions.values], lr=_LAYER_RATE),
         ]
         self._pixels, self._tiles = pixels, tiles
-        self._pool: Tensor | None = None
         self._indices: dict[int, Tensor] = {}
         self.first_phase = _EPOCHS * math.ceil(len(pixels.views) / _BATCH)
 
@@ -152,13 +137,12 @@ class QuantizedCodes(Trainee):
         return Decoder((*decoder.widths, words.shape[1]), torch.cat(values).numpy(), after, unit_input=True)
 
     def _codebook_loss(self, step: Step) -> Tensor:
-        if self._pool is None:
-            self._pool = self._drawn_features()
         chosen = torch.randint(len(self._pool), (self._pixels.count,), generator=step.draw)
         self.codebook.set_rate(step.iteration * _EPOCHS / self.first_phase)
         return self.codebook.loss(self._pool[chosen].to(self.code.device))
 
-    def _drawn_features(self) -> Tensor:
+    @cached_property
+    def _pool(self) -> Tensor:
         """(R, D + K) features of all views, about ``_POOL`` of them. They are equal after a kill."""
         views, draw = self._pixels.views, torch.Generator().manual_seed(0)
         few, rows = max(1, _POOL // len(views)), []
@@ -183,7 +167,7 @@ class QuantizedCodes(Trainee):
         return nearest(self._indices[view], pixels.to(self.code.device), camera.width, camera.height)
 
     def _smoothing(self, draw: torch.Generator) -> Tensor:
-        means = self._pixels.gaussians.means
+        means = self._pixels.views.gaussians.means
         chosen = torch.randint(len(means), (self._pixels.count,), generator=draw)
         predicted = self.positions(means[chosen])
         return smoothing(self.code[chosen], predicted, self.uncertainty[chosen].sigmoid())

@@ -10,14 +10,12 @@ from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.tiles import TILES
-from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.decoders import Layers
 from egosplat.baselines.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract, exponential
 from egosplat.baselines.pixel_views import PixelViews
 from egosplat.baselines.tile_views import TileViews, nearest, open_tile_views
 from egosplat.codes.centers import median_depths
 from egosplat.codes.decoder import Decoder
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import invert
 from egosplat.language.lifting import evaluate_everywhere, shares
 from egosplat.language.loop import Step, Trainee, train
@@ -52,12 +50,7 @@ CHANNELS = 32
 
 
 def train_field(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    tiles: TileViews,
-    options: LanguageOptions,
-    checkpoint: Checkpoint,
+    views: CodeViews, tiles: TileViews, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Train the field at the depths that the Gaussians show, then evaluate it at their centers, at several scales.
 
@@ -65,16 +58,15 @@ def train_field(
         UserError: a view has no tiles, or training diverges.
     """
     tiles.check_has(views.frame)
-    pixels = PixelViews(gaussians, views, settings, options.pixels)
+    pixels = PixelViews(views, options.pixels)
     trained = Field(pixels, tiles, options.seed)
     curve = train(trained, len(views), options.iterations, options.seed, checkpoint)
-    scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=gaussians.means.device)
-    code, decoder = evaluate_at_centers(trained, gaussians.means, scales, CHANNELS)
-    share = shares(gaussians, views, settings, evaluate_everywhere(views))
+    scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=views.device)
+    code, decoder = evaluate_at_centers(trained, views.gaussians.means, scales, CHANNELS)
+    share = shares(views, evaluate_everywhere(views))
     weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
     stands_in = (
-        tiles.stands_in[0] + weight,
-        *tiles.stands_in[1:],
+        tiles.stands_in + weight,
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"{options.pixels:,} rays of one view an iteration",
         "one sample a ray, at the depth of the shared geometry, not nerfacto's 24",
@@ -86,12 +78,7 @@ def train_field(
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """The world as the field sees it: cameras around 0, the farthest coordinate 1.
-
-    Attributes:
-        center: (3,) mean position of the cameras [m].
-        unit: largest coordinate of a camera from there [m].
-    """
+    """The world as the field sees it: the cameras' (3,) mean position [m] at 0, their largest coordinate [m] at 1."""
 
     center: Tensor
     unit: float
@@ -122,13 +109,7 @@ def input_scale(scale: Tensor, distance: Tensor, height: int, focal: float) -> T
 
 
 class Field(Trainee):
-    """Features and regulariser by position; features by scale, too.
-
-    Attributes:
-        grid: of positions.
-        features: from the grid's features and the scale.
-        regulariser: from the grid's features; None without one.
-    """
+    """Features by position and scale, from a grid of positions; and a regulariser by position, or None."""
 
     advice = "use another language.seed"
 
@@ -138,17 +119,17 @@ class Field(Trainee):
         width = len(RESOLUTIONS) * FEATURES
         draw, cpu = torch.Generator().manual_seed(seed), torch.device("cpu")
         self.grid = HashGrid(draw)
-        self.features = Layers(described((width + 1, *HIDDEN, tiles.channels)), seed, cpu)
+        self.features = Layers((width + 1, *HIDDEN, tiles.channels), seed, cpu)
         self.regulariser = None
         if tiles.components:
-            self.regulariser = Layers(described((width, *REGULARISED, tiles.components)), seed + 1, cpu)
-        self.to(pixels.gaussians.means.device)
+            self.regulariser = Layers((width, *REGULARISED, tiles.components), seed + 1, cpu)
+        self.to(pixels.views.device)
         networks = [part for name, part in self.named_parameters() if not name.startswith("grid")]
         self.optimizers = [
             torch.optim.SparseAdam([self.grid.table], lr=_FIRST_RATE, eps=_EPSILON),
             torch.optim.RAdam(networks, lr=_FIRST_RATE, eps=_EPSILON, weight_decay=_DECAY),
         ]
-        self.world = world_of(pixels.views.camera_to_world, pixels.gaussians.means.device)
+        self.world = world_of(pixels.views.camera_to_world, pixels.views.device)
         self._pixels, self._tiles = pixels, tiles
 
     def forward(self, points: Tensor, scale: Tensor) -> Tensor:
@@ -182,9 +163,9 @@ class Field(Trainee):
 
     def _surface(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The points [m] at the median depth of pixels, their distances from the camera [m], and which pixels have one."""
-        views, gaussians = self._pixels.views, self._pixels.gaussians
-        camera, pose = views.camera, views.camera_to_world[view]
-        shown = pixel_lists(view_of(gaussians, camera, pose, self._pixels.settings), pixels)
+        views = self._pixels.views
+        gaussians, camera, pose = views.gaussians, views.camera, views.camera_to_world[view]
+        shown = pixel_lists(views.view(view), pixels)
         inverse = torch.from_numpy(invert(pose))
         depth = median_depths(*shown, gaussians.means.cpu().double() @ inverse[2, :3] + inverse[2, 3])
         seen = depth.isfinite()
@@ -200,16 +181,7 @@ class Field(Trainee):
 def evaluate_at_centers(
     trained: Field, means: Tensor, scales: Tensor, channels: int
 ) -> tuple[Tensor, Decoder]:
-    """Evaluate a field at the centers of Gaussians, as codes of a linear basis.
-
-    Args:
-        means: (N, 3) [m].
-        scales: (S,).
-        channels: C of the codes.
-
-    Returns:
-        (N, S, C) codes, and their decoder.
-    """
+    """Evaluate a field at (N, 3) centers of Gaussians [m] and (S,) scales: (N, S, C) codes of a linear basis, and their decoder."""
     rows = [
         torch.stack([trained(part, scale.expand(len(part))) for scale in scales], dim=1)
         for part in means.split(_ROWS_AT_ONCE)

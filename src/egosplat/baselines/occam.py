@@ -3,29 +3,23 @@
 import numpy as np
 import torch
 
-from egosplat.codes.centers import look_at_centers
 from egosplat.codes.targets import CodeTargets
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.method import Method
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
 
-def average_at_centers(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
-) -> Coded:
+def average_at_centers(views: CodeViews, targets: CodeTargets, *_: object) -> Coded:
     """Method ``center``: ``f_g = sum_v w F(u_g) / sum_v w`` with the feature F and the weight w at the center's pixel u_g.
 
     Views whose pixel has no mask at a level do not count there. A Gaussian that no view shows has no code.
     """
-    shape = gaussians.count, len(targets.levels)
+    shape = views.gaussians.count, len(targets.levels)
     sums = torch.zeros(*shape, targets.channels, device=views.device)
     total = torch.zeros(shape, device=views.device)
     for index in track(range(len(views)), "looking at centers", unit="view"):
-        pose = views.camera_to_world[index]
-        centers = look_at_centers(gaussians, views.camera, pose, settings, median=False)
+        centers = views.centers(index)
         shown = np.flatnonzero((centers.weight > 0) & (views.weight_at(index, centers.pixel) > 0))
         rows = torch.from_numpy(centers.gaussian[shown]).to(views.device)
         found = targets.at(int(views.frame[index]), centers.pixel[shown])

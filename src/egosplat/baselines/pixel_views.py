@@ -6,26 +6,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import pixel_renderer
 
 
 @dataclass(frozen=True, eq=False)
 class PixelViews:
-    """Gaussians with frozen geometry in front of V views.
+    """V views, in each of which ``count`` pixels are drawn."""
 
-    Attributes:
-        gaussians: they require no gradients.
-        views: their poses, valid pixels and masking.
-        settings: of rendering.
-        count: pixels to draw.
-    """
-
-    gaussians: Gaussians
     views: CodeViews
-    settings: RenderSettings
     count: int
 
     def frame(self, view: int) -> int:
@@ -41,9 +30,8 @@ class PixelViews:
         weight, camera = self.views.weight(view), self.views.camera
         if weight is None:
             size = torch.tensor([camera.width, camera.height])
-            return (torch.rand(self.count, 2, generator=generator) * size).long(), torch.ones(
-                self.count, device=self.views.device
-            )
+            pixels = (torch.rand(self.count, 2, generator=generator) * size).long()
+            return pixels, torch.ones(self.count, device=self.views.device)
         allowed = weight.cpu().flatten().nonzero()[:, 0]
         if not len(allowed):
             return torch.zeros(0, 2, dtype=torch.int64), weight.new_zeros(0)
@@ -53,5 +41,4 @@ class PixelViews:
 
     def renderer(self, view: int, pixels: Tensor) -> Callable[[Tensor], Tensor]:
         """See ``egosplat.rasterize.view.pixel_renderer``."""
-        pose = self.views.camera_to_world[view]
-        return pixel_renderer(view_of(self.gaussians, self.views.camera, pose, self.settings), pixels)
+        return pixel_renderer(self.views.view(view), pixels)

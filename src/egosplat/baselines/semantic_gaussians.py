@@ -6,10 +6,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from egosplat.codes.centers import Centers, look_at_centers
+from egosplat.codes.centers import Centers
 from egosplat.codes.targets import CodeTargets
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.method import Method
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
@@ -25,18 +23,16 @@ BORDER = 10 / 648
 TOLERANCE = 0.05
 
 
-def project_views(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
-) -> Coded:
+def project_views(views: CodeViews, targets: CodeTargets, *_: object) -> Coded:
     """Method ``project_views``: the mean feature of the pixels that show a Gaussian's center, over views, at one level.
 
     A pixel's feature is the sum of those of all masks that cover it, as a unit vector, or 0 without a mask. The mean is not
     normalized, and opacities play no part.
     """
-    sums = torch.zeros(gaussians.count, targets.channels, device=views.device)
-    seen = torch.zeros(gaussians.count, device=views.device)
+    sums = torch.zeros(views.gaussians.count, targets.channels, device=views.device)
+    seen = torch.zeros(views.gaussians.count, device=views.device)
     for index in track(range(0, len(views), EVERY), "projecting", unit="view"):
-        centers = look_at_centers(gaussians, views.camera, views.camera_to_world[index], settings)
+        centers = views.centers(index, median=True)
         inside = is_seen(centers, views.camera.width, views.camera.height)
         shown = inside & (views.weight_at(index, centers.pixel) > 0)
         rows = torch.from_numpy(centers.gaussian[shown]).to(views.device)

@@ -42,13 +42,10 @@ class TileViews:
         self.scales = [Scale(**one) for one in tiles.facts["scales"]]
         self.channels = tiles.shape(scale_name(0))[-1]
         self.components = tiles.shape("regulariser")[-1] if tiles.has("regulariser") else 0
-        names = [scale_name(number) for number in range(len(self.scales))]
-        if self.components:
-            names.append("regulariser")
+        names = [*map(scale_name, range(len(self.scales))), *(["regulariser"] if self.components else [])]
         self._rows = {name: _rows_of(tiles, name) for name in names}
-        self.stands_in = [
-            "SAM2's encoder in place of DINO" if self.components else "no regulariser in place of DINO"
-        ]
+        found = "SAM2's encoder" if self.components else "no regulariser"
+        self.stands_in = f"{found} in place of DINO"
 
     def check_has(self, frames: NDArray[np.int64]) -> None:
         """Raise UserError unless all frames have tiles."""
@@ -62,15 +59,10 @@ class TileViews:
         return self._rows[scale_name(number)][self._row[frame]]
 
     def between(self, frame: int, pixels: Tensor, scale: Tensor, part: Tensor) -> Tensor:
-        """Interpolate between the tiles of a scale and the next, at pixels; not normalized.
-
-        Args:
-            pixels: (P, 2) columns and rows.
-            scale: (P,) int64, from 0 to one less than the last scale.
-            part: (P,) of the next scale, 0 to 1.
+        """Interpolate between the tiles of a (P,) int64 scale and the next, (P,) ``part`` of 0 to 1, at (P, 2) columns and rows.
 
         Returns:
-            (P, D) float32.
+            (P, D) float32, not normalized.
         """
         found = torch.zeros(len(pixels), self.channels)
         for number in scale.unique().tolist():

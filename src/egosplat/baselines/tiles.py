@@ -14,12 +14,9 @@ _APART, _HALF = 0.05, 0.15
 
 @dataclass(frozen=True)
 class Scale:
-    """The grid of tiles of one size. The image is padded by ``kernel // 2`` black pixels on every side.
+    """The grid of tiles of one size: side of a tile and stride from tile to tile [px], and numbers of tiles.
 
-    Attributes:
-        kernel: side of a tile [px].
-        stride: from tile to tile [px].
-        rows, columns: number of tiles.
+    The image is padded by ``kernel // 2`` black pixels on every side.
     """
 
     kernel: int
@@ -48,10 +45,11 @@ def _scale(ratio: float, height: int, width: int) -> Scale:
 
 
 def at_pixels(tiles: Tensor, scale: Scale, pixels: Tensor) -> Tensor:
-    """Interpolate the features of one image's tiles, bilinearly between their centers; not normalized.
+    """Interpolate (rows, columns, D) features of tiles bilinearly between their centers; not normalized.
+
+    Beyond the last tile, the last one continues.
 
     Args:
-        tiles: (rows, columns, D). Beyond the last tile, the last one continues.
         pixels: (P, 2) columns and rows, integers.
 
     Returns:

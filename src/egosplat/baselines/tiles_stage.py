@@ -1,13 +1,13 @@
 """Stage ``tiles``: encode the tiles of each training frame with OpenCLIP, at seven scales, as LERF does."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -16,15 +16,15 @@ from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES, scale_name
 from egosplat.artifacts.writer import Writer, create
-from egosplat.baselines.image_maps import image_maps
 from egosplat.baselines.options import TilesOptions
 from egosplat.baselines.tiles import Scale, pyramid
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
+from egosplat.models import image_encoder
 from egosplat.models.checkpoints import CLIP, SAM2, model_hash
 from egosplat.models.configs import SMALL
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
-from egosplat.models.sam2_loader import load_sam2
+from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.progress import log, track
 
 Pixels = NDArray[np.uint8]
@@ -49,39 +49,42 @@ def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: 
     if not len(rows):
         raise UserError(f"{frames_path}: no frame is for training; see frames.holdout")
     clip = load_open_clip(options.clip_model, options.clip_checkpoint, options.device, options.precision)
-    used = _model_hashes(options)
-    record = provenance.begin_from("tiles", options.as_dict() | by_survey, [frames], used)
+    keys, models = options.as_dict(), [CLIP, *([SAM2] if options.regulariser == "sam2" else [])]
+    used = {model.checkpoint_key: model_hash(model, keys) for model in models}
+    record = provenance.begin_from("tiles", keys | by_survey, [frames], used)
     _, height, width, _ = frames.shape("rgb")
     scales, turned = pyramid(height, width), lies_on_its_side(frames)
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    done = _resumed(checkpoint)
+    saved = checkpoint.load()
+    done = [] if saved is None else [one.numpy() for one in saved["done"]]
+    if done:
+        log(f"encoding resumes after {len(done)} frames")
     for row in track(rows[len(done) :], "encoding tiles"):
         done.append(encode_tiles(clip, frames.row("rgb", row), scales, turned, BATCH))
         checkpoint.save_if_due(lambda: {"done": [torch.from_numpy(one) for one in done]})
-    facts = _facts(scales, options, used)
+    small = options.clip_checkpoint == SMALL
+    made_with = {"model": options.clip_model, "checkpoint": options.clip_checkpoint, "small": small}
+    facts = {
+        "clip": made_with | {"hash": used[CLIP.checkpoint_key]},
+        "scales": [asdict(scale) for scale in scales],
+        "regulariser": options.regulariser,
+    }
     with create(output, TILES, record) as artifact:
         artifact.put("frame", rows.astype(np.int32))
         _put_tiles(artifact, done, scales)
         if options.regulariser == "sam2":
-            keys = options.sam2_config, options.sam2_checkpoint, options.device, options.precision
-            maps, facts["variance"] = image_maps(load_sam2(*keys), lambda row: frames.row("rgb", row), rows)
+            given = options.sam2_config, options.sam2_checkpoint, options.device, options.precision
+            maps, facts["variance"] = image_maps(load_sam2(*given), lambda row: frames.row("rgb", row), rows)
             artifact.put("regulariser", maps)
         artifact.facts = facts
     checkpoint.remove()
     lost = sum(int((~one.any(axis=1)).sum()) for one in done)
-    log(
-        f"{sum(map(len, done)):,} tiles of {len(rows)} frames"
-        + (f", {lost} without a feature" if lost else "")
-    )
+    without = f", {lost} without a feature" if lost else ""
+    log(f"{sum(map(len, done)):,} tiles of {len(rows)} frames{without}")
 
 
 def encode_tiles(clip: OpenClip, rgb: Pixels, scales: list[Scale], turned: bool, batch: int) -> Halves:
-    """Encode all tiles of one frame, scale by scale, row by row.
-
-    Args:
-        rgb: (H, W, 3) uint8.
-        turned: whether tiles are turned upright first.
-        batch: tiles at a time.
+    """Encode all tiles of an (H, W, 3) uint8 frame, scale by scale, row by row, ``turned`` upright first.
 
     Returns:
         (T, D) float16 of unit norm; 0 where the model gives no finite feature.
@@ -106,25 +109,6 @@ def cut_tiles(rgb: Pixels, scale: Scale) -> Iterator[Pixels]:
             yield padded[top : top + side, left : left + side]
 
 
-def _model_hashes(options: TilesOptions) -> dict[str, str]:
-    kinds = [CLIP, SAM2] if options.regulariser == "sam2" else [CLIP]
-    keys = options.as_dict()
-    return {
-        kind.checkpoint_key: model_hash(
-            kind, {key: keys[key] for key in (kind.config_key, kind.checkpoint_key)}
-        )
-        for kind in kinds
-    }
-
-
-def _resumed(checkpoint: Checkpoint) -> list[Halves]:
-    saved = checkpoint.load()
-    done = [] if saved is None else [one.numpy() for one in saved["done"]]
-    if done:
-        log(f"encoding resumes after {len(done)} frames")
-    return done
-
-
 def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> None:
     begin = 0
     for number, scale in enumerate(scales):
@@ -135,11 +119,50 @@ def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> Non
         begin = end
 
 
-def _facts(scales: list[Scale], options: TilesOptions, used: dict[str, str]) -> dict[str, Any]:
-    checkpoint = options.clip_checkpoint
-    clip = {"model": options.clip_model, "checkpoint": checkpoint, "hash": used[CLIP.checkpoint_key]}
-    return {
-        "clip": clip | {"small": checkpoint == SMALL},
-        "scales": [asdict(scale) for scale in scales],
-        "regulariser": options.regulariser,
-    }
+# Most principal components that are kept.
+COMPONENTS = 64
+
+# Most frames that the principal components are computed from.
+_FRAMES = 32
+
+
+def image_maps(
+    sam2: Sam2, images: Callable[[int], NDArray[np.uint8]], rows: NDArray[np.integer]
+) -> tuple[NDArray[np.float16], float]:
+    """Encode frames at SAM2's coarsest resolution, one sixteenth of its square, and keep the principal components.
+
+    Args:
+        images: returns the (H, W, 3) uint8 image of a frame, by its row.
+
+    Returns:
+        (V, h, w, K) float16: components of the channels, each channel of mean 0 and variance 1 over the scene; and
+        the part of the variance that they keep.
+    """
+    few = rows[np.linspace(0, len(rows) - 1, min(len(rows), _FRAMES)).astype(int)]
+    sample = torch.cat([_map(sam2, images(row)).flatten(0, 1) for row in few]).double()
+    mean, deviation = sample.mean(dim=0), sample.std(dim=0)
+    # A channel that never changes says nothing.
+    scale = torch.where(deviation > 1e-6 * (1 + mean.abs()), 1 / deviation.clamp(min=1e-12), 0.0)
+    basis, kept = principal_components((sample - mean) * scale, COMPONENTS)
+    found = []
+    for row in track(rows, "encoding frames with SAM2"):
+        values = (_map(sam2, images(row)).double() - mean) * scale
+        found.append((values @ basis).numpy().astype(np.float16))
+    return np.stack(found), kept
+
+
+def principal_components(centered: Tensor, count: int) -> tuple[Tensor, float]:
+    """(C, K) directions of largest variance of (R, C) float64 rows of mean 0, K <= ``count``, and their part of it."""
+    values, vectors = torch.linalg.eigh(centered.T @ centered)
+    chosen = vectors.flip(1)[:, :count]
+    # The sign of an eigenvector is arbitrary: its largest number is positive.
+    largest = chosen.gather(0, chosen.abs().argmax(dim=0, keepdim=True))
+    total = float(values.clamp(min=0).sum())
+    kept = float(values.clamp(min=0).flip(0)[:count].sum()) / total if total > 0 else 1.0
+    return chosen * largest.sign(), kept
+
+
+def _map(sam2: Sam2, image: NDArray[np.uint8]) -> Tensor:
+    """(h, w, C) float32 on the CPU."""
+    with sam2.compute.inference():
+        return image_encoder.encode(sam2, image).image(-1)[0].permute(1, 2, 0).float().cpu()

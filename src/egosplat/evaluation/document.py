@@ -2,17 +2,19 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from egosplat.artifacts.lineage import Lineage
+from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact
-from egosplat.evaluation.classes import CLASSES, pixel_accuracy
 from egosplat.evaluation.evaluation_frames import Frame
+from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.queries import Mask
-from egosplat.evaluation.rendering import RegionScore
-from egosplat.evaluation.run_queries import AnsweredQuery
+from egosplat.evaluation.rendering import RegionScore, summarise_rendering
+from egosplat.evaluation.run_queries import CLASSES, AnsweredQuery, pixel_accuracy
+from egosplat.evaluation.scores import summarise
 from egosplat.files import write_json
 from egosplat.frames.recording import Instance
 from egosplat.models.configs import SMALL
@@ -43,24 +45,22 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-@dataclass(frozen=True)
-class Setup:
-    """How a scene was configured, as far as its artifacts do not tell.
-
-    Attributes:
-        preset: its preset.
-        world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
-    """
-
-    preset: str | None = None
-    world_seed: int | None = None
-    camera: str | None = None
-
-
-def setup_entries(
-    setup: Setup, frames: Artifact, record: Mapping[str, Any], seed: int | None
+def provenance_entries(
+    run: Provenance,
+    made_from: Lineage,
+    seed: int | None,
+    preset: str | None,
+    world_seed: int | None,
+    camera: str | None,
+    total: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The entries on what was measured, with which preset, seed and code."""
+    """The entries on what was measured, with which preset, seed and code, and on what it was made from.
+
+    Args:
+        world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
+        total: sum of the wall times of all stages [s] and the largest peak memory [MiB]; None: of the lineage.
+    """
+    frames, record = made_from.found["frames.zarr"], run.record()
     times = frames.read("timestamp_ns")
     return {
         "recording": {
@@ -69,17 +69,46 @@ def setup_entries(
             "hash": frames.digest,
             "frames": len(times),
             "seconds": round(float(times[-1] - times[0]) * 1e-9, 3),
-            "seed": setup.world_seed,
-            "camera": setup.camera,
+            "seed": world_seed,
+            "camera": camera,
         },
         "seed": seed,
-        "preset": setup.preset,
+        "preset": preset,
         "commit": record["commit"],
         "clean": record["clean"],
+        "format_version": FORMAT_VERSION,
+        "origin": run.origin,
+        "provenance": record,
+        "models": models_used(made_from),
+        "artifacts": _artifact_entries(made_from),
+        "total": total or _total_cost(made_from, record),
     }
 
 
-def query_entry(
+def answer_entries(
+    answered: Sequence[AnsweredQuery],
+    frames: Sequence[Frame],
+    rendering: Sequence[Mapping[str, RegionScore]],
+    instances: Sequence[Instance],
+    levels: Sequence[str],
+    valid: Mask,
+    masks: str,
+) -> dict[str, Any]:
+    """The entries of queries and evaluation frames with their scores, and with masks of classes of the pixels."""
+    scores = summarise([one.score for one in answered], RESAMPLING)
+    entries = {
+        "scores": {name: asdict(score) for name, score in scores.items()},
+        "queries": [_query_entry(one, instances, levels) for one in answered],
+        "frames": _frame_entries(frames, answered, rendering),
+        "rendering": summarise_rendering(rendering),
+    }
+    if masks == CLASSES:
+        asked, right = [one.query.frame for one in answered], [one.right_pixels for one in answered]
+        entries["pixel_accuracy"] = pixel_accuracy(asked, right, int(valid.sum()))
+    return entries
+
+
+def _query_entry(
     answered: AnsweredQuery, instances: Sequence[Instance], levels: Sequence[str]
 ) -> dict[str, Any]:
     """The entry of a query, with levels and instances by name."""
@@ -100,7 +129,7 @@ def query_entry(
     }
 
 
-def frame_entries(
+def _frame_entries(
     frames: Sequence[Frame], answered: Sequence[AnsweredQuery], rendering: Sequence[Mapping[str, RegionScore]]
 ) -> list[dict[str, Any]]:
     """The entries of the evaluation frames, with their numbers of queries and rendering scores by group."""
@@ -117,18 +146,10 @@ def frame_entries(
     ]
 
 
-def class_entries(answered: Sequence[AnsweredQuery], valid: Mask, masks: str) -> dict[str, Any]:
-    """The entry on the classes of pixels; none unless masks are those of classes."""
-    if masks != CLASSES:
-        return {}
-    frames, right = [one.query.frame for one in answered], [one.right_pixels for one in answered]
-    return {"pixel_accuracy": pixel_accuracy(frames, right, int(valid.sum()))}
-
-
 _MIB = 2**20
 
 
-def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
+def _artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
     """Provenance, digest and size on disk [MiB] of each artifact, by file name; None for a lost artifact.
 
     A trained artifact also has its total training time [s], without interruptions.
@@ -137,7 +158,7 @@ def artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
     return known | dict.fromkeys(made_from.lost)
 
 
-def total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
+def _total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
     """Sum of the wall times of all stages [s] and the largest peak memory [MiB]; None if an artifact is lost."""
     if made_from.lost:
         return {"wall_s": None, "peak_memory_mb": None}

@@ -5,22 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from egosplat.artifacts.frames import shown_pixels
+from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.frames import FRAMES, shown_pixels
+from egosplat.artifacts.language import LANGUAGE
+from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import camera_poses
+from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.evaluation.options import ScoringOptions
-from egosplat.evaluation.queries import (
-    InstanceMap,
-    Mask,
-    Query,
-    find_queries,
-    instances_of,
-    read_layers,
-    read_map,
-)
+from egosplat.evaluation.queries import InstanceMap, Mask, Query, find_queries, instances_of, read_map
 from egosplat.evaluation.rendering import RegionScore, region_scores, regions
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array, Camera
+
+# Schemas of a scene that is scored, without what OpenCLIP encoded.
+SCORED = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
 
 
 @dataclass(frozen=True)
@@ -28,8 +26,7 @@ class Frame:
     """An evaluation frame.
 
     Attributes:
-        row: index in annotations.zarr.
-        index: index in frames.zarr.
+        row, index: in annotations.zarr, and in frames.zarr.
         trained_on: whether it is also a training frame.
         held_out: row of its render in splats.zarr; None for a training frame or a frame without a pose.
     """
@@ -52,8 +49,7 @@ class Evaluation:
     """The evaluation frames with their artifacts.
 
     Attributes:
-        frames_artifact, annotations, splats: artifacts that belong together.
-        instances: instances by their index in the instance maps.
+        instances: by their index in the instance maps.
         valid: (H, W) bool pixels that show the scene.
         camera_to_world: (F, 4, 4) float64, NaN without a pose.
     """
@@ -70,10 +66,6 @@ class Evaluation:
     def map_of(self, frame: Frame) -> InstanceMap:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
         return read_map(self.annotations, frame.row, self.valid)
-
-    def layers_of(self, frame: Frame) -> InstanceMap:
-        """(L, H, W) int32 instance maps of an annotated frame: with those of the instances that others cover."""
-        return read_layers(self.annotations, frame.row, self.valid)
 
     def rendering_of(self, frame: Frame, render: str = "held_out/render") -> Mapping[str, RegionScore]:
         """Scores of a held-out frame's render: by group if it is annotated, else of all pixels only.
@@ -109,12 +101,7 @@ def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, sp
 def find_frames(
     frames: Artifact, poses: Artifact, annotations: Artifact, rendered: Mapping[int, int]
 ) -> list[Frame]:
-    """List the evaluation frames.
-
-    Args:
-        frames, poses, annotations: artifacts that belong together.
-        rendered: row of each held-out render, by index of its frame.
-    """
+    """List the evaluation frames; ``rendered`` is the row of each held-out render, by index of its frame."""
     train, registered = frames.read("train"), poses.read("registered")
     index, annotated = annotations.read("frame"), annotations.read("annotated")
     flags = np.stack([annotated, registered[index], train[index]], axis=1).tolist()

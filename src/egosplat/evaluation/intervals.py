@@ -34,12 +34,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """The values of one scene's queries, summed by category.
-
-    Attributes:
-        totals: (K,) float64 sums of values by category.
-        counts: (K,) float64 numbers of queries by category, at least 1.
-    """
+    """The values of one scene's queries: (K,) float64 sums by category, and (K,) float64 numbers of queries, at least 1."""
 
     totals: NDArray[np.float64]
     counts: NDArray[np.float64]
@@ -52,12 +47,7 @@ class Clusters:
 
 
 def cluster(values: Sequence[float], categories: Sequence[str]) -> Clusters:
-    """Sum the values of a scene's queries by category.
-
-    Args:
-        values: (P,) values of the queries.
-        categories: (P,) categories of the queries.
-    """
+    """Sum the values of a scene's queries by category."""
     # Queries of one category in one scene show one thing from several frames, so they hit or miss together. The
     # bootstrap resamples categories, never queries.
     _, number = np.unique(np.asarray(categories, np.str_), return_inverse=True)

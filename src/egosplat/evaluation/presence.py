@@ -35,10 +35,8 @@ class PresenceQuery:
 
     Attributes:
         present: whether the recording shows such a thing.
-        score: score of the best thing, 0..1.
-        grade: see ``egosplat.query.grades.calibration``.
-        probability: that the best thing is what the phrase means; None without a calibration.
-        evidence: of the best thing; None without any.
+        score, evidence: of the best thing; 0 and None without any.
+        grade, probability: see ``egosplat.query.grades.calibration``.
         untaught: whether the model was not trained on one of its words.
         right: whether most of the best thing belongs to the category; None for absent phrases, without any thing, and
             if no evaluation frame shows the thing.
@@ -62,31 +60,16 @@ class PresenceQuery:
 def presence_phrases(
     queries: Sequence[Query], instances: Sequence[Instance], negatives: Sequence[str]
 ) -> tuple[list[str], list[str]]:
-    """The phrases of present and of absent things.
-
-    Args:
-        negatives: candidate phrases of absent things; categories of the recording are dropped.
-
-    Returns:
-        The sorted categories of the queries; the remaining negatives, in their order.
-    """
+    """The sorted categories of the queries, and the negatives that are no category of the recording, in their order."""
     known = {instance.category for instance in instances}
     return sorted({query.category for query in queries}), [one for one in negatives if one not in known]
 
 
 def ask_presence(
-    present: Sequence[str],
-    absent: Sequence[str],
-    evaluation: Evaluation,
-    scene: Scene,
+    present: Sequence[str], absent: Sequence[str], evaluation: Evaluation, scene: Scene
 ) -> list[PresenceQuery]:
-    """Query the whole scene for present and for absent things.
-
-    Args:
-        present, absent: phrases, see ``presence_phrases``.
-    """
-    phrases = [*present, *absent]
-    if not phrases:
+    """Query the whole scene for present and for absent things, see ``presence_phrases``."""
+    if not (phrases := [*present, *absent]):
         return []
     answers = scene.ask(*phrases, most=1)
     best = {one.phrase: one.candidates[0] for one in answers[: len(present)] if one.candidates}
@@ -137,10 +120,7 @@ def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[s
 def annotated_shares(
     scene: QueryScene, things: Sequence[FoundThing], evaluation: Evaluation
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Measure how many pixels of each thing lie on each annotated category, over the evaluation frames.
-
-    Args:
-        things: T things.
+    """Measure how many pixels of each of T things lie on each annotated category, over the evaluation frames.
 
     Returns:
         (T, C + 1) float64 pixels, the last column without annotation; names of the C categories.
@@ -150,7 +130,11 @@ def annotated_shares(
     if not things:
         return total, names
     camera = rendering_camera(evaluation.camera, LABEL_SIDE)
-    members = _indicators(things, scene)
+    # 1 where a Gaussian belongs to a thing.
+    members = torch.zeros(scene.gaussians.count, len(things))
+    for column, thing in enumerate(things):
+        members[torch.from_numpy(thing.members), column] = 1.0
+    members = members.to(scene.code.device)
     # Frames without an annotation would count all their pixels as no category.
     for frame in (one for one in evaluation.frames if one.asked):
         category = _category_map(evaluation, frame, names, camera)
@@ -164,11 +148,7 @@ def annotated_shares(
 
 
 def is_right(shares: NDArray[np.float64], names: Sequence[str], category: str) -> bool | None:
-    """Whether more than half of a thing belongs to a category; None if too little of it is visible.
-
-    Args:
-        shares: (C + 1,) row of ``annotated_shares``.
-    """
+    """Whether most of a thing, a (C + 1,) row of ``annotated_shares``, is of a category; None if too little is visible."""
     # A few pixels at the border of a frame decide nothing.
     if shares.sum() < LEAST_PIXELS or category not in names:
         return None
@@ -176,22 +156,11 @@ def is_right(shares: NDArray[np.float64], names: Sequence[str], category: str) -
 
 
 def separation(present: Sequence[float], absent: Sequence[float]) -> float:
-    """Area under the ROC curve: how often a present thing scores higher than an absent one; ties count half.
-
-    NaN if either is empty.
-    """
+    """Area under the ROC curve: how often a present thing scores higher than an absent one; NaN if either is empty."""
     if not len(present) or not len(absent):
         return float("nan")
     ranks = rankdata(np.concatenate([present, absent]))[: len(present)]
     return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
-
-
-def _indicators(things: Sequence[FoundThing], scene: QueryScene) -> torch.Tensor:
-    """(N, T) float32: 1 where a Gaussian belongs to a thing."""
-    values = torch.zeros(scene.gaussians.count, len(things))
-    for column, thing in enumerate(things):
-        values[torch.from_numpy(thing.members), column] = 1.0
-    return values.to(scene.code.device)
 
 
 def _category_map(

@@ -19,16 +19,13 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Query:
-    """A category in a frame, with its visible instances.
+    """A category in a frame, as the dataset names it, with the indices of its visible instances by group.
 
     A category with static and dynamic instances in a frame counts once in ``all``, and in each other group with the
     instances of that group as ground truth (docs/method.md#mixed-categories).
 
     Attributes:
-        row: index of the frame in annotations.zarr.
-        frame: index of the frame in frames.zarr.
-        category: text of the query, as the dataset names the category.
-        instances: indices of the visible instances, by group; at least one group.
+        row, frame: index of the frame in annotations.zarr, and in frames.zarr.
     """
 
     row: int
@@ -38,11 +35,7 @@ class Query:
 
 
 def find_queries(annotations: Artifact, valid: Mask, options: ScoringOptions) -> list[Query]:
-    """Find all queries of an annotations artifact, ordered by frame, then category.
-
-    Args:
-        valid: (H, W) bool pixels that show the scene, from frames.zarr.
-    """
+    """Find all queries of an annotations artifact in (H, W) bool ``valid`` pixels, ordered by frame, then category."""
     instances = instances_of(annotations)
     annotated, frames = annotations.read("annotated"), annotations.read("frame")
     return [

@@ -1,15 +1,70 @@
-"""Run the evaluation queries, frame by frame."""
+"""Answer and score the evaluation queries, frame by frame."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from egosplat.evaluation.classes import CLASSES, ClassMap, count_right
-from egosplat.evaluation.evaluation_frames import Evaluation, Frame
-from egosplat.evaluation.queries import Query
+import numpy as np
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.evaluation.evaluation_frames import Evaluation
+from egosplat.evaluation.options import ScoringOptions
+from egosplat.evaluation.queries import InstanceMap, Mask, Query, instances_of, mask_of, read_layers
 from egosplat.evaluation.scores import QueryScore, score_query
+from egosplat.frames.recording import Instance
 from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answer import Asker, ViewAnswer
+from egosplat.query.maps import Map
+
+# The value of ``metrics.masks`` that takes these masks.
+CLASSES = "classes"
+
+
+class ClassMap:
+    """The most relevant phrase of each pixel, from one relevancy map after another."""
+
+    def __init__(self) -> None:
+        self._best: Map | None = None
+        self._phrases: list[str] = []
+
+    def add(self, phrase: str, relevancy: Map) -> None:
+        """Compare the (H, W) relevancy of one more phrase, 0 where nothing is visible; of equal ones, the first stays."""
+        if self._best is None:
+            self._best = np.zeros_like(relevancy)
+            self._winner = np.full(relevancy.shape, -1, np.int32)
+        better = relevancy > self._best
+        self._best[better], self._winner[better] = relevancy[better], len(self._phrases)
+        self._phrases.append(phrase)
+
+    def mask(self, phrase: str) -> Mask:
+        """(H, W) bool: where a phrase is the most relevant one."""
+        return self._winner == self._phrases.index(phrase)
+
+
+def count_right(query: Query, mask: Mask, layers: InstanceMap, instances: Sequence[Instance]) -> int:
+    """Number of pixels of a query's mask that are labeled with its category and no other."""
+    own, others = (
+        [index for index, one in enumerate(instances) if (one.category == query.category) == same]
+        for same in (True, False)
+    )
+    return int((mask & mask_of(layers, own) & ~mask_of(layers, others)).sum())
+
+
+def pixel_accuracy(frames: Sequence[int], right: Sequence[int], pixels: int) -> float | None:
+    """Share of the pixels that show the scene whose class is right, mean over frames, 0..1; None without queries.
+
+    Pixels without a label count as wrong, as in 3D-OVS.
+
+    Args:
+        frames, right: frame and ``count_right`` of each query.
+    """
+    if not frames:
+        return None
+    return sum(right) / pixels / len({*frames})
+
+
+# Answers phrases in a frame, in order.
+Ask = Callable[[int, Sequence[str]], Iterable[ViewAnswer]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,10 +72,9 @@ class AnsweredQuery:
     """A query with its score and its answer, without the answer's maps.
 
     Attributes:
-        score: score against the annotation.
-        right_pixels: see ``egosplat.evaluation.classes.count_right``; None unless masks are those of classes.
+        right_pixels: see ``count_right``; None unless masks are those of classes.
         relevancy: largest smoothed relevancy, 0..1.
-        level, mask_level, pixel, position: see ``egosplat.query.answer.ViewAnswer``.
+        level, pixel, position, mask_level: see ``egosplat.query.answer.ViewAnswer``.
     """
 
     query: Query
@@ -35,62 +89,49 @@ class AnsweredQuery:
 
 
 def run_queries(
-    queries: Sequence[Query],
-    evaluation: Evaluation,
-    asker: Asker,
-    hit_region: str,
-    masks: str = "threshold",
+    queries: Iterable[Query], ask: Ask, annotations: Artifact, valid: Mask, options: ScoringOptions
 ) -> Iterator[AnsweredQuery]:
-    """Answer and score all queries, each in its frame.
-
-    Args:
-        queries: queries in frames with a pose.
-        asker: of a scene, with the texts of ``egosplat.evaluation.queries.phrases_to_ask``.
-        masks: ``metrics.masks``.
-        hit_region: see ``egosplat.evaluation.localization.target_area``.
-    """
-    # Frame by frame, because a frame is rendered once for all its queries.
-    queried = {query.frame for query in queries}
-    frames = [frame for frame in evaluation.frames if frame.index in queried]
-    for frame in track(frames, "queries"):
-        in_frame = [query for query in queries if query.frame == frame.index]
-        layers = evaluation.layers_of(frame)
-        answers = answer_frame([query.category for query in in_frame], evaluation, frame, asker, masks)
+    """Answer and score queries, frame by frame, because a frame is rendered once for all its queries."""
+    instances, by_frame = instances_of(annotations), {}
+    for query in queries:
+        by_frame.setdefault(query.frame, []).append(query)
+    for frame, in_frame in track(list(by_frame.items()), "queries"):
+        layers = read_layers(annotations, in_frame[0].row, valid)
+        answers = ask(frame, [query.category for query in in_frame])
         for query, answer in zip(in_frame, answers, strict=True):
-            score = score_query(query, answer.pixel, answer.mask, layers, evaluation.valid, hit_region)
-            of_class = masks == CLASSES
-            right = count_right(query, answer.mask, layers, evaluation.instances) if of_class else None
-            yield _without_maps(query, answer, score, right)
+            right = count_right(query, answer.mask, layers, instances) if options.masks == CLASSES else None
+            yield AnsweredQuery(
+                query,
+                score_query(query, answer.pixel, answer.mask, layers, valid, options.hit_region),
+                right,
+                answer.score,
+                answer.level,
+                answer.pixel,
+                answer.position,
+                answer.mask_level,
+                int(answer.mask.sum()),
+            )
 
 
-def answer_frame(
-    phrases: Sequence[str], evaluation: Evaluation, frame: Frame, asker: Asker, masks: str
-) -> Iterator[ViewAnswer]:
-    """Answer queries in a frame, in order; arguments as of ``run_queries``."""
-    view = evaluation.camera, evaluation.camera_to_world[frame.index], evaluation.valid
-    if masks != CLASSES:
-        yield from asker.ask(phrases, *view)
-        return
-    found, kept = ClassMap(), {}
-    for answer in asker.ask(asker.texts.phrases, *view):
-        found.add(answer.phrase, answer.relevancy)
-        if answer.phrase in phrases:
-            kept[answer.phrase] = answer
-    for phrase in phrases:
-        yield replace(kept[phrase], mask=found.mask(phrase), mask_level=kept[phrase].level)
+def ask_of(evaluation: Evaluation, asker: Asker, masks: str = "threshold") -> Ask:
+    """Ask a scene, with the masks of ``metrics.masks``; the asker has the texts of ``phrases_to_ask``."""
+
+    def ask(frame: int, phrases: Sequence[str]) -> Iterator[ViewAnswer]:
+        return asker.ask(phrases, evaluation.camera, evaluation.camera_to_world[frame], evaluation.valid)
+
+    return mask_classes(ask, asker.texts.phrases) if masks == CLASSES else ask
 
 
-def _without_maps(
-    query: Query, answer: ViewAnswer, score: QueryScore, right_pixels: int | None
-) -> AnsweredQuery:
-    return AnsweredQuery(
-        query=query,
-        score=score,
-        right_pixels=right_pixels,
-        relevancy=answer.score,
-        level=answer.level,
-        pixel=answer.pixel,
-        position=answer.position,
-        mask_level=answer.mask_level,
-        mask_pixels=int(answer.mask.sum()),
-    )
+def mask_classes(ask: Ask, classes: Sequence[str]) -> Ask:
+    """Give answers the masks of classes."""
+
+    def ask_all(frame: int, phrases: Sequence[str]) -> Iterator[ViewAnswer]:
+        found, kept = ClassMap(), {}
+        for answer in ask(frame, classes):
+            found.add(answer.phrase, answer.relevancy)
+            if answer.phrase in phrases:
+                kept[answer.phrase] = answer
+        for phrase in phrases:
+            yield replace(kept[phrase], mask=found.mask(phrase), mask_level=kept[phrase].level)
+
+    return ask_all

@@ -49,13 +49,9 @@ class Model:
 
 @dataclass(frozen=True)
 class Cell:
-    """A score, or an average of scenes.
+    """A score [%] with the bounds of its interval, and of a measured one the numbers of queries and categories.
 
-    Attributes:
-        percent: the score [%], or None.
-        interval: bounds of its interval [%], or None.
-        queries, categories: numbers of queries and categories; None for a printed number.
-        scenes: scenes of a measured average; else empty.
+    ``scenes`` are those of a measured average.
     """
 
     percent: float | None = None
@@ -78,10 +74,9 @@ class ScoredScene:
     """A scene's scores.
 
     Attributes:
-        dataset, scene, variant: names of the scene; scores of maps from elsewhere have the variant ``FULL``.
+        variant: its name; scores of maps from elsewhere have the variant ``FULL``.
         method: name of another method, or None for EgoSplat.
         origin: ``real`` or ``synthetic``.
-        models: models, sorted by key.
     """
 
     path: Path
@@ -147,8 +142,7 @@ class ScoredScene:
 
     def chance(self, answerer: str, group: str) -> Cell:
         """The accuracy [%] of one of ``CHANCE`` on the queries of a group."""
-        score = self.document["scores"][group]
-        return Cell(percent=_percent(score[answerer]))
+        return Cell(percent=_percent(self.document["scores"][group][answerer]))
 
     def clusters(self, metric: str, group: str) -> Clusters:
         """The values of a group's queries by category; ``metric`` is ``accuracy`` or ``mean_iou``."""
@@ -185,11 +179,7 @@ def read_scored_scene(path: Path) -> ScoredScene:
 
 
 def check_protocol(scenes: Sequence[ScoredScene]) -> None:
-    """Check that all scenes of a dataset were scored with one protocol.
-
-    Raises:
-        UserError: two files differ.
-    """
+    """Raise UserError unless all scenes of a dataset were scored with one protocol."""
     for key in PROTOCOL:
         first: dict[str, ScoredScene] = {}
         for scene in scenes:

@@ -3,8 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from egosplat.evaluation.intervals import Interval, IntervalOptions, cluster, clustered_interval
-from egosplat.evaluation.localization import is_hit, middle_hit, random_hit, target_area
 from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, mask_of
 
 
@@ -13,10 +15,8 @@ class Result:
     """Scores of an answer against the instances of one group.
 
     Attributes:
-        hit: whether a candidate pixel hits.
         iou: IoU of the mask, 0..1.
-        random_hit: probability that a random valid pixel hits, 0..1.
-        middle_hit: whether the middle pixel of the image hits.
+        random_hit, middle_hit: probability that a random valid pixel hits, 0..1; whether the middle pixel of the image does.
     """
 
     hit: bool
@@ -27,12 +27,7 @@ class Result:
 
 @dataclass(frozen=True)
 class QueryScore:
-    """Scores of one query.
-
-    Attributes:
-        category: category of the query; intervals resample categories.
-        groups: results, by the groups in which the query counts.
-    """
+    """Scores of one query, by the groups in which it counts; intervals resample categories."""
 
     category: str
     groups: Mapping[str, Result]
@@ -129,3 +124,40 @@ def _summary(scores: Sequence[QueryScore], group: str, options: IntervalOptions)
         random_pixel=cluster([one.random_hit for one in results], categories).mean,
         middle_pixel=cluster([one.middle_hit for one in results], categories).mean,
     )
+
+
+def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:
+    """(H, W) bool pixels of a (..., H, W) int32 map that hit any of the instances, by ``metrics.hit_region``."""
+    if hit_region == "mask":
+        return mask_of(instance_map, instances)
+    area = np.zeros(instance_map.shape[-2:], np.bool_)
+    for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
+        # The last column and row belong to the box.
+        area[y0 : y1 + 1, x0 : x1 + 1] = True
+    return area
+
+
+def is_hit(pixel: tuple[int, int] | None, area: Mask) -> bool:
+    """Whether a pixel, column and row, lies in the (H, W) area; False without one."""
+    return pixel is not None and bool(area[pixel[1], pixel[0]])
+
+
+def random_hit(area: Mask, valid: Mask | None) -> float:
+    """Probability that a random one of the (H, W) bool valid pixels, None for all, hits an (H, W) area, 0..1."""
+    return float((area if valid is None else area[valid]).mean())
+
+
+def middle_hit(area: Mask) -> bool:
+    """Whether the middle pixel of the image, (W // 2, H // 2), hits."""
+    height, width = area.shape
+    return bool(area[height // 2, width // 2])
+
+
+def bounding_boxes(instance_map: InstanceMap, instances: Sequence[int]) -> NDArray[np.int64]:
+    """(B, 4) int64 boxes of the visible instances: first column and row, last column and row [px], all inside."""
+    boxes = []
+    for instance in instances:
+        rows, columns = np.nonzero(mask_of(instance_map, [instance]))
+        if len(rows):
+            boxes.append((columns.min(), rows.min(), columns.max(), rows.max()))
+    return np.array(boxes, np.int64).reshape(-1, 4)

@@ -11,29 +11,14 @@ from egosplat.alarms.artifact_alarms import alarms_of_all
 from egosplat.alarms.limits import Alarm, find_chance_alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts import provenance
-from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES, length_unit
-from egosplat.artifacts.provenance import Provenance
+from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
-from egosplat.evaluation.document import (
-    FORMAT_VERSION,
-    Setup,
-    artifact_entries,
-    class_entries,
-    frame_entries,
-    models_used,
-    query_entry,
-    setup_entries,
-    total_cost,
-    write_metrics,
-)
+from egosplat.evaluation.document import answer_entries, models_used, provenance_entries, write_metrics
 from egosplat.evaluation.evaluation_frames import (
+    SCORED,
     Evaluation,
     Frame,
     count_frames,
@@ -45,8 +30,7 @@ from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.rendering import summarise_rendering
-from egosplat.evaluation.run_queries import AnsweredQuery, run_queries
-from egosplat.evaluation.scores import GroupScore, summarise
+from egosplat.evaluation.run_queries import ask_of, run_queries
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
 from egosplat.query.finished_scene import scene_of
@@ -74,7 +58,7 @@ def run(
 
     Args:
         method: name of the published method that the codes stand for; None for EgoSplat.
-        preset, world_seed, camera: as in ``Setup``.
+        preset, world_seed, camera: as in ``provenance_entries``.
         features_path: required unless the codes were learnt from tiles.
         tiles_path: required if they were.
 
@@ -82,8 +66,7 @@ def run(
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
     """
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
-    schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
-    artifacts = list(map(open_artifact, paths, schemas))
+    artifacts = list(map(open_artifact, paths, SCORED))
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
     scene = scene_of([*artifacts, encoded], options)
@@ -94,13 +77,17 @@ def run(
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
     asker = scene.asker(phrases_to_ask(queries, evaluation.instances, options))
-    answered = list(run_queries(queries, evaluation, asker, options.hit_region, options.masks))
+    ask = ask_of(evaluation, asker, options.masks)
+    answered = list(run_queries(queries, ask, annotations, evaluation.valid, options))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
-    scores = summarise([one.score for one in answered], RESAMPLING)
-    used, levels = list(made_from.found.values()), language.facts["levels"]
+    about = evaluation.instances, language.facts["levels"], evaluation.valid, options.masks
+    rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
+    answers = answer_entries(answered, evaluation.frames, rendering, *about)
+    scores, used = answers["scores"], list(made_from.found.values())
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
+    seed = splats.provenance["options"]["seed"]
     document = {
         "scene": title,
         **({} if method is None else {"method": method}),
@@ -108,14 +95,14 @@ def run(
         "notice": notice,
         "alarms": [asdict(alarm) for alarm in alarms],
         "counts": _counts(evaluation, encoded, language, made_from),
-        "scores": {name: asdict(score) for name, score in scores.items()},
-        **class_entries(answered, evaluation.valid, options.masks),
         "presence": presence,
         "length_unit": length_unit(poses),
-        "queries": [query_entry(one, evaluation.instances, levels) for one in answered],
-        **_rendering_entries(evaluation, answered),
-        **_provenance_entries(record, made_from, Setup(preset, world_seed, camera)),
+        **answers,
+        **provenance_entries(record, made_from, seed, preset, world_seed, camera),
     }
+    if splats.has("held_out/render_given"):
+        given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
+        document["rendering_without_corrections"] = summarise_rendering(given)
     write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
     if document.get("pixel_accuracy") is not None:
@@ -132,58 +119,27 @@ def _counts(
     # Without masks, the lineage has no masks artifact.
     masks = next((one for one in made_from.found.values() if one.schema.name == MASKS.name), None)
     with_code = (language.read("share") > 0).sum(axis=0)
-    return count_frames(evaluation.frames_artifact, evaluation.frames, evaluation.instances) | {
+    counts = count_frames(evaluation.frames_artifact, evaluation.frames, evaluation.instances) | {
         "training_frames": evaluation.splats.facts["views"]["training"],
         "transient_instances": None if masks is None else masks.facts["transient"],
         "gaussians": evaluation.splats.shape("means")[0],
         "gaussians_with_code": dict(zip(language.facts["levels"], with_code.tolist(), strict=True)),
         "code_channels": language.shape("code")[2],
-        **(_instance_counts(encoded) if encoded.schema.name == FEATURES.name else {}),
     }
+    if encoded.schema.name == FEATURES.name:
+        levels = encoded.facts["levels"]
+        by_level = np.bincount(encoded.read("instances/level"), minlength=len(levels))
+        counts["instances"] = dict(zip(levels, by_level.tolist(), strict=True))
+        counts["views"] = encoded.shape("instance")[0]
+    return counts
 
 
-def _instance_counts(features: Artifact) -> dict[str, Any]:
-    levels = features.facts["levels"]
-    by_level = np.bincount(features.read("instances/level"), minlength=len(levels))
-    return {
-        "instances": dict(zip(levels, by_level.tolist(), strict=True)),
-        "views": features.shape("instance")[0],
-    }
+def _alarms(score: Mapping[str, Any]) -> Iterator[Alarm]:
+    interval = score["accuracy_interval"]
+    return find_chance_alarm(interval and interval.low, max(score["random_pixel"], score["middle_pixel"]))
 
 
-def _rendering_entries(evaluation: Evaluation, answered: Sequence[AnsweredQuery]) -> dict[str, Any]:
-    rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
-    entries = {
-        "frames": frame_entries(evaluation.frames, answered, rendering),
-        "rendering": {name: asdict(score) for name, score in summarise_rendering(rendering).items()},
-    }
-    if evaluation.splats.has("held_out/render_given"):
-        given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
-        scores = summarise_rendering(given).items()
-        entries["rendering_without_corrections"] = {name: asdict(score) for name, score in scores}
-    return entries
-
-
-def _provenance_entries(provenance_of_run: Provenance, made_from: Lineage, setup: Setup) -> dict[str, Any]:
-    record, found = provenance_of_run.record(), made_from.found
-    seed = found["splats.zarr"].provenance["options"]["seed"]
-    return {
-        **setup_entries(setup, found["frames.zarr"], record, seed),
-        "format_version": FORMAT_VERSION,
-        "origin": provenance_of_run.origin,
-        "provenance": record,
-        "models": models_used(made_from),
-        "artifacts": artifact_entries(made_from),
-        "total": total_cost(made_from, record),
-    }
-
-
-def _alarms(score: GroupScore) -> Iterator[Alarm]:
-    interval = score.accuracy_interval
-    return find_chance_alarm(interval and interval.low, max(score.random_pixel, score.middle_pixel))
-
-
-def _log_scores(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> None:
+def _log_scores(frames: Sequence[Frame], scores: Mapping[str, Mapping[str, Any]]) -> None:
     if trained_on := sum(frame.trained_on for frame in frames):
         log(
             f"warning: {trained_on} of {len(frames)} evaluation frames are training frames; their renders are not scored"
@@ -193,10 +149,10 @@ def _log_scores(frames: Sequence[Frame], scores: Mapping[str, GroupScore]) -> No
     for name in GROUPS:
         score = scores[name]
         values = (
-            f"accuracy {score.accuracy:.1%} (chance: a random pixel {score.random_pixel:.1%}, the middle of the image "
-            f"{score.middle_pixel:.1%}), mIoU {score.mean_iou:.1%}"
+            f"accuracy {score['accuracy']:.1%} (chance: a random pixel {score['random_pixel']:.1%}, the middle of the image "
+            f"{score['middle_pixel']:.1%}), mIoU {score['mean_iou']:.1%}"
         )
-        log(f"{name}: {score.count} queries, {values if score.count else 'no scores'}")
+        log(f"{name}: {score['count']} queries, {values if score['count'] else 'no scores'}")
 
 
 def _log_presence(presence: Mapping[str, Any]) -> None:

@@ -27,14 +27,7 @@ _OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-    """What a data set holds.
-
-    Attributes:
-        frame: (F,) int64 frames with a pose.
-        camera_to_world: (F, 4, 4) float64, OpenCV axes.
-        xyz, rgb: (P, 3) float64 points of the scene and their uint8 colors.
-        origin: ``real`` or ``synthetic``.
-    """
+    """(F,) int64 frames with (F, 4, 4) float64 poses, OpenCV axes, and (P, 3) float64 points with uint8 colors."""
 
     camera: Camera
     frame: NDArray[np.int64]
@@ -54,9 +47,7 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
     Masks are black where a pixel shows no scene or something that moves; there are none if nothing is to be masked.
 
     Args:
-        scene: folder of a scene or variant with frames.zarr, poses.zarr and splats.zarr; masks.zarr is used if it is
-            there.
-        output: folder to make.
+        scene: folder of a scene or variant.
         write_cameras: ``write_nerfstudio`` or ``write_colmap``.
 
     Raises:
@@ -98,8 +89,7 @@ def _write_images(folder: Path, data: DataSet, frames: Artifact, masks: Artifact
 
 def write_nerfstudio(data: DataSet, folder: Path) -> None:
     """Write ``transforms.json`` (docs.nerf.studio, data conventions) and the points as ``points.ply``."""
-    camera = data.camera
-    masks = (folder / "masks").is_dir()
+    camera, masks = data.camera, (folder / "masks").is_dir()
     document = {
         "camera_model": "PINHOLE",
         "w": camera.width,
@@ -124,17 +114,10 @@ def write_nerfstudio(data: DataSet, folder: Path) -> None:
 
 def write_colmap(data: DataSet, folder: Path) -> None:
     """Write a COLMAP model to ``sparse/0``, binary and as text. Its points belong to no images."""
-    camera = data.camera
-    model = pycolmap.Reconstruction()
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(
-            camera_id=1,
-            model="PINHOLE",
-            width=camera.width,
-            height=camera.height,
-            params=[camera.fx, camera.fy, camera.cx, camera.cy],
-        )
-    )
+    camera, model = data.camera, pycolmap.Reconstruction()
+    lens = {"model": "PINHOLE", "params": [camera.fx, camera.fy, camera.cx, camera.cy]}
+    size = {"width": camera.width, "height": camera.height}
+    model.add_camera_with_trivial_rig(pycolmap.Camera(camera_id=1, **lens, **size))
     for index, world_to_camera in enumerate(invert(data.camera_to_world)):
         image = pycolmap.Image(name=data.image(index), camera_id=1, image_id=index + 1)
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(world_to_camera[:3]))

@@ -33,7 +33,6 @@ class Exporting:
 
     Attributes:
         format: a key of ``FORMATS``.
-        output: file or folder.
         query: words; only the Gaussians of the best answer are written, or, of rrd, answers to words between commas. None
             writes all Gaussians and no answer.
         codes: also write the codes and shares of language.zarr to a .ply file.
@@ -77,11 +76,7 @@ def plan_export(
 
 
 def format_of(output: Path | None) -> str:
-    """The format that the suffix of an output says; ply without an output.
-
-    Raises:
-        UserError: no format has this suffix.
-    """
+    """The format that the suffix of an output says, ply without an output; raises UserError if there is none."""
     if output is None:
         return "ply"
     found = next((format for format, suffix in _SUFFIXES.items() if suffix == output.suffix.lower()), None)
@@ -92,6 +87,5 @@ def format_of(output: Path | None) -> str:
 
 def own_name(format: str, query: str | None) -> str:
     """Name of the file or folder that the command writes by default."""
-    names = {"instances": "instances", "ply": "scene", "spz": "scene", "html": "scene", "rrd": "scene"}
-    name = names.get(format, format) if query is None else "answer"
-    return f"{name}{_SUFFIXES.get(format, '')}"
+    scene = "scene" if format in _SUFFIXES and format != "instances" else format
+    return ("answer" if query is not None else scene) + _SUFFIXES.get(format, "")

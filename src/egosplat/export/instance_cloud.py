@@ -23,9 +23,7 @@ LEAST_OPACITY = 0.5
 
 
 def export_instances(scene: Path, output: Path) -> None:
-    """Write a point for each Gaussian on a surface, with its color and its instance at each level, -1 for none.
-
-    A point has the color of its instance at the coarsest level. Points without one are gray.
+    """Write a point for each Gaussian on a surface, with its instance at each level, -1 for none, and its color.
 
     Raises:
         UserError: an artifact is missing or damaged, or the instances are tracks.

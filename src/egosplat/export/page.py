@@ -9,10 +9,7 @@ from egosplat.viewing.options import ScenePageOptions
 
 
 def write_page(folder: Path, output: Path, options: ScenePageOptions, title: str | None = None) -> None:
-    """Write the scene page of a finished scene.
-
-    Args:
-        title: None for ``dataset/scene``.
+    """Write the scene page of a finished scene; its title is ``dataset/scene`` unless given.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others.

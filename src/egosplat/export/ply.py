@@ -50,11 +50,10 @@ def point_columns(xyz: NDArray[np.floating[Any]], rgb: NDArray[np.uint8]) -> Col
 
 
 def ply_bytes(columns: Mapping[str, NDArray[Any]], origin: str) -> bytes:
-    """A .ply file of vertices, little-endian binary.
+    """A .ply file of vertices, little-endian binary, with the origin of the data in its header.
 
     Args:
         columns: (N,) values of each property, in order: floats as float32, unsigned integers as uint8, integers as int32.
-        origin: ``real`` or ``synthetic`` data, for the header.
     """
     table = np.empty(
         len(next(iter(columns.values()))),

@@ -26,13 +26,12 @@ TURNED_SH = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.f
 
 
 def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: bool) -> None:
-    """Write Gaussians; the file is complete or absent.
+    """Write Gaussians on the CPU; the file is complete or absent.
 
     The file's axes are those of OpenGL (right, up, back), so y and z change their signs, as in the converters of .ply files.
     A few Gaussians far from all others may be left out: 24 bits hold a coordinate.
 
     Args:
-        gaussians: N Gaussians on the CPU.
         sh_degree: degree of the spherical harmonics in use, 0 to 3.
         antialiased: whether they were trained with antialiasing.
 

@@ -6,10 +6,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.language import GAUSSIANS
-from egosplat.codes.centers import look_at_centers
 from egosplat.codes.targets import CodeTargets
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import labeled_share
 from egosplat.language.method import Method
 from egosplat.language.result import Coded
@@ -17,18 +14,16 @@ from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
 
-def lift_instances(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets, *_: object
-) -> Coded:
+def lift_instances(views: CodeViews, targets: CodeTargets, *_: object) -> Coded:
     """Method ``lift_instances``: at each level, the code of the instance with the largest share of the Gaussian's weight.
 
     A weight is alpha times transmittance times 1 - M at the pixel that holds the Gaussian's center. The code is the mean of
     the instance's targets by the weights in their views. A mean of the codes of two instances would decode to a feature of
     neither, and pixels around the center may show the neighbors.
     """
-    votes, seen = target_votes(gaussians, views, settings, targets)
+    votes, seen = target_votes(views, targets)
     codes, instance = targets.code_rows()
-    shape = (gaussians.count, len(targets.levels))
+    shape = (views.gaussians.count, len(targets.levels))
     code, known = np.zeros((*shape, targets.channels), np.float32), np.zeros(shape, np.float32)
     for level in range(shape[1]):
         rows = np.flatnonzero(targets.level[instance] == level)
@@ -68,21 +63,18 @@ def mean_of_dominant(
     return (kept @ codes) * inverse[:, None], by_instance.sum(axis=1)
 
 
-def target_votes(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, targets: CodeTargets
-) -> tuple[sparse.csr_array, NDArray[np.float32]]:
+def target_votes(views: CodeViews, targets: CodeTargets) -> tuple[sparse.csr_array, NDArray[np.float32]]:
     """Sum the compositing weights of each Gaussian at its center over all views, by target.
 
     Returns:
         (N, R) sparse float32 weights in the pixels of each of R targets, see ``CodeTargets.code_rows``; and (N,) in all
         pixels [px].
     """
-    shape = (gaussians.count, len(targets.code_rows()[1]))
-    seen = np.zeros(gaussians.count, np.float32)
+    shape = (views.gaussians.count, len(targets.code_rows()[1]))
+    seen = np.zeros(shape[0], np.float32)
     weights, places = [], []
     for index in track(range(len(views)), "lifting", unit="view"):
-        pose = views.camera_to_world[index]
-        centers = look_at_centers(gaussians, views.camera, pose, settings, median=False)
+        centers = views.centers(index)
         weight = centers.weight * views.weight_at(index, centers.pixel)
         # Each Gaussian has one pixel in a view.
         seen[centers.gaussian] += weight

@@ -5,23 +5,19 @@ from collections.abc import Sequence
 import torch
 from numpy.typing import NDArray
 
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.language.lifting import lift
 from egosplat.language.method import Method
 from egosplat.language.result import Coded
 from egosplat.language.views import CodeViews
 
 
-def copy_joint_codes(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, levels: Sequence[str], stored: NDArray
-) -> Coded:
+def copy_joint_codes(views: CodeViews, levels: Sequence[str], stored: NDArray) -> Coded:
     """Take codes unnormalized, as training rendered them (docs/method.md#code-norm); lifting gives the shares.
 
     Args:
         stored: (N, L * C) float32, ``features`` of splats.zarr.
     """
-    share = lift(gaussians, views, settings).share
+    share = lift(views).share
     code = torch.from_numpy(stored).to(share.device).unflatten(1, (len(levels), -1))
     return Coded(code, share, list(levels))
 

@@ -7,8 +7,6 @@ import torch
 from torch import Tensor
 
 from egosplat.codes.targets import Targets
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 from egosplat.rasterize.view import sum_over_pixels
@@ -25,13 +23,12 @@ class Lifted:
     share: Tensor
 
 
-def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Lifted:
+def lift(views: CodeViews) -> Lifted:
     """Average codes over all views: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
 
     w is alpha times transmittance times 1 - M. A Gaussian that no view shows has share 0.
 
     Args:
-        gaussians: the scene, not requiring gradients.
         views: at least one view.
     """
     sums = seen = None
@@ -39,9 +36,7 @@ def lift(gaussians: Gaussians, views: CodeViews, settings: RenderSettings) -> Li
         targets = views.targets(int(views.frame[index]))
         weight = views.weight(index)
         pixels = _pixels(targets, weight)
-        pose = views.camera_to_world[index]
-        view = view_of(gaussians, views.camera, pose, settings)
-        part = sum_over_pixels(view, pixels.permute(1, 2, 0))
+        part = sum_over_pixels(views.view(index), pixels.permute(1, 2, 0))
         sums = part if sums is None else sums + part
         seen = targets
     assert sums is not None and seen is not None
@@ -63,21 +58,14 @@ def _pixels(targets: Targets, weight: Tensor | None) -> Tensor:
     return pixels
 
 
-def shares(
-    gaussians: Gaussians, views: CodeViews, settings: RenderSettings, known: Callable[[int], Tensor]
-) -> Tensor:
-    """(N, L) shares alone, see ``Lifted``.
-
-    Args:
-        gaussians, views, settings: as in ``lift``.
-        known: gives the (L, H, W) bool pixels of a frame with a target.
-    """
+def shares(views: CodeViews, known: Callable[[int], Tensor]) -> Tensor:
+    """(N, L) shares alone, see ``Lifted``; ``known`` gives the (L, H, W) bool pixels of a frame with a target."""
 
     def without_codes(frame: int) -> Targets:
         pixels = known(frame)
         return Targets(pixels.new_zeros(len(pixels), 0, *pixels.shape[1:], dtype=torch.float32), pixels)
 
-    return lift(gaussians, replace(views, targets=without_codes), settings).share
+    return lift(replace(views, targets=without_codes)).share
 
 
 def evaluate_everywhere(views: CodeViews) -> Callable[[int], Tensor]:

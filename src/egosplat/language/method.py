@@ -26,8 +26,8 @@ class Method:
     """A way to give Gaussians codes: the constant ``METHOD`` of each module that ``language.method`` chooses.
 
     Attributes:
-        give_codes: function of Gaussians that require no gradients, views, render settings, targets, options and
-            checkpoint. A method that trains resumes from the checkpoint, and raises UserError if it diverges.
+        give_codes: function of views, targets, options and checkpoint. A method that trains resumes from the
+            checkpoint, and raises UserError if it diverges.
         learns_from: schemas of the artifacts with the targets.
         open_targets: opens the targets from these artifacts, frames.zarr and the device.
         masks: what the masks replace in the published method, with {} for the segmenter; empty if nothing.

@@ -78,15 +78,14 @@ def run(
     device = training_device(options.backend)
     targets = method.open_targets(learnt_from, frames, device)
     codes_of = targets.of if isinstance(targets, CodeTargets) else None
-    views = select_code_views(frames, poses, splats, codes_of, masking, device, kept)
-    gaussians = read_gaussians(splats).to(device)
-    settings = read_render_settings(splats, options.backend)
+    given = read_gaussians(splats).to(device), read_render_settings(splats, options.backend)
+    views = select_code_views(frames, poses, splats, codes_of, masking, *given, kept)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     if name == "joint":
         check_made_from(splats, learnt_from[1])
-        coded = method.give_codes(gaussians, views, settings, targets.levels, splats.read("features"))
+        coded = method.give_codes(views, targets.levels, splats.read("features"))
     else:
-        coded = method.give_codes(gaussians, views, settings, targets, options, checkpoint)
+        coded = method.give_codes(views, targets, options, checkpoint)
     geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"
     if given := splats.facts.get("source"):
         geometry = f"geometry of {given['file']}"

@@ -6,8 +6,6 @@ from torch import Tensor, nn
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.codes.joint_objective import code_l1
 from egosplat.codes.targets import CodeTargets
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.language.lifting import shares
 from egosplat.language.loop import Step, Trainee, adam, train
 from egosplat.language.method import Method
@@ -26,20 +24,15 @@ _FIRST_NORM = 0.1
 
 
 def train_codes(
-    gaussians: Gaussians,
-    views: CodeViews,
-    settings: RenderSettings,
-    targets: CodeTargets,
-    options: LanguageOptions,
-    checkpoint: Checkpoint,
+    views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Method ``train_codes``: codes by gradient descent, from the last checkpoint if there is one; shares of ``shares``.
 
     Raises:
         UserError: training diverges.
     """
-    share = shares(gaussians, views, settings, targets.known)
-    codes = PlainCodes(gaussians, views, settings, (len(targets.levels), targets.channels), options)
+    share = shares(views, targets.known)
+    codes = PlainCodes(views, (len(targets.levels), targets.channels), options)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     # Stored as they are rendered, so that queries need not know whether codes are normalized.
     code = codes_to_render(codes.code.detach(), options.normalize_codes)
@@ -58,32 +51,23 @@ class PlainCodes(Trainee):
         code: (N, L, C).
     """
 
-    def __init__(
-        self,
-        gaussians: Gaussians,
-        views: CodeViews,
-        settings: RenderSettings,
-        shape: tuple[int, int],
-        options: LanguageOptions,
-    ) -> None:
+    def __init__(self, views: CodeViews, shape: tuple[int, int], options: LanguageOptions) -> None:
         """Start from codes of ``shape`` (L, C): 0 as in LangSplat, or short random ones that are normalized."""
         super().__init__()
-        first = torch.zeros(gaussians.count, *shape)
+        first = torch.zeros(views.gaussians.count, *shape)
         if options.normalize_codes:
             random = torch.Generator().manual_seed(options.seed)
             first = _FIRST_NORM * codes_to_render(first.normal_(generator=random), True)
-        self.code = nn.Parameter(first.to(gaussians.means.device))
+        self.code = nn.Parameter(first.to(views.device))
         self.optimizers = [adam([([self.code], options.lr)])]
-        self._gaussians, self._views, self._settings = gaussians, views, settings
-        self._normalize = options.normalize_codes
+        self._views, self._normalize = views, options.normalize_codes
 
     def loss(self, step: Step) -> Tensor:
         """Return the L1 loss of the whole image."""
         views, index = self._views, step.view
         targets = views.targets(int(views.frame[index]))
         values = codes_to_render(self.code, self._normalize).flatten(1)
-        pose = views.camera_to_world[index]
-        image, _ = composite(view_of(self._gaussians, views.camera, pose, self._settings), values)
+        image, _ = composite(views.view(index), values)
         codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         return code_l1(codes, targets, views.weight(index))
 

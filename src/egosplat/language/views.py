@@ -1,4 +1,4 @@
-"""Training views with target codes."""
+"""Training views of Gaussians, with target codes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,35 +10,55 @@ from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
+from egosplat.codes.centers import Centers, look_at_centers
 from egosplat.codes.targets import Targets
+from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.pixel_weights import Masking
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.gaussians.training_views import pixel_weight, split_views, valid_weight
 from egosplat.geometry import Camera
+from egosplat.rasterize.view import View
 
 
 @dataclass(frozen=True, eq=False)
 class CodeViews:
-    """V training views with the target codes of their pixels.
+    """V training views of N Gaussians, with the target codes of their pixels.
 
     Attributes:
+        gaussians: they require no gradients.
+        settings: of rendering.
         frame: (V,) int64 index of each in frames.zarr.
         camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
         targets: returns the targets of a frame; None for a method that learns from tiles.
         valid: see ``egosplat.gaussians.training_views.Views``.
         masking: transient pixels of each frame.
-        device: device of targets and weights.
     """
 
+    gaussians: Gaussians
+    settings: RenderSettings
     frame: NDArray[np.int64]
     camera_to_world: NDArray[np.float64]
     camera: Camera
     targets: Callable[[int], Targets] | None
     valid: Tensor | None
     masking: Masking
-    device: torch.device
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    @property
+    def device(self) -> torch.device:
+        """Device of Gaussians, targets and weights."""
+        return self.gaussians.means.device
+
+    def view(self, index: int) -> View:
+        """The Gaussians in a view."""
+        return view_of(self.gaussians, self.camera, self.camera_to_world[index], self.settings)
+
+    def centers(self, index: int, median: bool = False) -> Centers:
+        """The centers of the Gaussians in a view, see ``look_at_centers``."""
+        pose = self.camera_to_world[index]
+        return look_at_centers(self.gaussians, self.camera, pose, self.settings, median=median)
 
     def weight(self, index: int) -> Tensor | None:
         """Return the (H, W) float32 weight of each pixel, the paper's 1 - M inside the lens circle; None for ones."""
@@ -59,7 +79,8 @@ def select_code_views(
     splats: Artifact,
     targets: Callable[[int], Targets] | None,
     masking: Masking,
-    device: torch.device,
+    gaussians: Gaussians,
+    settings: RenderSettings,
     kept: NDArray[np.bool_] | None = None,
 ) -> CodeViews:
     """Select all training frames with a pose, restricted to ``kept`` (F,) bool; poses are those that splats render with.
@@ -72,11 +93,12 @@ def select_code_views(
     rows = np.flatnonzero(split_views(*flags).training)
     _, height, width, _ = frames.shape("rgb")
     return CodeViews(
+        gaussians,
+        settings,
         frame=rows.astype(np.int64),
         camera_to_world=camera_poses(poses, splats)[rows],
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
         targets=targets,
-        valid=valid_weight(frames.read("valid"), device),
+        valid=valid_weight(frames.read("valid"), gaussians.means.device),
         masking=masking,
-        device=device,
     )

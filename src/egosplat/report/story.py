@@ -40,9 +40,9 @@ class SceneFiles:
             if path.suffix == ".zarr" and path.stem in SCHEMAS
         }
 
-    def has(self, *stages: str) -> bool:
-        """Whether the outputs of all these stages are there."""
-        return all(STAGES[stage].output in self.paths for stage in stages)
+    def has(self, stage: str) -> bool:
+        """Whether the output of a stage is there."""
+        return STAGES[stage].output in self.paths
 
     def __getitem__(self, stage: str) -> Artifact:
         return self.artifacts[stage]
@@ -61,18 +61,14 @@ Lines = Callable[[SceneFiles], Iterator[str]]
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the story.
+    """A step of the story, which tells of the output of a stage, with what to look for in a page's picture.
 
     Attributes:
-        needs: stages whose outputs it tells of.
-        lines: what happened, in sentences.
-        look: what to look for in the picture.
-        page: the stage that draws the picture.
-        absent: what to say if the scene lacks an output.
+        absent: what to say if the scene lacks the output.
     """
 
     heading: str
-    needs: tuple[str, ...]
+    stage: str
     lines: Lines
     look: str = ""
     page: str | None = None
@@ -178,22 +174,21 @@ def _questions(files: SceneFiles) -> Iterator[str]:
         )
 
 
-_UNSCORED = "The recording has no annotations, so its answers are not scored."
 _NO_INSTANCES = "language.method learns from tiles of the frames, so no instances are made for it."
 
 STEPS = (
     Step(
         "Recording",
-        ("frames",),
+        "frames",
         _recording,
         "Are the frames upright and sharp? The trajectory from above has to look like the walk of a person.",
         "contact_sheet",
     ),
-    Step("Poses", ("poses",), _poses),
-    Step("Survey: what the scene requires", ("survey",), _survey, absent="No key asks for a survey."),
+    Step("Poses", "poses", _poses),
+    Step("Survey: what the scene requires", "survey", _survey, absent="No key asks for a survey."),
     Step(
         "Instances",
-        ("instances",),
+        "instances",
         _instances,
         "A thing should keep its color in all frames. One color over two things is a wrong merge.",
         "instances_sheet",
@@ -201,7 +196,7 @@ STEPS = (
     ),
     Step(
         "Crops",
-        ("features",),
+        "features",
         _crops,
         "Each row shows one instance. Crossed-out crops should be those that show something else.",
         "crops_sheet",
@@ -209,7 +204,7 @@ STEPS = (
     ),
     Step(
         "What moves",
-        ("masks",),
+        "masks",
         _moving,
         "People and carried things should be masked; walls and furniture should not.",
         "transient_sheet",
@@ -217,36 +212,31 @@ STEPS = (
     ),
     Step(
         "Gaussians",
-        ("splats",),
+        "splats",
         _gaussians,
         "Renders should look like the held-out frames next to them. The curves should have become flat.",
         "splats_sheet",
     ),
     Step(
         "Language",
-        ("language",),
+        "language",
         _language,
         "Similar colors mean similar features: parts of one thing agree, different things differ.",
         "language_sheet",
     ),
     Step(
         "Questions",
-        ("metrics",),
+        "metrics",
         _questions,
         "The best answers are on the left, the worst on the right. What do the worst have in common?",
         "queries_sheet",
-        _UNSCORED,
+        "The recording has no annotations, so its answers are not scored.",
     ),
 )
 
 
 def run(paths: Sequence[Path], output: Path, title: str) -> None:
-    """Write the page.
-
-    Args:
-        paths: files of one scene: artifacts, pages, survey.json, metrics.json.
-        output: .html file.
-        title: name of the scene.
+    """Write the page of a scene from its files: artifacts, pages, survey.json, metrics.json.
 
     Raises:
         UserError: a file is missing or damaged.
@@ -272,7 +262,7 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
 def _tell(step: Step, files: SceneFiles) -> dict[str, Any]:
     """A step as the page shows it; ``picture`` is a data URI or None."""
     told: dict[str, Any] = {"heading": step.heading, "lines": [step.absent], "look": "", "picture": None}
-    if files.has(*step.needs):
+    if files.has(step.stage):
         told["lines"] = list(step.lines(files))
         if step.page is not None and files.has(step.page):
             picture = read_picture(files.paths[STAGES[step.page].output])

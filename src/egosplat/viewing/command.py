@@ -55,7 +55,13 @@ def open_page(folder: Path, keys: dict[str, Any]) -> tuple[str, Encode | None]:
     }
     clip = artifacts["features"].facts["clip"]
     options = ScenePageOptions(**keys, clip_model=clip["model"], clip_checkpoint=clip["checkpoint"])
-    page, facts = _written_page(folder, artifacts, options) or _made_page(folder, paths, options)
+    page, facts = _written_page(folder, artifacts, options) or (None, {})
+    if page is None:
+        # Here, because PyTorch takes seconds to import, which a page that is there does not need.
+        from egosplat.viewing.stage import make_page
+
+        log(f"{folder}: making the page")
+        page, facts = make_page(paths, options, title_of(folder))
     return page, None if facts["tower"] else phrase_encoder(artifacts["features"], options)
 
 
@@ -72,20 +78,8 @@ def _written_page(
     return (page, facts) if record.items() <= facts.items() else None
 
 
-def _made_page(folder: Path, paths: list[Path], options: ScenePageOptions) -> tuple[str, Facts]:
-    # Here, because PyTorch takes seconds to import, which a page that is there does not need.
-    from egosplat.viewing.stage import make_page
-
-    log(f"{folder}: making the page")
-    return make_page(paths, options, title_of(folder))
-
-
 def phrase_encoder(features: Artifact, options: ScenePageOptions) -> Encode:
-    """Load the OpenCLIP that made features, to encode phrases.
-
-    Raises:
-        UserError: it is missing, or is another one.
-    """
+    """Load the OpenCLIP that made features, to encode phrases; raises UserError if it is missing or another one."""
     from egosplat.query.text import encode_phrases, explain_untaught, load_clip_of, untaught_words
 
     clip = load_clip_of(

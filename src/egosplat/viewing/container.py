@@ -20,9 +20,6 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
 
     Behind the length of the header (uint32) and the header (JSON: facts, and dtype and shape of each array) lie the arrays in order.
     The first bytes of all numbers come before the second bytes: equal bytes in a row compress better.
-
-    Raises:
-        ValueError: an array has a dtype that is not in ``DTYPES``, or a fact is not finite.
     """
     for name, values in arrays.items():
         if values.dtype.name not in DTYPES:

@@ -8,37 +8,30 @@ GENERATOR = "egosplat page"
 
 # Scripts of the page, in the order of their definitions.
 SCRIPTS = (
-    "container.js",
-    "scene.js",
-    "text.js",
-    "answer.js",
-    "camera.js",
-    "cameras.js",
-    "renderer.js",
-    "picking.js",
-    "controls.js",
-    "main.js",
+    "container",
+    "scene",
+    "text",
+    "answer",
+    "camera",
+    "cameras",
+    "renderer",
+    "picking",
+    "controls",
+    "main",
 )
-
-# Scripts that run in a worker: neighbors and the order of depths.
-WORKER = ("worker.js",)
 
 
 def scene_html(title: str, data: str) -> str:
-    """Build the page.
-
-    Args:
-        title: title of the scene, any text.
-        data: of ``container.pack``.
-    """
-    scripts = "\n".join(map(_source, SCRIPTS))
+    """Build the page from any title, and the data of ``container.pack``."""
+    scripts = "\n".join(_source(f"{name}.js") for name in SCRIPTS)
     parts = {
         "title": escape(title),
         "generator": GENERATOR,
         "style": _source("page.css"),
         "vertex": _source("splat.vert.glsl"),
         "fragment": _source("splat.frag.glsl"),
-        "worker": "\n".join(map(_source, WORKER)),
+        # Neighbors and the order of depths.
+        "worker": _source("worker.js"),
         # A scope of its own: nothing but ``egosplat`` becomes global.
         "script": f'"use strict";\n(() => {{\n{scripts}\n}})();',
         "data": data,
@@ -58,12 +51,7 @@ def data_of(page: str) -> str:
 
 
 def served_html(page: str, encoder: str | None) -> str:
-    """A page that may ask the server it comes from to encode phrases.
-
-    Args:
-        page: of ``scene_html``.
-        encoder: address that a phrase is appended to, relative to the page; None leaves the page as it is.
-    """
+    """A page that may ask the server it comes from to encode phrases, at an address that a phrase is appended to."""
     if encoder is None:
         return page
     page = page.replace("default-src 'none';", "default-src 'none'; connect-src 'self';", 1)

@@ -20,14 +20,11 @@ Floats = NDArray[np.float32]
 
 
 def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> Arrays:
-    """Replace codes by the nearest of at most ``ENTRIES`` codes a level, and decode these.
-
-    Args:
-        code, share: (N, L, C) and (N, L) of language.zarr.
+    """Replace (N, L, C) codes with (N, L) shares by the nearest of at most ``ENTRIES`` codes a level, and decode these.
 
     Returns:
-        ``code_index`` (L, N) uint16, ``code_share`` (L, N) uint8 in 1/255, and ``palette`` (L, ENTRIES, D) float16 features of unit
-        norm, 0 where an entry is not used.
+        ``code_index`` (L, N) uint16, ``code_share`` (L, N) uint8 in 1/255, and ``palette`` (L, ENTRIES, D) float16 features
+        of unit norm, 0 where an entry is not used.
     """
     levels = code.shape[1]
     index = np.zeros((levels, len(code)), np.uint16)
@@ -38,8 +35,7 @@ def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> 
             continue
         entries = fit_palette(code[used, level], ENTRIES, seed)
         index[level, used] = vq(code[used, level], entries)[0]
-        features = decode(torch.from_numpy(entries), decoder).numpy()
-        palette[level, : len(entries)] = features
+        palette[level, : len(entries)] = decode(torch.from_numpy(entries), decoder).numpy()
     return {
         "code_index": index,
         # A share above 0 stays above 0: without a share, the Gaussian has no code.
@@ -49,11 +45,7 @@ def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> 
 
 
 def fit_palette(rows: Floats, count: int, seed: int) -> Floats:
-    """K-means centers of (M, C) rows; the distinct rows themselves if there are at most ``count``.
-
-    Returns:
-        (K, C) float32, K at most ``count``.
-    """
+    """At most ``count`` float32 K-means centers of (M, C) rows; the distinct rows themselves if there are as few."""
     rng = np.random.default_rng(seed)
     sample = rows[rng.permutation(len(rows))[:_SAMPLE]]
     if len(distinct := np.unique(sample, axis=0)) <= count and len(sample) == len(rows):

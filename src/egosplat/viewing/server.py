@@ -34,29 +34,18 @@ _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]*:[0-9a-f:.]*\]|[a-z0-9_-]+(?:\.[a-z0-
 
 
 class PageServer(ThreadingTCPServer):
-    """A server that listens from its construction on; ``offer`` gives it the page.
+    """A server that listens from its construction on at ``address``; ``offer`` gives it the page.
 
     A page of another site must not reach it through a browser in the same network: each request's ``Host`` must be a name
     of this server, and its ``Origin``, if it has one, the server itself. Where other computers reach it, requests need the
     token of its address, too.
-
-    Attributes:
-        address: where a browser finds the page.
     """
 
     allow_reuse_address = True
     daemon_threads = True
 
     def __init__(self, host: str, port: int) -> None:
-        """Listen.
-
-        Args:
-            host: address or name of the network interface.
-            port: 0 takes a free one.
-
-        Raises:
-            UserError: the port is in use, or this computer has no such interface.
-        """
+        """Listen at a host, address or name, and a port, 0 for a free one; raises UserError if that is not possible."""
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), _Handler)
@@ -73,12 +62,7 @@ class PageServer(ThreadingTCPServer):
         self.address += f"?token={self.token}" if self.token else ""
 
     def offer(self, page: str, encode: Encode | None) -> None:
-        """Set what is served.
-
-        Args:
-            page: of ``html.scene_html``.
-            encode: encodes a phrase; None if the page does so itself.
-        """
+        """Set the page, and what encodes phrases if the page does not."""
         encoder = f"encode?token={self.token}&phrase=" if encode else None
         self.page, self.encode = served_html(page, encoder).encode(), encode
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import torch
 
 from egosplat.alarms.artifact_alarms import warnings_of
@@ -14,26 +14,34 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import joint_origin
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.files import write_text
+from egosplat.geometry import Array, known_poses
+from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.grades.evidence import SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
-from egosplat.viewing.frames import pack_frames
-from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
+from egosplat.viewing.gaussians import (
+    keep_largest,
+    pack_gaussians,
+    pack_instances,
+    pack_visibility,
+    spatial_order,
+)
 from egosplat.viewing.html import scene_html
-from egosplat.viewing.instances import pack_instances
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.record import record_of
-from egosplat.viewing.visibility import pack_visibility
 from egosplat.viewing.words import pack_words
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE)
+
+# Largest number of pictures, their longer side [px] and the quality of WebP.
+PICTURES, SIDE, QUALITY = 40, 256, 60
 
 
 def run(
@@ -61,14 +69,7 @@ def run(
 
 
 def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> tuple[str, Facts]:
-    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``.
-
-    Returns:
-        The page, and its facts.
-
-    Raises:
-        UserError: as ``run``, but for the output.
-    """
+    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, with its facts; raises as ``run``."""
     scene = scene_of(map(open_artifact, paths, SCHEMAS), options)
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
@@ -100,16 +101,17 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
 
 def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     """Facts of the scene, and the constants of queries, which ``source/answer.js`` has no values of its own for."""
-    settings, camera = scene.trained.settings, scene.camera
+    settings, clip = scene.trained.settings, scene.encoded.facts["clip"]
     calibration = scene.grading(options).calibration
+    keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
     return {
         "origin": joint_origin(*(artifact.origin for artifact in scene.given)),
         "recording": scene.artifact("frames").facts["recording"],
-        "checkpoints": _checkpoints(scene.given),
+        "checkpoints": [f"OpenCLIP {clip['model']}, {clip['checkpoint']}"],
         "trained_count": scene.gaussians.count,
         "unit": scene.unit,
         "up": scene.artifact("poses").read("up").tolist(),
-        "camera": asdict(camera),
+        "camera": asdict(scene.camera),
         "near": settings.near_plane,
         "raster": {
             "margin": FRUSTUM_MARGIN,
@@ -120,16 +122,28 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
         "white": settings.background == "white",
         "antialiased": settings.antialiased,
         "levels": list(scene.levels),
-        "query": {
-            name: getattr(options, name)
-            for name in ("temperature", "segmentation_threshold", "box_filter", "min_score")
-        }
+        "query": {name: getattr(options, name) for name in keys}
         | {"calibration": calibration and asdict(calibration)}
         | {"nearest": NEAREST, "reach": REACH, "least": LEAST_GAUSSIANS, "same": SAME, "synonym": SYNONYM},
     }
 
 
-def _checkpoints(artifacts: Any) -> Sequence[str]:
-    """Lines such as ``OpenCLIP small, small``."""
-    clip = next(artifact.facts["clip"] for artifact in artifacts if "clip" in artifact.facts)
-    return [f"OpenCLIP {clip['model']}, {clip['checkpoint']}"]
+def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts]:
+    """Pack ``poses`` (P, 3, 4) float32 of all frames that have one, and ``pictures`` uint8, WebP files of some in a row.
+
+    Args:
+        camera_to_world: (F, 4, 4) float64, NaN without a pose.
+    """
+    posed = known_poses(camera_to_world)
+    shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()
+    files = [encode_webp(shrink_image(frames.row("rgb", frame), SIDE), QUALITY) for frame in shown]
+    arrays = {
+        "poses": camera_to_world[posed, :3].astype(np.float32),
+        "pictures": np.concatenate(files) if files else np.zeros(0, np.uint8),
+    }
+    seconds = (frames.read("timestamp_ns")[posed] - frames.read("timestamp_ns")[posed[:1]]) / 1e9
+    return arrays, {
+        "frames": posed.tolist(),
+        "seconds": np.round(seconds, 2).tolist(),
+        "pictures": [{"frame": frame, "bytes": len(file)} for frame, file in zip(shown, files, strict=True)],
+    }

@@ -20,38 +20,29 @@ MOST_NUMBERS = 2_000_000
 
 
 def pack_words(clip: OpenClip, canonical: tuple[str, ...]) -> tuple[Arrays, Facts]:
-    """Encode the vocabulary and the canonical phrases, and pack the text tower if it is small.
+    """Pack ``word_vectors`` (W, D) and ``canonical_vectors`` (K, D), float32 of unit norm, and a small tower under ``text/``.
 
-    Returns:
-        ``word_vectors`` (W, D) and ``canonical_vectors`` (K, D) float32 of unit norm, and the arrays of the tower under
-        ``text/``. The fact ``tower`` is None without a tower: then the page answers only words of its list.
+    The fact ``tower`` is None without a tower: then the page answers only words of its list.
     """
     words = words_to_try(clip)
+    weights, tower = _tower(clip)
     arrays = {
         "word_vectors": encode_phrases(clip, words).numpy(),
         "canonical_vectors": encode_phrases(clip, canonical).numpy(),
     }
-    tower = _tower(clip)
-    facts = {
-        "words": list(words),
-        "taught": sorted(clip.words) if isinstance(clip.words, frozenset) else None,
-        "tower": None,
-    }
-    if tower is not None:
-        weights, facts["tower"] = tower
-        arrays |= weights
-    return arrays, facts
+    taught = sorted(clip.words) if isinstance(clip.words, frozenset) else None
+    return arrays | weights, {"words": list(words), "taught": taught, "tower": tower}
 
 
-def _tower(clip: OpenClip) -> tuple[Arrays, Facts] | None:
+def _tower(clip: OpenClip) -> tuple[Arrays, Facts | None]:
     """Weights and tokenizer of a text tower that ``source/text.js`` computes; None for one that is too large or differs."""
     model = clip.model
     if not isinstance(model, open_clip.CLIP) or model.text_pool_type != "argmax" or not _is_plain(model):
-        return None
+        return {}, None
     named = {name: values for name, values in model.state_dict().items() if not name.startswith("visual.")}
     weights = {f"text/{name}": _half(values) for name, values in named.items() if values.ndim}
     if sum(values.size for values in weights.values()) > MOST_NUMBERS:
-        return None
+        return {}, None
     merges = sorted(clip.tokenizer.bpe_ranks, key=clip.tokenizer.bpe_ranks.__getitem__)
     block = model.transformer.resblocks[0]
     return weights, {

@@ -1,6 +1,6 @@
 """Semantic Gaussians and Occam's LGS: what their definitions say, in scenes of few Gaussians."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -55,16 +55,18 @@ def painted(
     return Painted(codes)
 
 
-def look(targets: Painted, poses: np.ndarray | None = None) -> CodeViews:
+def look(gaussians: Gaussians, targets: Painted, poses: np.ndarray | None = None) -> CodeViews:
     """Views of all frames, by default from the origin along z."""
     count = len(targets.codes)
     poses = np.tile(np.eye(4), (count, 1, 1)) if poses is None else poses
-    return CodeViews(np.arange(count), poses, CAMERA, targets.of, None, Masking(None, ""), CPU)
+    return CodeViews(
+        gaussians, SETTINGS, np.arange(count), poses, CAMERA, targets.of, None, Masking(None, "")
+    )
 
 
 def code_of(method, gaussians: Gaussians, targets: Painted, views: CodeViews | None = None):
     """(N, L, C) codes and (N, L) shares."""
-    found = method(gaussians, views or look(targets), SETTINGS, targets)
+    found = method(views or look(gaussians, targets), targets)
     assert bool(found.code.isfinite().all()) and found.levels
     return found.code, found.share
 
@@ -148,7 +150,7 @@ def test_a_gaussian_across_two_segments_takes_the_one_at_its_center_and_lifting_
     targets = painted()
     code, _ = code_of(average_at_centers, large, targets)
     torch.testing.assert_close(code[0, 0], torch.tensor(RIGHT))
-    mixed = lift(large, look(targets), SETTINGS).code[0, 0]
+    mixed = lift(look(large, targets)).code[0, 0]
     assert float(mixed.min()) > 0.3
 
 
@@ -159,7 +161,9 @@ def test_occam_s_mean_is_weighted_by_what_each_view_shows_at_the_center():
     beyond[2, 3] = 3.0
     targets = painted(frames=2)
     targets.codes[0, 0], targets.codes[1, 0] = (torch.tensor(one)[:, None, None] for one in (LEFT, RIGHT))
-    code, share = code_of(average_at_centers, pair, targets, look(targets, np.stack([np.eye(4), beyond])))
+    code, share = code_of(
+        average_at_centers, pair, targets, look(pair, targets, np.stack([np.eye(4), beyond]))
+    )
     torch.testing.assert_close(code[1, 0], torch.tensor([1 / 3, 2 / 3]), atol=0.01, rtol=0)
     torch.testing.assert_close(code[0, 0], torch.tensor(LEFT))
     assert share[:, 0].tolist() == [1.0, 1.0]
@@ -177,11 +181,10 @@ def test_views_without_a_mask_at_the_center_do_not_count_in_occam_s_mean():
 @pytest.mark.parametrize("method", [project_views, average_at_centers])
 def test_pixels_outside_the_lens_circle_do_not_count(method):
     targets = painted()
-    views = look(targets)
+    pair = blobs([[-0.4, 0.0, 2.0], [0.4, 0.0, 2.0]], [0.9] * 2, size=0.05)
     valid = torch.ones(CAMERA.height, CAMERA.width)
     valid[:, :32] = 0.0
-    dark = CodeViews(**vars(views) | {"valid": valid})
-    pair = blobs([[-0.4, 0.0, 2.0], [0.4, 0.0, 2.0]], [0.9] * 2, size=0.05)
+    dark = replace(look(pair, targets), valid=valid)
     _, share = code_of(method, pair, targets, dark)
     assert share[:, 0].tolist() == [0.0, 1.0]
 

@@ -7,8 +7,15 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.baselines import depth_prompts_stage
-from egosplat.baselines.depth_prompts_stage import PromptsOptions, SplatViews
-from egosplat.baselines.granularity import CELLS, PARTS, cell_ratios, draw_points, points_a_side
+from egosplat.baselines.depth_prompts_stage import (
+    CELLS,
+    PARTS,
+    PromptsOptions,
+    SplatViews,
+    cell_ratios,
+    draw_points,
+    points_a_side,
+)
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians

@@ -5,17 +5,20 @@ import math
 import pytest
 import torch
 
-from egosplat.baselines.decoders import Layers, described
+from egosplat.baselines.decoders import Layers
 from egosplat.baselines.gags import (
     CHANNELS,
     HIDDEN,
     SCALES,
     SKIPS,
+    Sample,
     entropy,
+    mean_over_regions,
     regions,
+    sample_regions,
+    variance_within,
     weighted_target,
 )
-from egosplat.baselines.regions import Sample, mean_over_regions, sample_regions, variance_within
 from egosplat.codes.decoder import split_layers
 
 CPU = torch.device("cpu")
@@ -27,12 +30,12 @@ def whole(region: torch.Tensor) -> Sample:
 
 
 def test_the_decoders_have_as_many_numbers_as_published():
-    assert len(Layers(described((CHANNELS, *HIDDEN, 512), skips=SKIPS), 0, CPU).values) == 596_480
-    assert len(Layers(described(SCALES), 0, CPU).values) == 20_323
+    assert len(Layers((CHANNELS, *HIDDEN, 512), 0, CPU, skips=SKIPS).values) == 596_480
+    assert len(Layers(SCALES, 0, CPU).values) == 20_323
 
 
 def test_the_decoder_adds_the_first_and_third_layer_and_those_and_the_sixth():
-    layers = Layers(described((CHANNELS, *HIDDEN, 5), skips=SKIPS), 0, CPU)
+    layers = Layers((CHANNELS, *HIDDEN, 5), 0, CPU, skips=SKIPS)
     code = torch.randn(3, CHANNELS)
     linear = split_layers(layers.values, (CHANNELS, *HIDDEN, 5))
 
@@ -112,7 +115,7 @@ def test_the_level_on_which_views_agree_prevails():
     """Two views whose first and last features disagree, and whose middle ones agree."""
     torch.manual_seed(0)
     code = torch.full((1, CHANNELS), 0.1, requires_grad=True)
-    decoder, scales = Layers(described((CHANNELS, 32, 6)), 0, CPU), Layers(described(SCALES), 1, CPU)
+    decoder, scales = Layers((CHANNELS, 32, 6), 0, CPU), Layers(SCALES, 1, CPU)
     adam = torch.optim.Adam([code, *decoder.parameters(), *scales.parameters()], lr=3e-3)
     axes = torch.eye(6)
     views = [torch.stack([axes[first], axes[0], axes[last]])[:, None] for first, last in ((1, 2), (3, 4))]

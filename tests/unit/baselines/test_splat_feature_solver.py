@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.baselines import clusters
-from egosplat.baselines.clusters import clusters_of, principal_components
-from egosplat.baselines.splat_feature_solver import SHARPENING, agreeing, lift_clusters, mask_means, sharpen
+from egosplat.baselines import splat_feature_solver as solver
+from egosplat.baselines.splat_feature_solver import (
+    SHARPENING,
+    agreeing,
+    clusters_of,
+    lift_clusters,
+    mask_means,
+    principal_components,
+    sharpen,
+)
 from egosplat.codes.targets import Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
@@ -14,7 +21,7 @@ from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
 from egosplat.pipeline.config import defaults, stage_values
 from tests.support.blobs import blobs
-from tests.unit.baselines.test_center_methods import CAMERA, LEFT, RIGHT, SETTINGS, look, plane
+from tests.unit.baselines.test_center_methods import CAMERA, LEFT, RIGHT, look, plane
 
 pytest.importorskip("sklearn", reason='scikit-learn is absent: pip install "egosplat[clusters]"')
 
@@ -27,7 +34,7 @@ SHOWN, LEFT_HALF, RIGHT_HALF = slice(10, 38), slice(2, 30), slice(34, 62)
 @pytest.fixture(autouse=True)
 def small_clusters(monkeypatch):
     """Clusters of 20 Gaussians instead of 500."""
-    monkeypatch.setattr(clusters, "LEAST", 20)
+    monkeypatch.setattr(solver, "LEAST", 20)
 
 
 class Masks:
@@ -58,14 +65,14 @@ def halves() -> tuple[Gaussians, torch.Tensor]:
     return Gaussians.concatenate([left, right]), torch.arange(left.count + right.count) >= left.count
 
 
-def look_at(masks: Masks):
+def look_at(gaussians: Gaussians, masks: Masks):
     """Views of all masks from the origin."""
-    return look(type("Frames", (), {"codes": masks.painted, "of": masks.of}))
+    return look(gaussians, type("Frames", (), {"codes": masks.painted, "of": masks.of}))
 
 
 def coded(gaussians: Gaussians, masks: Masks, **changes: object):
     options = LanguageOptions(**stage_values("language", defaults()) | {"method": "clustered"} | changes)
-    return lift_clusters(gaussians, look_at(masks), SETTINGS, masks, options)
+    return lift_clusters(look_at(gaussians, masks), masks, options)
 
 
 def test_two_flat_squares_get_their_features():
@@ -91,7 +98,7 @@ def test_a_mask_that_disagrees_with_its_cluster_does_not_count():
     gaussians, right = halves()
     masks = Masks([(LEFT, RIGHT), (LEFT, RIGHT), ([0.5, 0.5], NOTHING)])
     masks.painted[2][masks.painted[2] >= 0] = 4
-    lifted = lift(gaussians, look_at(masks), SETTINGS).code[:, 0]
+    lifted = lift(look_at(gaussians, masks)).code[:, 0]
     torch.testing.assert_close(lifted[0], torch.tensor([5 / 6, 1 / 6]))
     wanted = torch.where(right[:, None], torch.tensor(RIGHT), torch.tensor(LEFT))
     torch.testing.assert_close(coded(gaussians, masks).code[:, 0], wanted)
@@ -104,7 +111,7 @@ def test_gaussians_of_a_cluster_that_no_mask_agrees_with_keep_their_lifted_code(
     masks.painted[0, 0, : CAMERA.height // 2, LEFT_HALF] = 2
     masks.painted[1, 0] = -1
     found = coded(gaussians, masks)
-    kept = lift(sharpen(gaussians), look_at(masks), SETTINGS)
+    kept = lift(look_at(sharpen(gaussians), masks))
     assert torch.equal(found.code[~right], kept.code[~right]) and torch.equal(found.share, kept.share)
 
 
@@ -112,7 +119,7 @@ def test_masks_without_a_code_do_not_count():
     gaussians, _ = halves()
     masks = Masks([(LEFT, RIGHT), (NOTHING, RIGHT)])
     labels = (torch.arange(gaussians.count) >= gaussians.count // 2).long()[:, None]
-    means, known = mask_means(gaussians, look_at(masks), SETTINGS, masks, labels)
+    means, known = mask_means(look_at(gaussians, masks), masks, labels)
     torch.testing.assert_close(means[0], torch.tensor([LEFT, RIGHT, NOTHING]))
     assert known.tolist() == [[True, True, False]]
 
@@ -120,14 +127,14 @@ def test_masks_without_a_code_do_not_count():
 def test_a_missing_library_is_reported_before_anything_is_computed(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(UserError, match=r"egosplat\[clusters\]"):
-        lift_clusters(None, None, None, None, None)
+        lift_clusters(None, None, None)
 
 
 def test_without_clusters_codes_are_those_of_lifting_with_sharpened_opacities(monkeypatch):
-    monkeypatch.setattr(clusters, "LEAST", 1000)
+    monkeypatch.setattr(solver, "LEAST", 1000)
     gaussians, _ = halves()
     masks = Masks([(LEFT, RIGHT)] * 2)
-    kept = lift(sharpen(gaussians), look_at(masks), SETTINGS)
+    kept = lift(look_at(sharpen(gaussians), masks))
     found = coded(gaussians, masks)
     assert torch.equal(found.code, kept.code) and torch.equal(found.share, kept.share)
 
@@ -194,7 +201,7 @@ def test_gaussians_without_a_code_are_in_no_cluster():
 
 
 def test_others_take_the_cluster_of_the_nearest_one_of_the_sample(monkeypatch):
-    monkeypatch.setattr(clusters, "SAMPLE", 70)
+    monkeypatch.setattr(solver, "SAMPLE", 70)
     code = groups([90, 60, 0])
     found = clusters_of(code, torch.ones(150), 3)
     first, second = found.split([90, 60])
@@ -216,7 +223,7 @@ def test_two_groups_of_equal_codes_are_two_clusters():
 def test_principal_components_keep_distances_in_the_directions_of_most_variance(monkeypatch):
     draw = torch.Generator().manual_seed(0)
     flat = torch.randn(200, 2, generator=draw) @ torch.randn(2, 6, generator=draw) + 100.0
-    monkeypatch.setattr(clusters, "COMPONENTS", 2)
+    monkeypatch.setattr(solver, "COMPONENTS", 2)
     parts = principal_components(flat, torch.arange(200))
     assert parts.shape == (200, 2)
     exact = torch.cdist(flat.double(), flat.double())

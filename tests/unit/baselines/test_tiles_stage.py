@@ -10,8 +10,8 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.tiles import SCALES, scale_name
 from egosplat.baselines import tiles_stage as stage
-from egosplat.baselines.image_maps import principal_components
 from egosplat.baselines.tiles import pyramid
+from egosplat.baselines.tiles_stage import principal_components
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
 from egosplat.models.open_clip_loader import load_open_clip

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from egosplat.evaluation.classes import ClassMap, count_right, pixel_accuracy
-from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import Query, categories, mask_of
-from egosplat.evaluation.scores import score_query
+from egosplat.evaluation.run_queries import ClassMap, count_right, pixel_accuracy
+from egosplat.evaluation.scores import bounding_boxes, score_query
 from egosplat.frames.labels import paint_layers
 from egosplat.frames.recording import Instance
 
@@ -29,7 +28,8 @@ def masks() -> np.ndarray:
 def test_the_most_relevant_class_wins_and_the_first_of_equal_ones():
     one, two = np.zeros(SIZE, np.float32), np.zeros(SIZE, np.float32)
     one[:6], two[:, :8], two[0, 0] = 0.5, 0.5, 0.6
-    found = ClassMap([("one", one), ("two", two)])
+    found = ClassMap()
+    found.add("one", one), found.add("two", two)
     assert (found.mask("one") == ((one > 0) & (one >= two))).all() and found.mask("two")[0, 0]
     assert found.mask("two").sum() == 6 * 8 + 1
     # Nothing is visible in the last columns of the lower half.

@@ -11,7 +11,7 @@ from egosplat.artifacts.segments import SEGMENTS
 from egosplat.drawing import plt
 from egosplat.errors import UserError
 from egosplat.instances import stage
-from egosplat.report.sheets import instances_sheet, merged_crops
+from egosplat.report.sheets import instances_sheet
 from tests.unit.instances.conftest import COLORS, FRAMES, LEFT, RIGHT, SIZE, options
 
 
@@ -42,11 +42,11 @@ def test_crops_show_the_mask_that_holds_most_of_an_instance_and_the_instance(sce
     frames, segments, instances = (
         open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()
     )
-    shown = merged_crops.shown_in(segments, instances)
-    first, second = merged_crops.largest_and_most_changed(instances, shown)
+    shown = instances_sheet.shown_in(segments, instances)
+    first, second = instances_sheet.largest_and_most_changed(instances, shown)
     assert {first, second} == {0, 1}
     _, cells = plt.subplots(2, 3, squeeze=False)
-    merged_crops.draw_merged_crops(cells, frames, segments, instances, first, shown)
+    instances_sheet.draw_merged_crops(cells, frames, segments, instances, first, shown)
     square = next(
         value
         for value in (LEFT, RIGHT)
@@ -67,14 +67,14 @@ def test_the_most_changed_instance_is_shown_beside_the_largest(scene):
     draw(folder, "merged", "masks")
     segments = open_artifact(folder / "segments.zarr", SEGMENTS)
     instances = open_artifact(folder / "merged.zarr", INSTANCES)
-    kept = merged_crops.shown_in(segments, instances)
+    kept = instances_sheet.shown_in(segments, instances)
     assert set(kept) == {0, 1} and min(np.mean([*ious.values()]) for ious in kept.values()) > 0.9
     for changed in (1, 2):
         ious = {0: 0.1, 1: 0.8, 2: 0.8, changed: 0.3}
         shown = {one: {0: iou} for one, iou in ious.items()}
         owners = np.repeat([0, 1, 2, -1], [9, 5, 4, 7])[:, None]
         few = {"gaussians/instance": owners}
-        chosen = merged_crops.largest_and_most_changed(type("Some", (), {"read": few.get})(), shown)
+        chosen = instances_sheet.largest_and_most_changed(type("Some", (), {"read": few.get})(), shown)
         assert chosen == [0, changed]
 
 

@@ -1,5 +1,7 @@
 """Lifting of instances: each Gaussian takes the code of the instance that it shows most."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -20,7 +22,7 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture
-def prepared(scene, opened, unrefined):
+def prepared(scene, opened, unrefined, wall, settings):
     """``prepared(masked)``: views and targets of the scene."""
 
     def make(masked: bool = False, **changes: object):
@@ -29,7 +31,7 @@ def prepared(scene, opened, unrefined):
         moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
         targets = CodeTargets(instances, features, CPU)
         masking = moving if masked else Masking(None, "")
-        return select_code_views(frames, poses, unrefined, targets.of, masking, CPU), targets
+        return select_code_views(frames, poses, unrefined, targets.of, masking, wall, settings), targets
 
     return make
 
@@ -37,7 +39,7 @@ def prepared(scene, opened, unrefined):
 @pytest.mark.parametrize("masked", [False, True])
 def test_votes_are_rendering_weights_at_centers(wall, settings, prepared, masked):
     views, targets = prepared(masked)
-    votes, seen = target_votes(wall, views, settings, targets)
+    votes, seen = target_votes(views, targets)
     _, owner = targets.code_rows()
     expected, total = np.zeros((wall.count, 3)), np.zeros(wall.count)
     for index in range(len(views)):
@@ -62,8 +64,8 @@ def test_votes_are_rendering_weights_at_centers(wall, settings, prepared, masked
 def test_each_gaussian_has_the_code_of_one_instance(wall, settings, prepared):
     """A Gaussian on the border of two instances has the code of the larger part, not a mean."""
     views, targets = prepared()
-    found = lift_instances(wall, views, settings, targets)
-    votes, _ = target_votes(wall, views, settings, targets)
+    found = lift_instances(views, targets)
+    votes, _ = target_votes(views, targets)
     votes = votes.toarray() @ np.eye(3)[targets.code_rows()[1]]
     assert found.decoded == GAUSSIANS and found.levels == ["part", "whole"]
     shown = found.share[:, 1] > 0
@@ -79,11 +81,11 @@ def test_each_gaussian_has_the_code_of_one_instance(wall, settings, prepared):
     assert float(found.share[far, 0].max()) == 0.0 and float(found.code[far, 0].abs().max()) == 0.0
 
 
-def test_gaussians_in_no_view_get_no_code(wall, settings, prepared):
+def test_gaussians_in_no_view_get_no_code(wall, prepared):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
     views, targets = prepared()
-    found = lift_instances(Gaussians.concatenate([wall, behind]), views, settings, targets)
+    found = lift_instances(replace(views, gaussians=Gaussians.concatenate([wall, behind])), targets)
     assert not found.share[-3:].any() and not found.code[-3:].any()
     assert bool(found.code.isfinite().all())
 
@@ -97,9 +99,9 @@ def test_a_code_is_the_mean_of_the_views_of_the_dominant_instance():
     np.testing.assert_allclose(known, [7.5, 2.0, 0.0])
 
 
-def test_an_instance_without_views_has_no_code(wall, settings, prepared):
+def test_an_instance_without_views_has_no_code(prepared):
     rows = [(instance, frame) for instance in (0, 1) for frame in (0, 1, 3, 4)]
     views, targets = prepared(target="view", rows=rows)
-    found = lift_instances(wall, views, settings, targets)
+    found = lift_instances(views, targets)
     assert not found.share[:, 0].any() and not found.code[:, 0].any()
     assert float(found.share[:, 1].max()) == pytest.approx(1.0)

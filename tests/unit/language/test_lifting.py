@@ -17,16 +17,16 @@ CPU = torch.device("cpu")
 
 
 @pytest.fixture
-def views(scene, opened, unrefined):
-    """``views(masked)``: the training views of the scene."""
+def views(scene, opened, unrefined, wall, settings):
+    """``views(masked, gaussians)``: the training views of the scene, by default of the wall."""
 
-    def make(masked: bool = False, **changes: object) -> CodeViews:
-        folder = scene(**changes)
+    def make(masked: bool = False, gaussians: Gaussians = wall) -> CodeViews:
+        folder = scene()
         frames, poses, instances, features = opened(folder)
         moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
         masking = moving if masked else Masking(None, "")
         return select_code_views(
-            frames, poses, unrefined, CodeTargets(instances, features, CPU).of, masking, CPU
+            frames, poses, unrefined, CodeTargets(instances, features, CPU).of, masking, gaussians, settings
         )
 
     return make
@@ -35,7 +35,7 @@ def views(scene, opened, unrefined):
 @pytest.mark.parametrize("masked", [False, True])
 def test_lifted_codes_are_means_by_rendering_weight(wall, views, settings, masked):
     given = views(masked)
-    lifted = lift(wall, given, settings)
+    lifted = lift(given)
     # Each column of the identity shows where one Gaussian is rendered, and how much of it.
     codes, known, seen = torch.zeros(wall.count, 2, 3), torch.zeros(wall.count, 2), torch.zeros(wall.count)
     for index in range(len(given)):
@@ -55,8 +55,8 @@ def test_lifted_codes_are_means_by_rendering_weight(wall, views, settings, maske
     )
 
 
-def test_each_half_gets_the_code_of_its_instance(wall, views, settings):
-    lifted = lift(wall, views(), settings)
+def test_each_half_gets_the_code_of_its_instance(wall, views):
+    lifted = lift(views())
     inside = (wall.means[:, 0].abs() > 0.4) & (wall.means[:, :2].abs() < 1.0).all(dim=1)
     left, right = inside & (wall.means[:, 0] < 0), inside & (wall.means[:, 0] > 0)
     assert left.any() and right.any()
@@ -69,17 +69,17 @@ def test_each_half_gets_the_code_of_its_instance(wall, views, settings):
     assert float(lifted.share[far, 0].max()) == 0.0 and float(lifted.code[far, 0].abs().max()) == 0.0
 
 
-def test_gaussians_in_no_view_get_no_code(wall, views, settings):
+def test_gaussians_in_no_view_get_no_code(wall, views):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
-    lifted = lift(Gaussians.concatenate([wall, behind]), views(), settings)
+    lifted = lift(views(gaussians=Gaussians.concatenate([wall, behind])))
     assert float(lifted.share[-3:].abs().max()) == 0.0 and float(lifted.code[-3:].abs().max()) == 0.0
     assert bool(lifted.code.isfinite().all()) and bool((lifted.share <= 1).all())
 
 
 def test_rendered_codes_are_those_that_were_lifted(wall, views, settings, camera_to_world, labels):
     given = views()
-    lifted = lift(wall, given, settings)
+    lifted = lift(given)
     found = render_codes(
         wall,
         lifted.code,

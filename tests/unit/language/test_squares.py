@@ -114,7 +114,7 @@ def scene(tmp_path_factory, squares, settings, camera_to_world, unrefined):
         open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()
     )
     targets = CodeTargets(instances, found, CPU)
-    views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), CPU)
+    views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), squares, settings)
     put_tiles(folder, camera_to_world)
     tiles = TileViews(open_artifact(folder / "tiles.zarr", TILES), frames)
     return Scene(squares, views, settings, targets, tiles)
@@ -148,10 +148,9 @@ class Scene:
 
     def coded(self, method: str, checkpoint: Checkpoint, **changes: object) -> Coded:
         options = options_of(method, **changes)
-        known = self.gaussians, self.views, self.settings
         how: Method = load_module("language", method).METHOD
         targets = self.tiles if TILES in how.learns_from else self.targets
-        return how.give_codes(*known, targets, options, checkpoint)
+        return how.give_codes(self.views, targets, options, checkpoint)
 
     def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray) -> list[ViewAnswer]:
         """Answer two queries, whose features are the rows of ``words``, in one view."""
@@ -310,7 +309,7 @@ def test_no_gradient_reaches_the_gaussians(scene, tmp_path):
 def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene, camera_to_world, tmp_path):
     """Codes rendered from all Gaussians of a pixel against the field at the pixel's surface."""
     options = options_of("field")
-    pixels = PixelViews(scene.gaussians, scene.views, scene.settings, options.pixels)
+    pixels = PixelViews(scene.views, options.pixels)
     trained = Field(pixels, scene.tiles, 0)
     train(trained, len(scene.views), 60, 0, Checkpoint(tmp_path / "language.zarr", "key", 1e9))
     scales = torch.tensor([0.0, 0.5])

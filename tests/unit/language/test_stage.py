@@ -87,9 +87,9 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatc
     used = {}
 
     def watched(lift):
-        def lifting(gaussians, views, *others):
+        def lifting(views, *others):
             used["views"] = views
-            return lift(gaussians, views, *others)
+            return lift(views, *others)
 
         return lifting
 
@@ -122,8 +122,8 @@ def test_what_found_the_masks_is_told(scene, segmenter, method, told):
 def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_with_it(scene, monkeypatch):
     own = Decoder((3, 4), np.arange(16, dtype=np.float32), ("none",), unit_input=True)
 
-    def learned(gaussians, views, settings, targets, options, checkpoint):
-        plain = dominant.lift_instances(gaussians, views, settings, targets)
+    def learned(views, targets, options, checkpoint):
+        plain = dominant.lift_instances(views, targets)
         return Coded(plain.code, plain.share, plain.levels, own, stands_in=("sand in place of water",))
 
     folder = scene()

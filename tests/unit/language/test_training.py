@@ -18,10 +18,10 @@ OPTIONS = LanguageOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
 
 
 @pytest.fixture
-def views(scene, opened, unrefined):
+def views(scene, opened, unrefined, wall, settings):
     frames, poses, instances, features = opened(scene())
     return select_code_views(
-        frames, poses, unrefined, CodeTargets(instances, features, CPU).of, Masking(None, ""), CPU
+        frames, poses, unrefined, CodeTargets(instances, features, CPU).of, Masking(None, ""), wall, settings
     )
 
 
@@ -31,13 +31,11 @@ def checkpoint(tmp_path):
 
 
 @pytest.fixture
-def codes(wall, views, settings):
+def codes(views):
     """``codes(lr, normalize)``: new codes of two levels."""
 
     def make(lr: float = 0.05, normalize: bool = False) -> PlainCodes:
-        return PlainCodes(
-            wall, views, settings, (2, 3), OPTIONS.model_copy(update={"lr": lr, "normalize_codes": normalize})
-        )
+        return PlainCodes(views, (2, 3), OPTIONS.model_copy(update={"lr": lr, "normalize_codes": normalize}))
 
     return make
 

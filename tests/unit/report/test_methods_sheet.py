@@ -8,7 +8,7 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.report.sheets.methods_sheet import over_methods, run
-from egosplat.report.sheets.queries_choice import ScoredQuery
+from egosplat.report.sheets.queries_asking import ScoredQuery
 
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 

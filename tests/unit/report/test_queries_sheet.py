@@ -14,8 +14,14 @@ from egosplat.evaluation import stage
 from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.evaluation.scores import iou
 from egosplat.query import finished_scene
-from egosplat.report.sheets.queries_asking import ask_again, open_scored, scoring_options
-from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
+from egosplat.report.sheets.queries_asking import (
+    ScoredQuery,
+    ask_again,
+    best_and_worst,
+    open_scored,
+    scored_queries,
+    scoring_options,
+)
 from egosplat.report.sheets.queries_sheet import run, summary
 
 NAMES = ("frames", "poses", "annotations", "splats", "language", "features")

@@ -10,11 +10,18 @@ from scipy.cluster.vq import vq
 from egosplat.cli import main
 from egosplat.codes.decoder import Decoder
 from egosplat.viewing.container import pack, unpack
-from egosplat.viewing.gaussians import keep_largest, pack_gaussians, spatial_order
+from egosplat.viewing.gaussians import (
+    SMALLEST,
+    STEP,
+    keep_largest,
+    pack_gaussians,
+    pack_instances,
+    pack_visibility,
+    spatial_order,
+    to_bytes,
+)
 from egosplat.viewing.html import scene_html
-from egosplat.viewing.instances import pack_instances
 from egosplat.viewing.palette import fit_palette, pack_codes
-from egosplat.viewing.visibility import SMALLEST, STEP, pack_visibility, to_bytes
 from tests.support.page_scene import (
     TITLE,
     contents_of,

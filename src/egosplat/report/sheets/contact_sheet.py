@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
-from egosplat.drawing import add_name, ground_axes, inner_point, plt, show
+from egosplat.drawing import add_name, empty_grid, ground_axes, inner_point, plt, show
 from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import sheet
 
@@ -23,8 +23,7 @@ COLUMNS = 4
 # Height of the page [inches].
 HEIGHT = 11.0
 
-# ADT's category of walls, floor and ceiling; it gets no tint and no name, so that the objects are easy to
-# see.
+# ADT's category of walls, floor and ceiling; it gets no tint and no name, so that the objects are easy to see.
 ROOM = "shelter"
 
 # Minimum extent of the view from above [m].
@@ -44,23 +43,19 @@ def run(frames: Artifact, annotations: Artifact, poses: Artifact) -> tuple[Figur
     rows = evenly_spaced(annotations.shape("frame")[0], PICTURES)
     columns = min(COLUMNS, max(len(shown), len(rows)))
     above, below = (math.ceil(len(part) / columns) for part in (shown, rows))
-    widths = (HEIGHT * 0.72, _grid_width(frames, columns, above + below))
+    _, height, width, _ = frames.shape("rgb")
+    cell = (HEIGHT - 0.8) / (above + below) - 0.3
+    # The images fill the page's height, within limits.
+    widths = (HEIGHT * 0.72, float(np.clip(columns * cell * width / height, 6.0, 16.0)))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=widths)
     draw_from_above(left.subplots(), poses)
-    grid = right.subplots(above + below, columns, squeeze=False)
-    for cell in grid.flat:
-        cell.set_axis_off()
-    _draw_frames(grid[:above], frames, shown)
+    grid = empty_grid(right, above + below, columns)
+    times = frames.read("timestamp_ns")
+    for cell, index in zip(grid[:above].flat, shown, strict=False):
+        show(cell, frames.row("rgb", index), f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s")
     _draw_evaluation_frames(grid[above:], frames, annotations, rows)
     return figure, _summary(frames, annotations, poses)
-
-
-def _grid_width(frames: Artifact, columns: int, rows: int) -> float:
-    """Width [inches] with which ``rows`` of images fill the page's height, within limits."""
-    _, height, width, _ = frames.shape("rgb")
-    cell = (HEIGHT - 0.8) / rows - 0.3
-    return float(np.clip(columns * cell * width / height, 6.0, 16.0))
 
 
 def _summary(frames: Artifact, annotations: Artifact, poses: Artifact) -> str:
@@ -80,7 +75,9 @@ def draw_from_above(axes: Axes, poses: Artifact) -> None:
     camera_to_world = poses.read("camera_to_world")[registered]
     plane = ground_axes(up)
     path = camera_to_world[:, :3, 3] @ plane.T
-    points = _scatter_points(axes, poses, plane, up, heights=camera_to_world[:, :3, 3] @ up)
+    # Above the highest camera is the ceiling, which would hide the room.
+    highest = (camera_to_world[:, :3, 3] @ up).max()
+    points = _scatter_points(axes, poses.read("points/xyz"), plane, up, highest)
     segments = np.stack([path[:-1], path[1:]], axis=1)
     line = LineCollection(list(segments), cmap="plasma", linewidths=2.2, zorder=3)
     line.set_array(np.linspace(0, 1, len(segments)))
@@ -92,7 +89,11 @@ def draw_from_above(axes: Axes, poses: Artifact) -> None:
     axes.scatter(*path[-1], s=70, c="crimson", edgecolors="k", zorder=5, label="end")
     unit = length_unit(poses)
     if unit == "m":
-        _widen(axes, LEAST_EXTENT)
+        # Otherwise millimeters of noise in the poses fill the page like a real trajectory.
+        for get, set_ in ((axes.get_xlim, axes.set_xlim), (axes.get_ylim, axes.set_ylim)):
+            low, high = get()
+            if high - low < LEAST_EXTENT:
+                set_((low + high - LEAST_EXTENT) / 2, (low + high + LEAST_EXTENT) / 2)
     title = "From above: the points, and the trajectory from dark to light"
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
     if points is not None:
@@ -102,26 +103,11 @@ def draw_from_above(axes: Axes, poses: Artifact) -> None:
     axes.grid(alpha=0.2)
 
 
-def _widen(axes: Axes, least: float) -> None:
-    """Widen each axis to at least ``least``."""
-    # Otherwise millimeters of noise in the poses fill the page like a real trajectory.
-    for get, set_ in ((axes.get_xlim, axes.set_xlim), (axes.get_ylim, axes.set_ylim)):
-        low, high = get()
-        if high - low < least:
-            set_((low + high - least) / 2, (low + high + least) / 2)
-
-
 def _scatter_points(
-    axes: Axes,
-    poses: Artifact,
-    plane: NDArray[np.float64],
-    up: NDArray[np.float64],
-    heights: NDArray[np.float64],
+    axes: Axes, points: NDArray[np.float64], plane: NDArray[np.float64], up: NDArray[np.float64], below: float
 ) -> PathCollection | None:
-    """Draw the points below the highest camera; returns None if there are none."""
-    points = poses.read("points/xyz")
-    # The ceiling would hide the room.
-    points = points[points @ up < heights.max()]
+    """Draw the points below a height; returns None if there are none."""
+    points = points[points @ up < below]
     if len(points) > 60_000:
         points = points[:: len(points) // 60_000 + 1]
     if not len(points):
@@ -137,12 +123,6 @@ def _scatter_points(
         linewidths=0,
         rasterized=True,
     )
-
-
-def _draw_frames(cells: NDArray[np.object_], frames: Artifact, shown: list[int]) -> None:
-    times = frames.read("timestamp_ns")
-    for cell, index in zip(cells.flat, shown, strict=False):
-        show(cell, frames.row("rgb", index), f"frame {index}, {(times[index] - times[0]) * 1e-9:.1f} s")
 
 
 def _draw_evaluation_frames(
@@ -175,15 +155,7 @@ def _draw_annotated(
 
 
 def overlay(picture: NDArray[np.uint8], instance_map: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """Tint an image by instance.
-
-    Args:
-        picture: (H, W, 3) uint8.
-        instance_map: (H, W) int32, -1 without annotation.
-
-    Returns:
-        (H, W, 3) uint8; pixels without annotation keep their color.
-    """
+    """Tint an (H, W, 3) uint8 image by instance; pixels without one, -1 in the (H, W) int32 map, keep their color."""
     # Golden-angle hues: neighboring indices get very different colors.
     hue = (np.arange(instance_map.max() + 2) * 0.618034) % 1.0
     colors = hsv_to_rgb(np.stack([hue, np.full_like(hue, 0.75), np.ones_like(hue)], axis=-1)) * 255

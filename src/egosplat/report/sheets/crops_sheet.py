@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.codes.vectors import unit, usable
-from egosplat.drawing import plt
+from egosplat.drawing import empty_grid, plt
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
@@ -23,8 +22,7 @@ COLUMNS = 12
 # Number of often seen instances with the most different features.
 DISTINCT = 6
 
-# Share of all instances, those with the most views, that count as often seen: rows of one or two views say
-# little.
+# Share of all instances, those with the most views, that count as often seen: rows of one or two views say little.
 OFTEN = 0.5
 
 # Number of further instances, those with the most outliers.
@@ -52,13 +50,9 @@ BACKGROUND = 0.12
 
 @dataclass(frozen=True)
 class Table:
-    """R views, sorted by instance, then frame, of N instances.
+    """R views, sorted by instance, then frame, of N instances; boxes are (R, 4) int32.
 
     Attributes:
-        instance, frame: (R,) int32.
-        box: (R, 4) int32.
-        inlier: (R,) bool.
-        level: (N,) int8.
         consistent: (N, D) float64 features of unit norm, 0 without views.
         hull: whether crops show convex hulls, see ``cut_crop``.
     """
@@ -81,7 +75,13 @@ def run(
     frames: Artifact, instances: Artifact, view_features: Artifact, features: Artifact
 ) -> tuple[Figure, str]:
     """Draw the crops of some instances in order of time, with outlier views struck out."""
-    table = _read(view_features, features)
+    table = Table(
+        *map(view_features.read, ("instance", "frame", "box")),
+        features.read("inlier"),
+        view_features.read("instances/level"),
+        unit(features.read("consistent")),
+        view_features.provenance["options"]["cut"] == "hull",
+    )
     chosen = choose_instances(table)
     height = max(len(chosen), 1)
     figure = plt.figure(figsize=(COLUMNS * CELL + 0.4, height * (CELL + 0.62) + 1.0), layout="constrained")
@@ -89,22 +89,10 @@ def run(
     for strip, instance in zip(strips, chosen, strict=False):
         numbers, limit = _numbers(view_features, features, table.rows(instance))
         strip.suptitle(_caption(features, table, instance, limit), fontsize=10, x=0.01, ha="left")
-        cells = strip.subplots(1, COLUMNS, squeeze=False)[0]
+        cells = empty_grid(strip, 1, COLUMNS)[0]
         rows = choose_views(table, instance)
         _draw_views(cells, frames, instances, table, rows, numbers, view_features.facts["turned"])
     return figure, _summary(features, table)
-
-
-def _read(views: Artifact, features: Artifact) -> Table:
-    return Table(
-        views.read("instance"),
-        views.read("frame"),
-        views.read("box"),
-        features.read("inlier"),
-        views.read("instances/level"),
-        unit(features.read("consistent")),
-        views.provenance["options"]["cut"] == "hull",
-    )
 
 
 def choose_instances(table: Table) -> list[int]:
@@ -166,24 +154,18 @@ def _draw_views(
     numbers: Mapping[int, str],
     turned: bool,
 ) -> None:
-    for cell in cells:
-        cell.set_axis_off()
     for cell, row in zip(cells, rows.tolist(), strict=False):
         frame, instance = table.frame[row], table.instance[row]
         labels = instances.row("labels", frame)[table.level[instance]]
         crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], hull=table.hull)
-        _draw_crop(cell, np.rot90(crop, -1) if turned else crop, bool(table.inlier[row]))
+        crop = np.rot90(crop, -1) if turned else crop
+        shown = np.where((crop == 0).all(axis=2, keepdims=True), np.uint8(255 * BACKGROUND), crop)
+        cell.imshow(shown, interpolation="nearest" if len(crop) < 24 else "antialiased")
+        if not table.inlier[row]:
+            cell.plot([0, 1], [0, 1], color="crimson", linewidth=2.5, transform=cell.transAxes)
         color = "black" if table.inlier[row] else "crimson"
-        cell.set_title(
-            f"{frame}: {numbers[row]}" if numbers[row] else f"{frame}", fontsize=8, pad=2, color=color
-        )
-
-
-def _draw_crop(cell: Axes, crop: NDArray[np.uint8], inlier: bool) -> None:
-    shown = np.where((crop == 0).all(axis=2, keepdims=True), np.uint8(255 * BACKGROUND), crop)
-    cell.imshow(shown, interpolation="nearest" if len(crop) < 24 else "antialiased")
-    if not inlier:
-        cell.plot([0, 1], [0, 1], color="crimson", linewidth=2.5, transform=cell.transAxes)
+        number = f": {numbers[row]}" if numbers[row] else ""
+        cell.set_title(f"{frame}{number}", fontsize=8, pad=2, color=color)
 
 
 def _numbers(views: Artifact, features: Artifact, rows: NDArray[np.int64]) -> tuple[dict[int, str], float]:

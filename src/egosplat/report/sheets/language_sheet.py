@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
 from egosplat.codes.rendering import render_codes
-from egosplat.drawing import plt, show
+from egosplat.drawing import empty_grid, plt, show
 from egosplat.geometry import Camera
+from egosplat.query.answer import rendering_camera
 from egosplat.query.scene import TrainedScene, read_trained_scene
 from egosplat.report.sheets.sheet import sheet
 
@@ -56,21 +57,14 @@ def run(poses: Artifact, splats: Artifact, language: Artifact) -> tuple[Figure, 
     """Draw views through the recording, with the codes of each level as colors."""
     scene = read_trained_scene(splats, "auto")
     levels = language.facts["levels"]
-    camera = _reduced(scene.camera)
+    camera = rendering_camera(scene.camera, LONGEST_SIDE)
     camera_to_world = camera_poses(poses, splats)
     frames = choose_frames(camera_to_world, poses.read("registered"), VIEWS)
     size = (CELL * VIEWS, (CELL * camera.height / camera.width + 0.25) * (1 + len(levels)) + 0.9)
-    figure, grid = plt.subplots(1 + len(levels), VIEWS, squeeze=False, figsize=size, layout="constrained")
-    for cell in grid.flat:
-        cell.set_axis_off()
+    figure = plt.figure(figsize=size, layout="constrained")
+    grid = empty_grid(figure, 1 + len(levels), VIEWS)
     _draw_views(grid, scene, {frame: camera_to_world[frame] for frame in frames}, language, camera)
     return figure, _summary(language)
-
-
-def _reduced(camera: Camera) -> Camera:
-    """Scale a camera down to a longer side of at most ``LONGEST_SIDE``."""
-    factor = min(LONGEST_SIDE / max(camera.width, camera.height), 1.0)
-    return camera.scaled_to(max(round(factor * camera.width), 1), max(round(factor * camera.height), 1))
 
 
 def _summary(language: Artifact) -> str:
@@ -92,17 +86,11 @@ def _draw_views(
 ) -> None:
     """Draw a column for each frame of ``poses``, which has its (4, 4) camera_to_world."""
     code, share = language.read("code"), language.read("share")
-    colors, device = principal_colors(code, share), scene.gaussians.means.device
+    on_device = [torch.from_numpy(one).to(scene.gaussians.means.device) for one in (code, share)]
+    colors = principal_colors(code, share)
     for column, (frame, pose) in enumerate(poses.items()):
         show(grid[0, column], scene.picture(camera, pose), f"as in frame {frame}")
-        rendered = render_codes(
-            scene.gaussians,
-            torch.from_numpy(code).to(device),
-            torch.from_numpy(share).to(device),
-            camera,
-            pose,
-            scene.settings,
-        )
+        rendered = render_codes(scene.gaussians, *on_device, camera, pose, scene.settings)
         for row, name in enumerate(language.facts["levels"]):
             coverage = rendered.coverage[row].cpu().numpy()
             picture = colors.paint(rendered.codes[row].cpu().numpy(), coverage)
@@ -110,12 +98,7 @@ def _draw_views(
 
 
 def principal_colors(code: NDArray[np.float32], share: NDArray[np.float32]) -> CodeColors:
-    """Fit one color map to the codes of all levels, so that equal codes have equal colors at every level.
-
-    Args:
-        code: (N, L, C), weighted by their shares.
-        share: (N, L) in [0, 1].
-    """
+    """Fit one color map to (N, L, C) codes of all levels, weighted by their (N, L) shares: equal codes have equal colors."""
     channels = code.shape[2]
     total, first, second = 0.0, np.zeros(channels), np.zeros((channels, channels))
     for level in range(code.shape[1]):

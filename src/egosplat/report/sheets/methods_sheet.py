@@ -7,10 +7,17 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
-from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, plt, save_figure
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, open_scored, scoring_options
-from egosplat.report.sheets.queries_choice import ScoredQuery, best_and_worst, scored_queries
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
+from egosplat.evaluation.scored_scenes import read_scored_scene
+from egosplat.report.sheets.queries_asking import (
+    ScoredQuery,
+    ShownQuery,
+    ask_again,
+    best_and_worst,
+    open_scored,
+    scored_queries,
+    scoring_options,
+)
 from egosplat.report.tables.series import OWN
 
 # Maximum number of best queries, and of worst ones.
@@ -22,8 +29,8 @@ CELL = 2.1
 # Frame and category of a query.
 Asked = tuple[int, str]
 
-BEST = "best: hits of half of the methods with the highest mean IoU, one per category"
 # Titles of the two blocks.
+BEST = "best: hits of half of the methods with the highest mean IoU, one per category"
 WORST = "worst: misses of most methods with the lowest mean IoU, one per category"
 
 
@@ -40,10 +47,11 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
     by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]
     chosen = best_and_worst(over_methods(by_scene), ROWS)
     best, worst = ([(one.frame, one.category) for one in queries] for queries in chosen)
-    shown = [
-        _answers(scene, [queries[one] for one in (*best, *worst)])
-        for scene, queries in zip(scenes, by_scene, strict=True)
-    ]
+    shown = []
+    for scene, queries in zip(scenes, by_scene, strict=True):
+        opened = open_scored(scene.path.parent, scoring_options(scene))
+        answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene)
+        shown.append({(one.scored.frame, one.scored.category): one for one in answers})
     names = [scene.method or OWN for scene in scenes]
     rows = len(best) + len(worst)
     size = (len(scenes) + 1) * CELL, (CELL + 0.25) * max(rows, 1) + 1.2
@@ -74,28 +82,19 @@ def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuer
     ]
 
 
-def _answers(scene: ScoredScene, queries: Sequence[ScoredQuery]) -> dict[Asked, ShownQuery]:
-    opened = open_scored(scene.path.parent, scoring_options(scene))
-    shown = ask_again(queries, opened, scene)
-    return {(one.scored.frame, one.scored.category): one for one in shown}
-
-
 def _draw(
     page: SubFigure, queries: Sequence[Asked], names: Sequence[str], shown: Sequence[dict[Asked, ShownQuery]]
 ) -> None:
     """Draw a row for each query: its photograph, then the relevancy of each method."""
     if not queries:
         return
-    grid = page.subplots(len(queries), len(names) + 1, squeeze=False)
-    for cells, asked in zip(grid, queries, strict=True):
+    for cells, asked in zip(empty_grid(page, len(queries), len(names) + 1), queries, strict=True):
         first = shown[0][asked]
         cells[0].imshow(first.photograph)
         cells[0].set_title(f'"{asked[1]}", frame {asked[0]}', fontsize=8)
         draw_outline(cells[0], first.target)
         for axes, name, answers in zip(cells[1:], names, shown, strict=True):
             _draw_answer(axes, name, answers[asked])
-    for axes in grid.flat:
-        axes.set_axis_off()
 
 
 def _draw_answer(axes: Axes, name: str, query: ShownQuery) -> None:

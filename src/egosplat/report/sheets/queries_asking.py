@@ -1,8 +1,9 @@
 """Answer scored queries of a scene again, to get the maps behind their scores."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,29 +13,30 @@ from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.reader import open_artifact
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
-from egosplat.evaluation.localization import bounding_boxes
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.queries import Query, find_queries, mask_of, phrases_to_ask
-from egosplat.evaluation.run_queries import answer_frame
+from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, read_layers
+from egosplat.evaluation.run_queries import ask_of
 from egosplat.evaluation.scored_scenes import ScoredScene
+from egosplat.evaluation.scores import bounding_boxes
 from egosplat.query.answer import ViewAnswer
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.opening import open_artifacts
-from egosplat.report.sheets.queries_choice import ScoredQuery
+
+
+@dataclass(frozen=True)
+class ScoredQuery:
+    """A query of ``metrics.json``, scored against all instances of its category; relevancy and IoU are 0..1."""
+
+    frame: int
+    category: str
+    relevancy: float
+    hit: bool
+    iou: float
 
 
 @dataclass(frozen=True, eq=False)
 class ShownQuery:
-    """A query with its images of (H, W) pixels.
-
-    Attributes:
-        scored: the query and its score.
-        photograph: (H, W, 3) uint8.
-        view: (H, W, 3) float32 in [0, 1], rendered.
-        target: (H, W) bool pixels of the annotated instances.
-        boxes: (B, 4) int64 boxes of the instances, see ``bounding_boxes``.
-        answer: the answer with its maps.
-    """
+    """A query with its (H, W, 3) uint8 photograph, float32 view in [0, 1], (H, W) bool target and ``bounding_boxes``."""
 
     scored: ScoredQuery
     photograph: NDArray[np.uint8]
@@ -42,6 +44,41 @@ class ShownQuery:
     target: NDArray[np.bool_]
     boxes: NDArray[np.int64]
     answer: ViewAnswer
+
+
+def scored_queries(document: Mapping[str, Any]) -> list[ScoredQuery]:
+    """All queries of a ``metrics.json``."""
+    found = ((one, one["groups"]["all"]) for one in document["queries"])
+    return [
+        ScoredQuery(one["frame"], one["category"], one["relevancy"], score["hit"], score["iou"])
+        for one, score in found
+    ]
+
+
+def best_and_worst(queries: Sequence[ScoredQuery], count: int) -> tuple[list[ScoredQuery], list[ScoredQuery]]:
+    """Choose at most ``count`` best and ``count`` worst queries, each of a different category.
+
+    The best ones hit; they are ordered by decreasing IoU. The worst ones miss, and their category is not among the best;
+    they are ordered by increasing IoU, then by decreasing relevancy. Ties are ordered by frame and category.
+    """
+    found = sorted((one for one in queries if one.hit), key=lambda one: (-one.iou, one.frame, one.category))
+    best = _one_a_category(found, ())[:count]
+    missed = sorted(
+        (one for one in queries if not one.hit),
+        key=lambda one: (one.iou, -one.relevancy, one.frame, one.category),
+    )
+    return best, _one_a_category(missed, (one.category for one in best))[:count]
+
+
+def _one_a_category(queries: Iterable[ScoredQuery], taken: Iterable[str]) -> list[ScoredQuery]:
+    """The first query of each category outside ``taken``."""
+    seen = set(taken)
+    first: list[ScoredQuery] = []
+    for one in queries:
+        if one.category not in seen:
+            seen.add(one.category)
+            first.append(one)
+    return first
 
 
 def open_scored(folder: Path, options: MetricsOptions) -> Scene:
@@ -76,7 +113,12 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
     Raises:
         UserError: the scene was scored with other artifacts, or the OpenCLIP model that made the features is missing.
     """
-    _check(scene, scored)
+    if scored.foreign:
+        raise UserError(
+            f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
+            "Give the scene's metrics.json"
+        )
+    check_inputs(scored.path, scored.document["provenance"]["inputs"], scene.given)
     if not chosen:
         return
     evaluation = evaluation_of(scene)
@@ -84,29 +126,13 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
     asked = {(one.frame, one.category): one for one in queries}
     shown = [asked[one.frame, one.category] for one in chosen]
     asker = scene.asker(phrases_to_ask(shown, evaluation.instances, scene.options))
-    frames = {frame.index: frame for frame in evaluation.frames}
+    ask = ask_of(evaluation, asker, scene.options.masks)
     for frame in sorted({one.frame for one in chosen}):
         in_frame = [one for one in chosen if one.frame == frame]
         photograph, view = scene.frames[frame], scene.render(frame)
-        phrases = [one.category for one in in_frame]
-        answers = answer_frame(phrases, evaluation, frames[frame], asker, scene.options.masks)
+        answers = ask(frame, [one.category for one in in_frame])
         for one, answer in zip(in_frame, answers, strict=True):
-            target, boxes = _target(evaluation, asked[frame, one.category])
-            yield ShownQuery(one, photograph, view, target, boxes, answer)
-
-
-def _check(scene: Scene, scored: ScoredScene) -> None:
-    """Raise ``UserError`` if the scene was scored with other artifacts."""
-    if scored.foreign:
-        raise UserError(
-            f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
-            "Give the scene's metrics.json"
-        )
-    check_inputs(scored.path, scored.document["provenance"]["inputs"], scene.given)
-
-
-def _target(evaluation: Evaluation, query: Query) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """The pixels and the boxes of all instances of a query."""
-    frame = next(one for one in evaluation.frames if one.row == query.row)
-    layers, instances = evaluation.layers_of(frame), query.instances["all"]
-    return mask_of(layers, instances), bounding_boxes(layers, instances)
+            query = asked[frame, one.category]
+            layers = read_layers(evaluation.annotations, query.row, evaluation.valid)
+            target = layers, query.instances["all"]
+            yield ShownQuery(one, photograph, view, mask_of(*target), bounding_boxes(*target), answer)

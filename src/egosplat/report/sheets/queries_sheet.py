@@ -5,22 +5,33 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
-from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_mask, draw_outline, plt, save_figure
+from egosplat.drawing import (
+    HIT,
+    MISS,
+    draw_heading,
+    draw_heat,
+    draw_mask,
+    draw_outline,
+    empty_grid,
+    plt,
+    save_figure,
+)
+from egosplat.evaluation.evaluation_frames import SCORED
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
 from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
-from egosplat.report.sheets.queries_asking import ShownQuery, ask_again, scoring_options
-from egosplat.report.sheets.queries_choice import best_and_worst, scored_queries
+from egosplat.report.sheets.queries_asking import (
+    ShownQuery,
+    ask_again,
+    best_and_worst,
+    scored_queries,
+    scoring_options,
+)
 from egosplat.report.tables.series import find_series
 
 # Maximum number of best queries, and of worst ones.
@@ -29,8 +40,8 @@ ROWS = 4
 # Width of an image on the page [inches].
 CELL = 2.9
 
-BEST = "best: hits with the highest IoU, one per category"
 # Titles of the two blocks.
+BEST = "best: hits with the highest IoU, one per category"
 WORST = "worst: misses with the lowest IoU, then the highest relevancy, one per category"
 
 
@@ -60,10 +71,8 @@ def run(
     """
     scored = read_scored_scene(metrics_path)
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
-    schemas = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
-    artifacts = [*map(open_artifact, paths, schemas), open_encoded(features_path, tiles_path)]
-    options = scoring_options(scored)
-    scene = scene_of(artifacts, options)
+    artifacts = [*map(open_artifact, paths, SCORED), open_encoded(features_path, tiles_path)]
+    scene = scene_of(artifacts, scoring_options(scored))
     best, worst = best_and_worst(scored_queries(scored.document), ROWS)
     shown = {one.scored: one for one in ask_again([*best, *worst], scene, scored)}
     figure = plt.figure(layout="constrained")
@@ -110,15 +119,8 @@ def _draw(figure: Figure, best: Sequence[ShownQuery], worst: Sequence[ShownQuery
     left, right = figure.subfigures(1, 2, wspace=0.02)
     for page, name, queries in ((left, BEST, best), (right, WORST, worst)):
         page.suptitle(name if queries else f"{name.partition(':')[0]}: none", fontsize=11, fontweight="bold")
-        _draw_block(page, queries, rows, boxes)
-
-
-def _draw_block(page: SubFigure, queries: Sequence[ShownQuery], rows: int, boxes: bool) -> None:
-    grid = page.subplots(rows, 3, squeeze=False)
-    for axes in grid.flat:
-        axes.set_axis_off()
-    for cells, query in zip(grid, queries, strict=False):
-        _draw_query(cells, query, boxes)
+        for cells, query in zip(empty_grid(page, rows, 3), queries, strict=False):
+            _draw_query(cells, query, boxes)
 
 
 def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> None:

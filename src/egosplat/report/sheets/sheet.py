@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.drawing import draw_heading, save_figure
 
@@ -42,7 +42,8 @@ def sheet(warned: Sequence[str], fontsize: int = 12) -> Callable[[Draw], Callabl
         def run(*given: Any, **named: Any) -> None:
             values = made.bind(*given, **named).arguments
             opened = {name: open_artifact(values[f"{name}_path"], SCHEMAS[name]) for name in names}
-            _check_lineage(list(opened.values()))
+            for artifact in opened.values():
+                check_made_from(artifact, *(other for other in opened.values() if other is not artifact))
             figure, summary = draw(**opened)
             warnings = warnings_of(*(opened[name] for name in warned))
             draw_heading(figure, f"{values['title']}: {summary}", warnings, fontsize)
@@ -52,9 +53,3 @@ def sheet(warned: Sequence[str], fontsize: int = 12) -> Callable[[Draw], Callabl
         return run
 
     return decorate
-
-
-def _check_lineage(artifacts: Sequence[Artifact]) -> None:
-    """Raise UserError if one was made from another version of one that it is drawn with."""
-    for artifact in artifacts:
-        check_made_from(artifact, *(other for other in artifacts if other is not artifact))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
-from egosplat.drawing import label_log_axis, middles_of_parts, plt, show
+from egosplat.artifacts.splats import AS_GIVEN, FITTED
+from egosplat.drawing import empty_grid, ground_axes, label_log_axis, middles_of_parts, plt, show
 from egosplat.gaussians.evaluation import Scores
-from egosplat.report.sheets.corrections_figure import draw_gains, draw_poses, has_corrections
 from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of held-out frames.
@@ -33,7 +33,7 @@ def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
     columns = max(len(shown), 2)
     _, height, width, _ = frames.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
-    more = 4.0 if has_corrections(splats) else 0.0
+    more = 4.0 if splats.has("corrections/shift") else 0.0
     figure = plt.figure(figsize=(5.4 + columns * cell, 3 * CELL + 1.2 + more), layout="constrained")
     page = figure
     if more:
@@ -43,14 +43,11 @@ def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
         draw_gains(over_time, splats)
     left, right = page.subfigures(1, 2, width_ratios=(4.6, columns * cell + 0.8))
     _draw_curves(left.subplots(3, 1, sharex=True), splats)
-    grid = right.subplots(3, columns, squeeze=False)
-    for axes in grid.flat:
-        axes.set_axis_off()
+    grid = empty_grid(right, 3, columns)
     errors = [_draw_frame(grid[:, column], frames, splats, row) for column, row in enumerate(shown)]
     if errors:
-        bar = right.colorbar(
-            errors[0], ax=grid[2].tolist(), extend="max", label="error, mean over the channels"
-        )
+        about = "error, mean over the channels"
+        bar = right.colorbar(errors[0], ax=grid[2].tolist(), extend="max", label=about)
         ticks = [0.0, ERROR_LIMIT / 2, ERROR_LIMIT]
         bar.set_ticks(ticks, labels=[f"{tick:.0%}" for tick in ticks])
     else:
@@ -63,18 +60,17 @@ def _summary(frames: Artifact, splats: Artifact) -> str:
     held_out = "no frame held out"
     if count := len(scores.psnr):
         held_out = f"{count} held out: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
-    if count and has_corrections(splats):
+    if count and splats.has("corrections/shift"):
         given = Scores(splats.read("held_out/psnr_given"), splats.read("held_out/ssim_given"))
         held_out += f" with fitted corrections (as given {given.mean_psnr:.2f} dB, {given.mean_ssim:.3f})"
+    known = f"{frames.facts['recording']}, origin {splats.origin}\n{splats.shape('means')[0]} Gaussians"
     if given := facts.get("source"):
         return (
-            f"{frames.facts['recording']}, origin {splats.origin}\n"
-            f"{splats.shape('means')[0]} Gaussians of {given['file']}, trained elsewhere, maybe on these frames, too: "
+            f"{known} of {given['file']}, trained elsewhere, maybe on these frames, too: "
             f"PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}; {facts['rasterizer']}"
         )
     return (
-        f"{frames.facts['recording']}, origin {splats.origin}\n"
-        f"{splats.shape('means')[0]} Gaussians of iteration {facts['iteration']}, "
+        f"{known} of iteration {facts['iteration']}, "
         f"{facts['views']['training']} training views, {held_out}; "
         f"{facts['training_s']:.0f} s of training, {facts['rasterizer']}"
     )
@@ -135,14 +131,58 @@ def _draw_frame(cells: NDArray[np.object_], frames: Artifact, splats: Artifact, 
 def error_map(
     photograph: NDArray[np.uint8], render: NDArray[np.uint8], valid: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Mean absolute difference over the channels.
-
-    Args:
-        photograph, render: (H, W, 3) uint8.
-        valid: (H, W) bool.
-
-    Returns:
-        (H, W) float64 in 0..1; NaN where not valid.
-    """
+    """Mean absolute difference of (H, W, 3) uint8 images over the channels, (H, W) float64 in 0..1; NaN where not valid."""
     difference = np.abs(photograph.astype(np.float64) - render).mean(axis=-1) / 255.0
     return np.where(valid, difference, np.nan)
+
+
+# Length of the longest arrow, as a part of the extent of the trajectory.
+_ARROW = 0.25
+
+_ORANGE, _GREY = "tab:orange", "0.6"
+
+
+def draw_poses(axes: Axes, splats: Artifact) -> None:
+    """Draw the trajectory from above, with an arrow from each camera towards its corrected place."""
+    source = splats.read("corrections/source")
+    center = splats.read("corrections/camera_to_world")[:, :3, 3]
+    known = np.isfinite(center).all(axis=1)
+    shift, plane = splats.read("corrections/shift")[known], ground_axes(np.array(splats.facts["up"]))
+    after, moved, source = center[known] @ plane.T, shift @ plane.T, source[known]
+    before = after - moved
+    longest, extent = np.linalg.norm(moved, axis=1).max(initial=0.0), np.ptp(before, axis=0).max(initial=0.0)
+    factor = max(_ARROW * extent / longest, 1.0) if longest > 0 else 1.0
+    axes.plot(*before.T, color=_GREY, linewidth=1.0, zorder=1)
+    for fitted, color, label in ((False, "tab:blue", "training"), (True, _ORANGE, "held out")):
+        rows = (source == FITTED) == fitted
+        rows &= source != AS_GIVEN
+        in_place = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.003, "zorder": 2}
+        axes.quiver(*before[rows].T, *factor * moved[rows].T, color=color, label=label, **in_place)
+    turn = splats.read("corrections/turn")[known]
+    size = 1e3 * np.linalg.norm(shift, axis=1)
+    # The limits do not follow the heads of arrows by themselves.
+    axes.update_datalim(before + factor * moved)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(
+        title=f"pose corrections from above, {factor:.0f} times longer\n"
+        f"RMS {np.sqrt(np.mean(size**2)):.1f} mm and {np.sqrt(np.mean(turn**2)):.2f}°, "
+        f"largest {size.max():.1f} mm and {turn.max():.2f}°",
+        xlabel="m",
+    )
+    axes.legend(loc="best", fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+def draw_gains(axes: Axes, splats: Artifact) -> None:
+    """Draw the gains of red, green and blue over the frames."""
+    gain, source = splats.read("corrections/gain"), splats.read("corrections/source")
+    frame = np.flatnonzero(source != AS_GIVEN)
+    for channel, color in enumerate(("tab:red", "tab:green", "tab:blue")):
+        axes.plot(frame, gain[frame, channel], color=color, linewidth=1.2)
+    fitted = np.flatnonzero(source == FITTED)
+    axes.plot(fitted, gain[fitted].mean(axis=1), "o", color=_ORANGE, markersize=4, label="held out (mean)")
+    axes.axhline(1.0, color=_GREY, linewidth=0.8)
+    axes.set(title="gain of each frame's colors, 1 = mean exposure", xlabel="frame", ylabel="gain")
+    if len(fitted):
+        axes.legend(loc="best", fontsize=8)
+    axes.grid(alpha=0.3)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
-from egosplat.drawing import add_name, inner_point, middles_of_parts, plt, show
+from egosplat.drawing import add_name, empty_grid, inner_point, middles_of_parts, plt, show
 from egosplat.query.scene import read_trained_scene
 from egosplat.report.sheets.sheet import sheet
 
@@ -31,8 +31,7 @@ CELL = 2.9
 # Height of the chart [inches].
 CHART = 2.6
 
-# Colors of transient instances, of static ones, and of those above the threshold at a level that is not
-# used.
+# Colors of transient instances, of static ones, and of those above the threshold at a level that is not used.
 MASKED, STATIC, OTHER_LEVEL = "crimson", "0.7", "lightpink"
 
 # Opacity of the color of masked pixels.
@@ -52,15 +51,14 @@ def run(
     splats: Artifact,
 ) -> tuple[Figure, str]:
     """Draw frames, predicted probability, masks, renders, and the scores of all instances."""
-    shown = choose_frames(_masked_shares(masks), poses.read("registered"))
+    shares = [masks.row("refined", frame).mean() for frame in range(masks.shape("refined")[0])]
+    shown = choose_frames(np.array(shares), poses.read("registered"))
     _, height, width, _ = frames.shape("rgb")
     columns = max(len(shown), 3)
     pictures = 4 * (CELL * height / width + 0.25)
     figure = plt.figure(figsize=(CELL * columns + 0.9, pictures + CHART + 1.0), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(pictures, CHART))
-    grid = above.subplots(4, columns, squeeze=False)
-    for cell in grid.flat:
-        cell.set_axis_off()
+    grid = empty_grid(above, 4, columns)
     times, scene = frames.read("timestamp_ns"), read_trained_scene(splats, "auto")
     camera_to_world = camera_poses(poses, splats)
     heat = None
@@ -69,11 +67,8 @@ def run(
         show(grid[0, column], photograph, f"frame {frame}, {(times[frame] - times[0]) * 1e-9:.1f} s")
         heat = _draw_probability(grid[1, column], photograph, transient.row("probability", frame))
         _draw_mask(grid[2, column], photograph, masks, instances, frame)
-        show(
-            grid[3, column],
-            scene.picture(scene.camera, camera_to_world[frame]),
-            "rendered from the Gaussians",
-        )
+        render = scene.picture(scene.camera, camera_to_world[frame])
+        show(grid[3, column], render, "rendered from the Gaussians")
     if heat is not None:
         bar = above.colorbar(heat, ax=grid[1].tolist(), pad=0.01, label="transient probability")
         bar.solids.set_alpha(1.0)
@@ -81,20 +76,11 @@ def run(
     return figure, _summary(masks, splats)
 
 
-def _masked_shares(masks: Artifact) -> NDArray[np.float64]:
-    """(F,) masked share of each frame."""
-    return np.array([masks.row("refined", frame).mean() for frame in range(masks.shape("refined")[0])])
-
-
 def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list[int]:
-    """Choose the frames to show, in order of time.
+    """Choose the frames to show, in order of time, by their (F,) masked shares and whether they have a pose, to be rendered.
 
     The frames with masked pixels are split into ``MOVING`` equal parts; each part gives the frame with the largest masked
     share. The remaining frames have no masked pixel and are evenly spaced.
-
-    Args:
-        masked: (F,) masked share of each frame.
-        posed: (F,) which frames have a pose; only these can be rendered.
     """
     moving, still = np.flatnonzero(posed & (masked > 0)), np.flatnonzero(posed & (masked == 0))
     # The outer quarters of a part are left out, so that no two frames are neighbors.
@@ -106,10 +92,8 @@ def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list
 
 def _summary(masks: Artifact, splats: Artifact) -> str:
     facts, masking = masks.facts, splats.provenance["options"]["masking"]
-    trained_on = {
-        "none": "all pixels",
-        "initial": "all pixels, with less weight where the probability is high",
-    }
+    trained_on = {"none": "all pixels"}
+    trained_on["initial"] = "all pixels, with less weight where the probability is high"
     return (
         f"{facts['transient']} of {facts['instances']} instances are transient, {facts['masked_share']:.1%} of all "
         f"pixels; origin {masks.origin}\n"
@@ -144,12 +128,7 @@ def _draw_mask(
 
 
 def largest(labels: NDArray[np.int32], moves: NDArray[np.bool_]) -> list[int]:
-    """The instances to name, the largest first.
-
-    Args:
-        labels: (L, H, W) instance at each level, -1 for none.
-        moves: (N,) which instances may be named.
-    """
+    """The instances to name, the largest first: of (L, H, W) labels, -1 for none, those that the (N,) flags allow."""
     sizes = np.bincount(labels[labels >= 0], minlength=len(moves)) * moves
     return [int(one) for one in np.argsort(-sizes, kind="stable")[:LABELS] if sizes[one]]
 

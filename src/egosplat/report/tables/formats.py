@@ -22,18 +22,12 @@ DECIMALS = 3
 _MARKDOWN = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;"} | {one: f"\\{one}" for one in r"\`*_{}[]|~$#"}
 )
+_COMMANDS = {"\\": "textbackslash", "~": "textasciitilde", "^": "textasciicircum", "<": "textless"}
+_COMMANDS |= {">": "textgreater", "|": "textbar", '"': "textquotedbl"}
 _LATEX = str.maketrans(
-    {
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "|": r"\textbar{}",
-        '"': r"\textquotedbl{}",
-        "✓": r"\checkmark",
-    }
+    {one: f"\\{name}{{}}" for one, name in _COMMANDS.items()}
     | {one: f"\\{one}" for one in "{}$&#_%"}
+    | {"✓": r"\checkmark"}
 )
 
 # By rank: none, the best number, the second best one.
@@ -72,9 +66,8 @@ def to_markdown(table: Layout) -> str:
 def to_latex(table: Layout) -> str:
     """Write a float with caption, notes and label ``tab:NAME``. The best number is red, the second best teal."""
     style = _styler(table, "").format(latex).format_index(latex, axis=1)
-    columns = (
-        "c" * len(table.components) + r"p{.3\linewidth}" + "c" * (len(table.columns) + 2 * table.has_costs)
-    )
+    after = len(table.columns) + 2 * table.has_costs
+    columns = "c" * len(table.components) + r"p{.3\linewidth}" + "c" * after
     text = style.to_latex(hrules=True, convert_css=True, column_format=columns, multicol_align="c")
     lines = text.splitlines()
     first = lines.index(r"\midrule") + 1
@@ -110,8 +103,9 @@ def to_html(table: Layout) -> str:
     for line, row in enumerate(_lines(table)):
         for column, cell in enumerate(row.cells if row else ()):
             if cell.queries is not None:
-                about = f"{cell.queries} queries of {cell.categories} categories"
-                tips.iloc[line, label + 1 + column] = about
+                tips.iloc[line, label + 1 + column] = (
+                    f"{cell.queries} queries of {cell.categories} categories"
+                )
     return style.set_tooltips(tips).to_html()
 
 

@@ -6,7 +6,10 @@ from importlib import resources
 
 import pandas as pd
 
-from egosplat.report.tables.table import AVERAGE, Note
+from egosplat.evaluation.queries import GROUPS
+from egosplat.evaluation.scored_scenes import FULL, VALIDATION, ScoredScene
+from egosplat.report.tables.series import OWN
+from egosplat.report.tables.table import AVERAGE, Layout, Note
 
 METRICS = ("accuracy", "mean_iou")
 
@@ -27,10 +30,7 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
             "except for the few queries that count in both. Probably a misprint.",
             (("scene1", "LERF", "accuracy", "all"),),
         ),
-        Note(
-            "The mean of the five scenes is 23.5.",
-            ((AVERAGE, "SG", "accuracy", "static"),),
-        ),
+        Note("The mean of the five scenes is 23.5.", ((AVERAGE, "SG", "accuracy", "static"),)),
         Note(
             "Below LangSplat and GAGS; the paper does not discuss this.",
             (("scene4", "EgoSplat", "accuracy", "dynamic"),),
@@ -45,24 +45,14 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
         ),
     ),
     "adt_iou": (
-        Note(
-            "The mean of the five scenes is 9.6.",
-            ((AVERAGE, "SG", "mean_iou", "static"),),
-        ),
-        Note(
-            "The mean of the five scenes is 8.2.",
-            ((AVERAGE, "SG", "mean_iou", "all"),),
-        ),
+        Note("The mean of the five scenes is 9.6.", ((AVERAGE, "SG", "mean_iou", "static"),)),
+        Note("The mean of the five scenes is 8.2.", ((AVERAGE, "SG", "mean_iou", "all"),)),
     ),
     "adt_ablation": (
         Note(
             "Equal to LangSplat's row in the tables by scene. egosplat's baseline is given masks that hold in 3D; its row "
             "LangSplat in the other tables has the masks of single frames.",
-            tuple(
-                (AVERAGE, "baseline", metric, group)
-                for metric in ("accuracy", "mean_iou")
-                for group in ("static", "dynamic", "all")
-            ),
+            tuple((AVERAGE, "baseline", metric, group) for metric in METRICS for group in GROUPS),
         ),
         Note(
             "Transient prediction gains 1.3 points of accuracy and 0.5 points of mIoU on static targets; one pair of a "
@@ -79,7 +69,7 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
     "adt_transient": (
         Note(
             "The initial stage alone lowers mIoU in every group, compared with no transient prediction.",
-            tuple(("scene1", "initial", "mean_iou", group) for group in ("static", "dynamic", "all")),
+            tuple(("scene1", "initial", "mean_iou", group) for group in GROUPS),
         ),
         Note(
             "Both stages gain 0.6 points of accuracy and 0.8 points of mIoU over none, on one scene with 100 to 300 "
@@ -90,19 +80,7 @@ PAPER_NOTES: dict[str, tuple[Note, ...]] = {
 
 
 def find_printed(table: str, scene: str, method: str, metric: str, group: str) -> float:
-    """A printed number [%].
-
-    Args:
-        table: ``adt``, ``hoi4d``, ``adt-ablation`` or ``adt-transient``.
-        scene: its name, or ``AVERAGE``.
-        method: one of ``METHODS``; in the ablations ``baseline``, ``aggregation`` or ``full``, and ``none``,
-            ``initial`` or ``refined``.
-        metric: one of ``METRICS``.
-        group: one of ``egosplat.evaluation.queries.GROUPS``.
-
-    Raises:
-        KeyError: the paper prints no such number.
-    """
+    """A printed number [%], by the ``numbers`` and a line of a layout; raises KeyError if the paper prints no such number."""
     return _numbers()[table, scene, method, metric, group]
 
 
@@ -111,3 +89,94 @@ def _numbers() -> Mapping[tuple[str, ...], float]:
     with (resources.files(__package__) / "paper_numbers.csv").open(encoding="utf-8") as file:
         table = pd.read_csv(file, index_col=_KEY, na_filter=True)
     return table.rename_axis(columns="group").stack().dropna().to_dict()
+
+
+_METRIC_NAMES = {"accuracy": "Acc", "mean_iou": "mIoU"}
+_BY_METRIC = tuple((f"{_METRIC_NAMES[one]} (%)", group.capitalize()) for one in METRICS for group in GROUPS)
+_METHOD_LINES = {method: (FULL if method == OWN else None, ()) for method in METHODS}
+
+
+def _by_scene(name: str, score: str, metric: str) -> Layout:
+    """A table with a column for each scene of ADT and group."""
+    headings = {scene: f"scene {scene.removeprefix('scene')}" for scene in SCENES["adt"]} | {AVERAGE: "avg"}
+    short = {"static": "St.", "dynamic": "Dy.", "all": "All"}
+    return Layout(
+        name,
+        f"{score} (%) on ADT, of static (St.), dynamic (Dy.) and all targets.",
+        "adt",
+        "adt",
+        SCENES["adt"],
+        tuple((scene, metric, group) for scene in headings for group in GROUPS),
+        tuple((over, short[group]) for over in headings.values() for group in GROUPS),
+        _METHOD_LINES,
+    )
+
+
+# The five tables, in the paper's order.
+LAYOUTS = (
+    _by_scene("adt_accuracy", "Localization accuracy", "accuracy"),
+    _by_scene("adt_iou", "Segmentation IoU", "mean_iou"),
+    Layout(
+        "adt_ablation",
+        "Ablation on ADT, mean over scenes.",
+        "adt-ablation",
+        "adt",
+        SCENES["adt"],
+        tuple((AVERAGE, metric, group) for metric in METRICS for group in GROUPS),
+        _BY_METRIC,
+        {
+            "baseline": ("baseline", (False, False)),
+            "aggregation": ("no_masks", (True, False)),
+            "full": (FULL, (True, True)),
+        },
+        ("Multi-view aggregation", "Transient prediction"),
+    ),
+    Layout(
+        "hoi4d",
+        "Localization accuracy and segmentation IoU (%) on HOI4D, mean over scenes.",
+        "hoi4d",
+        "hoi4d",
+        SCENES["hoi4d"],
+        tuple((AVERAGE, metric, "all") for metric in METRICS),
+        tuple(("", _METRIC_NAMES[metric]) for metric in METRICS),
+        _METHOD_LINES,
+    ),
+    Layout(
+        "adt_transient",
+        "Ablation of the transient prediction on scene 1 of ADT.",
+        "adt-transient",
+        "adt",
+        ("scene1",),
+        tuple(("scene1", metric, group) for metric in METRICS for group in GROUPS),
+        _BY_METRIC,
+        {
+            "none": ("no_masks", (False, False)),
+            "initial": ("network_masks", (True, False)),
+            "refined": (FULL, (True, True)),
+        },
+        ("Initial stage", "Refinement stage"),
+    ),
+)
+
+
+def scenes_of(layout: Layout, validation: bool) -> tuple[str, ...]:
+    """The scenes of a table; validation apartments appear only in averages."""
+    if not validation:
+        return layout.scenes
+    averaged = any(scene == AVERAGE for scene, _, _ in layout.columns)
+    return VALIDATION if averaged and layout.dataset == "adt" else ()
+
+
+def in_a_table(scene: ScoredScene) -> bool:
+    """Whether any table shows a scene's scores."""
+    return any(
+        layout.dataset == scene.dataset
+        and scene.scene in scenes_of(layout, scene.validation)
+        # Other methods have rows in all tables but ablations of EgoSplat.
+        and (
+            scene.variant in {one for one, _ in layout.lines.values()}
+            if scene.method is None
+            else not layout.components
+        )
+        for layout in LAYOUTS
+    )

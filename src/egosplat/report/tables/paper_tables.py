@@ -1,14 +1,13 @@
 """Build the paper's five tables: printed numbers, and measured numbers below."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from itertools import count, product
 from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
 from egosplat.evaluation.scored_scenes import CHANCE, FULL, VALIDATION, Cell, Cost, ScoredScene
-from egosplat.report.tables.paper_layouts import LAYOUTS, scenes_of
-from egosplat.report.tables.paper_numbers import PAPER_NOTES, find_printed
+from egosplat.report.tables.paper_numbers import LAYOUTS, PAPER_NOTES, find_printed, scenes_of
 from egosplat.report.tables.series import APARTMENTS, NAMES, OWN, VALIDATION_APARTMENTS, Series
 from egosplat.report.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
 
@@ -24,7 +23,7 @@ def paper_tables(series: Sequence[Series]) -> list[Layout]:
 
 
 def _fill(layout: Layout, series: Sequence[Series]) -> Layout:
-    own = [one for one in series if one.dataset == layout.dataset and _scenes_of(layout, one)]
+    own = [one for one in series if one.first.dataset == layout.dataset and _scenes_of(layout, one)]
     if layout.components:  # an ablation of EgoSplat
         own = [one for one in own if one.own]
     letters = _letters()
@@ -79,7 +78,8 @@ def _measured_rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
     }
     rows: list[Row] = []
     for kind, title in titles.items():
-        rows += _block(layout, title, [one for one in series if (one.origin, one.validation) == kind])
+        own = [one for one in series if (one.first.origin, one.first.validation) == kind]
+        rows += _block(layout, title, own)
     return rows or [_empty_row(layout, REAL, titles[REAL, False], line, name) for line in layout.lines]
 
 
@@ -88,11 +88,15 @@ def _block(layout: Layout, title: str, series: Sequence[Series]) -> Iterator[Row
 
     A line without scores gets an empty row.
     """
-    known = {line: [one for one in series if _belongs(one, layout, line)] for line in layout.lines}
+    # EgoSplat's series belong to the line of their variant, others to that of their method.
+    known = {
+        line: [one for one in series if (one.first.variant == variant if one.own else one.method == line)]
+        for line, (variant, _) in layout.lines.items()
+    }
     more = [one for one in series if not one.own and one.method not in layout.lines]
     if not more and not any(known.values()):
         return
-    kind, data = series[0].origin, series[0].data
+    kind, data = series[0].first.origin, series[0].data
     for line, own in known.items():
         yield from (_row(layout, title, layout.lines[line][1], one) for one in own)
         if not own:
@@ -108,7 +112,7 @@ def _chance_rows(layout: Layout, title: str, series: Sequence[Series]) -> Iterat
     scenes: dict[str, ScoredScene] = {}
     for one in series:
         scenes = _scenes_of(layout, one) | scenes
-    kind, data, steps = series[0].origin, series[0].data, (False,) * len(layout.components)
+    kind, data, steps = series[0].first.origin, series[0].data, (False,) * len(layout.components)
     for answerer, name in CHANCE.items():
         cells = tuple(
             _cell(place, answerer, group, scenes) if metric == "accuracy" else Cell()
@@ -117,15 +121,10 @@ def _chance_rows(layout: Layout, title: str, series: Sequence[Series]) -> Iterat
         yield Row(kind, title, f"Chance: {name} ({data})", name, data, steps, cells)
 
 
-def _belongs(series: Series, layout: Layout, line: str) -> bool:
-    """Whether a series belongs to a line: EgoSplat's by its variant, another method's by its name."""
-    return series.variant == layout.lines[line][0] if series.own else series.method == line
-
-
 def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) -> Row:
     scenes = _scenes_of(layout, series)
     return Row(
-        series.origin,
+        series.first.origin,
         title,
         series.label,
         series.method,
@@ -133,8 +132,8 @@ def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) ->
         steps,
         tuple(_cell(*column, scenes) for column in layout.columns),
         checkpoints=series.checkpoints,
-        variant=series.variant,
-        notice=series.notice or "",
+        variant=series.first.variant,
+        notice=series.notice,
         cost=_mean_cost([scene.cost for scene in scenes.values()]),
         stands_in=tuple(dict.fromkeys(text for scene in scenes.values() for text in scene.stands_in)),
     )
@@ -142,12 +141,9 @@ def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) ->
 
 def _mean_cost(costs: Sequence[Cost | None]) -> Cost | None:
     """The mean of the costs of scenes; None if one is not known."""
-    known = [cost for cost in costs if cost is not None]
-    if not known or len(known) < len(costs):
+    if not costs or None in costs:
         return None
-    return Cost(
-        sum(cost.cpu_min for cost in known) / len(known), sum(cost.memory_gib for cost in known) / len(known)
-    )
+    return Cost(*(sum(values) / len(costs) for values in zip(*map(astuple, costs), strict=True)))
 
 
 def _cell(place: str, score: str, group: str, scenes: Mapping[str, ScoredScene]) -> Cell:
@@ -162,9 +158,8 @@ def _cell(place: str, score: str, group: str, scenes: Mapping[str, ScoredScene])
 
 def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
     """The scenes of a series that belong to a table."""
-    return {
-        name: series.scenes[name] for name in scenes_of(layout, series.validation) if name in series.scenes
-    }
+    names = scenes_of(layout, series.first.validation)
+    return {name: series.scenes[name] for name in names if name in series.scenes}
 
 
 def _empty_row(layout: Layout, kind: str, title: str, line: str, data: str) -> Row:
@@ -203,18 +198,12 @@ def _presence_remarks(layout: Layout, series: Sequence[Series]) -> Iterator[str]
         return
     for one in series:
         if summary := _presence_summary(_scenes_of(layout, one).values()):
-            variant = "" if one.variant == FULL else f", {one.variant}"
+            variant = "" if one.first.variant == FULL else f", {one.first.variant}"
             yield f"{one.label}{variant}: {summary}."
 
 
 def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
-    """The plain mean over the scenes that have a score, as in the paper's tables, with ``clustered_interval``.
-
-    Args:
-        scenes: scenes by name.
-        metric: ``accuracy`` or ``mean_iou``.
-        group: one of ``egosplat.evaluation.queries.GROUPS``.
-    """
+    """The plain mean of a metric over the scenes that have a score, as in the paper's tables, with ``clustered_interval``."""
     clusters = {name: scene.clusters(metric, group) for name, scene in sorted(scenes.items())}
     scored = {name: values for name, values in clusters.items() if len(values.counts)}
     if not scored:

@@ -23,35 +23,36 @@ class Series:
     """Scenes whose scores may be averaged.
 
     Attributes:
-        dataset, variant, origin: common to all scenes.
-        validation: whether the scenes are ``VALIDATION`` apartments.
-        own: whether the method is EgoSplat.
-        foreign: whether another program ran the method.
+        first: any scene, for what all have in common: dataset, variant, origin, method.
         scenes: scores by name of the scene.
     """
 
-    dataset: str
-    variant: str
-    origin: str
-    validation: bool
-    method: str
-    own: bool
-    foreign: bool
+    first: ScoredScene
     checkpoints: str
     scenes: Mapping[str, ScoredScene]
 
     @property
-    def data(self) -> str:
-        """Name of the data."""
-        if self.origin == "synthetic":
-            return VALIDATION_APARTMENTS if self.validation else APARTMENTS
-        return NAMES.get(self.dataset, self.dataset)
+    def own(self) -> bool:
+        """Whether the method is EgoSplat."""
+        return self.first.method is None
 
     @property
-    def notice(self) -> str | None:
-        """Notice that the models do not suit the recordings, and what to do; None if they do."""
+    def method(self) -> str:
+        """Name of the method."""
+        return self.first.method or OWN
+
+    @property
+    def data(self) -> str:
+        """Name of the data."""
+        if self.first.origin == "synthetic":
+            return VALIDATION_APARTMENTS if self.first.validation else APARTMENTS
+        return NAMES.get(self.first.dataset, self.first.dataset)
+
+    @property
+    def notice(self) -> str:
+        """Notice that the models do not suit the recordings, and what to do; empty if they do."""
         notices = (scene.document["notice"] for scene in self.scenes.values())
-        return next(filter(None, notices), None)
+        return next(filter(None, notices), "")
 
     @property
     def about(self) -> str:
@@ -62,7 +63,8 @@ class Series:
     @property
     def label(self) -> str:
         """Method, data and checkpoints."""
-        by = "egosplat" if self.own else "scored by egosplat" if self.foreign else "reimplemented by egosplat"
+        others = "scored by egosplat" if self.first.foreign else "reimplemented by egosplat"
+        by = "egosplat" if self.own else others
         return f"{self.method} ({by}, {self.about})"
 
 
@@ -81,20 +83,10 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
             raise UserError(f"{one.path} and {other.path}: are scores of the same scene; give one of them")
     names = _checkpoint_names({models for *_, models in found})
     series = [
-        Series(
-            dataset,
-            variant,
-            origin,
-            validation,
-            method or OWN,
-            method is None,
-            foreign,
-            names[models],
-            dict(sorted(own.items())),
-        )
-        for (dataset, variant, origin, validation, method, foreign, models), own in found.items()
+        Series(next(iter(own.values())), names[models], dict(sorted(own.items())))
+        for (*_, models), own in found.items()
     ]
-    return sorted(series, key=lambda one: (not one.own, one.method, one.variant, one.checkpoints))
+    return sorted(series, key=lambda one: (not one.own, one.method, one.first.variant, one.checkpoints))
 
 
 def _checkpoint_names(kinds: set[tuple[Model, ...]]) -> dict[tuple[Model, ...], str]:

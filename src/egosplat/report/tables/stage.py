@@ -10,7 +10,7 @@ from egosplat.files import write_text
 from egosplat.progress import log
 from egosplat.report.tables.formats import COMMAND, note_text, to_csv, to_html, to_latex, to_markdown
 from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
-from egosplat.report.tables.paper_layouts import in_a_table
+from egosplat.report.tables.paper_numbers import in_a_table
 from egosplat.report.tables.paper_tables import paper_tables
 from egosplat.report.tables.series import Series, find_series
 from egosplat.report.tables.table import Layout
@@ -21,20 +21,22 @@ _FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
 
 
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
-    """Write each of ``egosplat.report.tables.paper_layouts.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
+    """Write each of ``egosplat.report.tables.paper_numbers.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
 
     Files are written atomically; equal inputs give equal bytes.
 
     Args:
-        metrics: ``metrics.json`` files of egosplat's variants and of other methods, see ``read_scored_scene``. Files that
-            belong to no table are logged and left out.
-        output: folder of the files, created if it does not exist.
+        metrics: ``metrics.json`` files of egosplat's variants and of other methods; those of no table are logged and left out.
         pictures: PNG or JPEG files of scenes, for the end of the page.
 
     Raises:
         UserError: a file cannot be read, two files are of the same scene, or protocols differ.
     """
-    scenes = _with_a_place([read_scored_scene(path) for path in metrics])
+    read = [read_scored_scene(path) for path in metrics]
+    scenes = [one for one in read if in_a_table(one)]
+    for one in read:
+        if one not in scenes:
+            log(f"{one.path}: no table shows {one.dataset}/{one.scene}, variant {one.variant}")
     check_protocol(scenes)
     series = find_series(scenes)
     tables = paper_tables(series)
@@ -44,13 +46,6 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
             write_text(output / f"{table.name}.{suffix}", form(table))
     write_text(output / PAGE, page)
     log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
-
-
-def _with_a_place(scenes: Sequence[ScoredScene]) -> list[ScoredScene]:
-    for one in scenes:
-        if not in_a_table(one):
-            log(f"{one.path}: no table shows {one.dataset}/{one.scene}, variant {one.variant}")
-    return [one for one in scenes if in_a_table(one)]
 
 
 def write_page(tables: Sequence[Layout], series: Sequence[Series], pictures: Sequence[Path]) -> str:

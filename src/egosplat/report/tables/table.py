@@ -15,12 +15,7 @@ AVERAGE = "average"
 
 @dataclass(frozen=True)
 class Note:
-    """A footnote.
-
-    Attributes:
-        cells: scene, method, metric and group of the printed numbers that it is about; empty for the whole table.
-        mark: its letter, or empty.
-    """
+    """A footnote with its letter, on printed numbers by scene, method, metric and group, or without any on the whole table."""
 
     text: str
     cells: tuple[tuple[str, str, str, str], ...] = ()
@@ -35,12 +30,11 @@ class Row:
         kind: ``PRINTED``, ``REAL`` or ``SYNTHETIC``.
         block: title of the rows that may be compared with this one.
         label: method, data and checkpoints, in one text.
-        method, data, checkpoints, variant: parts of the label.
         steps: enabled components of an ablation; else empty.
         cells: one per column.
         marks: letters of the footnotes of cells, one per column; empty if no cell has one.
-        mark: letters of the footnotes of the row, or empty.
-        notice: notice that the models do not suit the data, and what to do; else empty.
+        mark: letters of the footnotes of the row.
+        notice: notice that the models do not suit the data, and what to do.
         cost: mean over its scenes; None for a printed row, or if it is not known.
         stands_in: sentences on what replaces a part of the method.
     """
@@ -94,15 +88,12 @@ class Layout:
 
     @property
     def has_costs(self) -> bool:
-        """Whether any row has a cost."""
         return any(row.cost for row in self.rows)
 
     def label(self, row: Row) -> str:
         """The label of a row, with the number of scenes of a measured average and its footnotes."""
-        mark = f" [{row.mark}]" if row.mark else ""
-        if not row.scenes:
-            return f"{row.label}{mark}"
-        return f"{row.label}, average of {len(row.scenes)} of {len(self.scenes)} scenes{mark}"
+        average = f", average of {len(row.scenes)} of {len(self.scenes)} scenes" if row.scenes else ""
+        return row.label + average + (f" [{row.mark}]" if row.mark else "")
 
 
 def blocks(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:

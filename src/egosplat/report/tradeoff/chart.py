@@ -19,21 +19,8 @@ PANELS = ((WALL, ACCURACY), (CPU, ACCURACY), (CPU, MEAN_IOU), (CPU, PSNR))
 
 # The axis of time: half a minute to a day [min].
 _FROM, _TO = 0.5, 1440.0
-_TICKS = {
-    0.5: "½ min",
-    1: "1",
-    2: "2",
-    5: "5",
-    10: "10",
-    20: "20",
-    60: "1 h",
-    120: "2 h",
-    300: "5 h",
-    720: "12 h",
-    1440: "1 day",
-}
-
-_BLUE = "tab:blue"
+_TICKS = {0.5: "½ min", **{one: str(one) for one in (1, 2, 5, 10, 20)}, 60: "1 h", 120: "2 h", 300: "5 h"}
+_TICKS |= {720: "12 h", 1440: "1 day"}
 
 
 def draw(documents: Sequence[Mapping[str, Any]], output: Path) -> None:
@@ -60,11 +47,15 @@ def _draw_panel(axes: Axes, documents: Sequence[Mapping[str, Any]], cost: Measur
     if len(documents) > 1:
         for number, document in enumerate(documents):
             _draw_line(axes, document["points"], cost, gain, f"C{number + 1}", document["scene"], thin=True)
-    _draw_line(
-        axes, mean_points(documents), cost, gain, _BLUE, "mean" if len(documents) > 1 else None, thin=False
-    )
+    name = "mean" if len(documents) > 1 else None
+    _draw_line(axes, mean_points(documents), cost, gain, "tab:blue", name, thin=False)
     axes.set(xlabel=cost.heading, ylabel=f"{gain.heading} [{gain.unit}]")
-    _draw_time_axis(axes)
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    axes.set_xlim(min(low, _FROM), max(high, _TO))
+    axes.xaxis.set_major_locator(FixedLocator(list(_TICKS)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda minutes, _: _TICKS[minutes]))
     axes.grid(alpha=0.3)
     axes.margins(y=0.2)
     if len(documents) > 1:
@@ -81,38 +72,33 @@ def _draw_line(
     thin: bool,
 ) -> None:
     """Draw the points of a scene, and their front as a line."""
-    known = known_points(points, cost, gain)
-    places = [(mean_of(one, cost), mean_of(one, gain)) for one in known]
+    known, places = _places(points, cost, gain)
     if not thin:
         for point, place in zip(known, places, strict=True):
             around = {"xerr": _around(point, cost), "yerr": _around(point, gain)}
             axes.errorbar(*place, **around, fmt="o", color="0.6", elinewidth=0.8)
     best = find_front(places)
     columns, rows = ([places[index][axis] for index in best] for axis in (0, 1))
-    style = (
-        {"linewidth": 1, "alpha": 0.6, "markersize": 3}
-        if thin
-        else {"linewidth": 2, "markersize": 6, "zorder": 4}
-    )
+    thick = {"linewidth": 2, "markersize": 6, "zorder": 4}
+    style = {"linewidth": 1, "alpha": 0.6, "markersize": 3} if thin else thick
     axes.plot(columns, rows, "o-", drawstyle="steps-post", color=color, label=name, **style)
-
-
-def _draw_time_axis(axes: Axes) -> None:
-    axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    axes.set_xlim(min(low, _FROM), max(high, _TO))
-    axes.xaxis.set_major_locator(FixedLocator(list(_TICKS)))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda minutes, _: _TICKS[minutes]))
 
 
 def _label_points(axes: Axes, points: Sequence[Entry], cost: Measure, gain: Measure) -> None:
     """Label the front and the presets, beside their points and apart from each other."""
-    known = known_points(points, cost, gain)
-    places = [(mean_of(one, cost), mean_of(one, gain)) for one in known]
+    known, places = _places(points, cost, gain)
     best = find_front(places)
-    named = [*best, *(index for index, one in enumerate(known) if index not in best and _is_preset(one))]
+    presets = [any(one["knob"] == PRESET for one in point["settings"]) for point in known]
+    named = [*best, *(index for index in range(len(known)) if index not in best and presets[index])]
     place_labels(axes, places, {known[index]["label"]: places[index] for index in named})
+
+
+def _places(
+    points: Sequence[Entry], cost: Measure, gain: Measure
+) -> tuple[list[Entry], list[tuple[float, float]]]:
+    """The points of which both are known, and where they lie."""
+    known = known_points(points, cost, gain)
+    return known, [(mean_of(one, cost), mean_of(one, gain)) for one in known]
 
 
 def place_labels(
@@ -126,10 +112,6 @@ def place_labels(
         columns, rows = zip(*points, strict=True)
         line = {"arrowstyle": "-", "color": "0.5", "linewidth": 0.6}
         adjust_text(texts, columns, rows, ax=axes, arrowprops=line, expand=(1.1, 1.4), iter_lim=500)
-
-
-def _is_preset(point: Entry) -> bool:
-    return any(setting["knob"] == PRESET for setting in point["settings"])
 
 
 def _around(point: Entry, measure: Measure) -> list[list[float]] | None:

@@ -22,12 +22,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Chance:
-    """Random differences between runs of one point.
-
-    Attributes:
-        variance: variance of a single run; NaN if no point was run twice.
-        freedom: degrees of freedom of the variance.
-    """
+    """Variance of a single run, NaN if no point was run twice, and its degrees of freedom."""
 
     variance: float
     freedom: int
@@ -51,26 +46,19 @@ def pool(samples: Sequence[Sample], step: float = 0.0) -> Chance:
 
 
 def estimate_mean(sample: Sample, chance: Chance, confidence: float, logarithmic: bool = False) -> Estimate:
-    """Mean with Student's interval.
-
-    Args:
-        logarithmic: whether ``chance`` is that of the logarithms of positive values, and the interval one of ratios.
-    """
+    """Mean with Student's interval, one of ratios if ``chance`` is that of the logarithms of positive values."""
     mean = fmean(sample)
     if not chance.freedom:
         return Estimate(mean)
-    deviation = math.sqrt(chance.variance / len(sample))
-    half = float(stats.t.ppf((1 + confidence) / 2, chance.freedom)) * deviation
+    student = float(stats.t.ppf((1 + confidence) / 2, chance.freedom))
+    half = student * math.sqrt(chance.variance / len(sample))
     if logarithmic:
         return Estimate(mean, mean * math.exp(-half), mean * math.exp(half))
     return Estimate(mean, mean - half, mean + half)
 
 
 def find_front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the Pareto front of (cost, gain), by increasing cost.
-
-    A point is on the front if every other point is more expensive, less good, or equal in both.
-    """
+    """Indices of the Pareto front of (cost, gain), by increasing cost: all others cost more, gain less, or are equal."""
     # By increasing cost, a point is on the front if it gains more than all cheaper ones.
     order = sorted(range(len(points)), key=lambda index: (points[index][0], -points[index][1]))
     found: list[int] = []

@@ -9,7 +9,6 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
-from egosplat.pipeline.sweep_recipes import Recipe
 from egosplat.pipeline.sweeps import PRESET, Setting, shown
 from egosplat.report.tables.series import find_series
 from egosplat.report.tradeoff.estimates import Chance, Sample, pool
@@ -17,13 +16,7 @@ from egosplat.report.tradeoff.estimates import Chance, Sample, pool
 
 @dataclass(frozen=True)
 class Measure:
-    """A cost or a gain.
-
-    Attributes:
-        scale: factor from the unit in files to the unit on the page.
-        decimals: number of decimals on the page.
-        more_is_better: whether it is a gain; else it is a cost.
-    """
+    """A cost or, if more is better, a gain; with the factor from the unit in files to that on the page, and decimals there."""
 
     name: str
     heading: str
@@ -68,13 +61,13 @@ class MeasuredPoint:
     Attributes:
         settings: all settings that give this point.
         runs: scores, one per seed.
-        recipe: keys and command that make it.
+        recipe: as in ``tradeoff.schema.yaml``: how to make it.
         about: data and checkpoints.
     """
 
     settings: tuple[Setting, ...]
     runs: tuple[ScoredScene, ...]
-    recipe: Recipe
+    recipe: Mapping[str, Any]
     about: str
 
     @property
@@ -125,16 +118,17 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
     read = [[_read_run(Path(path)) for path in point["metrics"]] for point in points]
     scenes = [run for runs in read for run in runs]
     check_protocol(scenes)
-    if others := [one for one in scenes if (one.dataset, one.scene) != (scenes[0].dataset, scenes[0].scene)]:
+    first = scenes[0]
+    if others := [one for one in scenes if (one.dataset, one.scene) != (first.dataset, first.scene)]:
         raise UserError(
-            f"{others[0].path}: is of another scene than {scenes[0].path}; compare points of one scene"
+            f"{others[0].path}: is of another scene than {first.path}; compare points of one scene"
         )
     about = {scene.path: series.about for series in find_series(scenes) for scene in series.scenes.values()}
     return [
         MeasuredPoint(
             settings=tuple(Setting(*pair) for pair in point["settings"]),
             runs=tuple(runs),
-            recipe=Recipe(**point["recipe"]),
+            recipe=point["recipe"],
             about=about[runs[0].path],
         )
         for point, runs in zip(points, read, strict=True)

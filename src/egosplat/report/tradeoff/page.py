@@ -8,13 +8,12 @@ from typing import Any
 import pandas as pd
 
 from egosplat.evaluation.intervals import RESAMPLING
-from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene
+from egosplat.evaluation.scored_scenes import CHANCE
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import shown
 from egosplat.report.tables.page import Section, plain_table, read_picture, render_page
-from egosplat.report.tradeoff.estimates import estimate_mean, find_front
+from egosplat.report.tradeoff.estimates import estimate_mean
 from egosplat.report.tradeoff.measured import (
-    ACCURACY,
     CPU,
     EVALUATION,
     MEASURES,
@@ -23,7 +22,7 @@ from egosplat.report.tradeoff.measured import (
     MeasuredPoint,
     find_chances,
 )
-from egosplat.report.tradeoff.scenes import Entry, bought, known_points, mean_of, mean_points
+from egosplat.report.tradeoff.scenes import Entry, bought, mark_front, mean_points
 
 FORMAT_VERSION = 5
 
@@ -42,6 +41,7 @@ _TIMES = (
     "paper's settings except resolution, focal length, models and the thresholds of the models. With other models than the "
     "paper's, it says little about the paper."
 )
+_MACHINES = "These points were run on several machines: their times cannot be compared."
 _INTERVALS = (
     "Intervals are Student's intervals over seeds. They assume the same variance for all points (relative variance for "
     "costs) and do not cover other queries or scenes."
@@ -55,17 +55,17 @@ def tradeoff_document(points: Sequence[MeasuredPoint]) -> dict[str, Any]:
         points: measured points, the scene itself first.
     """
     first = points[0].runs[0]
+    made = [run.document["artifacts"].values() for point in points for run in point.runs]
     entries = _entries(points)
-    known = known_points(entries, WALL, ACCURACY)
-    for index in find_front([(mean_of(one, WALL), mean_of(one, ACCURACY)) for one in known]):
-        known[index]["front"] = True
+    mark_front(entries)
     return {
         "format_version": FORMAT_VERSION,
         "scene": f"{first.dataset}/{first.scene}",
         "origin": first.origin,
         "about": points[0].about,
         "notice": first.document["notice"],
-        "machines": sorted({name for point in points for run in point.runs for name in _machines(run)}),
+        # Some artifacts do not record one.
+        "machines": sorted({one["machine"] for artifacts in made for one in artifacts if "machine" in one}),
         "confidence": RESAMPLING.confidence,
         "chance": {answerer: first.document["scores"]["all"][answerer] for answerer in CHANCE},
         "seeds": len(points[0].runs),
@@ -87,7 +87,7 @@ def _entries(points: Sequence[MeasuredPoint]) -> list[dict[str, Any]]:
             "label": point.label,
             "variant": point.variant,
             "settings": [asdict(one) for one in point.settings],
-            "recipe": point.recipe.as_json(),
+            "recipe": point.recipe,
             "about": point.about,
             "front": False,
             "queries": point.queries,
@@ -99,20 +99,11 @@ def _entries(points: Sequence[MeasuredPoint]) -> list[dict[str, Any]]:
     ]
 
 
-def _machines(run: ScoredScene) -> list[str]:
-    """The machines of a run's artifacts, without artifacts that do not record one."""
-    return [entry["machine"] for entry in run.document["artifacts"].values() if "machine" in entry]
-
-
 def to_csv(documents: Sequence[Mapping[str, Any]]) -> str:
     """Write all numbers of ``tradeoff.json`` as CSV, in its units; ``stage`` is empty for totals of all stages."""
     lines = (
-        {
-            "scene": document["scene"],
-            "point": point["label"],
-            "about": point["about"],
-            "front": point["front"],
-        }
+        {"scene": document["scene"], "point": point["label"]}
+        | {name: point[name] for name in ("about", "front")}
         | line
         for document in documents
         for point in document["points"]
@@ -170,11 +161,7 @@ def to_html(documents: Sequence[Mapping[str, Any]], picture: Path) -> str:
         ],
         warnings=[
             *(f"Notice on {one['scene']}: {one['notice']}." for one in documents if one["notice"]),
-            *(
-                ["These points were run on several machines: their times cannot be compared."]
-                if len(machines) > 1
-                else []
-            ),
+            *([_MACHINES] if len(machines) > 1 else []),
         ],
         sections=sections,
     )
@@ -271,15 +258,12 @@ def _recipes_table(points: Sequence[Entry]) -> str:
 
 def _stages_table(points: Sequence[Entry], time: Measure) -> str:
     measured = {stage for point in points for stage in point["stages"]}
-    stages = [name for name in STAGES if name in measured and name not in EVALUATION]
-    stages += [name for name in EVALUATION if name in measured]
+    order = [*(name for name in STAGES if name not in EVALUATION), *EVALUATION]
+    stages = [name for name in order if name in measured]
     return plain_table(
         [
             {"Point": point["label"]}
-            | {
-                name: time.text(point["stages"][name][time.name]) if name in point["stages"] else "-"
-                for name in stages
-            }
+            | {name: time.text(point["stages"].get(name, {}).get(time.name)) for name in stages}
             for point in points
         ]
     )

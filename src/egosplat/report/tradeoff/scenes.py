@@ -15,23 +15,24 @@ MINUTES = (1, 2, 3, 5, 10, 15, 30, 60, 120, 300, 720, 1440)
 
 
 def mean_points(documents: Sequence[Mapping[str, Any]]) -> list[Entry]:
-    """Average the points of several scenes, by label; points that a scene lacks are left out.
+    """Average the points of several ``tradeoff.json`` by label; points that a scene lacks are left out.
 
-    Args:
-        documents: contents of ``tradeoff.json``. One document is returned as it is.
-
-    Returns:
-        Entries without intervals; ``front`` is that of the means.
+    The entries have no intervals, and ``front`` is that of the means. One document is returned as it is.
     """
     if len(documents) == 1:
         return list(documents[0]["points"])
     by_label = [{point["label"]: point for point in document["points"]} for document in documents]
     shared = [label for label in by_label[0] if all(label in points for points in by_label)]
     found = [_mean_entry([points[label] for points in by_label]) for label in shared]
-    known = known_points(found, WALL, ACCURACY)
+    mark_front(found)
+    return found
+
+
+def mark_front(entries: Sequence[dict[str, Any]]) -> None:
+    """Mark the entries on the Pareto front of time and accuracy."""
+    known = known_points(entries, WALL, ACCURACY)
     for index in find_front([(mean_of(one, WALL), mean_of(one, ACCURACY)) for one in known]):
         known[index]["front"] = True
-    return found
 
 
 def known_points(points: Sequence[Entry], *measures: Measure) -> list[Entry]:
@@ -46,7 +47,7 @@ def mean_of(point: Entry, measure: Measure) -> float | None:
 
 
 def best_within(points: Sequence[Entry], gain: Measure, minutes: float) -> Entry | None:
-    """The point with the largest ``gain`` that takes at most ``minutes`` on the clock; the quicker of two equal ones."""
+    """The point of largest ``gain`` within ``minutes`` on the clock; the quicker of two equal ones."""
     affordable = [one for one in known_points(points, gain, WALL) if mean_of(one, WALL) <= minutes]
     return max(affordable, key=lambda one: (mean_of(one, gain), -mean_of(one, WALL)), default=None)
 

@@ -20,8 +20,8 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
     """Write ``tradeoff.json``, ``.csv``, ``.png`` and ``.html`` of a scene atomically; equal inputs give equal bytes.
 
     Args:
-        points: points as in ``egosplat.report.tradeoff.measured.read_points``, the scene itself first.
-        output: folder of the files, created if it does not exist.
+        points: as in ``egosplat.report.tradeoff.measured.read_points``, the scene itself first.
+        output: folder, created if it does not exist.
 
     Raises:
         UserError: a file cannot be read, or the scores cannot be compared.
@@ -31,20 +31,15 @@ def run(points: Sequence[Mapping[str, Any]], output: Path) -> None:
             "--points: must be a list of at least one point; each is an object with the lists settings and metrics and "
             "the object recipe, of keys and command"
         )
-    json = output / f"{NAME}.json"
     document = tradeoff_document(read_points(points))
     _write_pages([document], output)
     Draft202012Validator(schema("tradeoff")).validate(document)
-    write_json(json, document)
+    write_json(output / f"{NAME}.json", document)
     log(f"{len(points)} points, {document['seeds']} runs each: {output / NAME}.html")
 
 
 def run_scenes(documents: Sequence[Path], output: Path) -> None:
-    """Write ``tradeoff.csv``, ``.png`` and ``.html`` of several scenes atomically.
-
-    Args:
-        documents: ``tradeoff.json`` of each scene.
-        output: folder of the files, created if it does not exist.
+    """Write ``tradeoff.csv``, ``.png`` and ``.html`` of several scenes, from their ``tradeoff.json``, atomically.
 
     Raises:
         UserError: a file cannot be read or is none of a trade-off.

@@ -226,8 +226,6 @@ class Page {
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
     this.mark = fitting.length ? { point: best.center, text: this.markOf(phrase, best) } : null;
-    $("level").value = String(best?.level ?? this.showing.level);
-    $("instances").checked = false;
     this.show({ relevancy, level: best?.level ?? this.showing.level, instances: false });
     const { min_score, calibration } = this.scene.facts.query;
     const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
@@ -288,8 +286,6 @@ class Page {
     this.pivot = this.sought = thing.center;
     this.moving = false;
     this.mark = { point: thing.center, text: this.markOf(phrase, thing) };
-    this.showing.level = thing.level;
-    $("level").value = String(thing.level);
     this.show({ level: thing.level });
   }
 
@@ -304,6 +300,8 @@ class Page {
 
   show(changes) {
     Object.assign(this.showing, changes);
+    $("level").value = String(this.showing.level);
+    $("instances").checked = this.showing.instances;
     $("threshold-value").textContent = this.showing.threshold.toFixed(2);
     this.renderer.setPaint(this.painted());
     this.redraw();

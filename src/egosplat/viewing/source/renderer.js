@@ -51,10 +51,7 @@ class Renderer {
   }
 
   texture(place, name, values) {
-    const gl = this.gl, bytes = values instanceof Uint8Array;
-    const height = Math.max(1, Math.ceil(values.length / 4 / TEXTURE_WIDTH));
-    const padded = new values.constructor(4 * TEXTURE_WIDTH * height);
-    padded.set(values);
+    const gl = this.gl, bytes = values instanceof Uint8Array, [padded, height] = paddedRows(values);
     gl.activeTexture(gl.TEXTURE0 + place);
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     gl.texImage2D(gl.TEXTURE_2D, 0, bytes ? gl.RGBA8 : gl.RGBA32F, TEXTURE_WIDTH, height, 0, gl.RGBA, bytes ? gl.UNSIGNED_BYTE : gl.FLOAT, padded);
@@ -64,9 +61,7 @@ class Renderer {
 
   // Colors over the Gaussians: bytes of color and of use (0 none, 64 hidden, 128 gray, 255 this color).
   setPaint(paint) {
-    const gl = this.gl, height = Math.max(1, Math.ceil(this.scene.count / TEXTURE_WIDTH));
-    const padded = new Uint8Array(4 * TEXTURE_WIDTH * height);
-    padded.set(paint);
+    const gl = this.gl, [padded, height] = paddedRows(paint);
     this.paint = paint;
     gl.activeTexture(gl.TEXTURE2);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, height, gl.RGBA, gl.UNSIGNED_BYTE, padded);
@@ -75,9 +70,8 @@ class Renderer {
   // Ask for the order of a camera; the promise resolves when the buffer holds it.
   sort(camera) {
     const row = [...camera.forward, -inner(camera.forward, camera.eye)];
-    this.waiting.push(null);
     return new Promise((resolve) => {
-      this.waiting[this.waiting.length - 1] = resolve;
+      this.waiting.push(resolve);
       this.worker.postMessage({ sort: row });
     });
   }
@@ -112,6 +106,14 @@ class Renderer {
   finish() {
     this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
+}
+
+// Whole rows of a texture with four values a pixel, and their number.
+function paddedRows(values) {
+  const height = Math.max(1, Math.ceil(values.length / 4 / TEXTURE_WIDTH));
+  const padded = new values.constructor(4 * TEXTURE_WIDTH * height);
+  padded.set(values);
+  return [padded, height];
 }
 
 const shaderText = (name) => document.getElementById(name).textContent.trim();

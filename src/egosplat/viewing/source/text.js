@@ -6,7 +6,7 @@ class TextTower {
     this.weights = {};
     for (const [name, array] of Object.entries(arrays))
       if (name.startsWith("text/")) this.weights[name.slice(5)] = array;
-    const letters = byteLetters().inOrder;
+    const letters = [...LETTERS.values()];
     // The order of OpenCLIP's vocabulary: letters, letters that end a word, merged pairs.
     const tokens = [...letters, ...letters.map((letter) => letter + "</w>"), ...facts.merges.map((pair) => pair.replace(" ", ""))];
     this.tokens = new Map(tokens.map((token, number) => [token, number]));
@@ -21,8 +21,7 @@ class TextTower {
 
   // Merge the pair of lowest rank until none is left.
   split(word) {
-    const letters = byteLetters();
-    const parts = Array.from(new TextEncoder().encode(word), (byte) => letters[byte]);
+    const parts = Array.from(new TextEncoder().encode(word), (byte) => LETTERS.get(byte));
     parts[parts.length - 1] += "</w>";
     for (;;) {
       let best = Infinity;
@@ -120,16 +119,13 @@ function erf(x) {
   return Math.sign(x) * (1 - Math.exp(-x * x) / (size + fraction) / Math.sqrt(Math.PI));
 }
 
-// A printable letter for each byte, in the order of OpenCLIP's vocabulary (GPT-2's table); by byte.
-let letterTable = null;
+// A printable letter for each byte, in the order of OpenCLIP's vocabulary (GPT-2's table), which has printable bytes first.
 function byteLetters() {
-  if (letterTable) return letterTable;
   const range = (first, last) => Array.from({ length: last - first + 1 }, (_, step) => first + step);
   const printable = [...range(33, 126), ...range(161, 172), ...range(174, 255)];
   const table = new Map(printable.map((byte) => [byte, String.fromCharCode(byte)]));
   for (let byte = 0, extra = 0; byte < 256; byte++) if (!table.has(byte)) table.set(byte, String.fromCharCode(256 + extra++));
-  letterTable = Object.fromEntries(table);
-  // An object lists numbers in ascending order; the vocabulary has the printable ones first.
-  Object.defineProperty(letterTable, "inOrder", { value: [...table.values()] });
-  return letterTable;
+  return table;
 }
+
+const LETTERS = byteLetters();

@@ -6,11 +6,10 @@ onmessage = ({ data }) => {
   if (data.means) means = data.means;
   if (data.sort) {
     const order = byDepth(data.sort);
-    postMessage({ order, view: data.view }, [order.buffer]);
+    postMessage({ order }, [order.buffer]);
   }
   if (data.neighbors) {
-    const { radii, nearest, reach } = data.neighbors;
-    const found = findNeighbors(radii, nearest, reach);
+    const { radii, nearest, reach } = data.neighbors, found = findNeighbors(radii, nearest, reach);
     postMessage({ neighbors: found }, [found.buffer]);
   }
 };
