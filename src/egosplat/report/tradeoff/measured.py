@@ -9,7 +9,6 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
-from egosplat.pipeline.sweep_recipes import Recipe
 from egosplat.pipeline.sweeps import PRESET, Setting, shown
 from egosplat.report.tables.series import find_series
 from egosplat.report.tradeoff.estimates import Chance, Sample, pool
@@ -74,7 +73,7 @@ class MeasuredPoint:
 
     settings: tuple[Setting, ...]
     runs: tuple[ScoredScene, ...]
-    recipe: Recipe
+    recipe: Mapping[str, Any]
     about: str
 
     @property
@@ -134,7 +133,7 @@ def read_points(points: Sequence[Mapping[str, Any]]) -> list[MeasuredPoint]:
         MeasuredPoint(
             settings=tuple(Setting(*pair) for pair in point["settings"]),
             runs=tuple(runs),
-            recipe=Recipe(**point["recipe"]),
+            recipe=point["recipe"],
             about=about[runs[0].path],
         )
         for point, runs in zip(points, read, strict=True)

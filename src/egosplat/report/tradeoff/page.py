@@ -87,7 +87,7 @@ def _entries(points: Sequence[MeasuredPoint]) -> list[dict[str, Any]]:
             "label": point.label,
             "variant": point.variant,
             "settings": [asdict(one) for one in point.settings],
-            "recipe": point.recipe.as_json(),
+            "recipe": point.recipe,
             "about": point.about,
             "front": False,
             "queries": point.queries,
