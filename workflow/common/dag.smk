@@ -15,9 +15,9 @@ from egosplat.frames.files import (
 from egosplat.frames.recording_files import is_annotated
 from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
-from egosplat.pipeline.chosen import chosen_value
+from egosplat.pipeline.variants import chosen_value
 from egosplat.pipeline.config import stage_sections
-from egosplat.pipeline.making import snakemake_in
+from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.results import default_results, default_scenes, maps_of
 from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES, code_of

@@ -9,9 +9,8 @@ import click
 
 from egosplat.errors import UserError
 from egosplat.pipeline import presets
-from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.config import parse_value
-from egosplat.pipeline.messages import describe_value, shorten, shown
+from egosplat.pipeline.messages import describe_value, make_options, shorten, shown
 from egosplat.pipeline.options import Options, describe, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
 from egosplat.pipeline.validation import schema

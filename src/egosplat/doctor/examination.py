@@ -15,14 +15,10 @@ from egosplat.doctor.machine import machine_findings
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.costs import UNREAD_FRAMES, Sizes, minutes
-from egosplat.pipeline.dag import leaves_frames_out, survey_decides, tracks_what_moves
+from egosplat.pipeline.dag import stages_behind
 from egosplat.pipeline.scenes import Scene, read_scenes
+from egosplat.pipeline.stages import PIPELINE
 
-# The stages of a scene's scores. Report pages and tables are not included.
-_STAGES = (
-    *("synthetic", "frames", "annotations", "poses", "survey", "segments", "instances", "view_features"),
-    *("features", "transient", "masks", "splats", "language", "metrics"),
-)
 _RUN_MODELS = {"segments", "view_features"}
 _RENDER = {"transient", "instances", "splats", "language", "metrics"}
 
@@ -56,14 +52,14 @@ def _times(scenes: list[Scene]) -> Iterator[Finding]:
     """The expected time of every scene whose recording exists or can be made; equal ones share a line."""
     groups: dict[tuple[float, tuple[str, ...]], list[Scene]] = {}
     for scene in scenes:
-        if scene.synthetic or scene.recording.exists():
+        if not scene.lacks_recording:
             config = scene.config
             found = estimate(config, scene.synthetic, _renders_on(config), _models_device(config))
             groups.setdefault(found, []).append(scene)
     if not groups:
         yield Finding(Mark.NOTE, "expected time", "no scene of the table has a recording")
     for (expected, unknown), group in groups.items():
-        names = ", ".join(f"{scene.dataset}/{scene.scene}" for scene in group)
+        names = ", ".join(scene.name for scene in group)
         least, most = (duration(60 * expected * factor) for factor in _RANGE)
         advice = "Measured on two cores with AVX-512"
         if any(not scene.synthetic for scene in group):
@@ -109,7 +105,8 @@ def estimate(
     """
     film = config["synthetic"]
     recorded = film["seconds"] * film["fps"] if synthetic else UNREAD_FRAMES
-    needed = [stage for stage in _STAGES if stage not in _skipped(config, synthetic)]
+    needed = [stage for stage in stages_behind(["metrics"], config) if stage in PIPELINE]
+    needed = ["synthetic", *needed] if synthetic else needed
     elsewhere = (_RUN_MODELS if models_on != "cpu" else set()) | (_RENDER if renders_on != "cpu" else set())
     known = (
         minutes(stage, config, Sizes(stage, config, frames=recorded / config["frames"]["stride"]))
@@ -117,16 +114,6 @@ def estimate(
         if stage not in elsewhere
     )
     return sum(known), tuple(stage for stage in needed if stage in elsewhere)
-
-
-def _skipped(config: Config, synthetic: bool) -> set[str]:
-    """Stages that the scene does not need."""
-    skipped = set() if synthetic else {"synthetic"}
-    if config["splats"]["masking"] == "none":
-        skipped |= {"masks"} if tracks_what_moves(config) else {"transient", "masks"}
-    if not (survey_decides(config) or leaves_frames_out(config)):
-        skipped.add("survey")
-    return skipped
 
 
 def duration(seconds: float) -> str:

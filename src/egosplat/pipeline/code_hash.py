@@ -30,7 +30,6 @@ NEUTRAL = {
     "egosplat.pipeline",
     "egosplat.pipeline.code_hash",
     "egosplat.pipeline.home",
-    "egosplat.pipeline.making",
     "egosplat.pipeline.messages",
     "egosplat.pipeline.options",
     "egosplat.pipeline.parsed_modules",

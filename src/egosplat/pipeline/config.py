@@ -9,9 +9,8 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
-from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.general_options import PROTOCOLS, VARIANTS, GeneralOptions
-from egosplat.pipeline.messages import not_allowed, shorten, shown, unknown_key
+from egosplat.pipeline.messages import make_options, not_allowed, shorten, shown, unknown_key
 from egosplat.pipeline.model_sets import AUTO, DEFAULTS, PHOTOS, choose_set, name_set, set_of, switch_models
 from egosplat.pipeline.options import Options, convert, keys_of, sections_of
 from egosplat.pipeline.stages import STAGES

@@ -10,7 +10,8 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from egosplat.pipeline.options import LARGEST_INTEGER
+from egosplat.errors import UserError
+from egosplat.pipeline.options import LARGEST_INTEGER, Options, keys_of
 
 # Longest value in a message [characters].
 _LONGEST = 80
@@ -112,7 +113,25 @@ def renamed(section: str, key: str) -> str | None:
     return _RENAMED.get(f"{section}.{key}")
 
 
-def refusal(
+def make_options(
+    options: type[Options], values: Mapping[str, Any], where: str, names: Mapping[str, str]
+) -> Options:
+    """Make options, which checks the values and adds the defaults.
+
+    Args:
+        where: what gives the values, for messages.
+        names: full name of each key, such as ``run.seed``, for messages.
+
+    Raises:
+        UserError: a key is unknown or has a forbidden value; names the first one.
+    """
+    try:
+        return options.model_validate(values)
+    except ValidationError as error:
+        raise UserError(f"{where}: {_refusal(error, values, keys_of(options), names)}") from None
+
+
+def _refusal(
     error: ValidationError,
     given: Mapping[Any, Any],
     keys: Mapping[str, Mapping[str, Any]],

@@ -23,7 +23,7 @@ from egosplat.pipeline.dag import (
     tracks_by_survey,
 )
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.making import snakemake_in
+from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.results import default_scenes

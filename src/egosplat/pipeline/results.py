@@ -13,7 +13,7 @@ ABLATIONS = ("baseline", "no_masks", "network_masks")
 
 def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:
     """Get the scenes of a run without a target: those with a recording, and synthetic ones that need not be named."""
-    return [scene for scene in scenes if not scene.by_name and (scene.synthetic or scene.recording.exists())]
+    return [scene for scene in scenes if not (scene.by_name or scene.lacks_recording)]
 
 
 def default_results(scene: Scene) -> list[str]:

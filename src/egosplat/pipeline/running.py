@@ -5,8 +5,8 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.pipeline import stages
-from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.config import stage_options, stage_sections
+from egosplat.pipeline.messages import make_options
 
 # Values of the table of scenes that a stage may do without.
 _SCENE = {"title": "scene", "method": None, "preset": None, "world_seed": None, "camera": None}

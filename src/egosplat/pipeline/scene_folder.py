@@ -5,11 +5,9 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import read_yaml, resolve
-from egosplat.pipeline.home import config_file, presets_folder
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import config_file, make_command, presets_folder, shared_with
 from egosplat.pipeline.scenes import requested_targets
 from egosplat.pipeline.sweeps import read_scenes_with_points
-from egosplat.pipeline.variant_folders import shared_with
 from egosplat.pipeline.variants import check_target
 
 # Example of a scene folder for messages.

@@ -55,6 +55,11 @@ class Scene:
     def results(self) -> Path:
         return Path("results") / self.dataset / self.scene
 
+    @property
+    def lacks_recording(self) -> bool:
+        """Whether its recording can not be made, and is not there."""
+        return not (self.synthetic or self.recording.exists())
+
 
 def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     """Read the table that the configuration names, and the local one beside it.
@@ -107,9 +112,9 @@ def check_recording(scene: Scene) -> None:
     Raises:
         UserError: it is missing; names the expected path.
     """
-    if not scene.synthetic and not scene.recording.exists():
+    if scene.lacks_recording:
         raise UserError(
-            f"{scene.dataset}/{scene.scene}: no recording at {scene.recording}. Put it there, or set "
+            f"{scene.name}: no recording at {scene.recording}. Put it there, or set "
             f"data_root.{scene.dataset} in config/config.yaml to the folder that holds it."
         )
 

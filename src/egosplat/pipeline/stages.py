@@ -23,7 +23,7 @@ class Choice:
     """Modules of which a stage loads one, by a value; only that one is a part of its code.
 
     Attributes:
-        by: what the value is, for errors; ``egosplat.pipeline.chosen`` finds the value of a scene.
+        by: what the value is, for errors; ``variants.chosen_value`` gets the value of a scene.
         modules: names of modules by value.
     """
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config, defaults, section_keys, stage_sections
-from egosplat.pipeline.making import snakemake_in
+from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.model_sets import automatic_set, choose_set
 from egosplat.pipeline.presets import QUESTIONS, preset_keys
 from egosplat.pipeline.scenes import Scene, read_scenes

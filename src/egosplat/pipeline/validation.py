@@ -12,7 +12,7 @@ import yaml
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import make_command
 from egosplat.pipeline.messages import allowed, not_allowed, unknown_key
 
 

@@ -4,7 +4,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field
 
-from egosplat.pipeline.checked_options import make_options
+from egosplat.pipeline.messages import make_options
 from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text, keys_of
 from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 

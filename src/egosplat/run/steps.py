@@ -11,8 +11,8 @@ from egosplat.doctor.examination import duration
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.costs import UNREAD_FRAMES, Sizes, minutes
 from egosplat.pipeline.dag import decide, stages_behind, survey_decides
-from egosplat.pipeline.failed_stages import last_message
 from egosplat.pipeline.scenes import Scene
+from egosplat.pipeline.snakemake_call import last_message
 from egosplat.pipeline.stages import PIPELINE, STAGES
 from egosplat.pipeline.survey_file import read_survey
 

@@ -15,10 +15,9 @@ from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey.brightness import exposure_changes
 from egosplat.survey.detection import detect_motion
-from egosplat.survey.epipolar import rotation_homography
 from egosplat.survey.matching import match_images
 from egosplat.survey.pairs import Pairs, choose_pairs, choose_revisits
-from egosplat.survey.rigid import View
+from egosplat.survey.rigid import View, rotation_homography
 from egosplat.survey.views import depth_quantile, median_depths, visible_depths
 
 Bools = NDArray[np.bool_]

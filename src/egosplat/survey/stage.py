@@ -11,8 +11,10 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.files import write_json
 from egosplat.geometry import Camera
-from egosplat.pipeline.survey_file import digest_of_frames
+from egosplat.pipeline.survey_file import Survey, digest_of_frames
+from egosplat.pipeline.validation import Draft202012Validator, schema
 from egosplat.progress import log
 from egosplat.survey.decisions import (
     brightness_range,
@@ -24,11 +26,12 @@ from egosplat.survey.decisions import (
     pose_residual,
     refines_poses,
 )
-from egosplat.survey.document import FORMAT_VERSION, write_survey
 from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.options import SurveyOptions
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
 from egosplat.survey.views import choose_views, median_depths
+
+FORMAT_VERSION = 5
 
 
 def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
@@ -176,3 +179,13 @@ def _log_summary(document: dict[str, Any]) -> None:
         f"views: {len(views['kept'])} frames kept, {len(views['left_out']) - blurred} dropped for too small a view "
         f"change, {blurred} because sharper frames show the same"
     )
+
+
+def write_survey(output: Path, document: Survey) -> None:
+    """Check a survey and write it with sorted keys. The file appears only when it is complete.
+
+    Raises:
+        jsonschema.ValidationError: the survey does not match the schema.
+    """
+    Draft202012Validator(schema("survey")).validate(document)
+    write_json(output, document)

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.chosen import chosen_value
 from egosplat.pipeline.code_hash import modules_of
 from egosplat.pipeline.config import defaults, merge, section_keys
 from egosplat.pipeline.stages import STAGES, code_of, load_module
 from egosplat.pipeline.validation import schema
+from egosplat.pipeline.variants import chosen_value
 
 CHOICES = {name: stage.modules.modules for name, stage in STAGES.items() if stage.modules}
 EVERY = [(stage, value) for stage, modules in CHOICES.items() for value in modules]

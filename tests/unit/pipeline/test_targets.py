@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import make_command
 from egosplat.pipeline.targets import Rules, check_words
 
 ROOT = Path(__file__).resolve().parents[3]
