@@ -15,7 +15,6 @@ from egosplat.frames.files import (
 from egosplat.frames.recording_files import is_annotated
 from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
-from egosplat.pipeline.variants import chosen_value
 from egosplat.pipeline.config import stage_sections
 from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.results import default_results, default_scenes, maps_of
@@ -25,6 +24,7 @@ from egosplat.pipeline.survey_file import read_survey
 from egosplat.pipeline.variants import (
     artifact_folder,
     artifact_path,
+    chosen_value,
     method_of,
     preset_of,
     scene_config,

@@ -3,17 +3,17 @@
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 
 from egosplat.errors import UserError
 from egosplat.pipeline import presets
 from egosplat.pipeline.config import parse_value
+from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.messages import describe_value, make_options, shorten, shown
-from egosplat.pipeline.options import Options, describe, keys_of, sections_of
+from egosplat.pipeline.options import Options, describe, full_names, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
-from egosplat.pipeline.validation import schema
 
 ARTIFACT = click.Path(path_type=Path)
 
@@ -34,7 +34,7 @@ SCENE = {
     ),
     "format": click.Option(
         ["--format"],
-        type=click.Choice(schema("scenes")["properties"]["format"]["enum"]),
+        type=click.Choice(get_args(Format)),
         required=True,
         help="How the recording is laid out on disk.",
     ),
@@ -169,17 +169,14 @@ def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[s
     """
     if not isinstance(given, dict):
         raise UserError(f"--options: {shorten(given)} is no JSON object")
-    names = {
-        name: f"{section}.{name}" for section, part in sections_of(options, own).items() for name in part
-    }
-    short = {full: name for name, full in names.items()}
+    short = {full: name for name, full in full_names(options, own).items()}
     values = dict(given)
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not (equals and key):
             raise UserError(f"--set: {shorten(pair)} is not of the form key=value, as in iterations=500")
         values[short.get(key, key)] = parse_value(value, f"--set {shorten(pair)}")
-    return make_options(options, values, "--set" if pairs else "--options", names)
+    return make_options(options, values, "--set" if pairs else "--options", own)
 
 
 def path_flags(stage: str) -> list[click.Parameter]:

@@ -89,7 +89,7 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
             homes = [f"{name}.{key}" for name in sections if key in section_keys(name)]
             raise UserError(f"{where}: {unknown_key('', key, [*general, *sections], homes)}")
     own = {key: value for key, value in values.items() if key in general}
-    found = make_options(GeneralOptions, own, where, {key: key for key in general}).as_dict()
+    found = make_options(GeneralOptions, own, where, "").as_dict()
     found |= {name: _section(name, values.get(name, {}), where) for name in sections}
     found["tradeoff"]["sweep"] = {
         key: _converted_sweep(key, swept) for key, swept in found["tradeoff"]["sweep"].items()
@@ -111,9 +111,7 @@ def _section(name: str, values: Any, where: str) -> Config:
     for key in values:
         if key not in keys:
             raise UserError(f"{where}: {unknown_key(name, key, list(keys))}")
-    found = make_options(
-        section_options()[name], values, where, {key: f"{name}.{key}" for key in keys}
-    ).as_dict()
+    found = make_options(section_options()[name], values, where, name).as_dict()
     return {key: found[key] for key in keys}
 
 

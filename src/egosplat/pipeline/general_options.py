@@ -17,6 +17,9 @@ _KEY = check_with(
     lambda key: re.fullmatch("[a-z_]+[.][a-z0-9_]+", key), "only section.key, as in splats.iterations"
 )
 
+# How a recording is laid out on disk.
+Format = Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"]
+
 # Sections that may differ between formats.
 _OF_FORMATS = Literal[
     "models",
@@ -125,9 +128,7 @@ class GeneralOptions(Options):
     """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
     (docs/running.md)."""
 
-    formats: dict[Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"], dict[_OF_FORMATS, dict[str, Any]]] = (
-        PROTOCOLS
-    )
+    formats: dict[Format, dict[_OF_FORMATS, dict[str, Any]]] = PROTOCOLS
     """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys
     of all scenes, and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks
     lerf and 3d_ovs have their protocol here (benchmarks/public/README.md); a key set in the configuration wins

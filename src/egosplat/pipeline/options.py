@@ -92,6 +92,12 @@ def sections_of(options: type[Options], own: str) -> dict[str, tuple[str, ...]]:
     return found
 
 
+def full_names(options: type[Options], own: str) -> dict[str, str]:
+    """Get ``splats.iterations`` by ``iterations`` of each key; arguments as ``sections_of``."""
+    sections = sections_of(options, own).items()
+    return {name: f"{section}.{name}" if section else name for section, names in sections for name in names}
+
+
 def describe(options: type[Options], name: str) -> str:
     """Get the description of a key, on one line."""
     classes = [one for one in options.__mro__ if name in inspect.get_annotations(one)]

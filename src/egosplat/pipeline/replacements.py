@@ -4,12 +4,10 @@ Only the options recorded in an artifact's JSON are compared: neither Zarr nor P
 recording gives no notice; Snakemake's plan names its reason.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from egosplat.files import read_json
 from egosplat.pipeline import config as configuration
@@ -24,6 +22,7 @@ from egosplat.pipeline.dag import (
 )
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.home import snakemake_in
+from egosplat.pipeline.messages import shown
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.results import default_scenes
@@ -85,8 +84,6 @@ def asked_results(
     """List the requested scenes and variants; without targets, all scenes of the default run.
 
     Args:
-        scenes: table of scenes.
-        targets: targets below ``results``.
         with_preset: reads the same table with another preset.
     """
     names: dict[tuple[str, str, str | None], list[str]] = {}
@@ -105,12 +102,12 @@ def _asked(
     scene: Scene, variant: str | None, goals: tuple[str, ...], with_preset: Callable[[str], Scenes]
 ) -> Asked:
     return Asked(
-        folder=scene.results,
-        variant=variant,
-        goals=goals,
-        config=scene_config(scene, variant),
-        path_of=lambda stage: Path(artifact_path(stage, scene, variant)),
-        with_preset=lambda preset: scene_config(with_preset(preset)[scene.dataset, scene.scene], variant),
+        scene.results,
+        variant,
+        goals,
+        scene_config(scene, variant),
+        lambda stage: Path(artifact_path(stage, scene, variant)),
+        lambda preset: scene_config(with_preset(preset)[scene.dataset, scene.scene], variant),
     )
 
 
@@ -125,51 +122,36 @@ def replacement_notices(asked: Iterable[Asked]) -> list[str]:
 
 def find_replaced(asked: Asked) -> Replaced | None:
     """Find existing inputs of the requested files that were made with other settings, or None."""
-    records = dict(_records(asked))
+    # A figure has no keys of its own.
+    stages = [stage for stage in stages_of(asked.goals, asked.config) if stage not in PAGES]
+    found = {stage: _recorded_options(asked.path_of(stage)) for stage in stages}
+    records = {stage: options for stage, options in found.items() if options is not None}
     changes = {stage: _changes(stage, options, asked.config) for stage, options in records.items()}
     artifacts = tuple(asked.path_of(stage) for stage in records if changes[stage])
     if not artifacts:
         return None
     every = {key: values for stage in records for key, values in changes[stage].items()}
     preset = _preset_of(records, asked)
-    filmed = _filmed_otherwise(asked, preset)
-    recording = (asked.folder / "recording",) if filmed else ()
-    return Replaced(asked, recording + artifacts, filmed | every, preset)
+    recording, filmed = asked.folder / "recording", {}
+    if preset is not None and recording.is_dir():
+        # A synthetic recording stores no options; its preset tells them.
+        before, now = asked.with_preset(preset)["synthetic"], asked.config["synthetic"]
+        filmed = {f"synthetic.{key}": (before[key], now[key]) for key in now if before[key] != now[key]}
+    return Replaced(asked, ((recording,) if filmed else ()) + artifacts, filmed | every, preset)
 
 
 def stages_of(goals: Iterable[str], config: Config) -> list[str]:
-    """List the stages needed for files, including their own, in the order of the pipeline.
-
-    Args:
-        goals: names of files, such as ``metrics.json``, ``splats.png`` and ``splats.zarr``.
-        config: configuration, which decides the optional inputs.
-    """
-    return stages_behind((stage for name in goals if (stage := _stage_of(name)) is not None), config)
-
-
-def _stage_of(name: str) -> str | None:
-    if name.startswith("tradeoff/"):
-        return "metrics"
-    found = (stage for stage, about in STAGES.items() if about.output == name)
-    return next(found, None) if name != STAGES["synthetic"].output else None
-
-
-def _records(asked: Asked) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield each stage with an existing artifact, and the artifact's recorded options."""
-    for stage in stages_of(asked.goals, asked.config):
-        if stage in PAGES:
-            continue  # a figure has no keys of its own
-        if (options := _recorded_options(asked.path_of(stage))) is not None:
-            yield stage, options
+    """List the stages needed for files such as ``metrics.json``, including their own, in the order of the pipeline."""
+    makers = {about.output: stage for stage, about in STAGES.items() if stage != "synthetic"}
+    named = ("metrics" if name.startswith("tradeoff/") else makers.get(name) for name in goals)
+    return stages_behind(filter(None, named), config)
 
 
 def _recorded_options(path: Path) -> Mapping[str, Any] | None:
     """Read an artifact's recorded options; None if it is missing or damaged, which its reader reports."""
     try:
-        if path.suffix == ".zarr":
-            document = read_json(path / "zarr.json")["attributes"]["egosplat"]
-        else:
-            document = read_json(path)
+        is_artifact = path.suffix == ".zarr"
+        document = read_json(path / "zarr.json")["attributes"]["egosplat"] if is_artifact else read_json(path)
         return dict(document["provenance"]["options"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -182,18 +164,14 @@ def _changes(stage: str, options: Mapping[str, Any], config: Config) -> Changes:
     if tracks_by_survey(config):
         values.pop("track_moving", None)
     values = {key: value for key, value in values.items() if not (key in CAMERA and value == AUTO)}
-    names = _full_names(stage)
+    names = {
+        key: f"{part}.{key}" for part, keys in configuration.stage_sections(stage).items() for key in keys
+    }
     return {
         names[key]: (options[key], value)
         for key, value in values.items()
         if key in options and options[key] != value
     }
-
-
-def _full_names(stage: str) -> dict[str, str]:
-    """Map the keys of a stage to full names: ``iterations`` to ``splats.iterations``."""
-    sections = configuration.stage_sections(stage)
-    return {key: f"{section}.{key}" for section, keys in sections.items() for key in keys}
 
 
 def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | None:
@@ -204,14 +182,6 @@ def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | 
         if not any(_changes(stage, options, config) for stage, options in records.items()):
             return preset
     return None
-
-
-def _filmed_otherwise(asked: Asked, preset: str | None) -> Changes:
-    """Get the changed keys of a synthetic recording by its preset, because a recording stores no options."""
-    if preset is None or not (asked.folder / "recording").is_dir():
-        return {}
-    before, now = asked.with_preset(preset)["synthetic"], asked.config["synthetic"]
-    return {f"synthetic.{key}": (before[key], now[key]) for key in now if before[key] != now[key]}
 
 
 def _notice(found: Replaced) -> str:
@@ -244,8 +214,6 @@ def _variant(changes: Changes) -> str:
     for key, (_, new) in changes.items():
         section, _, name = key.partition(".")
         keys.setdefault(section, {})[name] = new
-    shown = keys if len(changes) <= NAMED else {next(iter(keys)): keys[next(iter(keys))]}
-    text = yaml.safe_dump(
-        {"variants": {"NAME": shown}}, default_flow_style=True, width=1000, sort_keys=False
-    ).strip()
+    few = keys if len(changes) <= NAMED else {next(iter(keys)): keys[next(iter(keys))]}
+    text = shown({"variants": {"NAME": few}})
     return text[1:-1] if len(changes) <= NAMED else f"{text[1:-3]}, ...}}}}"

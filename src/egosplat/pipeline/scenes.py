@@ -7,21 +7,49 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
+from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.home import scenes_table
+from egosplat.pipeline.messages import make_options
 from egosplat.pipeline.model_sets import automatic_set, locate_checkpoints
+from egosplat.pipeline.options import Options, Text, check_with
 from egosplat.pipeline.recording_origin import Origin, recording_origin
-from egosplat.pipeline.validation import Draft202012Validator, explain, schema
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
 
 # Value of the column recording for a scene without one.
 NO_RECORDING = "-"
+
+
+def _only(pattern: str, allowed: str) -> Any:
+    return check_with(re.compile(pattern).fullmatch, f"only {allowed}")
+
+
+class Row(Options):
+    """A row of the table of scenes, as docs/recordings.md describes it."""
+
+    dataset: Annotated[
+        str,
+        Field(max_length=100),
+        _only("(?!benchmark$)[a-z0-9_]+", "small letters, digits and _, and not benchmark, of all scenes"),
+    ]
+    scene: Annotated[str, Field(max_length=100), _only("[A-Za-z0-9_-]+", "letters, digits, _ and -")]
+    format: Format
+    recording: Annotated[
+        Text,
+        _only(
+            r"(?!\s)[^\x00-\x1f\x7f]*(?<!\s)",
+            "a path without control characters, and without blanks around it",
+        ),
+    ]
+    options: str
 
 
 @dataclass(frozen=True)
@@ -136,7 +164,7 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
     lines = _lines(text, path)
-    expected = list(schema("scenes")["properties"])
+    expected = list(Row.model_fields)
     if not lines:
         raise UserError(f"{path}: is empty; its first line needs {', '.join(expected)}, tab-separated")
     header = lines[0][1]
@@ -219,8 +247,7 @@ def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) 
     Raises:
         UserError: a value is wrong.
     """
-    for error in Draft202012Validator(schema("scenes")).iter_errors(row):
-        raise UserError(f"{where}: {explain(error)}")
+    make_options(Row, row, where, "")
     options = configuration.parse_options(row["options"], where)
     if common := {"data_root", "formats"} & options.keys():
         raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Field
 
 from egosplat.pipeline.messages import make_options
-from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text, keys_of
+from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text
 from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
@@ -76,8 +76,7 @@ class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
         Raises:
             UserError: a key is unknown or has a forbidden value; names the first one.
         """
-        names = {name: f"query.{name}" for name in keys_of(type(self))}
-        return make_options(type(self), dict(self) | keys, "a query", names)
+        return make_options(type(self), dict(self) | keys, "a query", "query")
 
 
 # LangSplat's protocol, used by the paper. LangSplat itself has no ``min_coverage``.
