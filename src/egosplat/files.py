@@ -90,11 +90,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Write a document as JSON with sorted keys, whole or not at all.
-
-    Raises:
-        ValueError: a number is not finite.
-    """
+    """Write a document as JSON with sorted keys, whole or not at all (ValueError: a number is not finite)."""
     write_text(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 

@@ -76,29 +76,15 @@ class KeysCommand(click.Command):
         **rest: Any,
     ) -> None:
         self.options, self.own, self.plain = options, own, plain
+        given = {"type": JSON, "default": "{}", "hidden": bool(plain), "help": "Values of keys as JSON."}
+        text = f"Value of a key{', see --help-all' if plain else ''}. May be repeated."
+        every = "Show all keys with their whole descriptions."
+        shows = {"is_flag": True, "is_eager": True, "expose_value": False, "callback": _show_all}
         flags = [
-            *(self._plain_flag(key) for key in plain),
-            click.Option(
-                ["--options", "given"],
-                type=JSON,
-                default="{}",
-                hidden=bool(plain),
-                help="Values of keys as JSON.",
-            ),
-            click.Option(
-                ["--set", "pairs"],
-                multiple=True,
-                metavar="KEY=VALUE",
-                help=f"Value of a key{', see --help-all' if plain else ''}. May be repeated.",
-            ),
-            click.Option(
-                ["--help-all"],
-                is_flag=True,
-                is_eager=True,
-                expose_value=False,
-                callback=_show_all,
-                help="Show all keys with their whole descriptions.",
-            ),
+            *map(self._plain_flag, plain),
+            click.Option(["--options", "given"], **given),
+            click.Option(["--set", "pairs"], multiple=True, metavar="KEY=VALUE", help=text),
+            click.Option(["--help-all"], help=every, **shows),
         ]
         super().__init__(name, params=[*params, *flags], **rest)
 
@@ -121,34 +107,22 @@ class KeysCommand(click.Command):
         if self.plain and not every:
             return
         sections = sections_of(self.options, self.own)
-        names = [
-            *sections.get(self.own, ()),
-            *(name for own in sections if own != self.own for name in sections[own]),
-        ]
+        others = [name for own, names in sections.items() if own != self.own for name in names]
+        names = [*sections.get(self.own, ()), *others]
         readings = [name for name in names if keys[name].get("reading")]
-        self._write_keys("Keys", [name for name in names if name not in readings], every, formatter)
-        if every:
-            self._write_keys("Readings of the paper", readings, every, formatter)
-
-    def _write_keys(
-        self, title: str, names: Iterable[str], whole: bool, formatter: click.HelpFormatter
-    ) -> None:
-        keys = keys_of(self.options)
-        rows = [(name, _about(describe(self.options, name), keys[name], whole)) for name in names]
-        if rows:
-            with formatter.section(title):
-                formatter.write_dl(rows, col_max=28)
+        parts = {"Keys": [name for name in names if name not in readings]}
+        parts |= {"Readings of the paper": readings} if every else {}
+        for title, part in parts.items():
+            rows = [(name, _about(describe(self.options, name), keys[name], every)) for name in part]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows, col_max=28)
 
 
 def _about(text: str, key: dict[str, Any], whole: bool) -> str:
     """Describe a key: what it is, its default, and what is allowed."""
-    sentence = text if whole else first_sentence(text)
+    sentence = text if whole else text.split(". ")[0].rstrip(".") + "."
     return f"{sentence} [default: {shown(key['default'])}; {describe_value(key)}]"
-
-
-def first_sentence(text: str) -> str:
-    """Get the first sentence of a description."""
-    return text.split(". ")[0].rstrip(".") + "."
 
 
 def _show_all(context: click.Context, _: click.Parameter, asked: bool) -> None:

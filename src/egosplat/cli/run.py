@@ -53,7 +53,7 @@ def run_command() -> click.Command:
         words: tuple[str, ...],
         show: bool,
     ) -> None:
-        from egosplat.run.command import Wish, make_scene
+        from egosplat.run.command import make_scene
 
         if any(not word.strip() for word in words):
             raise click.UsageError(f"{_WORDS}: a word is empty")
@@ -64,61 +64,42 @@ def run_command() -> click.Command:
                 )
             pairs = (*pairs, f"splats.source={splat}")
         try:
-            folder = make_scene(Wish(source, name, preset, pairs, cores)).results
+            folder = make_scene(source, name, preset, pairs, cores).results
         except KeyboardInterrupt:
             click.echo("Stopped. Finished steps are kept: the same command goes on from here.", err=True)
             raise SystemExit(130) from None
         if words:
             ask(folder, words, AskingOptions(), folder / "query.png")
-        click.echo(_what_next(folder))
+        where = shlex.quote(str(folder))
+        click.echo(f"{folder} is ready.")
+        click.echo(f"  egosplat query {where} {_EXAMPLE}    where is it?")
+        click.echo(
+            f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things"
+        )
         if show:
             from egosplat.viewing.command import run
 
             run(folder, {}, "127.0.0.1", 0, browse=True)
 
+    presets = click.Choice(get_args(GeneralOptions.model_fields["preset"].annotation))
+    preset = "Speed or accuracy, as in draft. [default: balanced]"
+    name = "Name of the scene. [default: mine/ and that of SOURCE]"
+    pairs = "Key of this scene, as in frames.stride=3. May be repeated."
+    splat = "Gaussians that another program trained on SOURCE, .ply or .spz: none are trained."
+    show = "Open the scene in the browser at the end."
     return RunCommand(
         "run",
         callback=call,
         params=[
             click.Argument(["source"], type=ARTIFACT),
-            click.Option(
-                ["--preset"],
-                type=click.Choice(get_args(GeneralOptions.model_fields["preset"].annotation)),
-                help="Speed or accuracy, as in draft. [default: balanced]",
-            ),
+            click.Option(["--preset"], type=presets, help=preset),
             click.Option([_WORDS], multiple=True, metavar="WORD ...", help="Ask for these at the end."),
-            click.Option(["--open", "show"], is_flag=True, help="Open the scene in the browser at the end."),
-            click.Option(
-                ["--name"],
-                metavar="DATASET/SCENE",
-                help="Name of the scene. [default: mine/ and that of SOURCE]",
-            ),
-            click.Option(
-                ["--set", "pairs"],
-                multiple=True,
-                metavar="KEY=VALUE",
-                help="Key of this scene, as in frames.stride=3. May be repeated.",
-            ),
-            click.Option(
-                ["--splat"],
-                type=click.Path(exists=True, dir_okay=False),
-                help="Gaussians that another program trained on SOURCE, .ply or .spz: none are trained.",
-            ),
-            click.Option(
-                ["--cores"], type=click.IntRange(min=1), help="Number of processors. [default: all]"
-            ),
+            click.Option(["--open", "show"], is_flag=True, help=show),
+            click.Option(["--name"], metavar="DATASET/SCENE", help=name),
+            click.Option(["--set", "pairs"], multiple=True, metavar="KEY=VALUE", help=pairs),
+            click.Option(["--splat"], type=click.Path(exists=True, dir_okay=False), help=splat),
+            click.Option(["--cores"], type=click.IntRange(1), help="Number of processors. [default: all]"),
         ],
         help="Make a scene of SOURCE, which can be asked: a video, a folder or .zip of photographs, a folder of COLMAP or "
         "nerfstudio, or a .vrs of Aria glasses. Run again, it does what is new.",
-    )
-
-
-def _what_next(folder: Path) -> str:
-    where = shlex.quote(str(folder))
-    return "\n".join(
-        (
-            f"{folder} is ready.",
-            f"  egosplat query {where} {_EXAMPLE}    where is it?",
-            f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things",
-        )
     )

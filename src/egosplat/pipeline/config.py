@@ -267,11 +267,7 @@ def parse_options(text: str, where: str) -> Config:
 
 
 def parse_value(text: str, where: str) -> Any:
-    """Parse a value as YAML.
-
-    Raises:
-        UserError: it is not YAML.
-    """
+    """Parse a value as YAML (UserError: it is not YAML)."""
     try:
         return load_yaml(text)
     except NO_YAML as error:

@@ -289,11 +289,7 @@ def _header(path: str, array: str) -> dict[str, Any]:
 
 
 def cost_of(stage: str, config: Config, sizes: Sizes) -> Cost:
-    """The row of a stage under a configuration.
-
-    Raises:
-        KeyError: the stage has none.
-    """
+    """The row of a stage under a configuration (KeyError: the stage has none)."""
     models = config["models"]
     row = _LIKE.get(stage, stage)
     if stage == "poses" and sizes.colmap:

@@ -142,11 +142,7 @@ def published_model(key: str, architecture: str) -> PublishedModel:
 
 
 def named_model(name: str) -> PublishedModel:
-    """Get a checkpoint by its architecture or file name.
-
-    Raises:
-        UserError: the catalogue has none of that name.
-    """
+    """Get a checkpoint by its architecture or file name (UserError: the catalogue has none of that name)."""
     for one in CATALOGUE:
         if name in (one.architecture, one.file):
             return one

@@ -121,11 +121,7 @@ def local_table(config: configuration.Config) -> Path:
 
 
 def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
-    """Get a scene by name.
-
-    Raises:
-        UserError: the table has no such scene; lists its scenes.
-    """
+    """Get a scene by name (UserError: the table has no such scene; lists its scenes)."""
     if (dataset, scene) not in scenes:
         known = ", ".join("/".join(key) for key in scenes) or "none"
         raise UserError(

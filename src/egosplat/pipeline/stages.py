@@ -31,11 +31,7 @@ class Choice:
     modules: Mapping[str, str]
 
     def find(self, value: str) -> str:
-        """Get the name of the module of a value.
-
-        Raises:
-            UserError: the value has none.
-        """
+        """Get the name of the module of a value (UserError: the value has none)."""
         if value not in self.modules:
             raise UserError(f"{self.by}: {value!r} is unknown; choose from {', '.join(self.modules)}.")
         return self.modules[value]
@@ -435,11 +431,7 @@ def run_stage(name: str, options: "Options | None", **given: Any) -> None:
 
 
 def load_module(name: str, value: str) -> ModuleType:
-    """Import the module that a stage chooses by a value.
-
-    Raises:
-        UserError: the value has no module.
-    """
+    """Import the module that a stage chooses by a value (UserError: the value has no module)."""
     return import_module(STAGES[name].modules.find(value))
 
 

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.calibration.companions import AUTO
@@ -17,51 +16,47 @@ from egosplat.pipeline.home import SNAKEFILE, snakefile
 from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
-from egosplat.run.sources import Source, name_of, read_source
+from egosplat.run.sources import name_of, read_source
 from egosplat.run.steps import GOAL, Forecast, Steps, machine_pace
 from egosplat.run.table import put_row, split_name
 
 
-@dataclass(frozen=True)
-class Wish:
-    """What is asked for.
+def make_scene(
+    source: Path,
+    name: str | None = None,
+    preset: str | None = None,
+    options: Sequence[str] = (),
+    cores: int | None = None,
+) -> Scene:
+    """Write the row of a recording, and run the workflow to the scene's page.
 
-    Attributes:
+    Args:
         source: file or folder.
         name: of the scene, with or without its dataset; None: from the source.
         preset: None: that of the configuration.
         options: keys of the scene's row, as ``frames.stride=3``.
         cores: number of processors; None: all.
-    """
-
-    source: Path
-    name: str | None = None
-    preset: str | None = None
-    options: Sequence[str] = ()
-    cores: int | None = None
-
-
-def make_scene(wish: Wish) -> Scene:
-    """Write the row of a recording, and run the workflow to the scene's page.
 
     Raises:
         UserError: the source is no recording, the name is taken, a key is wrong, or a step failed.
         KeyboardInterrupt: after Snakemake has ended.
     """
-    settings = [f"preset={wish.preset}"] if wish.preset else []
+    settings = [f"preset={preset}"] if preset else []
     config, _ = read_configuration([], settings)
-    dataset, name = split_name(wish.name or name_of(wish.source))
-    given = _parsed(wish.options)
-    place = Path("results") / dataset / name / "recording"
-    source = read_source(wish.source, place, given.get("frames.known_poses", AUTO))
-    options = " ".join(f"{key}={value}" for key, value in {**source.options, **given}.items())
-    row = {"dataset": dataset, "scene": name, "format": source.format, "recording": str(source.path)}
-    scene = put_row(config, row | {"options": options})
-    log(f"{scene.name}: {_about(source, scene)}; preset {config['preset']}")
-    cores = wish.cores or len(os.sched_getaffinity(0))
+    dataset, scene_name = split_name(name or name_of(source))
+    given = _parsed(options)
+    place = Path("results") / dataset / scene_name / "recording"
+    found = read_source(source, place, given.get("frames.known_poses", AUTO))
+    keys = " ".join(f"{key}={value}" for key, value in {**found.options, **given}.items())
+    row = {"dataset": dataset, "scene": scene_name, "format": found.format, "recording": str(found.path)}
+    scene = put_row(config, row | {"options": keys})
+    stride = scene.config["frames"]["stride"]
+    taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
+    log(f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}")
+    cores = cores or len(os.sched_getaffinity(0))
     words = _command(scene, cores, settings)
     log(f"Snakemake's command, to go on with: {shlex.join(words)}")
-    steps = Steps(Forecast(scene, source.count, source.known), machine_pace(cores))
+    steps = Steps(Forecast(scene, found.count, found.known), machine_pace(cores))
     if run_snakemake(words, steps):
         raise UserError(steps.explain())
     return scene
@@ -73,12 +68,6 @@ def _parsed(pairs: Iterable[str]) -> dict[str, str]:
         if not pair.partition("=")[2] or any(map(str.isspace, pair)):
             raise UserError(f"--set {pair}: is not of the form section.key=value, as in frames.stride=2")
     return dict(pair.split("=", 1) for pair in pairs)
-
-
-def _about(source: Source, scene: Scene) -> str:
-    stride = scene.config["frames"]["stride"]
-    taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
-    return f"{source.about}{taken}, {source.path}"
 
 
 def _command(scene: Scene, cores: int, settings: Sequence[str]) -> list[str]:

@@ -35,11 +35,7 @@ FORMAT_VERSION = 5
 
 
 def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
-    """Write the survey of ``frames`` with ``poses``.
-
-    Raises:
-        UserError: the poses are not of these frames.
-    """
+    """Write the survey of ``frames`` with ``poses`` (UserError: the poses are not of these frames)."""
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
     record = provenance.begin_from("survey", options.as_dict(), (frames, poses))
