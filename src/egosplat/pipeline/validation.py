@@ -39,8 +39,21 @@ __all__ = ["Draft202012Validator", "ValidationError", "explain", "read_document"
 
 @functools.cache
 def schema(name: str) -> dict[str, Any]:
-    """Load a schema: ``scenes``, or that of a JSON file."""
-    return yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
+    """Load the schema of a JSON file; an object has just the properties that it lists, all but those in ``optional``."""
+    found = yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
+    _close(found)
+    return found
+
+
+def _close(part: Any) -> None:
+    """Spell the rule of ``schema`` out where an object does not say itself what it may lack or have besides."""
+    inner = [*part.values()] if isinstance(part, dict) else part if isinstance(part, list) else []
+    if isinstance(part, dict) and "properties" in part and not {"additionalProperties", "required"} & {*part}:
+        optional = part.pop("optional", [])
+        part |= {"type": part.get("type", "object"), "additionalProperties": False}
+        part["required"] = [name for name in part["properties"] if name not in optional]
+    for one in inner:
+        _close(one)
 
 
 def read_document(path: Path, name: str) -> dict[str, Any]:
