@@ -19,7 +19,7 @@ from egosplat.pipeline.home import scenes_table
 from egosplat.pipeline.messages import make_options
 from egosplat.pipeline.model_sets import automatic_set, locate_checkpoints
 from egosplat.pipeline.options import Options, Text, check_with
-from egosplat.pipeline.recording_origin import Origin, recording_origin
+from egosplat.pipeline.recording_origin import recording_origin
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
@@ -131,11 +131,7 @@ def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str
 
 
 def check_recording(scene: Scene) -> None:
-    """Check that a scene's recording exists or can be made.
-
-    Raises:
-        UserError: it is missing; names the expected path.
-    """
+    """Check that a recording exists or can be made (UserError: it is missing; names the expected path)."""
     if scene.lacks_recording:
         raise UserError(
             f"{scene.name}: no recording at {scene.recording}. Put it there, or set "
@@ -211,7 +207,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     lines, first = [], 1
     try:
         for cells in reader:
-            if _is_row(cells):
+            if any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#"):
                 lines.append((reader.line_num, cells))
             first = reader.line_num + 1
     except csv.Error as error:
@@ -219,10 +215,6 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
             f'{path}, line {first}: is no row of a table ({error}). A cell that begins with " ends with one'
         ) from None
     return lines
-
-
-def _is_row(cells: list[str]) -> bool:
-    return any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#")
 
 
 def _check_roots(config: configuration.Config, rows: Iterable[dict[str, Any]], path: Path) -> None:
@@ -234,15 +226,7 @@ def _check_roots(config: configuration.Config, rows: Iterable[dict[str, Any]], p
 
 
 def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
-    """Make the scene of a row.
-
-    Args:
-        row: values by column.
-        where: the place of the row, for messages.
-
-    Raises:
-        UserError: a value is wrong.
-    """
+    """Make the scene of a row, its values by column (UserError: a value is wrong; begins with ``where``)."""
     make_options(Row, row, where, "")
     options = configuration.parse_options(row["options"], where)
     if common := {"data_root", "formats"} & options.keys():
@@ -256,7 +240,7 @@ def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) 
             "or a recording"
         )
     synthetic = filmed and (root is None or by_name)
-    home = Path("results") / row["dataset"] / row["scene"]
+    home = Path("results", row["dataset"], row["scene"])
     recording = home / "recording" if synthetic else _recording(row["recording"], root, where)
     if set("{}") & set(str(recording)):
         raise UserError(
@@ -266,18 +250,14 @@ def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) 
         raise UserError(
             f"{where}: recording: a name is longer than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
         )
-    origin = "synthetic" if synthetic else _origin(row["format"], recording)
+    try:
+        origin = "synthetic" if synthetic else recording_origin(row["format"], recording)
+    except UserError:
+        origin = "real"  # the stage frames reports what is wrong with the recording
     own = configuration.of_scene(config, row["format"], options, automatic_set(origin))
     own = configuration.validate(own, where)
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
-
-
-def _origin(format: str, recording: Path) -> Origin:
-    try:
-        return recording_origin(format, recording)
-    except UserError:
-        return "real"  # the stage frames reports what is wrong with the recording
 
 
 def _recording(given: str, root: str | None, where: str) -> Path:

@@ -1,6 +1,6 @@
 """Variants of a scene: named sets of keys, and the artifacts that they change."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from egosplat.calibration.companions import OF_PICTURES, poses_source, present_known_poses
@@ -36,14 +36,7 @@ def reaches(stage: str, base: Config, variant: Config) -> bool:
 
 
 def owner(stage: str, base: Config, name: str, where: str) -> str | None:
-    """Get the owner of a variant's artifact: the variant, one that it extends, or None for the scene.
-
-    Args:
-        stage: stage of the artifact.
-
-    Raises:
-        UserError: see ``variant_config``.
-    """
+    """Get the owner of a variant's artifact: the variant, one that it extends, or None for the scene."""
     own = variant_config(base, name, where)
     # A variant has its own artifact only if it differs from the scene's and from those of the variants it extends.
     if not reaches(stage, base, own):
@@ -78,30 +71,18 @@ def variant_config(base: Config, name: str, where: str) -> Config:
 
 
 def scene_config(scene: Scene, variant: str | None) -> Config:
-    """Get the configuration of a scene or one of its variants, with the paths of published checkpoints.
-
-    Raises:
-        UserError: as ``variant_config``; or a published checkpoint is not in the catalogue.
-    """
+    """Get the configuration of a scene or one of its variants, with the paths of published checkpoints."""
     return locate_checkpoints(variant_config(scene.config, variant, scene.name) if variant else scene.config)
 
 
 def method_of(base: Config, name: str, where: str) -> str | None:
-    """Get the published method that a variant stands for; None for EgoSplat.
-
-    Raises:
-        UserError: see ``variant_config``.
-    """
+    """Get the published method that a variant stands for; None for EgoSplat."""
     named = [base["variants"][one].get(METHOD) for one in _ancestry(base["variants"], name, where)]
     return next(filter(None, reversed(named)), None)
 
 
 def preset_of(base: Config, name: str | None, where: str) -> str:
-    """Get the preset of a scene, or of its variant that is one or extends one.
-
-    Raises:
-        UserError: see ``variant_config``.
-    """
+    """Get the preset of a scene, or of its variant that is one or extends one."""
     above = _ancestry(base["variants"], name, where) if name else []
     return next((one for one in reversed(above) if one in FILES), base["preset"])
 
@@ -112,16 +93,12 @@ def variant_folder(variant: str | None) -> str:
 
 
 def artifact_folder(stage: str, scene: Scene, variant: str | None) -> str:
-    """Get the folder, below the scene's, of a variant's artifact, its own or a shared one.
-
-    Raises:
-        UserError: see ``variant_config``.
-    """
+    """Get the folder, below the scene's, of a variant's artifact, its own or a shared one."""
     return variant_folder(owner(stage, scene.config, variant, scene.name) if variant else None)
 
 
 def artifact_path(stage: str, scene: Scene, variant: str | None) -> str:
-    """Get the path of a variant's artifact; raises as ``artifact_folder``."""
+    """Get the path of a variant's artifact, its own or a shared one."""
     return f"{scene.results}/{artifact_folder(stage, scene, variant)}{STAGES[stage].output}"
 
 
@@ -137,15 +114,9 @@ def check_target(scenes: Mapping[tuple[str, str], Scene], target: Target) -> Non
         source_files(source)
     if target.variant is None:
         return
-    stage = target.name.partition(".")[0]
-    if (
-        stage not in STAGES
-        or target.name != STAGES[stage].output
-        or not target.name.endswith((".zarr", ".json"))
-    ):
-        return
-    home = artifact_folder(stage, scene, target.variant)
-    if home != variant_folder(target.variant):
+    stage, _, suffix = target.name.partition(".")
+    made = suffix in ("zarr", "json") and stage in STAGES and target.name == STAGES[stage].output
+    if made and (home := artifact_folder(stage, scene, target.variant)) != variant_folder(target.variant):
         raise UserError(
             f"variant {target.variant} does not change {target.name}; use {scene.results}/{home}{target.name}"
         )
@@ -161,9 +132,10 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
                 f"variant {name}: circular inheritance {' -> '.join([*above, one])}. Fix its key {EXTENDS!r}"
             )
         if one not in variants:
+            more = [f"{len(variants) - NAMED} more"] if len(variants) > NAMED else []
             raise UserError(
                 f"{where}: no variant {one!r}. Add it to the configuration key 'variants', "
-                f"or take one of: {_some(variants)}"
+                f"or take one of: {', '.join([*list(variants)[:NAMED], *more]) or 'none'}"
             )
         if one not in found:
             for below in _extended(variants, one):
@@ -180,19 +152,8 @@ def _extended(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]
     return [below] if isinstance(below, str) else below
 
 
-def _some(names: Iterable[str]) -> str:
-    """List at most ``NAMED`` names."""
-    every = list(names)
-    more = [f"{len(every) - NAMED} more"] if len(every) > NAMED else []
-    return ", ".join([*every[:NAMED], *more]) or "none"
-
-
 def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
-    """Get the value for a scene; None for a stage that chooses no module.
-
-    Args:
-        config: configuration of the scene or variant.
-    """
+    """Get the value by which a stage of a scene or variant chooses its module; None for a stage that chooses none."""
     match stage:
         case "frames" | "annotations":
             return scene.format
