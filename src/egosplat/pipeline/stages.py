@@ -5,7 +5,7 @@ are the fields of its class of options.
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from types import ModuleType
@@ -80,22 +80,16 @@ PATHS = {
 }
 
 _TRAINING_FRAMES = {"survey": "to train only on frames that add views"}
-_MASKING = {
-    "transient": "if splats.masking is initial",
-    "masks": "if splats.masking is refined",
-}
+_MASKING = {"transient": "if splats.masking is initial", "masks": "if splats.masking is refined"}
 _MOVING = {"transient": "to track what moves: if segments.prompting is each_frame"}
 _GIVEN = {"splats": "if splats.source is given"}
 _PROMPTS = {"prompts": "if segments.point_prompts is depth"}
-_JOINT = {
-    "instances": "if splats.language is joint",
-    "features": "if splats.language is joint",
-}
+_JOINT = dict.fromkeys(("instances", "features"), "if splats.language is joint")
 _LEARNT_FROM = {
-    "instances": "unless language.method is field or quantized",
-    "features": "unless language.method is field or quantized",
+    **dict.fromkeys(("instances", "features"), "unless language.method is field or quantized"),
     "tiles": "if language.method is field or quantized",
 }
+_OPENCV = "opencv-contrib-python-headless"
 _SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
 
@@ -106,7 +100,7 @@ _STAGES = (
         "Make the recording of a synthetic apartment.",
         options="egosplat_apartments.options:SyntheticOptions",
         output="recording",
-        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
+        libraries=("numpy", _OPENCV, "scipy", "projectaria-tools"),
     ),
     Stage(
         "frames",
@@ -115,7 +109,7 @@ _STAGES = (
         options="egosplat.frames.options:FramesOptions",
         output="frames.zarr",
         inputs=("recording",),
-        libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "pycolmap", "zarr"),
+        libraries=("numpy", _OPENCV, "projectaria-tools", "pycolmap", "zarr"),
         scene=("format",),
         modules=by(
             "format",
@@ -133,7 +127,7 @@ _STAGES = (
         options="egosplat.frames.options:AnnotationsOptions",
         output="annotations.zarr",
         inputs=("recording", "frames"),
-        libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
+        libraries=("numpy", _OPENCV, "projectaria-tools", "zarr"),
         modules=by(
             "format",
             adt="frames.adt_annotations",
@@ -160,7 +154,7 @@ _STAGES = (
         options="egosplat.survey.options:SurveyOptions",
         output="survey.json",
         inputs=("frames", "poses"),
-        libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "zarr"),
+        libraries=("jsonschema", "numpy", _OPENCV, "scipy", "zarr"),
     ),
     Stage(
         "transient",
@@ -170,7 +164,7 @@ _STAGES = (
         output="transient.zarr",
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
-        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "timm", "torch", "zarr"),
+        libraries=("numpy", _OPENCV, "scipy", "timm", "torch", "zarr"),
     ),
     Stage(
         "segments",
@@ -180,15 +174,7 @@ _STAGES = (
         output="segments.zarr",
         inputs=("frames",),
         optional=_TRAINING_FRAMES | _MOVING | _PROMPTS,
-        libraries=(
-            "numpy",
-            "scipy",
-            "opencv-contrib-python-headless",
-            "torch",
-            "torchvision",
-            "sam2",
-            "zarr",
-        ),
+        libraries=("numpy", "scipy", _OPENCV, "torch", "torchvision", "sam2", "zarr"),
     ),
     Stage(
         "instances",
@@ -198,7 +184,7 @@ _STAGES = (
         output="instances.zarr",
         inputs=("frames", "poses", "segments"),
         optional=_TRAINING_FRAMES | _GIVEN,
-        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
+        libraries=("numpy", _OPENCV, "scipy", "torch", "zarr"),
     ),
     Stage(
         "view_features",
@@ -288,15 +274,7 @@ _STAGES = (
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
         optional=_ENCODED,
-        libraries=(
-            "jsonschema",
-            "numpy",
-            "open_clip_torch",
-            "opencv-contrib-python-headless",
-            "scipy",
-            "torch",
-            "zarr",
-        ),
+        libraries=("jsonschema", "numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", "method", *_SETUP),
     ),
     Stage(
@@ -306,7 +284,7 @@ _STAGES = (
         options="egosplat.baselines.options:MethodMetricsOptions",
         output="method_metrics.json",
         inputs=("frames", "poses", "annotations", "relevancy"),
-        libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
+        libraries=("jsonschema", "numpy", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", *_SETUP),
     ),
     Stage(
@@ -370,7 +348,7 @@ _STAGES = (
         output="queries.png",
         inputs=("frames", "poses", "annotations", "splats", "language", "metrics"),
         optional=_ENCODED,
-        libraries=("matplotlib", "open_clip_torch", "opencv-contrib-python-headless", "torch"),
+        libraries=("matplotlib", "open_clip_torch", _OPENCV, "torch"),
         scene=("title",),
     ),
     Stage(
@@ -380,7 +358,7 @@ _STAGES = (
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
-        libraries=("open_clip_torch", "opencv-contrib-python-headless", "torch"),
+        libraries=("open_clip_torch", _OPENCV, "torch"),
         scene=("title",),
     ),
 )
@@ -411,23 +389,13 @@ def path_help(stage: Stage) -> dict[str, str]:
     return inputs | optional | {"output": f"where to write {stage.output}"}
 
 
-def stage_function(name: str) -> Callable[..., None]:
-    """Get the function of a stage. Imports only its module."""
-    return import_module(STAGES[name].module).run
-
-
 def run_stage(name: str, options: "Options | None", **given: Any) -> None:
-    """Run a stage.
-
-    Args:
-        options: its options; None for a stage without keys.
-        given: its paths and its values from the table of scenes, by name.
-    """
+    """Run a stage, if it has keys with options, on its paths and its values from the table of scenes, by name."""
     stage = STAGES[name]
     # ``run`` takes the path of an input as ``frames_path``; inside it, ``frames`` is the opened artifact.
     inputs = {*stage.inputs, *stage.optional}
     arguments = {f"{key}_path" if key in inputs else key: value for key, value in given.items()}
-    stage_function(name)(**arguments, **({} if options is None else {"options": options}))
+    import_module(stage.module).run(**arguments, **({} if options is None else {"options": options}))
 
 
 def load_module(name: str, value: str) -> ModuleType:
@@ -437,14 +405,7 @@ def load_module(name: str, value: str) -> ModuleType:
 
 @functools.cache  # rules ask for every job
 def code_of(name: str, value: str | None = None) -> str:
-    """Hash the code that a stage executes and the versions of its libraries.
-
-    Args:
-        value: by which the stage chooses a module; None: the hash is of what all values share.
-
-    Raises:
-        UserError: the value has no module.
-    """
+    """Hash the code that a stage executes with a value, without one what all values share, and its libraries' versions."""
     stage = STAGES[name]
     chosen = () if value is None else (stage.modules.find(value),)
     return code_hash(stage.module, *chosen, libraries=stage.libraries)

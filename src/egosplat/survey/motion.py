@@ -16,9 +16,15 @@ from egosplat.progress import track
 from egosplat.survey.brightness import exposure_changes
 from egosplat.survey.detection import detect_motion
 from egosplat.survey.matching import match_images
-from egosplat.survey.pairs import Pairs, choose_pairs, choose_revisits
 from egosplat.survey.rigid import View, rotation_homography
-from egosplat.survey.views import depth_quantile, median_depths, visible_depths
+from egosplat.survey.views import (
+    Pairs,
+    choose_pairs,
+    choose_revisits,
+    depth_quantile,
+    median_depths,
+    visible_depths,
+)
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]

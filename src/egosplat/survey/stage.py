@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
@@ -12,7 +11,7 @@ from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.files import write_json
-from egosplat.geometry import Camera
+from egosplat.geometry import Array, Camera
 from egosplat.pipeline.survey_file import Survey, digest_of_frames
 from egosplat.pipeline.validation import Draft202012Validator, schema
 from egosplat.progress import log
@@ -29,7 +28,7 @@ from egosplat.survey.decisions import (
 from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.options import SurveyOptions
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
-from egosplat.survey.views import choose_views, median_depths
+from egosplat.survey.views import Bools, choose_views, median_depths
 
 FORMAT_VERSION = 5
 
@@ -41,14 +40,15 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     record = provenance.begin_from("survey", options.as_dict(), (frames, poses))
     motion = measure_motion(frames, poses)
     views = _geometry(frames, poses)
-    sharpness = _find_blurred(frames, views, options.blur_limit)
+    optional = frames.read("train") & ~frames.read("evaluation")
+    sharpness = find_blurred(measure_all(frames), views, frames.read("train"), optional, options.blur_limit)
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
         "motion": _motion(motion, options.min_moving_share),
         "camera": _camera(motion),
         "sharpness": _sharpness(sharpness, options.blur_limit),
-        "views": _views(frames, poses, views.depths, sharpness, options.min_view_change_deg),
+        "views": _views(frames, poses, views.depths, sharpness, optional, options.min_view_change_deg),
         "poses": _poses(frames, poses),
         "provenance": record.record(),
     }
@@ -91,17 +91,7 @@ def _geometry(frames: Artifact, poses: Artifact) -> Views:
     camera_to_world, registered = poses.read("camera_to_world"), poses.read("registered")
     depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
     valid = frames.read("valid")
-    return Views(camera, valid, camera_to_world, depths, lambda frame: shown_pixels(frames, frame, valid))
-
-
-def _optional(frames: Artifact) -> NDArray[np.bool_]:
-    """(F,) bool: the frames that training may leave out."""
-    return frames.read("train") & ~frames.read("evaluation")
-
-
-def _find_blurred(frames: Artifact, views: Views, blur_limit: float) -> Sharpness:
-    values = measure_all(frames)
-    return find_blurred(values, views, frames.read("train"), _optional(frames), blur_limit)
+    return Views(camera, camera_to_world, depths, lambda frame: shown_pixels(frames, frame, valid))
 
 
 def _sharpness(found: Sharpness, blur_limit: float) -> dict[str, Any]:
@@ -115,34 +105,26 @@ def _sharpness(found: Sharpness, blur_limit: float) -> dict[str, Any]:
 
 
 def _views(
-    frames: Artifact,
-    poses: Artifact,
-    depths: NDArray[np.float64],
-    sharpness: Sharpness,
-    min_change_deg: float,
+    frames: Artifact, poses: Artifact, depths: Array, sharpness: Sharpness, optional: Bools, least_deg: float
 ) -> dict[str, Any]:
     sharp = np.ones(len(depths), bool)
     sharp[list(sharpness.replaced_by)] = False
+    times_ns, registered = frames.read("timestamp_ns"), poses.read("registered")
     # Among the frames that remain, so that a view is not left to a blurred frame.
     kept = sharp & choose_views(
-        poses.read("camera_to_world"),
-        depths,
-        frames.read("timestamp_ns"),
-        poses.read("registered"),
-        _optional(frames) & sharp,
-        min_change_deg,
+        poses.read("camera_to_world"), depths, times_ns, registered, optional & sharp, least_deg
     )
     kept_frames = np.flatnonzero(kept)
     return {
         "kept": kept_frames.tolist(),
         "left_out": np.flatnonzero(~kept).tolist(),
-        "min_view_change_deg": min_change_deg,
+        "min_view_change_deg": least_deg,
         "median_depth_m": _median(depths),
         "digest": digest_of_frames(kept_frames),
     }
 
 
-def _median(values: NDArray[np.float64]) -> float | None:
+def _median(values: Array) -> float | None:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
@@ -178,10 +160,6 @@ def _log_summary(document: dict[str, Any]) -> None:
 
 
 def write_survey(output: Path, document: Survey) -> None:
-    """Check a survey and write it with sorted keys. The file appears only when it is complete.
-
-    Raises:
-        jsonschema.ValidationError: the survey does not match the schema.
-    """
+    """Check a survey against its schema (jsonschema.ValidationError) and write it with sorted keys, whole or not at all."""
     Draft202012Validator(schema("survey")).validate(document)
     write_json(output, document)
