@@ -92,11 +92,6 @@ def find_alarm(key: str, statistic: float | None, **figures: float | str) -> Ite
 
 
 def find_chance_alarm(lowest: float | None, chance: float) -> Iterator[Alarm]:
-    """Yield an alarm if the accuracy over all queries may be chance.
-
-    Args:
-        lowest: lower bound of its interval; None without an interval.
-        chance: accuracy of the best answer that ignores the scene.
-    """
+    """Yield an alarm if the accuracy's lower bound is not above the best answer that ignores the scene."""
     if lowest is not None and lowest <= chance:
         yield Alarm("metrics.chance", {"value": lowest, "limit": chance})

@@ -133,14 +133,7 @@ def _show_all(context: click.Context, _: click.Parameter, asked: bool) -> None:
 
 
 def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[str]) -> Options:
-    """Make options from values and from words such as ``iterations=500`` or ``run.seed=1``, which win.
-
-    Args:
-        own: section of the keys that are in no shared one.
-
-    Raises:
-        UserError: a key is unknown or has a forbidden value; names the first one.
-    """
+    """Make options from values and from words such as ``iterations=500`` or ``run.seed=1``, which win (UserError)."""
     if not isinstance(given, dict):
         raise UserError(f"--options: {shorten(given)} is no JSON object")
     short = {full: name for name, full in full_names(options, own).items()}

@@ -27,14 +27,7 @@ _RANGE = (0.5, 3.0)
 
 
 def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
-    """All findings about this machine and the configuration.
-
-    Args:
-        files, options: see ``configuration.read_configuration``.
-
-    Raises:
-        UserError: the configuration itself is wrong.
-    """
+    """All findings about this machine and the configuration; arguments and errors as ``read_configuration``."""
     config, sources = read_configuration(files, options)
     # A wrong configuration ends here; every later problem is a finding, so that one call shows all of them.
     findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({', '.join(sources)})")]

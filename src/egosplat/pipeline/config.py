@@ -224,11 +224,7 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
 
 
 def parse_options(text: str, where: str) -> Config:
-    """Parse ``"frames.stride=2 frames.end_s=20"`` to ``{"frames": {"stride": 2, "end_s": 20}}``.
-
-    Raises:
-        UserError: a word has another form, or a key is repeated; ``where`` names the row.
-    """
+    """Parse ``frames.stride=2`` and more words to ``{"frames": {"stride": 2}}`` (UserError: one has another form)."""
     options: Config = {}
     for word in text.split():
         key, equals, value = word.partition("=")

@@ -175,13 +175,7 @@ def default_pages(config: Config) -> list[str]:
 
 
 def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
-    """Get the stages whose outputs a scene's story tells of.
-
-    Args:
-        config: configuration with the survey's decisions.
-        annotated: whether the recording has annotations.
-        surveyed: whether the scene has a survey.
-    """
+    """Get the stages whose outputs a scene's story tells of; the configuration has the survey's decisions."""
     stages = [*stages_behind(["language"], config), *_pages_of_codes(config)]
     if annotated:
         stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"]

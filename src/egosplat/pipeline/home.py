@@ -61,11 +61,7 @@ def snakemake_in(folder: Path) -> str:
 
 
 def make_command(path: Path, flag: str = "") -> str:
-    """The shell command that makes a result, from any working directory; in words for a file of another place.
-
-    Args:
-        flag: of Snakemake, with a blank behind it.
-    """
+    """The shell command that makes a result, from any working directory; ``flag`` ends with a blank."""
     place = path.as_posix()
     if (found := _RESULT.search(place)) is None:
         return "run its command again"

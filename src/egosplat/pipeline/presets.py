@@ -35,16 +35,7 @@ _OF_THE_PAPER = ("view_features", "features", "query")
 
 @functools.cache
 def preset_keys(name: str, folder: Path, format: str) -> Config:
-    """Get the keys of a preset as those of a variant. ``paper_scaled`` is ``paper`` at the scene's resolution and models.
-
-    Args:
-        name: one of ``FILES``.
-        folder: of the preset files.
-        format: of the scene's recording.
-
-    Raises:
-        UserError: a preset file cannot be read or sets a forbidden value.
-    """
+    """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
     kept = _KEPT | _SCALED if FILES[name] != name else _KEPT
     values = of_format(resolve({"preset": FILES[name]}, folder), format)
     # Set every key that any preset sets, so that no value of the scene's own preset remains.

@@ -90,15 +90,7 @@ def name_user() -> None:
 
 
 def check_cores(cores: int | None, nodes: int | None) -> None:
-    """Check that at least one job can run: with no core or no job slot Snakemake waits forever.
-
-    Args:
-        cores: value of ``--cores``, or None.
-        nodes: value of ``--jobs`` on a cluster, or None.
-
-    Raises:
-        UserError: a value is less than 1.
-    """
+    """Check that one job can run: with no core, or no job slot on a cluster, Snakemake waits forever (UserError)."""
     for option, count in (("--cores", cores), ("--jobs", nodes)):
         if count is not None and count < 1:
             raise UserError(f"{option} {count}: nothing can run; give 1 or more, as in {option} 2")

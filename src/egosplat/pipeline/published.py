@@ -122,15 +122,7 @@ ENCODER = "mobilenetv3_small_050"
 
 
 def published_model(key: str, architecture: str) -> PublishedModel:
-    """Get the published checkpoint of an architecture.
-
-    Args:
-        key: one of ``LIBRARIES``, for the message.
-        architecture: value of ``models.sam2_config`` or ``models.clip_model``, or ``ENCODER``.
-
-    Raises:
-        UserError: the catalogue has none.
-    """
+    """Get the published checkpoint of an architecture for one of ``LIBRARIES`` (UserError: there is none)."""
     known = {one.architecture: one for one in CATALOGUE if one.library == LIBRARIES[key]}
     name = architecture.removesuffix(".yaml").rpartition("/")[2]
     if name not in known:

@@ -46,11 +46,7 @@ def compared_methods(scene: Scene) -> list[str]:
 
 
 def maps_of(scene: Scene, method: str) -> Path:
-    """Get the path of a method's relevancy maps of a scene.
-
-    Raises:
-        UserError: the configuration names no folder of maps.
-    """
+    """Get the path of a method's relevancy maps of a scene (UserError: no folder of maps is configured)."""
     folder = scene.config["tables"]["maps"]
     if folder is None:
         raise UserError(

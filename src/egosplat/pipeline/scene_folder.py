@@ -18,11 +18,7 @@ ASKED = ("frames", "poses", "splats", "language")
 
 
 def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
-    """Check that a folder holds the artifacts of ``stages``. Their content is not read.
-
-    Raises:
-        UserError: it is not a folder, or artifacts are missing; names them and the command that makes them.
-    """
+    """Check that a folder holds artifacts, without reading them (UserError: names what makes those missing)."""
     if folder.suffix == ".zarr" or (folder / "zarr.json").is_file():
         raise UserError(f"{folder}: is a single artifact; give the folder of its scene, {folder.parent}")
     if folder.exists() and not folder.is_dir():

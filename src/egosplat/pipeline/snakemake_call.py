@@ -54,11 +54,7 @@ class Call:
 
 
 def read_call(arguments: Sequence[str]) -> Call:
-    """Read a command line with Snakemake's own parser: a workflow learns of it too late for checks.
-
-    Args:
-        arguments: command line without the program name. Snakemake has already accepted it.
-    """
+    """Read a command line with Snakemake's own parser: a workflow learns of it too late for checks."""
     # Slow to import, and not needed by stages.
     from snakemake.cli import get_argument_parser
 
@@ -74,11 +70,7 @@ def read_call(arguments: Sequence[str]) -> Call:
 
 
 def tell_failures_at_exit(logs: Iterable[str]) -> None:
-    """Print the messages of failed stages at the end of the process, after Snakemake's own.
-
-    Args:
-        logs: paths of Snakemake's log files of this run.
-    """
+    """Print the messages of failed stages at the end of the process, after Snakemake's own, from its log files."""
     lines = [line for log in logs for line in failures(Path(log))]
     atexit.register(lambda: [print(line, file=sys.stderr) for line in lines])
 

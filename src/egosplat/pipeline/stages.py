@@ -93,6 +93,15 @@ _OPENCV = "opencv-contrib-python-headless"
 _SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
 
+
+def _sheet(
+    name: str, about: str, output: str, inputs: tuple[str, ...], libraries: tuple[str, ...] = (), **more: Any
+) -> Stage:
+    """A stage that draws a sheet of a scene."""
+    module, libraries = f"egosplat.report.sheets.{name}", ("matplotlib", *libraries)
+    return Stage(name, module, about, output, inputs, libraries=libraries, scene=("title",), **more)
+
+
 _STAGES = (
     Stage(
         "synthetic",
@@ -287,69 +296,62 @@ _STAGES = (
         libraries=("jsonschema", "numpy", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", *_SETUP),
     ),
-    Stage(
+    _sheet(
         "contact_sheet",
-        "egosplat.report.sheets.contact_sheet",
         "Draw a scene's frames, annotations and trajectory.",
-        output="contact_sheet.png",
-        inputs=("frames", "annotations", "poses"),
-        libraries=("adjustText", "matplotlib"),
-        scene=("title",),
+        "contact_sheet.png",
+        ("frames", "annotations", "poses"),
+        libraries=("adjustText",),
     ),
-    Stage(
+    _sheet(
         "language_sheet",
-        "egosplat.report.sheets.language_sheet",
         "Draw the Gaussians' codes from several directions.",
-        output="language.png",
-        inputs=("poses", "splats", "language"),
-        libraries=("matplotlib", "scipy", "torch"),
-        scene=("title",),
+        "language.png",
+        ("poses", "splats", "language"),
+        libraries=(
+            "scipy",
+            "torch",
+        ),
     ),
-    Stage(
+    _sheet(
         "transient_sheet",
-        "egosplat.report.sheets.transient_sheet",
         "Draw what moves, its masks, and renders without it.",
-        output="transient.png",
-        inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
-        libraries=("adjustText", "matplotlib", "torch"),
-        scene=("title",),
+        "transient.png",
+        ("frames", "poses", "transient", "instances", "masks", "splats"),
+        libraries=(
+            "adjustText",
+            "torch",
+        ),
     ),
-    Stage(
+    _sheet(
         "crops_sheet",
-        "egosplat.report.sheets.crops_sheet",
         "Draw the crops of instances, with outliers crossed out.",
-        output="crops.png",
-        inputs=("frames", "instances", "view_features", "features"),
-        libraries=("matplotlib",),
-        scene=("title",),
+        "crops.png",
+        ("frames", "instances", "view_features", "features"),
     ),
-    Stage(
+    _sheet(
         "instances_sheet",
-        "egosplat.report.sheets.instances_sheet",
         "Draw the instances of each level in frames and from above.",
-        output="instances.png",
-        inputs=("frames", "poses", "segments", "instances"),
-        libraries=("matplotlib",),
-        scene=("title",),
+        "instances.png",
+        ("frames", "poses", "segments", "instances"),
     ),
-    Stage(
+    _sheet(
         "splats_sheet",
-        "egosplat.report.sheets.splats_sheet",
         "Draw held-out frames next to their renders.",
-        output="splats.png",
-        inputs=("frames", "splats"),
-        libraries=("matplotlib",),
-        scene=("title",),
+        "splats.png",
+        ("frames", "splats"),
     ),
-    Stage(
+    _sheet(
         "queries_sheet",
-        "egosplat.report.sheets.queries_sheet",
         "Draw the queries with the best and the worst answers.",
-        output="queries.png",
-        inputs=("frames", "poses", "annotations", "splats", "language", "metrics"),
+        "queries.png",
+        ("frames", "poses", "annotations", "splats", "language", "metrics"),
         optional=_ENCODED,
-        libraries=("matplotlib", "open_clip_torch", _OPENCV, "torch"),
-        scene=("title",),
+        libraries=(
+            "open_clip_torch",
+            _OPENCV,
+            "torch",
+        ),
     ),
     Stage(
         "scene_page",

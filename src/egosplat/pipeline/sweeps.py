@@ -122,14 +122,7 @@ def with_points(config: Config, presets: Path, format: str) -> Config:
 
 
 def points_of(config: Config, where: str) -> list[Point]:
-    """The points of a scene: the scene itself, then the others in the order of the configuration.
-
-    Args:
-        config: configuration of the scene, from ``with_points``.
-
-    Raises:
-        UserError: a value is not allowed, or a seed is the scene's own.
-    """
+    """The points of a scene: itself, then the others in order (UserError: a value or a seed is not allowed)."""
     seeds = config["tradeoff"]["seeds"]
     for seed in seeds:
         if not reaches("metrics", config, variant_config(config, f"seed-{seed}", where)):

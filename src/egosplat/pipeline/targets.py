@@ -30,14 +30,7 @@ class Rules:
 
 
 def check_words(words: Iterable[str], scenes: Mapping[tuple[str, str], Scene], rules: Rules) -> None:
-    """Check the targets of a command line.
-
-    Args:
-        scenes: of the table of scenes.
-
-    Raises:
-        UserError: no rule makes one; names what is meant.
-    """
+    """Check that rules make the targets of a command line (UserError: none makes one; names what is meant)."""
     for word in words:
         if word in rules.plain or rules.is_made(word.removeprefix("./")):
             continue

@@ -48,11 +48,7 @@ def owner(stage: str, base: Config, name: str, where: str) -> str | None:
 
 
 def variant_config(base: Config, name: str, where: str) -> Config:
-    """Merge a variant's keys over a scene's configuration.
-
-    Raises:
-        UserError: there is no such variant, or one of its keys is not allowed.
-    """
+    """Merge a variant's keys over a scene's configuration (UserError: there is none, or a key is not allowed)."""
     merged = base
     shared = (*keys_of(GeneralOptions), "tables", "tradeoff")
     for one in _ancestry(base["variants"], name, where):

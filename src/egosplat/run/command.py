@@ -80,11 +80,7 @@ def _command(scene: Scene, cores: int, settings: Sequence[str]) -> list[str]:
 
 
 def run_snakemake(words: Sequence[str], steps: Steps) -> int:
-    """Run Snakemake, and show a line for each step.
-
-    Returns:
-        Its exit status.
-    """
+    """Run Snakemake, and show a line for each step; get its exit status."""
     # A group of its own, so that Ctrl-C, a lost terminal or a scheduler's end reaches it once, by ``_stop``.
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, signal.default_int_handler)

@@ -173,14 +173,7 @@ def stride_for(count: int, rate: float) -> int:
 
 
 def unpack(archive: Path, beside: Path) -> Path:
-    """Unpack a .zip, unless this has been done.
-
-    Args:
-        beside: the folder that is made has this name, followed by a digest of what the archive holds.
-
-    Raises:
-        UserError: it is no .zip, is damaged or encrypted, names files outside of itself, or the disk has no room.
-    """
+    """Unpack a .zip, unless this has been done, into the folder of this name and a digest (UserError: it cannot be)."""
     with (
         reraise_as(
             lambda error: UserError(

@@ -14,11 +14,7 @@ DATASET = "mine"
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split ``dataset/scene``; a name without a dataset is one of ``mine``.
-
-    Raises:
-        UserError: it has another form. The check of the row refuses names that are too long or taken.
-    """
+    """Split ``dataset/scene``; a name without a dataset is one of ``mine`` (UserError: it has another form)."""
     if (found := re.fullmatch(r"(?:(?!benchmark/)([a-z0-9_]+)/)?([A-Za-z0-9_-]+)", name)) is None:
         raise UserError(
             f"--name {name}: is no dataset/scene, as in mine/kitchen_2: dataset of small letters, digits and _, and not "
@@ -28,15 +24,7 @@ def split_name(name: str) -> tuple[str, str]:
 
 
 def put_row(config: Config, row: Mapping[str, str]) -> Scene:
-    """Write a scene's row into the local table, in place of that of the same recording.
-
-    Args:
-        config: complete configuration.
-        row: values by column.
-
-    Raises:
-        UserError: a value is wrong, a table is, or another recording has the name.
-    """
+    """Write a scene's row into the local table, in place of that of the same recording (UserError)."""
     scene = scene_of_row(dict(row), config, f"{row['dataset']}/{row['scene']}")
     path = local_table(config)
     for table in filter(Path.exists, tables_of(config)):
