@@ -15,6 +15,9 @@ ALL_FRAMES = "all"
 # Keys of the section camera that the survey can decide; survey.json has its decisions under the same names.
 CAMERA = ("refine_poses", "compensate_exposure")
 
+# All keys whose value the survey can decide.
+BY_SURVEY = ("masking", "track_moving", *CAMERA)
+
 # Artifacts with the masks, by splats.masking.
 _MASKS: dict[str, tuple[str, ...]] = {
     "none": (),
@@ -130,11 +133,6 @@ def learnt_from(stage: str, config: Config) -> tuple[str, ...]:
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 
-def learns_from_instances(config: Config) -> bool:
-    """Whether the scene's codes are learnt from its instances; else it has no pages of them."""
-    return "instances" in learnt_from("language", config)
-
-
 def stages_behind(stages: Iterable[str], config: Config) -> list[str]:
     """List stages and all that they are made from, in the order of the pipeline."""
     todo, found = list(stages), set()
@@ -147,9 +145,7 @@ def stages_behind(stages: Iterable[str], config: Config) -> list[str]:
 
 def training_frames(stage: str, config: Config, survey: Survey) -> str:
     """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
-    if not leaves_frames_out(config):
-        return ALL_FRAMES
-    if stage == "splats" and takes_splat(config):
+    if not leaves_frames_out(config) or (stage == "splats" and takes_splat(config)):
         return ALL_FRAMES
     if stage != "splats":
         return survey["views"]["digest"]
@@ -185,5 +181,5 @@ def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
 def _pages_of_codes(config: Config) -> list[str]:
     """Get the stages that draw what a scene's codes are made from."""
     moving = ["transient_sheet"] if config["splats"]["masking"] == "refined" else []
-    of_instances = _PAGES_OF_INSTANCES if learns_from_instances(config) else ()
+    of_instances = _PAGES_OF_INSTANCES if "instances" in learnt_from("language", config) else ()
     return [*of_instances, *moving, "splats_sheet", "language_sheet"]

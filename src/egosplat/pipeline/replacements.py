@@ -12,14 +12,7 @@ from typing import Any
 from egosplat.files import read_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
-from egosplat.pipeline.dag import (
-    AUTO,
-    CAMERA,
-    default_pages,
-    masks_by_survey,
-    stages_behind,
-    tracks_by_survey,
-)
+from egosplat.pipeline.dag import AUTO, BY_SURVEY, default_pages, stages_behind
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.messages import shown
@@ -159,18 +152,13 @@ def _recorded_options(path: Path) -> Mapping[str, Any] | None:
 
 def _changes(stage: str, options: Mapping[str, Any], config: Config) -> Changes:
     values = configuration.stage_values(stage, config)
-    if masks_by_survey(config):
-        values.pop("masking", None)  # the survey decides
-    if tracks_by_survey(config):
-        values.pop("track_moving", None)
-    values = {key: value for key, value in values.items() if not (key in CAMERA and value == AUTO)}
     names = {
         key: f"{part}.{key}" for part, keys in configuration.stage_sections(stage).items() for key in keys
     }
     return {
         names[key]: (options[key], value)
         for key, value in values.items()
-        if key in options and options[key] != value
+        if options.get(key, value) != value and not (key in BY_SURVEY and value == AUTO)
     }
 
 

@@ -17,22 +17,16 @@ MOST = 10
 
 # Options with which Snakemake makes no results, named as in its parser.
 _MAKES_NOTHING = {
-    "d3dag",
-    "dag",
-    "detailed_summary",
-    "dryrun",
-    "filegraph",
-    "lint",
-    "list_changes",
-    "list_conda_envs",
-    "list_input_changes",
-    "list_params_changes",
-    "list_rules",
-    "list_target_rules",
-    "list_untracked",
-    "report",
-    "rulegraph",
-    "summary",
+    *("d3dag", "dag", "detailed_summary", "dryrun", "filegraph", "lint", "list_changes", "list_conda_envs"),
+    *(
+        "list_input_changes",
+        "list_params_changes",
+        "list_rules",
+        "list_target_rules",
+        "list_untracked",
+        "report",
+    ),
+    *("rulegraph", "summary"),
 }
 
 

@@ -11,6 +11,7 @@ from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert
+from egosplat.images import shrunk_size
 from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey.brightness import exposure_changes
@@ -151,8 +152,7 @@ def _lasting(
 def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[int], Bools], Camera]:
     """Valid pixels, pixels of each frame that show the scene, and camera, at the size at which flow is computed."""
     _, height, width, _ = frames.shape("rgb")
-    scale = min(1.0, SIDE / max(height, width))
-    size = max(1, round(width * scale)), max(1, round(height * scale))
+    size = shrunk_size(width, height, SIDE)
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height).scaled_to(*size)
     full = frames.read("valid")
 
