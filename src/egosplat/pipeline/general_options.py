@@ -1,7 +1,7 @@
 """Options of the configuration as a whole: preset, scenes, variants, and what pages compare."""
 
 import re
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 from typing_extensions import TypedDict
@@ -148,10 +148,8 @@ class GeneralOptions(Options):
     for, in tables."""
 
 
-class TablesOptions(Options):
+class TablesOptions(Options, section="tables"):
     """Rows of the paper's tables (results/benchmark/tables.html) besides those of EgoSplat and its ablation."""
-
-    section: ClassVar[str] = "tables"
 
     methods: Annotated[tuple[Text, ...], UNIQUE] = (
         "lerf",
@@ -185,10 +183,8 @@ SWEEP: dict[str, tuple[Any, ...]] = {
 }
 
 
-class TradeoffOptions(Options):
+class TradeoffOptions(Options, section="tradeoff"):
     """Presets and keys that the speed-accuracy page of a scene compares (tradeoff/tradeoff.html), and scenes whose pages results/benchmark/tradeoff.html joins."""
-
-    section: ClassVar[str] = "tradeoff"
 
     scenes: Annotated[tuple[Annotated[str, _SCENE], ...], Field(min_length=1), UNIQUE] = (
         "adt/scene1",

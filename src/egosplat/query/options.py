@@ -1,6 +1,6 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field
 
@@ -12,10 +12,8 @@ from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 CANONICAL = ("object", "things", "stuff", "texture")
 
 
-class MapOptions(Options):
+class MapOptions(Options, section="query"):
     """How maps of relevancy are read (docs/method.md#queries)."""
-
-    section: ClassVar[str] = "query"
 
     box_filter: Annotated[Share, READING] = 0.0213
     """Side of the box filter that averages relevancy, as a fraction of the frame's longer side; 0 is none.
@@ -40,10 +38,8 @@ class MapOptions(Options):
         return 2 * int(self.majority_filter * longer / 2) + 1
 
 
-class QueryOptions(MapOptions):
+class QueryOptions(MapOptions, section="query"):
     """Answers to text queries, in the benchmark and in egosplat query."""
-
-    section: ClassVar[str] = "query"
 
     canonical: Annotated[tuple[Text, ...], Field(min_length=1)] = CANONICAL
     """Phrases that describe any object. A query must match better than the best of them for a relevancy above 0.5.
