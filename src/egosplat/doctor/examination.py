@@ -93,8 +93,7 @@ def estimate(
 
     Args:
         synthetic: whether its recording is synthetic. The length of a real one is unknown before it is read.
-        renders_on: the type of the device that renders; ``cpu`` for the C++ kernels.
-        models_on: the type of the device that runs SAM2 and OpenCLIP.
+        renders_on, models_on: types of the devices; ``cpu`` of the renderer for the C++ kernels.
     """
     film = config["synthetic"]
     recorded = film["seconds"] * film["fps"] if synthetic else UNREAD_FRAMES

@@ -152,8 +152,7 @@ def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence
     """Say that there is no such key, with what is meant: the closest key, a new name, or the reason of its removal.
 
     Args:
-        section: of the key; empty outside sections.
-        known: the keys there.
+        known: the keys of the section, which is empty outside sections.
         homes: full names of the keys of this name in sections.
     """
     text = str(key)

@@ -52,13 +52,9 @@ def set_of(config: Mapping[str, Any]) -> str | None:
 
 
 def switch_models(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace the defaults of a configuration's set of models by those of another set.
+    """Replace the defaults of a complete configuration's set of models by those of the set that keys over it choose.
 
     A value that differs from the default of its own set was set by somebody, and stays.
-
-    Args:
-        config: complete configuration.
-        above: keys to be merged over it, of a format, scene or variant, which may choose another set.
     """
     old, new = set_of(config), set_of(above)
     found = dict(config)

@@ -53,14 +53,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Replaced:
-    """Artifacts that were made with other settings.
-
-    Attributes:
-        asked: the scene or variant.
-        artifacts: paths, in the order of the stages.
-        changes: changed keys.
-        preset: preset that explains all recorded values, or None.
-    """
+    """Artifacts, in the order of the stages, that were made with other settings, which one preset may explain."""
 
     asked: Asked
     artifacts: tuple[Path, ...]

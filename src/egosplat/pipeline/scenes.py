@@ -90,11 +90,7 @@ class Scene:
 
 
 def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
-    """Read the table that the configuration names, and the local one beside it.
-
-    Raises:
-        UserError: both tables are missing, one is unreadable, a column or value is wrong, or a scene is repeated.
-    """
+    """Read the table that the configuration names, and the local one beside it (UserError: one or a row is wrong)."""
     tables = tables_of(config)
     rows = {f"{path}, line {number}": row for path in tables for number, row in read_rows(path)}
     _check_roots(config, rows.values(), tables[0])

@@ -32,14 +32,7 @@ _MAKES_NOTHING = {
 
 @dataclass(frozen=True)
 class Call:
-    """A call of Snakemake.
-
-    Attributes:
-        targets: requested files and rules.
-        makes_results: whether jobs run.
-        dry_run: whether it only shows the plan.
-        reports: whether it only reports existing results.
-    """
+    """A call of Snakemake: files and rules, and whether jobs run, only the plan is shown, or results are reported."""
 
     targets: tuple[str, ...] = ()
     makes_results: bool = True

@@ -39,12 +39,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Point:
-    """A point.
-
-    Attributes:
-        settings: all settings that give this point; for the scene itself, its own value of each knob.
-        variants: one variant per seed, the scene's own seed first; None is the scene itself.
-    """
+    """All settings that give a point, and one variant per seed, the scene's own first; None is the scene itself."""
 
     settings: list[Setting]
     variants: list[str | None]
@@ -93,15 +88,7 @@ def recipe_of(scene: Scene, variant: str | None) -> dict[str, Any]:
 
 
 def with_points(config: Config, presets: Path, format: str) -> Config:
-    """Add the variants of a scene's points to its configuration.
-
-    Args:
-        presets: folder of the preset files.
-        format: format of the recording.
-
-    Raises:
-        UserError: a knob is not valid, or a variant of the configuration has the name of a point.
-    """
+    """Add the variants of a scene's points to its configuration (UserError: a knob is not valid, or a name is taken)."""
     settings: Config = {}
     for setting in _settings(config):
         name = variant_name(setting)

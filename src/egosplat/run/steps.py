@@ -51,13 +51,7 @@ def machine_pace(cores: int) -> float:
 
 @dataclass
 class Forecast:
-    """Expected times of a scene's steps on an idle machine.
-
-    Attributes:
-        scene: of the table of scenes.
-        count: frames of its recording before a stride; None if that is not known.
-        known: whether the recording has poses.
-    """
+    """Expected times of a scene's steps on an idle machine: of a number of frames before a stride, with or without poses."""
 
     scene: Scene
     count: int | None
@@ -94,12 +88,7 @@ class Steps:
     """
 
     def __init__(self, forecast: Forecast, pace: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin.
-
-        Args:
-            pace: see ``machine_pace``; it counts until steps have ended.
-            clock: gets the time [s].
-        """
+        """Begin, at the pace of ``machine_pace`` until steps have ended; ``clock`` gets the time [s]."""
         self._forecast, self._pace, self._clock = forecast, pace, clock
         self.running: dict[str, float] = {}
         self.failed: dict[str, Path] = {}
