@@ -32,15 +32,10 @@ from egosplat.pipeline.variants import (
 from egosplat.poses.files import poses_files
 
 
-def variant_in(folder):
-    """Get the name of the variant in its folder below the scene's; None for the scene itself."""
-    return folder.split("/")[1] if folder else None
-
-
 def names_of(wildcards):
     """Get (dataset, scene, variant); the variant is None for the scene itself."""
-    variant = variant_in(wildcards.get("variant"))
-    return wildcards.dataset, wildcards.scene, variant
+    folder = wildcards.get("variant")
+    return wildcards.dataset, wildcards.scene, folder.split("/")[1] if folder else None
 
 
 def scene_of(wildcards):
@@ -63,11 +58,6 @@ def config_of(wildcards):
 def path_named(stage, dataset, scene, variant):
     """Get the path of an artifact, the variant's own or a shared one."""
     return artifact_path(stage, find_scene(scenes, dataset, scene), variant)
-
-
-def artifact(stage):
-    """Get a function of the wildcards: the path of a stage's artifact."""
-    return lambda wildcards: path_named(stage, *names_of(wildcards))
 
 
 def survey_named(dataset, scene, variant):
@@ -165,8 +155,8 @@ def params(stage):
         found["pictures"] = digest_of_pictures(stage)
     if "survey" in about.optional:
         found["kept"] = training_frames(stage)
-    if stage_models(stage):
-        found["models"] = model_files(stage)
+    if keys := stage_sections(stage).get("models"):
+        found["models"] = model_files(keys)
     return found
 
 
@@ -175,26 +165,19 @@ def training_frames(stage):
 
     def digest(wildcards):
         config = config_of(wildcards)
-        if not dag.leaves_frames_out(config):
+        if not dag.leaves_frames_out(config):  # there may be no survey
             return dag.ALL_FRAMES
         return dag.training_frames(stage, config, survey_named(*names_of(wildcards)))
 
     return digest
 
 
-def stage_models(stage):
-    """Get the keys of the section models that a stage takes."""
-    return stage_sections(stage).get("models", ())
-
-
-def model_files(stage):
-    """Get a function of the wildcards: content hashes of a stage's models."""
+def model_files(keys):
+    """Get a function of the wildcards: content hashes of the models of keys."""
 
     def hashes(wildcards):
         found = model_hashes(config_of(wildcards))
-        return " ".join(
-            f"{key}={found[key]}" for key in stage_models(stage) if key in found
-        )
+        return " ".join(f"{key}={found[key]}" for key in keys if key in found)
 
     return hashes
 
@@ -213,16 +196,13 @@ def recording_files(stage):
             return [str(scene.recording)]
         check_recording(scene)
         known = config["frames"]["known_poses"]
-        if stage == "frames":
-            found = frames_files(scene.format, scene.recording, known)
-        elif stage == "annotations":
-            found = annotations_files(scene.format, scene.recording, known)
-        else:
-            source, trajectory = (
-                value_of(stage, wildcards),
-                config["poses"]["trajectory"],
-            )
+        if stage == "poses":
+            trajectory = config["poses"]["trajectory"]
+            source = value_of(stage, wildcards)
             found = poses_files(source, scene.recording, trajectory, known)
+        else:
+            files = frames_files if stage == "frames" else annotations_files
+            found = files(scene.format, scene.recording, known)
         # Snakemake reads braces as wildcards.
         return [str(path) for path in found if not set("{}") & set(str(path))]
 

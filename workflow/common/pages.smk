@@ -4,11 +4,8 @@ Inputs and parameters of pages that are made from several scenes, variants or st
 
 import json
 
-import egosplat
 from egosplat.pipeline.code_hash import code_hash
 from egosplat.pipeline.results import compared_methods, table_pictures, table_scores
-
-PACKAGE = Path(egosplat.__file__).parent
 
 
 def get_picture_flags(_):
