@@ -11,8 +11,14 @@ import click
 
 import egosplat
 from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
-from egosplat.cli.run import run_command
-from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
+from egosplat.cli.scenes import (
+    export_command,
+    movie_command,
+    page_command,
+    query_command,
+    run_command,
+    view_command,
+)
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options

@@ -8,18 +8,18 @@ from typing import Any, get_args
 import click
 
 from egosplat.errors import UserError
-from egosplat.pipeline import presets
 from egosplat.pipeline.config import parse_value
 from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.messages import describe_value, make_options, shorten, shown
 from egosplat.pipeline.options import Options, describe, full_names, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
+from egosplat.pipeline.variants import PRESET_FILES
 
 ARTIFACT = click.Path(path_type=Path)
 
 OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --output if it is there."}
 
-PRESETS = sorted({*presets.FILES, *presets.FILES.values()})
+PRESETS = sorted({*PRESET_FILES, *PRESET_FILES.values()})
 
 # Flags that come from the table of scenes.
 SCENE = {

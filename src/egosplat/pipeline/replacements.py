@@ -17,11 +17,10 @@ from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.messages import shown
 from egosplat.pipeline.options import keys_of
-from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.results import default_scenes
 from egosplat.pipeline.scenes import Scene, Target, find_scene
 from egosplat.pipeline.stages import PAGES, STAGES
-from egosplat.pipeline.variants import artifact_path, scene_config
+from egosplat.pipeline.variants import PRESET_FILES, artifact_path, scene_config
 
 # Largest number of keys, and of scenes, in a message.
 NAMED = 4
@@ -179,7 +178,7 @@ def _notice(found: Replaced) -> str:
 
 def _way_to_keep_both(found: Replaced) -> str:
     asked, now = found.asked, found.asked.config["preset"]
-    variant = next(name for name, file in FILES.items() if file == now)
+    variant = next(name for name, file in PRESET_FILES.items() if file == now)
     if asked.variant is None and found.preset not in (None, now) and variant in asked.config["variants"]:
         target = f"{asked.folder}/variants/{variant}/metrics.json"
         return f"To keep both, stop this run and request a variant, with preset {found.preset}: {snakemake_in(Path())} --cores 2 {target}"

@@ -17,10 +17,16 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import Config, defaults, section_keys, stage_sections
 from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.model_sets import automatic_set, choose_set
-from egosplat.pipeline.presets import QUESTIONS, preset_keys
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant_folder
+from egosplat.pipeline.variants import (
+    EXTENDS,
+    QUESTIONS,
+    preset_keys,
+    reaches,
+    variant_config,
+    variant_folder,
+)
 
 # The knob whose values are presets.
 PRESET = "preset"

@@ -1,18 +1,20 @@
-"""Variants of a scene: named sets of keys, and the artifacts that they change."""
+"""Variants of a scene: named sets of keys, presets among them, and the artifacts that they change."""
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from egosplat.calibration.companions import OF_PICTURES, poses_source, present_known_poses
 from egosplat.calibration.splat_source import source_files
 from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.config import Config
+from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.model_sets import choose_set, locate_checkpoints, set_of
+from egosplat.pipeline.model_sets import DEFAULTS, choose_set, locate_checkpoints, set_of
 from egosplat.pipeline.options import keys_of
-from egosplat.pipeline.presets import FILES
+from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
@@ -24,6 +26,30 @@ METHOD = "method"
 
 # Largest number of variants listed in a message.
 NAMED = 8
+
+# Preset file by name of the variant.
+PRESET_FILES = {name: name for name in ("draft", "fast", "balanced", "accurate")} | {"paper_scaled": "paper"}
+
+# Sections and keys that define frames and queries. Scores with different values cannot be compared.
+QUESTIONS = {
+    "synthetic",
+    "annotations",
+    "metrics",
+    "frames.start_s",
+    "frames.end_s",
+    "frames.evaluation_frames",
+    "frames.holdout",
+}
+
+# Sections and keys that keep the scene's value with every preset.
+# No preset sets a key whose default follows models.set; transient.lr suits the scene's encoder.
+_KEPT = QUESTIONS | {"models", "transient.lr", "frames.focal"}
+
+# Further keys that keep the scene's value with ``paper_scaled``.
+_SCALED = {"frames.resolution"}
+
+# Sections in which what comes with the paper's models is the paper's reading, which other models can follow.
+_OF_THE_PAPER = ("view_features", "features", "query")
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:
@@ -80,7 +106,7 @@ def method_of(base: Config, name: str, where: str) -> str | None:
 def preset_of(base: Config, name: str | None, where: str) -> str:
     """Get the preset of a scene, or of its variant that is one or extends one."""
     above = _ancestry(base["variants"], name, where) if name else []
-    return next((one for one in reversed(above) if one in FILES), base["preset"])
+    return next((one for one in reversed(above) if one in PRESET_FILES), base["preset"])
 
 
 def variant_folder(variant: str | None) -> str:
@@ -160,3 +186,26 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
         case "language":
             return "joint" if config["splats"]["language"] == "joint" else config["language"]["method"]
     return None
+
+
+@functools.cache
+def preset_keys(name: str, folder: Path, format: str) -> Config:
+    """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
+    kept = _KEPT | _SCALED if PRESET_FILES[name] != name else _KEPT
+    values = of_format(resolve({"preset": PRESET_FILES[name]}, folder), format)
+    # Set every key that any preset sets, so that no value of the scene's own preset remains.
+    keys: Config = {}
+    for file in sorted(set(PRESET_FILES.values())):
+        for section, key in _paths(read_yaml(folder / f"{file}.yaml")):
+            if section not in kept and f"{section}.{key}" not in kept:
+                keys.setdefault(section, {})[key] = values[section][key]
+    if PRESET_FILES[name] == "paper":
+        for section in _OF_THE_PAPER:
+            keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
+    return keys
+
+
+def _paths(preset: Config) -> Iterator[tuple[str, str]]:
+    sections = {section: keys for section, keys in preset.items() if section != "formats"}
+    of_formats = [part for keys in preset.get("formats", {}).values() for part in keys.items()]
+    return ((section, key) for section, keys in [*sections.items(), *of_formats] for key in keys)

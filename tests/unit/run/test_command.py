@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from egosplat.cli import cli
-from egosplat.cli.run import spread
+from egosplat.cli.scenes import spread
 from egosplat.errors import UserError
 from egosplat.pipeline.home import snakefile
 from egosplat.run import command
