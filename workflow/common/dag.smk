@@ -70,7 +70,7 @@ def survey_named(dataset, scene, variant):
 def decided_config(wildcards):
     """Get the configuration with the survey's decisions. It waits for the survey only if the survey decides something."""
     config = config_of(wildcards)
-    if not dag.survey_decides(config):
+    if not dag.decided_by_survey(config):
         return config
     return dag.decide(config, survey_named(*names_of(wildcards)))
 
@@ -321,7 +321,7 @@ def surveyed_results(_):
     asked = [
         scene
         for scene in default_scenes(scenes.values())
-        if dag.masks_by_survey(scene.config)
+        if ("splats", "masking") in dag.decided_by_survey(scene.config)
     ]
     if CALL.reports:
         paths = [str(scene.results / "transient.png") for scene in asked]

@@ -41,11 +41,6 @@ def leaves_frames_out(config: Config) -> bool:
     return keys["min_view_change_deg"] > 0 or keys["blur_limit"] > 0
 
 
-def masks_by_survey(config: Config) -> bool:
-    """Whether the survey chooses splats.masking."""
-    return config["splats"]["masking"] == AUTO
-
-
 def segments_single_frames(config: Config) -> bool:
     """Whether SAM2 segments each frame by itself."""
     keys = config["segments"]
@@ -62,24 +57,17 @@ def tracks_what_moves(config: Config) -> bool:
     return segments_single_frames(config) and config["segments"]["track_moving"] != "never"
 
 
-def tracks_by_survey(config: Config) -> bool:
-    """Whether the survey chooses segments.track_moving."""
-    return tracks_what_moves(config) and config["segments"]["track_moving"] == AUTO
-
-
 def takes_splat(config: Config) -> bool:
     """Whether another program trained the scene's Gaussians. Masks are merged on them, and no camera is corrected."""
     return config["splats"]["source"] is not None
 
 
-def corrects_by_survey(config: Config) -> bool:
-    """Whether the survey chooses a key of the section camera."""
-    return AUTO in (config["camera"][name] for name in CAMERA) and not takes_splat(config)
-
-
-def survey_decides(config: Config) -> bool:
-    """Whether a key of the configuration is ``auto`` and the survey chooses its value."""
-    return masks_by_survey(config) or tracks_by_survey(config) or corrects_by_survey(config)
+def decided_by_survey(config: Config) -> set[tuple[str, str]]:
+    """Get section and name of the keys whose value ``auto`` the survey replaces."""
+    keys = {("splats", "masking")}
+    keys |= {("segments", "track_moving")} if tracks_what_moves(config) else set()
+    keys |= set() if takes_splat(config) else {("camera", name) for name in CAMERA}
+    return {(section, name) for section, name in keys if config[section][name] == AUTO}
 
 
 def follows_survey(stage: str) -> bool:
@@ -89,14 +77,12 @@ def follows_survey(stage: str) -> bool:
 
 def decide(config: Config, survey: Survey) -> Config:
     """Replace ``auto`` in a configuration by the survey's decisions."""
-    masking, chosen = survey["motion"]["masking"], {}
-    if masks_by_survey(config):
-        chosen["splats"] = {"masking": masking}
-    if tracks_by_survey(config):
-        chosen["segments"] = {"track_moving": "always" if masking == "refined" else "never"}
-    if corrects_by_survey(config):
-        by_survey = [name for name in CAMERA if config["camera"][name] == AUTO]
-        chosen["camera"] = {name: "on" if survey["camera"][name] else "off" for name in by_survey}
+    masking = survey["motion"]["masking"]
+    values = {"masking": masking, "track_moving": "always" if masking == "refined" else "never"}
+    values |= {name: "on" if survey["camera"][name] else "off" for name in CAMERA}
+    chosen: Config = {}
+    for section, name in decided_by_survey(config):
+        chosen.setdefault(section, {})[name] = values[name]
     return merge(config, chosen)
 
 
@@ -105,9 +91,10 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
     found = always + optional_inputs_of(stage, config)
     # Snakemake must run the survey before it knows whether the stage needs masks, or what moves.
-    masked = "masks" in STAGES[stage].optional and masks_by_survey(config)
-    corrected = "camera" in stage_sections(stage) and corrects_by_survey(config)
-    by_survey = masked or corrected or (stage == "segments" and tracks_by_survey(config))
+    sections = {section for section, _ in decided_by_survey(config)}
+    masked = "splats" in sections and "masks" in STAGES[stage].optional
+    corrected = "camera" in sections and "camera" in stage_sections(stage)
+    by_survey = masked or corrected or (stage == "segments" and stage in sections)
     return (*found, "survey") if by_survey and "survey" not in found else found
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from egosplat.doctor.examination import duration
 from egosplat.pipeline.costs import UNREAD_FRAMES, Sizes, minutes
-from egosplat.pipeline.dag import decide, stages_behind, survey_decides
+from egosplat.pipeline.dag import decide, decided_by_survey, stages_behind
 from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.snakemake_call import last_message
 from egosplat.pipeline.stages import PIPELINE, STAGES
@@ -60,7 +60,7 @@ class Forecast:
     def steps(self) -> list[str]:
         """List the stages of the run, as far as it is known what the survey decides."""
         config, survey = self.scene.config, self.scene.results / "survey.json"
-        if survey_decides(config) and survey.exists():
+        if decided_by_survey(config) and survey.exists():
             config = decide(config, read_survey(survey))
         return stages_behind([GOAL], config)
 
