@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.geometry import Array
 from egosplat.moving_regions import Labels, large_regions
 from egosplat.optical_flow import pixel_grid
-from egosplat.survey.matching import PATCH, Match, mean_of_patch, sample
+from egosplat.survey.matching import PATCH, Bools, Floats, Gray, Match, mean_of_patch, sample
 from egosplat.survey.rigid import (
     View,
     corrected_flow,
@@ -20,10 +19,6 @@ from egosplat.survey.rigid import (
     static_segment,
     turn,
 )
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float32]
-Gray = NDArray[np.uint8]
 
 # A pair with fewer voting pixels, as a fraction of the valid ones, is not judged: neither its correction nor its noise is known.
 _MIN_PAIR_VOTING = 0.05

@@ -16,7 +16,7 @@ from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey.brightness import exposure_changes
 from egosplat.survey.detection import detect_motion
-from egosplat.survey.matching import match_images
+from egosplat.survey.matching import Bools, Floats, Gray, match_images
 from egosplat.survey.rigid import View, rotation_homography
 from egosplat.survey.views import (
     Pairs,
@@ -26,10 +26,6 @@ from egosplat.survey.views import (
     median_depths,
     visible_depths,
 )
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float32]
-Gray = NDArray[np.uint8]
 
 # Longest side of the images that flow is computed of [px].
 SIDE = 256
@@ -56,8 +52,7 @@ class Motion:
         noise_px: (P,) float64 of the flow after the poses are corrected [px]; NaN if the pair is not judged.
         stops: (P,) float64 exposure of the second frame relative to the first; NaN if unknown.
         revisits: (R, 2) int64 frames.
-        explained_px, before_px, after_px: (P + R,) float64 mean flow that a correction of the poses explains, and the noise
-            without it and with it [px]; NaN if not judged.
+        before_px, after_px: (P + R,) float64 noise without and with a correction of the poses [px]; NaN if not judged.
     """
 
     pairs: Pairs
@@ -67,7 +62,6 @@ class Motion:
     noise_px: Array
     stops: Array
     revisits: Pairs
-    explained_px: Array
     before_px: Array
     after_px: Array
 
@@ -116,18 +110,17 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     homographies = [rotation_homography(camera.matrix, *camera_to_world[pair]) for pair in pairs]
     lasting = _lasting(pairs, [one.regions for one in found], flows, homographies)
     count, valid_count = len(pairs), max(1, int(valid.sum()))
-    numbers = np.array([(one.explained_px, one.before_px, one.noise_px) for one in found]).reshape(-1, 3)
+    numbers = np.array([(one.before_px, one.noise_px) for one in found]).reshape(-1, 2)
     return Motion(
         pairs=pairs,
         moving=np.array([np.count_nonzero(one.regions) for one in found[:count]]) / valid_count,
         lasting=lasting / valid_count,
         voting=np.array([one.voting for one in found[:count]]) / valid_count,
-        noise_px=numbers[:count, 2],
+        noise_px=numbers[:count, 1],
         stops=exposure_changes(lights[:count]),
         revisits=revisits,
-        explained_px=numbers[:, 0],
-        before_px=numbers[:, 1],
-        after_px=numbers[:, 2],
+        before_px=numbers[:, 0],
+        after_px=numbers[:, 1],
     )
 
 

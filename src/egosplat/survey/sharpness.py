@@ -4,16 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert, transform
 from egosplat.images import measure_sharpness
 from egosplat.progress import track
-from egosplat.survey.views import view_change
-
-Bools = NDArray[np.bool_]
+from egosplat.survey.views import Bools, view_change
 
 # Frames are compared if their views differ by less: further away, an object is seen from another side [deg].
 MAX_CHANGE_DEG = 30.0
