@@ -10,15 +10,8 @@ from typing import Any
 import click
 
 import egosplat
+from egosplat.cli import scenes
 from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
-from egosplat.cli.scenes import (
-    export_command,
-    movie_command,
-    page_command,
-    query_command,
-    run_command,
-    view_command,
-)
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
@@ -34,12 +27,12 @@ _LONGEST = 500
 
 # Commands that are built on demand, because their keys come from the options of stages, with a line of help for each.
 _BUILT: dict[str, tuple[Callable[[], click.Command], str]] = {
-    "run": (run_command, "Make a scene of a video or photographs, and ask it."),
-    "query": (query_command, "Find things in a finished scene by words."),
-    "view": (view_command, "Look at a finished scene in the browser, and ask it."),
-    "page": (page_command, "Write a finished scene as one HTML file to share."),
-    "export": (export_command, "Write a finished scene for other programs."),
-    "movie": (movie_command, "Draw a moving picture of a scene that is asked."),
+    "run": (scenes.run_command, "Make a scene of a video or photographs, and ask it."),
+    "query": (scenes.query_command, "Find things in a finished scene by words."),
+    "view": (scenes.view_command, "Look at a finished scene in the browser, and ask it."),
+    "page": (scenes.page_command, "Write a finished scene as one HTML file to share."),
+    "export": (scenes.export_command, "Write a finished scene for other programs."),
+    "movie": (scenes.movie_command, "Draw a moving picture of a scene that is asked."),
 }
 
 

@@ -3,14 +3,8 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from egosplat.doctor import inputs
 from egosplat.doctor.findings import Finding, Mark
-from egosplat.doctor.inputs import (
-    model_findings,
-    read_configuration,
-    recording_findings,
-    scene_model_findings,
-    suitability_findings,
-)
 from egosplat.doctor.machine import machine_findings
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config
@@ -27,17 +21,17 @@ _RANGE = (0.5, 3.0)
 
 
 def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
-    """All findings about this machine and the configuration; arguments and errors as ``read_configuration``."""
-    config, sources = read_configuration(files, options)
+    """All findings about this machine and the configuration; arguments and errors as ``inputs.read_configuration``."""
+    config, sources = inputs.read_configuration(files, options)
     # A wrong configuration ends here; every later problem is a finding, so that one call shows all of them.
     findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({', '.join(sources)})")]
-    findings += [*machine_findings(config), *model_findings(config)]
+    findings += [*machine_findings(config), *inputs.model_findings(config)]
     try:
         scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
     except UserError as error:
         return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
-    findings += [*scene_model_findings(config, scenes), *recording_findings(config, scenes)]
-    findings += suitability_findings(scenes)
+    findings += [*inputs.scene_model_findings(config, scenes), *inputs.recording_findings(config, scenes)]
+    findings += inputs.suitability_findings(scenes)
     return [*findings, *_times(scenes)]
 
 

@@ -13,16 +13,8 @@ from egosplat.pipeline.published import PUBLISHED
 
 # Keys that people change first, at the top of the page.
 FIRST_KEYS = (
-    "preset",
-    "data_root",
-    "frames.resolution",
-    "frames.stride",
-    "models.set",
-    "run.device",
-    "segments.points_per_side",
-    "splats.iterations",
-    "splats.max_gaussians",
-    "query.min_score",
+    *("preset", "data_root", "frames.resolution", "frames.stride", "models.set", "run.device"),
+    *("segments.points_per_side", "splats.iterations", "splats.max_gaussians", "query.min_score"),
 )
 
 # Heading of the keys that are in no section.

@@ -22,22 +22,8 @@ Format = Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"]
 
 # Sections that may differ between formats.
 _OF_FORMATS = Literal[
-    "models",
-    "run",
-    "frames",
-    "annotations",
-    "poses",
-    "survey",
-    "segments",
-    "view_features",
-    "features",
-    "transient",
-    "masks",
-    "splats",
-    "language",
-    "query",
-    "metrics",
-    "presence",
+    *("models", "run", "frames", "annotations", "poses", "survey", "segments", "view_features", "features"),
+    *("transient", "masks", "splats", "language", "query", "metrics", "presence"),
 ]
 
 
@@ -152,13 +138,7 @@ class TablesOptions(Options, section="tables"):
     """Rows of the paper's tables (results/benchmark/tables.html) besides those of EgoSplat and its ablation."""
 
     methods: Annotated[tuple[Text, ...], UNIQUE] = (
-        "lerf",
-        "legaussians",
-        "semantic_gaussians",
-        "gags",
-        "langsplat",
-        "occam",
-        "langsplat2",
+        *("lerf", "legaussians", "semantic_gaussians", "gags", "langsplat", "occam", "langsplat2"),
         "splat_feature_solver",
     )
     """Variants whose scores the tables wait for, in each scene. Each stands in the row of its `method`

@@ -14,18 +14,11 @@ from egosplat.geometry import Array, Camera, invert
 from egosplat.images import shrunk_size
 from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
+from egosplat.survey import views
 from egosplat.survey.brightness import exposure_changes
 from egosplat.survey.detection import detect_motion
 from egosplat.survey.matching import Bools, Floats, Gray, match_images
 from egosplat.survey.rigid import View, rotation_homography
-from egosplat.survey.views import (
-    Pairs,
-    choose_pairs,
-    choose_revisits,
-    depth_quantile,
-    median_depths,
-    visible_depths,
-)
 
 # Longest side of the images that flow is computed of [px].
 SIDE = 256
@@ -55,13 +48,13 @@ class Motion:
         before_px, after_px: (P + R,) float64 noise without and with a correction of the poses [px]; NaN if not judged.
     """
 
-    pairs: Pairs
+    pairs: views.Pairs
     moving: Array
     lasting: Array
     voting: Array
     noise_px: Array
     stops: Array
-    revisits: Pairs
+    revisits: views.Pairs
     before_px: Array
     after_px: Array
 
@@ -88,9 +81,9 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     camera_to_world, points = poses.read("camera_to_world"), poses.read("points/xyz")
     valid, shown, camera = _working_view(frames, poses)
     unit = _unit_of(poses, camera_to_world[registered])
-    depths = median_depths(camera, camera_to_world, registered, points)
-    pairs = choose_pairs(times_ns, registered)
-    revisits = choose_revisits(
+    depths = views.median_depths(camera, camera_to_world, registered, points)
+    pairs = views.choose_pairs(times_ns, registered)
+    revisits = views.choose_revisits(
         camera_to_world, depths, times_ns, registered, len(pairs) // _PAIRS_PER_REVISIT
     )
     found, lights, flows = [], [], []
@@ -125,7 +118,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
 
 
 def _lasting(
-    pairs: Pairs, regions: list[Labels], flows: list[Floats | None], homographies: list[Array]
+    pairs: views.Pairs, regions: list[Labels], flows: list[Floats | None], homographies: list[Array]
 ) -> Array:
     """(P,) float64 pixels of each pair in regions that keep moving."""
     row_of = {int(first): row for row, first in enumerate(pairs[:, 0])}
@@ -171,7 +164,7 @@ def _unit_of(poses: Artifact, registered: Array) -> float:
 
 def _view(camera: Camera, poses: tuple[Array, Array], depth: float, points: Array, unit: float) -> View:
     """The camera of a pair, and the depths of what it shows."""
-    near = depth_quantile(visible_depths(camera, poses[0], points), _NEAR_QUANTILE)
+    near = views.depth_quantile(views.visible_depths(camera, poses[0], points), _NEAR_QUANTILE)
     return View(
         intrinsics=camera.matrix,
         position=(invert(poses[0]) @ poses[1])[:3, 3],

@@ -15,16 +15,7 @@ from egosplat.geometry import Array, Camera
 from egosplat.pipeline.survey_file import Survey, digest_of_frames
 from egosplat.pipeline.validation import Draft202012Validator, schema
 from egosplat.progress import log
-from egosplat.survey.decisions import (
-    brightness_range,
-    compensates_exposure,
-    finite,
-    is_static,
-    moving_share,
-    needs_masks,
-    pose_residual,
-    refines_poses,
-)
+from egosplat.survey import decisions
 from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.options import SurveyOptions
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
@@ -57,31 +48,33 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
 
 
 def _motion(motion: Motion, min_share: float) -> dict[str, Any]:
-    share = moving_share(motion.share, motion.fleeting)
+    share = decisions.moving_share(motion.share, motion.fleeting)
     columns = (motion.moving, motion.lasting, motion.voting, motion.noise_px, motion.stops)
     names = ("moving", "lasting", "voting", "noise_px", "stops")
     rows = zip(motion.pairs.tolist(), zip(*columns, strict=True), strict=True)
     return {
-        "static": is_static(share),
-        "masking": "refined" if needs_masks(share, min_share) else "none",
-        "share": finite(share),
+        "static": decisions.is_static(share),
+        "masking": "refined" if decisions.needs_masks(share, min_share) else "none",
+        "share": decisions.finite(share),
         "min_share": min_share,
-        "fleeting": finite(motion.fleeting),
-        "voting": finite(motion.voting.mean()) if len(motion.pairs) else None,
-        "noise_px": finite(_median(motion.noise_px)),
-        "pairs": [{"frames": pair} | dict(zip(names, map(finite, row), strict=True)) for pair, row in rows],
+        "fleeting": decisions.finite(motion.fleeting),
+        "voting": decisions.finite(motion.voting.mean()) if len(motion.pairs) else None,
+        "noise_px": decisions.finite(_median(motion.noise_px)),
+        "pairs": [
+            {"frames": pair} | dict(zip(names, map(decisions.finite, row), strict=True)) for pair, row in rows
+        ],
     }
 
 
 def _camera(motion: Motion) -> dict[str, Any]:
-    residual, stops = pose_residual(motion), brightness_range(motion)
+    residual, stops = decisions.pose_residual(motion), decisions.brightness_range(motion)
     return {
-        "pose_residual_px": None if residual is None else finite(residual.explained_px),
-        "pose_noise_px": None if residual is None else finite(residual.noise_px),
+        "pose_residual_px": None if residual is None else decisions.finite(residual.explained_px),
+        "pose_noise_px": None if residual is None else decisions.finite(residual.noise_px),
         "revisits": len(motion.revisits),
-        "refine_poses": refines_poses(residual),
-        "brightness_stops": finite(stops),
-        "compensate_exposure": compensates_exposure(stops),
+        "refine_poses": decisions.refines_poses(residual),
+        "brightness_stops": decisions.finite(stops),
+        "compensate_exposure": decisions.compensates_exposure(stops),
     }
 
 
