@@ -31,15 +31,9 @@ Changes = dict[str, tuple[Any, Any]]
 
 @dataclass(frozen=True)
 class Asked:
-    """A scene or variant with requested results.
+    """A scene, or its variant, with its folder, the names of the requested files below it, and its configuration.
 
-    Attributes:
-        folder: folder of the scene, ``results/adt/scene1``.
-        variant: name of the variant; None for the scene itself.
-        goals: names of the requested files, below the folder of the scene or variant.
-        config: complete configuration of the scene or variant.
-        path_of: gets the path of a stage's artifact.
-        with_preset: gets the same configuration with another preset.
+    ``path_of`` gets the path of a stage's artifact, and ``with_preset`` the same configuration with another preset.
     """
 
     folder: Path

@@ -71,19 +71,12 @@ def _scores(scene: Scene) -> list[Path]:
 
 @dataclass(frozen=True)
 class Rules:
-    """What the rules make.
+    """What the rules make."""
 
-    Attributes:
-        plain: names of the rules without wildcards, which are targets, and their files.
-        of_scenes: names of the rules with wildcards, which are none.
-        outputs: names of files in the folder of a scene or variant.
-        is_made: whether a rule makes a file.
-    """
-
-    plain: frozenset[str]
-    of_scenes: frozenset[str]
-    outputs: frozenset[str]
-    is_made: Callable[[str], bool]
+    plain: frozenset[str]  # names of the rules without wildcards, which are targets, and their files
+    of_scenes: frozenset[str]  # names of the rules with wildcards, which are none
+    outputs: frozenset[str]  # names of files in the folder of a scene or variant
+    is_made: Callable[[str], bool]  # whether a rule makes a file
 
 
 def check_words(words: Iterable[str], scenes: Mapping[tuple[str, str], Scene], rules: Rules) -> None:

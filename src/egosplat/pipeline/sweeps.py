@@ -14,19 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
+from egosplat.pipeline import variants
 from egosplat.pipeline.config import Config, defaults, section_keys, stage_sections
 from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.model_sets import automatic_set, choose_set
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.variants import (
-    EXTENDS,
-    QUESTIONS,
-    preset_keys,
-    reaches,
-    variant_config,
-    variant_folder,
-)
 
 # The knob whose values are presets.
 PRESET = "preset"
@@ -67,7 +60,8 @@ def measured_points(scene: Scene) -> list[dict[str, Any]]:
             "settings": [[one.knob, one.value] for one in point.settings],
             "recipe": recipe_of(scene, point.variants[0]),
             "metrics": [
-                f"{scene.results}/{variant_folder(variant)}metrics.json" for variant in point.variants
+                f"{scene.results}/{variants.variant_folder(variant)}metrics.json"
+                for variant in point.variants
             ],
         }
         for point in points_of(scene.config, scene.name)
@@ -76,7 +70,7 @@ def measured_points(scene: Scene) -> list[dict[str, Any]]:
 
 def recipe_of(scene: Scene, variant: str | None) -> dict[str, Any]:
     """How to make a scene or one of its variants: ``keys`` that differ from the defaults, by full name, and ``command``."""
-    config = variant_config(scene.config, variant, scene.name) if variant else scene.config
+    config = variants.variant_config(scene.config, variant, scene.name) if variant else scene.config
     usual = choose_set(defaults(), automatic_set("synthetic" if scene.synthetic else "real"))
     # All points have the recording of the scene.
     sections = {section for stage in STAGES if stage != "synthetic" for section in stage_sections(stage)}
@@ -89,7 +83,7 @@ def recipe_of(scene: Scene, variant: str | None) -> dict[str, Any]:
     }
     preset = scene.config["preset"]
     flag = "" if preset == usual["preset"] else f"--config preset={preset} -- "
-    target = f"{scene.results}/{variant_folder(variant)}metrics.json"
+    target = f"{scene.results}/{variants.variant_folder(variant)}metrics.json"
     return {"keys": keys, "command": f"{snakemake_in(Path())} --cores 2 {flag}{target}"}
 
 
@@ -106,7 +100,7 @@ def with_points(config: Config, presets: Path, format: str) -> Config:
     found = dict(settings)
     for seed in config["tradeoff"]["seeds"]:
         found[f"seed-{seed}"] = {"run": {"seed": seed}}
-        found |= {f"{name}-seed-{seed}": {EXTENDS: [name, f"seed-{seed}"]} for name in settings}
+        found |= {f"{name}-seed-{seed}": {variants.EXTENDS: [name, f"seed-{seed}"]} for name in settings}
     if taken := sorted(set(found) & set(config["variants"])):
         raise UserError(
             f"variants: {taken[0]} is the name of a point of the section tradeoff; rename the variant"
@@ -118,7 +112,7 @@ def points_of(config: Config, where: str) -> list[Point]:
     """The points of a scene: itself, then the others in order (UserError: a value or a seed is not allowed)."""
     seeds = config["tradeoff"]["seeds"]
     for seed in seeds:
-        if not reaches("metrics", config, variant_config(config, f"seed-{seed}", where)):
+        if not variants.reaches("metrics", config, variants.variant_config(config, f"seed-{seed}", where)):
             raise UserError(
                 f"{where}: tradeoff.seeds: {seed} is the scene's own seed; give other seeds, or none"
             )
@@ -128,7 +122,7 @@ def points_of(config: Config, where: str) -> list[Point]:
     points = [scene]
     for setting in _settings(config):
         name = variant_name(setting)
-        if reaches("metrics", config, variant_config(config, name, where)):
+        if variants.reaches("metrics", config, variants.variant_config(config, name, where)):
             points.append(Point([setting], [name, *(f"{name}-seed-{seed}" for seed in seeds)]))
         elif setting not in scene.settings:
             scene.settings.append(setting)
@@ -165,7 +159,7 @@ def _check_knob(knob: str) -> None:
         near = difflib.get_close_matches(key, known, n=1)
         advice = f"did you mean {section}.{near[0]}?" if near else "egosplat keys lists all keys"
         raise UserError(f"tradeoff.sweep: no key {knob}; {advice}")
-    if section in QUESTIONS or knob in QUESTIONS:
+    if section in variants.QUESTIONS or knob in variants.QUESTIONS:
         raise UserError(f"tradeoff.sweep: scores with other values of {knob} cannot be compared; remove it")
     if knob == "run.seed" or section == "tradeoff":
         raise UserError(f"tradeoff.sweep: {knob} cannot be swept; remove it (seeds are in tradeoff.seeds)")
@@ -173,6 +167,6 @@ def _check_knob(knob: str) -> None:
 
 def _keys(setting: Setting, presets: Path, format: str) -> Config:
     if setting.knob == PRESET:
-        return preset_keys(setting.value, presets, format)
+        return variants.preset_keys(setting.value, presets, format)
     section, _, key = setting.knob.partition(".")
     return {section: {key: setting.value}}
