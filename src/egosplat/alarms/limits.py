@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 
 @dataclass(frozen=True)
@@ -29,13 +30,7 @@ class Limit:
         return statistic > self.value if self.normal_is_below else not statistic >= self.value
 
 
-def _at_most(value: float) -> Limit:
-    return Limit(value, normal_is_below=True)
-
-
-def _at_least(value: float) -> Limit:
-    return Limit(value, normal_is_below=False)
-
+_at_most, _at_least = (partial(Limit, normal_is_below=below) for below in (True, False))
 
 LIMITS: dict[str, Limit] = {
     "frames.valid_pixels": _at_least(0.5),

@@ -96,7 +96,11 @@ def with_points(config: Config, presets: Path, format: str) -> Config:
             raise UserError(
                 f"tradeoff.sweep: two values of {setting.knob} have the name {name}; remove one of them"
             )
-        settings[name] = _keys(setting, presets, format)
+        section, _, key = setting.knob.partition(".")
+        if setting.knob == PRESET:
+            settings[name] = variants.preset_keys(setting.value, presets, format)
+        else:
+            settings[name] = {section: {key: setting.value}}
     found = dict(settings)
     for seed in config["tradeoff"]["seeds"]:
         found[f"seed-{seed}"] = {"run": {"seed": seed}}
@@ -163,10 +167,3 @@ def _check_knob(knob: str) -> None:
         raise UserError(f"tradeoff.sweep: scores with other values of {knob} cannot be compared; remove it")
     if knob == "run.seed" or section == "tradeoff":
         raise UserError(f"tradeoff.sweep: {knob} cannot be swept; remove it (seeds are in tradeoff.seeds)")
-
-
-def _keys(setting: Setting, presets: Path, format: str) -> Config:
-    if setting.knob == PRESET:
-        return variants.preset_keys(setting.value, presets, format)
-    section, _, key = setting.knob.partition(".")
-    return {section: {key: setting.value}}

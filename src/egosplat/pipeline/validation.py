@@ -1,9 +1,7 @@
-"""Validation against the JSON schemas of scenes and JSON artifacts, with errors in plain words."""
+"""Validation against the JSON schemas of JSON files, with errors in plain words."""
 
 import functools
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,24 +13,15 @@ from egosplat.files import read_json
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.messages import allowed, not_allowed, unknown_key
 
-
-@contextmanager
-def _absent(name: str) -> Iterator[None]:
-    """Make imports of a module fail inside the context, unless it is already imported."""
-    hidden = name not in sys.modules
-    if hidden:
-        sys.modules[name] = None  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        if hidden:
-            del sys.modules[name]
-
-
 # jsonschema imports a checker for each format whose library is installed. rfc3987_syntax builds a grammar on import,
-# which takes a second. No schema here uses a format.
-with _absent("rfc3987_syntax"):
+# which takes a second. No schema here uses a format. None makes its import fail.
+_SLOW = "rfc3987_syntax"
+sys.modules.setdefault(_SLOW, None)  # type: ignore[arg-type]
+try:
     from jsonschema import Draft202012Validator, ValidationError
+finally:
+    if sys.modules[_SLOW] is None:
+        del sys.modules[_SLOW]
 
 __all__ = ["Draft202012Validator", "ValidationError", "explain", "read_document", "schema"]
 

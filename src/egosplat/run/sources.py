@@ -184,17 +184,13 @@ def unpack(archive: Path, beside: Path) -> Path:
         zipfile.ZipFile(archive) as opened,
     ):
         members = opened.infolist()
-        folder = beside.with_name(f"{beside.name}-{_digest(members)}")
+        told = sorted((one.filename, one.file_size, one.CRC) for one in members)
+        folder = beside.with_name(f"{beside.name}-{hashlib.sha256(repr(told).encode()).hexdigest()[:8]}")
         if not folder.is_dir():
             _check(archive, members, beside)
             with atomic_directory(folder) as scratch:
                 opened.extractall(scratch)
     return folder
-
-
-def _digest(members: list[zipfile.ZipInfo]) -> str:
-    told = sorted((one.filename, one.file_size, one.CRC) for one in members)
-    return hashlib.sha256(repr(told).encode()).hexdigest()[:8]
 
 
 def _check(archive: Path, members: list[zipfile.ZipInfo], beside: Path) -> None:
