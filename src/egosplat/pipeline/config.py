@@ -107,7 +107,7 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
     if found["splats"]["source"] is not None:
         needs = {("splats", "language"): ("after",)}
         needs |= {("camera", key): ("off", "auto") for key in keys_of(sections["camera"])}
-        _check_needs(found, needs, f"{where}: splats.source, of Gaussians that are trained already,")
+        _check_needs(found, needs, f"{where}: splats.source: the Gaussians are trained already, which")
     return found
 
 
