@@ -41,8 +41,9 @@ for sheet, label in SHEETS.items():
             runtime=runtime(sheet),
         params:
             **params(sheet),
+            command=sheet.replace("_", "-"),
         shell:
-            "egosplat {rule} {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
+            "egosplat {params.command} {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule methods_sheet:
