@@ -90,11 +90,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, document: Any) -> None:
-    """Write a document as JSON with sorted keys, whole or not at all.
-
-    Raises:
-        ValueError: a number is not finite.
-    """
+    """Write a document as JSON with sorted keys, whole or not at all (ValueError: a number is not finite)."""
     write_text(path, json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n")
 
 
@@ -130,14 +126,11 @@ _ROOM_BYTES = 2**20
 
 
 def check_writable(folders: Iterable[Path]) -> None:
-    """Check that a file of 1 MiB can be written in each folder, or in its nearest parent that exists.
-
-    Nothing is left behind.
-
-    Raises:
-        UserError: a folder may not be written, or its disk is full.
-    """
-    for folder in dict.fromkeys(map(_nearest, folders)):
+    """Check that a file of 1 MiB can be written in each folder, or in its nearest parent that exists (UserError)."""
+    existing = (
+        next(each for each in (folder, *folder.absolute().parents) if each.is_dir()) for folder in folders
+    )
+    for folder in dict.fromkeys(existing):
         try:
             with tempfile.NamedTemporaryFile(prefix=".egosplat-", dir=folder) as probe:
                 probe.write(bytes(_ROOM_BYTES))
@@ -149,17 +142,12 @@ def check_writable(folders: Iterable[Path]) -> None:
 
 
 def check_output(path: Path, own_name: str, *, overwrite: bool) -> None:
-    """Check, before any work is done, that a command may write a file; nothing is left behind.
+    """Check, before any work is done, that a command may write a file (UserError); nothing is left behind.
 
-    A file that is there is replaced if it has the command's own name, or if the user asks for it.
+    A file that is there is replaced if it has the command's own name, or with the flag ``--overwrite``.
 
     Args:
         own_name: name that the command gives its file by default, whose suffix every other name must have, too.
-        overwrite: whether the flag ``--overwrite`` is given.
-
-    Raises:
-        UserError: the name has another suffix, something is there that may not be replaced, or the folder cannot be made
-            or written.
     """
     suffix = Path(own_name).suffix
     if path.suffix.lower() != suffix:
@@ -173,11 +161,7 @@ def check_output(path: Path, own_name: str, *, overwrite: bool) -> None:
 
 
 def check_new_folder(path: Path) -> None:
-    """Check, before any work is done, that a command may make a folder; nothing is left behind.
-
-    Raises:
-        UserError: something is there, also a link to nowhere; or the folder cannot be made or written.
-    """
+    """Check, before any work is done, that a command may make a folder (UserError), where not even a link may be."""
     if path.exists() or path.is_symlink():
         raise UserError(f"{path}: is there already; give another --output, or remove it first")
     _check_parent(path)
@@ -188,11 +172,6 @@ def _check_parent(path: Path) -> None:
     if not nearest.is_dir():
         raise UserError(f"{path}: {nearest} is no folder; give another --output")
     check_writable([path.parent])
-
-
-def _nearest(folder: Path) -> Path:
-    """The folder, or the nearest parent that exists."""
-    return next(each for each in (folder, *folder.absolute().parents) if each.is_dir())
 
 
 def _begin(path: Path) -> Path:

@@ -18,7 +18,7 @@ from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.pipeline.survey_file import digest_of_frames
 from egosplat.query.text import encode_phrases
-from egosplat.survey.document import FORMAT_VERSION, write_survey
+from egosplat.survey.stage import FORMAT_VERSION, write_survey
 from tests.support.scenes import camera_facts, digests, put
 
 SIZE = 48

@@ -9,6 +9,12 @@ import yaml
 WORKFLOW = Path(__file__).parents[2] / "workflow"
 TEXT = "".join(path.read_text() for path in sorted((WORKFLOW / "rules").glob("*.smk")))
 RULES = dict(re.findall(r"^(?:rule|checkpoint) (\w+):\n((?:(?:    .*)?\n)*)", TEXT, re.MULTILINE))
+SHEET = re.search(r"^    rule:\n((?:(?:        .*)?\n)*)", TEXT, re.MULTILINE)[1]
+"""The rule of all sheets, in a loop over their names."""
+RULES |= {
+    name: SHEET.replace("(sheet)", f'("{name}")')
+    for name in re.findall(r'^    "(\w+_sheet)": ', TEXT, re.MULTILINE)
+}
 LOCAL = set(re.findall(r"\w+", " ".join(re.findall(r"^localrules:\n((?:    .*\n)*)", TEXT, re.MULTILINE))))
 PROFILE = yaml.safe_load((WORKFLOW / "profiles/slurm/config.yaml").read_text())
 

@@ -15,9 +15,8 @@ from egosplat.frames.files import (
 from egosplat.frames.files import is_annotated
 from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
-from egosplat.pipeline.chosen import chosen_value
 from egosplat.pipeline.config import stage_sections
-from egosplat.pipeline.making import snakemake_in
+from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.results import default_results, default_scenes, maps_of
 from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES, code_of
@@ -25,6 +24,7 @@ from egosplat.pipeline.survey_file import read_survey
 from egosplat.pipeline.variants import (
     artifact_folder,
     artifact_path,
+    chosen_value,
     method_of,
     preset_of,
     scene_config,
@@ -32,15 +32,10 @@ from egosplat.pipeline.variants import (
 from egosplat.poses.files import poses_files
 
 
-def variant_in(folder):
-    """Get the name of the variant in its folder below the scene's; None for the scene itself."""
-    return folder.split("/")[1] if folder else None
-
-
 def names_of(wildcards):
     """Get (dataset, scene, variant); the variant is None for the scene itself."""
-    variant = variant_in(wildcards.get("variant"))
-    return wildcards.dataset, wildcards.scene, variant
+    folder = wildcards.get("variant")
+    return wildcards.dataset, wildcards.scene, folder.split("/")[1] if folder else None
 
 
 def scene_of(wildcards):
@@ -65,11 +60,6 @@ def path_named(stage, dataset, scene, variant):
     return artifact_path(stage, find_scene(scenes, dataset, scene), variant)
 
 
-def artifact(stage):
-    """Get a function of the wildcards: the path of a stage's artifact."""
-    return lambda wildcards: path_named(stage, *names_of(wildcards))
-
-
 def survey_named(dataset, scene, variant):
     """Read the survey of a scene or variant. Snakemake makes it first and then evaluates the rules again."""
     folder = artifact_folder("survey", find_scene(scenes, dataset, scene), variant)
@@ -80,7 +70,7 @@ def survey_named(dataset, scene, variant):
 def decided_config(wildcards):
     """Get the configuration with the survey's decisions. It waits for the survey only if the survey decides something."""
     config = config_of(wildcards)
-    if not dag.survey_decides(config):
+    if not dag.decided_by_survey(config):
         return config
     return dag.decide(config, survey_named(*names_of(wildcards)))
 
@@ -165,8 +155,8 @@ def params(stage):
         found["pictures"] = digest_of_pictures(stage)
     if "survey" in about.optional:
         found["kept"] = training_frames(stage)
-    if stage_models(stage):
-        found["models"] = model_files(stage)
+    if keys := stage_sections(stage).get("models"):
+        found["models"] = model_files(keys)
     return found
 
 
@@ -175,26 +165,19 @@ def training_frames(stage):
 
     def digest(wildcards):
         config = config_of(wildcards)
-        if not dag.leaves_frames_out(config):
+        if not dag.leaves_frames_out(config):  # there may be no survey
             return dag.ALL_FRAMES
         return dag.training_frames(stage, config, survey_named(*names_of(wildcards)))
 
     return digest
 
 
-def stage_models(stage):
-    """Get the keys of the section models that a stage takes."""
-    return stage_sections(stage).get("models", ())
-
-
-def model_files(stage):
-    """Get a function of the wildcards: content hashes of a stage's models."""
+def model_files(keys):
+    """Get a function of the wildcards: content hashes of the models of keys."""
 
     def hashes(wildcards):
         found = model_hashes(config_of(wildcards))
-        return " ".join(
-            f"{key}={found[key]}" for key in stage_models(stage) if key in found
-        )
+        return " ".join(f"{key}={found[key]}" for key in keys if key in found)
 
     return hashes
 
@@ -213,16 +196,13 @@ def recording_files(stage):
             return [str(scene.recording)]
         check_recording(scene)
         known = config["frames"]["known_poses"]
-        if stage == "frames":
-            found = frames_files(scene.format, scene.recording, known)
-        elif stage == "annotations":
-            found = annotations_files(scene.format, scene.recording, known)
-        else:
-            source, trajectory = (
-                value_of(stage, wildcards),
-                config["poses"]["trajectory"],
-            )
+        if stage == "poses":
+            trajectory = config["poses"]["trajectory"]
+            source = value_of(stage, wildcards)
             found = poses_files(source, scene.recording, trajectory, known)
+        else:
+            files = frames_files if stage == "frames" else annotations_files
+            found = files(scene.format, scene.recording, known)
         # Snakemake reads braces as wildcards.
         return [str(path) for path in found if not set("{}") & set(str(path))]
 
@@ -341,7 +321,7 @@ def surveyed_results(_):
     asked = [
         scene
         for scene in default_scenes(scenes.values())
-        if dag.masks_by_survey(scene.config)
+        if ("splats", "masking") in dag.decided_by_survey(scene.config)
     ]
     if CALL.reports:
         paths = [str(scene.results / "transient.png") for scene in asked]

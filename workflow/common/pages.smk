@@ -4,11 +4,8 @@ Inputs and parameters of pages that are made from several scenes, variants or st
 
 import json
 
-import egosplat
 from egosplat.pipeline.code_hash import code_hash
 from egosplat.pipeline.results import compared_methods, table_pictures, table_scores
-
-PACKAGE = Path(egosplat.__file__).parent
 
 
 def get_picture_flags(_):
@@ -21,7 +18,7 @@ def get_picture_flags(_):
 def get_story_files(wildcards):
     """Get the outputs that the story of a scene or variant tells of."""
     config = config_of(wildcards)
-    surveyed = dag.survey_decides(config) or dag.leaves_frames_out(config)
+    surveyed = bool(dag.decided_by_survey(config)) or dag.leaves_frames_out(config)
     annotated = is_recording_annotated(wildcards)
     stages = dag.story_stages(decided_config(wildcards), annotated, surveyed)
     return [path_named(stage, *names_of(wildcards)) for stage in stages]

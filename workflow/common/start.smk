@@ -10,10 +10,9 @@ from pathlib import Path
 from egosplat.errors import UserError
 from egosplat.pipeline.config import check_config_files
 from egosplat.files import check_writable
-from egosplat.pipeline.failed_stages import tell_failures_at_exit
 from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.process_guards import check_cores, name_user
-from egosplat.pipeline.snakemake_call import Call, read_call
+from egosplat.pipeline.snakemake_call import Call, read_call, tell_failures_at_exit
 
 CONFIG_FILE = config_file()
 PRESETS = presets_folder()

@@ -4,7 +4,7 @@ The check of the targets, which needs the rules.
 
 import re
 
-from egosplat.pipeline.targets import Rules, check_words
+from egosplat.pipeline.results import Rules, check_words
 
 
 def rules_made():

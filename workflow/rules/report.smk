@@ -8,159 +8,42 @@ scene.html, story.html.
 TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP; Jinja.
 """
 
+# Stages that draw a sheet of a scene, with its label in Snakemake's report.
+SHEETS = {
+    "contact_sheet": "recording",
+    "instances_sheet": "instances",
+    "crops_sheet": "crops",
+    "splats_sheet": "renders",
+    "transient_sheet": "what moves",
+    "language_sheet": "language",
+    "queries_sheet": "queries",
+}
 
-rule contact_sheet:
-    """Draw a scene's frames and annotations, and its trajectory and points from above."""
-    input:
-        **inputs("contact_sheet"),
-    output:
-        report(
-            "results/{dataset}/{scene}/{variant}contact_sheet.png",
-            caption="../report/contact_sheet.rst",
-            category="Scenes",
-            labels=labels("recording"),
-        ),
-    log:
-        "logs/{dataset}/{scene}/{variant}contact_sheet.log",
-    resources:
-        mem_mb=memory("contact_sheet"),
-        runtime=runtime("contact_sheet"),
-    params:
-        **params("contact_sheet"),
-    shell:
-        "egosplat contact-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
+for sheet, label in SHEETS.items():
 
-
-rule instances_sheet:
-    """Draw the instances of each level in frames and from above, and crops before and after merging."""
-    input:
-        **inputs("instances_sheet"),
-    output:
-        report(
-            "results/{dataset}/{scene}/{variant}instances.png",
-            caption="../report/instances.rst",
-            category="Scenes",
-            labels=labels("instances"),
-        ),
-    log:
-        "logs/{dataset}/{scene}/{variant}instances_sheet.log",
-    resources:
-        mem_mb=memory("instances_sheet"),
-        runtime=runtime("instances_sheet"),
-    params:
-        **params("instances_sheet"),
-    shell:
-        "egosplat instances-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
-
-
-rule crops_sheet:
-    """Draw crops of instances in order of time, with outlier views crossed out."""
-    input:
-        **inputs("crops_sheet"),
-    output:
-        report(
-            "results/{dataset}/{scene}/{variant}crops.png",
-            caption="../report/crops.rst",
-            category="Scenes",
-            labels=labels("crops"),
-        ),
-    log:
-        "logs/{dataset}/{scene}/{variant}crops_sheet.log",
-    resources:
-        mem_mb=memory("crops_sheet"),
-        runtime=runtime("crops_sheet"),
-    params:
-        **params("crops_sheet"),
-    shell:
-        "egosplat crops-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
-
-
-rule splats_sheet:
-    """Draw held-out frames next to their renders, and the training curves."""
-    input:
-        **inputs("splats_sheet"),
-    output:
-        report(
-            "results/{dataset}/{scene}/{variant}splats.png",
-            caption="../report/splats.rst",
-            category="Scenes",
-            labels=labels("renders"),
-        ),
-    log:
-        "logs/{dataset}/{scene}/{variant}splats_sheet.log",
-    resources:
-        mem_mb=memory("splats_sheet"),
-        runtime=runtime("splats_sheet"),
-    params:
-        **params("splats_sheet"),
-    shell:
-        "egosplat splats-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
-
-
-rule transient_sheet:
-    """Draw transient probability, masks, and the renders without the masked objects."""
-    input:
-        **inputs("transient_sheet"),
-    output:
-        report(
-            "results/{dataset}/{scene}/{variant}transient.png",
-            caption="../report/transient.rst",
-            category="Scenes",
-            labels=labels("what moves"),
-        ),
-    log:
-        "logs/{dataset}/{scene}/{variant}transient_sheet.log",
-    resources:
-        mem_mb=memory("transient_sheet"),
-        runtime=runtime("transient_sheet"),
-    params:
-        **params("transient_sheet"),
-    shell:
-        "egosplat transient-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
-
-
-rule language_sheet:
-    """Draw the Gaussians' codes from several directions, at each level."""
-    input:
-        **inputs("language_sheet"),
-    output:
-        report(
-            "results/{dataset}/{scene}/{variant}language.png",
-            caption="../report/language.rst",
-            category="Scenes",
-            labels=labels("language"),
-        ),
-    log:
-        "logs/{dataset}/{scene}/{variant}language_sheet.log",
-    resources:
-        mem_mb=memory("language_sheet"),
-        runtime=runtime("language_sheet"),
-    params:
-        **params("language_sheet"),
-    shell:
-        "egosplat language-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
-
-
-rule queries_sheet:
-    """Draw the queries with the best and the worst answers."""
-    input:
-        **inputs("queries_sheet"),
-    output:
-        report(
-            "results/{dataset}/{scene}/{variant}queries.png",
-            caption="../report/queries.rst",
-            category="Scenes",
-            labels=labels("queries"),
-        ),
-    log:
-        "logs/{dataset}/{scene}/{variant}queries_sheet.log",
-    resources:
-        mem_mb=memory("queries_sheet"),
-        runtime=runtime("queries_sheet"),
-    params:
-        **params("queries_sheet"),
-    shell:
-        "egosplat queries-sheet {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
+    rule:
+        """Draw a sheet of a scene; `egosplat --help` says which shows what."""
+        name:
+            sheet
+        input:
+            **inputs(sheet),
+        output:
+            report(
+                f"results/{{dataset}}/{{scene}}/{{variant}}{STAGES[sheet].output}",
+                caption=f"../report/{Path(STAGES[sheet].output).stem}.rst",
+                category="Scenes",
+                labels=labels(label),
+            ),
+        log:
+            f"logs/{{dataset}}/{{scene}}/{{variant}}{sheet}.log",
+        resources:
+            mem_mb=memory(sheet),
+            runtime=runtime(sheet),
+        params:
+            **params(sheet),
+            command=sheet.replace("_", "-"),
+        shell:
+            "egosplat {params.command} {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
 
 
 rule methods_sheet:

@@ -110,12 +110,7 @@ def _check_features(features: Artifact) -> Iterator[Alarm]:
 
 
 def agreement_of(cosine: float, spread: float) -> float:
-    """Agreement relative to the spread: 0 if views are as unlike their instance as instances are to each other, 1 if equal.
-
-    Args:
-        cosine: mean cosine between a view and its instance's consistent feature.
-        spread: mean cosine between the consistent features of different instances.
-    """
+    """Mean cosine of views with their instance's feature, from 0, as instances with each other (``spread``), to 1."""
     return (cosine - spread) / (1.0 - spread) if spread < 1.0 else 1.0
 
 

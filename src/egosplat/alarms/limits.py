@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 
 @dataclass(frozen=True)
@@ -29,13 +30,7 @@ class Limit:
         return statistic > self.value if self.normal_is_below else not statistic >= self.value
 
 
-def _at_most(value: float) -> Limit:
-    return Limit(value, normal_is_below=True)
-
-
-def _at_least(value: float) -> Limit:
-    return Limit(value, normal_is_below=False)
-
+_at_most, _at_least = (partial(Limit, normal_is_below=below) for below in (True, False))
 
 LIMITS: dict[str, Limit] = {
     "frames.valid_pixels": _at_least(0.5),
@@ -92,11 +87,6 @@ def find_alarm(key: str, statistic: float | None, **figures: float | str) -> Ite
 
 
 def find_chance_alarm(lowest: float | None, chance: float) -> Iterator[Alarm]:
-    """Yield an alarm if the accuracy over all queries may be chance.
-
-    Args:
-        lowest: lower bound of its interval; None without an interval.
-        chance: accuracy of the best answer that ignores the scene.
-    """
+    """Yield an alarm if the accuracy's lower bound is not above the best answer that ignores the scene."""
     if lowest is not None and lowest <= chance:
         yield Alarm("metrics.chance", {"value": lowest, "limit": chance})

@@ -9,7 +9,7 @@ from typing import Any
 
 from egosplat.artifacts.schema import Schema
 from egosplat.errors import UserError, is_system_error
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import make_command
 
 # An artifact's path, for messages.
 EXAMPLE = "results/adt/scene1/frames.zarr"

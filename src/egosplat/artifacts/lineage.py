@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_any, recorded_digest
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.pipeline.variant_folders import shared_with
+from egosplat.pipeline.home import shared_with
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from pathlib import Path
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.reader import Artifact, open_any, recorded_digest
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.pipeline.home import shared_with
 from egosplat.pipeline.validation import read_document
-from egosplat.pipeline.variant_folders import shared_with
 
 
 def locate(folder: Path, *names: str) -> list[Path]:

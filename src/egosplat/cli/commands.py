@@ -10,9 +10,8 @@ from typing import Any
 import click
 
 import egosplat
+from egosplat.cli import scenes
 from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
-from egosplat.cli.run import run_command
-from egosplat.cli.scenes import export_command, movie_command, page_command, query_command, view_command
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
@@ -26,14 +25,14 @@ from egosplat.progress import name_lines, show_log
 # Half of the longest message about a flag [characters]; a value may be a whole file.
 _LONGEST = 500
 
-# Commands that are built on demand: their keys come from the options of stages.
-_BUILT: dict[str, Callable[[], click.Command]] = {
-    "export": export_command,
-    "movie": movie_command,
-    "query": query_command,
-    "page": page_command,
-    "run": run_command,
-    "view": view_command,
+# Commands that are built on demand, because their keys come from the options of stages, with a line of help for each.
+_BUILT: dict[str, tuple[Callable[[], click.Command], str]] = {
+    "run": (scenes.run_command, "Make a scene of a video or photographs, and ask it."),
+    "query": (scenes.query_command, "Find things in a finished scene by words."),
+    "view": (scenes.view_command, "Look at a finished scene in the browser, and ask it."),
+    "page": (scenes.page_command, "Write a finished scene as one HTML file to share."),
+    "export": (scenes.export_command, "Write a finished scene for other programs."),
+    "movie": (scenes.movie_command, "Draw a moving picture of a scene that is asked."),
 }
 
 
@@ -42,16 +41,6 @@ _GROUPS = {
     "Make a scene": ("run",),
     "Ask and look": ("query", "view", "page", "export", "movie", "check"),
     "Set up": ("doctor", "models", "keys", "snakefile"),
-}
-
-# One line of help for each command that is built on demand, because building it imports its options.
-_SHORT = {
-    "run": "Make a scene of a video or photographs, and ask it.",
-    "query": "Find things in a finished scene by words.",
-    "view": "Look at a finished scene in the browser, and ask it.",
-    "page": "Write a finished scene as one HTML file to share.",
-    "export": "Write a finished scene for other programs.",
-    "movie": "Draw a moving picture of a scene that is asked.",
 }
 
 
@@ -65,7 +54,7 @@ class Commands(click.Group):
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         # Built on demand, so that ``--help`` imports neither PyTorch nor a stage.
         if name in _BUILT:
-            return _BUILT[name]()
+            return _BUILT[name][0]()
         stage = name.replace("-", "_")
         return stage_command(stage) if stage in STAGES else super().get_command(context, name)
 
@@ -83,8 +72,8 @@ class Commands(click.Group):
     def _about(self, context: click.Context, name: str, width: int) -> str:
         """One line about a command."""
         stage = name.replace("-", "_")
-        if text := _SHORT.get(name) or (STAGES[stage].help if stage in STAGES else ""):
-            return text
+        if name in _BUILT or stage in STAGES:
+            return _BUILT[name][1] if name in _BUILT else STAGES[stage].help
         command = super().get_command(context, name)
         return command.get_short_help_str(width) if command else ""
 
@@ -228,11 +217,10 @@ def models(
         return
     options = [word for path in configfile for word in ("--configfile", str(path))]
     options += [word for one in config for word in ("--config", one)]
-    files = (
-        catalogue(read_configuration(configfile, config)[0])
-        if every
-        else find_needed(read_configurations(configfile, config))
-    )
+    if every:
+        files = catalogue(read_configuration(configfile, config)[0])
+    else:
+        files = find_needed(read_configurations(configfile, config))
     click.echo(listing(files, options))
 
 
@@ -293,15 +281,18 @@ def main() -> None:
     try:
         cli.main(standalone_mode=False)
     except click.ClickException as error:
-        error.message = _shortened(error.message)
+        if len(text := error.message) > 2 * _LONGEST:
+            error.message = f"{text[:_LONGEST]} ... {text[-_LONGEST:]}"
         error.show()
         sys.exit(2)
     except click.Abort:
-        sys.exit(_say("interrupted", 130))
+        click.echo("egosplat: interrupted", err=True)
+        sys.exit(130)
     except Exception as error:
         if (message := user_message(error)) is None:
             raise
-        sys.exit(_say(message))
+        click.echo(f"egosplat: {message}", err=True)
+        sys.exit(2)
 
 
 def _open_closed_streams() -> None:
@@ -313,13 +304,3 @@ def _open_closed_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
-
-
-def _shortened(message: str) -> str:
-    """Cut the middle out of a very long message."""
-    return message if len(message) <= 2 * _LONGEST else f"{message[:_LONGEST]} ... {message[-_LONGEST:]}"
-
-
-def _say(message: str, status: int = 2) -> int:
-    click.echo(f"egosplat: {message}", err=True)
-    return status

@@ -3,24 +3,23 @@
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 
 from egosplat.errors import UserError
-from egosplat.pipeline import presets
-from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.config import parse_value
-from egosplat.pipeline.messages import describe_value, shorten, shown
-from egosplat.pipeline.options import Options, describe, keys_of, sections_of
+from egosplat.pipeline.general_options import Format
+from egosplat.pipeline.messages import describe_value, make_options, shorten, shown
+from egosplat.pipeline.options import Options, describe, full_names, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
-from egosplat.pipeline.validation import schema
+from egosplat.pipeline.variants import PRESET_FILES
 
 ARTIFACT = click.Path(path_type=Path)
 
 OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --output if it is there."}
 
-PRESETS = sorted({*presets.FILES, *presets.FILES.values()})
+PRESETS = sorted({*PRESET_FILES, *PRESET_FILES.values()})
 
 # Flags that come from the table of scenes.
 SCENE = {
@@ -35,7 +34,7 @@ SCENE = {
     ),
     "format": click.Option(
         ["--format"],
-        type=click.Choice(schema("scenes")["properties"]["format"]["enum"]),
+        type=click.Choice(get_args(Format)),
         required=True,
         help="How the recording is laid out on disk.",
     ),
@@ -77,29 +76,15 @@ class KeysCommand(click.Command):
         **rest: Any,
     ) -> None:
         self.options, self.own, self.plain = options, own, plain
+        given = {"type": JSON, "default": "{}", "hidden": bool(plain), "help": "Values of keys as JSON."}
+        text = f"Value of a key{', see --help-all' if plain else ''}. May be repeated."
+        every = "Show all keys with their whole descriptions."
+        shows = {"is_flag": True, "is_eager": True, "expose_value": False, "callback": _show_all}
         flags = [
-            *(self._plain_flag(key) for key in plain),
-            click.Option(
-                ["--options", "given"],
-                type=JSON,
-                default="{}",
-                hidden=bool(plain),
-                help="Values of keys as JSON.",
-            ),
-            click.Option(
-                ["--set", "pairs"],
-                multiple=True,
-                metavar="KEY=VALUE",
-                help=f"Value of a key{', see --help-all' if plain else ''}. May be repeated.",
-            ),
-            click.Option(
-                ["--help-all"],
-                is_flag=True,
-                is_eager=True,
-                expose_value=False,
-                callback=_show_all,
-                help="Show all keys with their whole descriptions.",
-            ),
+            *map(self._plain_flag, plain),
+            click.Option(["--options", "given"], **given),
+            click.Option(["--set", "pairs"], multiple=True, metavar="KEY=VALUE", help=text),
+            click.Option(["--help-all"], help=every, **shows),
         ]
         super().__init__(name, params=[*params, *flags], **rest)
 
@@ -122,34 +107,22 @@ class KeysCommand(click.Command):
         if self.plain and not every:
             return
         sections = sections_of(self.options, self.own)
-        names = [
-            *sections.get(self.own, ()),
-            *(name for own in sections if own != self.own for name in sections[own]),
-        ]
+        others = [name for own, names in sections.items() if own != self.own for name in names]
+        names = [*sections.get(self.own, ()), *others]
         readings = [name for name in names if keys[name].get("reading")]
-        self._write_keys("Keys", [name for name in names if name not in readings], every, formatter)
-        if every:
-            self._write_keys("Readings of the paper", readings, every, formatter)
-
-    def _write_keys(
-        self, title: str, names: Iterable[str], whole: bool, formatter: click.HelpFormatter
-    ) -> None:
-        keys = keys_of(self.options)
-        rows = [(name, _about(describe(self.options, name), keys[name], whole)) for name in names]
-        if rows:
-            with formatter.section(title):
-                formatter.write_dl(rows, col_max=28)
+        parts = {"Keys": [name for name in names if name not in readings]}
+        parts |= {"Readings of the paper": readings} if every else {}
+        for title, part in parts.items():
+            rows = [(name, _about(describe(self.options, name), keys[name], every)) for name in part]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows, col_max=28)
 
 
 def _about(text: str, key: dict[str, Any], whole: bool) -> str:
     """Describe a key: what it is, its default, and what is allowed."""
-    sentence = text if whole else first_sentence(text)
+    sentence = text if whole else text.split(". ")[0].rstrip(".") + "."
     return f"{sentence} [default: {shown(key['default'])}; {describe_value(key)}]"
-
-
-def first_sentence(text: str) -> str:
-    """Get the first sentence of a description."""
-    return text.split(". ")[0].rstrip(".") + "."
 
 
 def _show_all(context: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -160,27 +133,17 @@ def _show_all(context: click.Context, _: click.Parameter, asked: bool) -> None:
 
 
 def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[str]) -> Options:
-    """Make options from values and from words such as ``iterations=500`` or ``run.seed=1``, which win.
-
-    Args:
-        own: section of the keys that are in no shared one.
-
-    Raises:
-        UserError: a key is unknown or has a forbidden value; names the first one.
-    """
+    """Make options from values and from words such as ``iterations=500`` or ``run.seed=1``, which win (UserError)."""
     if not isinstance(given, dict):
         raise UserError(f"--options: {shorten(given)} is no JSON object")
-    names = {
-        name: f"{section}.{name}" for section, part in sections_of(options, own).items() for name in part
-    }
-    short = {full: name for name, full in names.items()}
+    short = {full: name for name, full in full_names(options, own).items()}
     values = dict(given)
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not (equals and key):
             raise UserError(f"--set: {shorten(pair)} is not of the form key=value, as in iterations=500")
         values[short.get(key, key)] = parse_value(value, f"--set {shorten(pair)}")
-    return make_options(options, values, "--set" if pairs else "--options", names)
+    return make_options(options, values, "--set" if pairs else "--options", own)
 
 
 def path_flags(stage: str) -> list[click.Parameter]:

@@ -3,26 +3,16 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from egosplat.doctor import inputs
 from egosplat.doctor.findings import Finding, Mark
-from egosplat.doctor.inputs import (
-    model_findings,
-    read_configuration,
-    recording_findings,
-    scene_model_findings,
-    suitability_findings,
-)
 from egosplat.doctor.machine import machine_findings
 from egosplat.errors import UserError
 from egosplat.pipeline.config import Config
 from egosplat.pipeline.costs import UNREAD_FRAMES, Sizes, minutes
-from egosplat.pipeline.dag import leaves_frames_out, survey_decides, tracks_what_moves
+from egosplat.pipeline.dag import stages_behind
 from egosplat.pipeline.scenes import Scene, read_scenes
+from egosplat.pipeline.stages import PIPELINE
 
-# The stages of a scene's scores. Report pages and tables are not included.
-_STAGES = (
-    *("synthetic", "frames", "annotations", "poses", "survey", "segments", "instances", "view_features"),
-    *("features", "transient", "masks", "splats", "language", "metrics"),
-)
 _RUN_MODELS = {"segments", "view_features"}
 _RENDER = {"transient", "instances", "splats", "language", "metrics"}
 
@@ -31,24 +21,17 @@ _RANGE = (0.5, 3.0)
 
 
 def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
-    """All findings about this machine and the configuration.
-
-    Args:
-        files, options: see ``configuration.read_configuration``.
-
-    Raises:
-        UserError: the configuration itself is wrong.
-    """
-    config, sources = read_configuration(files, options)
+    """All findings about this machine and the configuration; arguments and errors as ``inputs.read_configuration``."""
+    config, sources = inputs.read_configuration(files, options)
     # A wrong configuration ends here; every later problem is a finding, so that one call shows all of them.
     findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({', '.join(sources)})")]
-    findings += [*machine_findings(config), *model_findings(config)]
+    findings += [*machine_findings(config), *inputs.model_findings(config)]
     try:
         scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
     except UserError as error:
         return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
-    findings += [*scene_model_findings(config, scenes), *recording_findings(config, scenes)]
-    findings += suitability_findings(scenes)
+    findings += [*inputs.scene_model_findings(config, scenes), *inputs.recording_findings(config, scenes)]
+    findings += inputs.suitability_findings(scenes)
     return [*findings, *_times(scenes)]
 
 
@@ -56,14 +39,14 @@ def _times(scenes: list[Scene]) -> Iterator[Finding]:
     """The expected time of every scene whose recording exists or can be made; equal ones share a line."""
     groups: dict[tuple[float, tuple[str, ...]], list[Scene]] = {}
     for scene in scenes:
-        if scene.synthetic or scene.recording.exists():
+        if not scene.lacks_recording:
             config = scene.config
             found = estimate(config, scene.synthetic, _renders_on(config), _models_device(config))
             groups.setdefault(found, []).append(scene)
     if not groups:
         yield Finding(Mark.NOTE, "expected time", "no scene of the table has a recording")
     for (expected, unknown), group in groups.items():
-        names = ", ".join(f"{scene.dataset}/{scene.scene}" for scene in group)
+        names = ", ".join(scene.name for scene in group)
         least, most = (duration(60 * expected * factor) for factor in _RANGE)
         advice = "Measured on two cores with AVX-512"
         if any(not scene.synthetic for scene in group):
@@ -104,12 +87,12 @@ def estimate(
 
     Args:
         synthetic: whether its recording is synthetic. The length of a real one is unknown before it is read.
-        renders_on: the type of the device that renders; ``cpu`` for the C++ kernels.
-        models_on: the type of the device that runs SAM2 and OpenCLIP.
+        renders_on, models_on: types of the devices; ``cpu`` of the renderer for the C++ kernels.
     """
     film = config["synthetic"]
     recorded = film["seconds"] * film["fps"] if synthetic else UNREAD_FRAMES
-    needed = [stage for stage in _STAGES if stage not in _skipped(config, synthetic)]
+    needed = [stage for stage in stages_behind(["metrics"], config) if stage in PIPELINE]
+    needed = ["synthetic", *needed] if synthetic else needed
     elsewhere = (_RUN_MODELS if models_on != "cpu" else set()) | (_RENDER if renders_on != "cpu" else set())
     known = (
         minutes(stage, config, Sizes(stage, config, frames=recorded / config["frames"]["stride"]))
@@ -117,16 +100,6 @@ def estimate(
         if stage not in elsewhere
     )
     return sum(known), tuple(stage for stage in needed if stage in elsewhere)
-
-
-def _skipped(config: Config, synthetic: bool) -> set[str]:
-    """Stages that the scene does not need."""
-    skipped = set() if synthetic else {"synthetic"}
-    if config["splats"]["masking"] == "none":
-        skipped |= {"masks"} if tracks_what_moves(config) else {"transient", "masks"}
-    if not (survey_decides(config) or leaves_frames_out(config)):
-        skipped.add("survey")
-    return skipped
 
 
 def duration(seconds: float) -> str:

@@ -1,9 +1,9 @@
 """Findings of the doctor, and the page that lists them in aligned plain text."""
 
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from textwrap import wrap
 
 # Width of the page [characters]. Paths and addresses are not broken.
 WIDTH = 110
@@ -45,10 +45,7 @@ def page(findings: Sequence[Finding]) -> str:
 
 def _lines(finding: Finding, mark: int, what: int) -> list[str]:
     head = f"{finding.mark:{mark}}  {finding.what:{what}}  "
+    whole = {"break_long_words": False, "break_on_hyphens": False}
     paragraphs = [finding.value, *finding.advice.splitlines()]
-    wrapped = [line for text in paragraphs for line in _wrapped(text, WIDTH - len(head))]
+    wrapped = [line for text in paragraphs for line in wrap(text, WIDTH - len(head), **whole) or [""]]
     return [head + wrapped[0], *(" " * len(head) + line for line in wrapped[1:])]
-
-
-def _wrapped(text: str, width: int) -> list[str]:
-    return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False) or [""]

@@ -1,8 +1,7 @@
 """Read the configuration as the workflow does, and check the models and recordings that it names."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby
 from pathlib import Path
 
 from egosplat.doctor.findings import Finding, Mark
@@ -25,12 +24,7 @@ NAMED = 5
 
 
 def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
-    """The warning for a scene; None if the models suit its recording, or the recording does not exist.
-
-    Args:
-        scene: of the table of scenes.
-        config: a variant's; None for the scene's own.
-    """
+    """The warning for a scene, or its variant of that configuration; None if the models suit its recording or it is absent."""
     if scene.synthetic or not scene.recording.exists():
         return None
     try:
@@ -41,56 +35,30 @@ def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
 
 
 def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
-    """One line for each distinct warning about the targets, with the names of its scenes.
-
-    Args:
-        scenes: all of the table, by dataset and name.
-        targets: below ``results``; empty for every scene.
-    """
-    # One line per warning, not per scene: all scenes of a dataset usually share it.
-    found: dict[str, list[str]] = {}
-    for name, warning in _scene_warnings(scenes, targets):
-        if warning is not None and name not in found.setdefault(warning, []):
-            found[warning].append(name)
+    """One line for each distinct warning about the targets, or without any about all scenes, with their names."""
+    asked = [(scenes[one.dataset, one.scene], one.variant) for one in targets]
+    found: dict[str, dict[str, None]] = {}
+    for scene, variant in asked or [(scene, None) for scene in scenes.values()]:
+        config = variant_config(scene.config, variant, scene.name) if variant else scene.config
+        if warning := scene_notice(scene, config):
+            # All scenes of a dataset usually share it.
+            found.setdefault(warning, {})[f"{scene.name}, {variant}" if variant else scene.name] = None
     return [f"{', '.join(names)}: {warning}" for warning, names in found.items()]
 
 
 def left_out_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
-    """A line that names the user's own rows without recording, if all scenes are targets.
-
-    Args:
-        scenes, targets: as ``plan_notices``; a target of a scene without its recording is an error of its own.
-    """
-    absent = [
-        scene
-        for scene in scenes.values()
-        if is_own(scene) and not scene.synthetic and not scene.recording.exists()
-    ]
+    """A line that names the user's own rows without recording, if all scenes are targets."""
+    # A target of a scene without its recording is an error of its own.
+    absent = [scene for scene in scenes.values() if is_own(scene) and scene.lacks_recording]
     if targets or not absent:
         return []
-    names = [f"{one.dataset}/{one.scene} ({one.recording})" for one in absent]
+    names = [f"{one.name} ({one.recording})" for one in absent]
     return [f"skipped, their recordings are missing: {_enumerated(names)}"]
 
 
 def _enumerated(names: Sequence[str]) -> str:
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return ", ".join(names[:NAMED]) + more
-
-
-def _scene_warnings(
-    scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]
-) -> Iterable[tuple[str, str | None]]:
-    if not targets:
-        return [(f"{scene.dataset}/{scene.scene}", scene_notice(scene)) for scene in scenes.values()]
-    return [_target_warning(scenes[target.dataset, target.scene], target) for target in targets]
-
-
-def _target_warning(scene: Scene, target: Target) -> tuple[str, str | None]:
-    where = f"{scene.dataset}/{scene.scene}"
-    if target.variant is None:
-        return where, scene_notice(scene)
-    config = variant_config(scene.config, target.variant, where)
-    return f"{where}, {target.variant}", scene_notice(scene, config)
 
 
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[Config, list[str]]:
@@ -157,10 +125,9 @@ def scene_model_findings(config: Config, scenes: list[Scene]) -> Iterator[Findin
 
 def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
     """For each dataset in the table of scenes, which of its recordings exist."""
-    for dataset, rows in groupby(
-        sorted(scenes, key=lambda scene: scene.dataset), lambda scene: scene.dataset
-    ):
-        yield _recordings(dataset, config["data_root"].get(dataset), list(rows))
+    for dataset in sorted({scene.dataset for scene in scenes}):
+        rows = [scene for scene in scenes if scene.dataset == dataset]
+        yield _recordings(dataset, config["data_root"].get(dataset), rows)
 
 
 def suitability_findings(scenes: list[Scene]) -> Iterator[Finding]:
@@ -168,7 +135,7 @@ def suitability_findings(scenes: list[Scene]) -> Iterator[Finding]:
     for scene in scenes:
         if notice := scene_notice(scene):
             first, _, advice = notice.partition(". ")
-            yield Finding(Mark.NOTE, f"{scene.dataset}/{scene.scene}", first, advice)
+            yield Finding(Mark.NOTE, scene.name, first, advice)
 
 
 def _model(model: ModelSpec, config: Config) -> Finding:
@@ -216,7 +183,7 @@ def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
     if all(scene.synthetic for scene in scenes):
         stand_in = f"data_root.{dataset} is not set: synthetic apartments replace its {len(scenes)} scenes"
         return Finding(Mark.OK, subject, stand_in)
-    absent = [scene for scene in scenes if not scene.synthetic and not scene.recording.exists()]
+    absent = [scene for scene in scenes if scene.lacks_recording]
     found = f"{len(scenes) - len(absent)} of {len(scenes)} below {root or Path.cwd()}"
     if not absent:
         return Finding(Mark.OK, subject, found)

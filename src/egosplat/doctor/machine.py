@@ -46,8 +46,7 @@ def _gpu(config: Config) -> Finding:
     if torch.cuda.is_available():
         name, memory = torch.cuda.get_device_name(), torch.cuda.get_device_properties(0).total_memory
         return Finding(Mark.OK, "GPU", f"{name}, {memory / GIB:.0f} GiB")
-    keys = [f"{section}.{key}" for section, key in _keys_set_to("cuda", config)]
-    if keys:
+    if keys := [f"run.{key}" for key in ("backend", "device") if config["run"][key] == "cuda"]:
         return Finding(Mark.MISSING, "GPU", "PyTorch finds none", f"Set {' and '.join(keys)} to auto")
     return Finding(Mark.NOTE, "GPU", "PyTorch finds none; everything runs on the CPU")
 
@@ -129,9 +128,3 @@ def _disk() -> Finding:
     if free < FREE_DISK_GIB:
         return Finding(Mark.NOTE, "disk", value, "Make room, or work in a folder on another disk")
     return Finding(Mark.OK, "disk", value)
-
-
-def _keys_set_to(device: str, config: Config) -> list[tuple[str, str]]:
-    """Section and name of the keys that are set to a device."""
-    keys = (("run", "backend"), ("run", "device"))
-    return [(section, key) for section, key in keys if config[section][key] == device]

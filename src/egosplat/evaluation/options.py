@@ -1,17 +1,15 @@
 """Options of the stage ``metrics``."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from egosplat.pipeline.options import READING, UNIQUE, Options, Share, Text
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.options import AskingOptions
 
 
-class PresenceOptions(Options):
+class PresenceOptions(Options, section="presence"):
     """Queries to the whole scene for objects that it does not have."""
-
-    section: ClassVar[str] = "presence"
 
     # fmt: off
     negatives: Annotated[tuple[Text, ...], UNIQUE] = (
@@ -29,10 +27,8 @@ class PresenceOptions(Options):
     annotations name are left out. The names are ADT's; do not add another name of an object that the scene has."""
 
 
-class ScoringOptions(Options):
+class ScoringOptions(Options, section="metrics"):
     """Selection of the benchmark's queries, and their scoring."""
-
-    section: ClassVar[str] = "metrics"
 
     min_area: Annotated[Share, READING] = 0.001
     """Smallest fraction of an annotated frame that a category's instances must cover to be queried there, for

@@ -22,26 +22,16 @@ TEXTS = (".csv", ".j2")
 # Modules that show, record or write, but cannot change an array: a better message makes nothing stale.
 NEUTRAL = {
     "egosplat",  # holds only the version and public names
-    "egosplat.files",
-    "egosplat.alarms.texts",
-    "egosplat.artifacts.usage",
-    "egosplat.pipeline.source_hash",
-    "egosplat.errors",
-    "egosplat.pipeline",
-    "egosplat.pipeline.code_hash",
-    "egosplat.pipeline.home",
-    "egosplat.pipeline.making",
-    "egosplat.pipeline.messages",
-    "egosplat.pipeline.options",
-    "egosplat.pipeline.parsed_modules",
-    "egosplat.pipeline.process_guards",
-    "egosplat.pipeline.shared_options",
-    "egosplat.pipeline.strict_yaml",
-    "egosplat.pipeline.validation",
-    "egosplat.progress",
-    "egosplat.artifacts.consistency",
-    "egosplat.artifacts.provenance",
-    "egosplat.pipeline.stages",
+    *(
+        f"egosplat.{name}"
+        for names in (
+            "alarms.texts artifacts.consistency artifacts.provenance artifacts.usage errors files progress pipeline",
+            "pipeline.code_hash pipeline.home pipeline.messages pipeline.options pipeline.parsed_modules",
+            "pipeline.process_guards pipeline.shared_options pipeline.source_hash pipeline.stages",
+            "pipeline.strict_yaml pipeline.validation",
+        )
+        for name in names.split()
+    ),
 }
 
 

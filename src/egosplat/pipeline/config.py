@@ -9,9 +9,8 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
-from egosplat.pipeline.checked_options import make_options
 from egosplat.pipeline.general_options import PROTOCOLS, VARIANTS, GeneralOptions
-from egosplat.pipeline.messages import not_allowed, shorten, shown, unknown_key
+from egosplat.pipeline.messages import make_options, not_allowed, shorten, shown, unknown_key
 from egosplat.pipeline.model_sets import AUTO, DEFAULTS, PHOTOS, choose_set, name_set, set_of, switch_models
 from egosplat.pipeline.options import Options, convert, keys_of, sections_of
 from egosplat.pipeline.stages import STAGES
@@ -90,16 +89,35 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
             homes = [f"{name}.{key}" for name in sections if key in section_keys(name)]
             raise UserError(f"{where}: {unknown_key('', key, [*general, *sections], homes)}")
     own = {key: value for key, value in values.items() if key in general}
-    found = make_options(GeneralOptions, own, where, {key: key for key in general}).as_dict()
+    found = make_options(GeneralOptions, own, where, "").as_dict()
     found |= {name: _section(name, values.get(name, {}), where) for name in sections}
-    found["tradeoff"]["sweep"] = {
-        key: _converted_sweep(key, swept) for key, swept in found["tradeoff"]["sweep"].items()
-    }
+    for key, swept in found["tradeoff"]["sweep"].items():
+        section, _, name = key.partition(".")
+        part = section_keys(section).get(name, {})
+        found["tradeoff"]["sweep"][key] = [convert(value, part) for value in swept]
     if found["segments"]["point_prompts"] == DEPTH:
-        _check_prompts(found, where)
+        # The points come from Gaussians, which must not come from segments in turn. Only single frames have points.
+        needs = {
+            ("segments", "prompting"): ("each_frame",),
+            ("splats", "masking"): ("none",),
+            ("splats", "language"): ("after",),
+        }
+        what = f"{where}: segments.point_prompts = {DEPTH}"
+        _check_needs(found, needs, what, "; in a variant, extend each_frame")
     if found["splats"]["source"] is not None:
-        _check_source(found, where)
+        needs = {("splats", "language"): ("after",)}
+        needs |= {("camera", key): ("off", "auto") for key in keys_of(sections["camera"])}
+        _check_needs(found, needs, f"{where}: splats.source: the Gaussians are trained already, which")
     return found
+
+
+def _check_needs(
+    values: Config, needs: Mapping[tuple[str, str], tuple[str, ...]], what: str, advice: str = ""
+) -> None:
+    """Check that keys have a value that another one needs."""
+    for (section, key), allowed in needs.items():
+        if (given := values[section][key]) not in allowed:
+            raise UserError(f"{what} needs {section}.{key} = {allowed[0]}, not {given}{advice}")
 
 
 def _section(name: str, values: Any, where: str) -> Config:
@@ -112,44 +130,8 @@ def _section(name: str, values: Any, where: str) -> Config:
     for key in values:
         if key not in keys:
             raise UserError(f"{where}: {unknown_key(name, key, list(keys))}")
-    found = make_options(
-        section_options()[name], values, where, {key: f"{name}.{key}" for key in keys}
-    ).as_dict()
+    found = make_options(section_options()[name], values, where, name).as_dict()
     return {key: found[key] for key in keys}
-
-
-def _converted_sweep(key: str, values: list[Any]) -> list[Any]:
-    """Convert the values of a swept key to the type of that key."""
-    section, _, name = key.partition(".")
-    part = section_keys(section).get(name, {})
-    return [convert(value, part) for value in values]
-
-
-def _check_prompts(values: Mapping[str, Any], where: str) -> None:
-    # The points come from Gaussians, which must not come from segments in turn. Only single frames have points of
-    # their own.
-    needs = (
-        ("segments", "prompting", "each_frame"),
-        ("splats", "masking", "none"),
-        ("splats", "language", "after"),
-    )
-    for section, key, needed in needs:
-        if values[section][key] != needed:
-            raise UserError(
-                f"{where}: segments.point_prompts = {DEPTH} needs {section}.{key} = {needed}, "
-                f"not {values[section][key]}; in a variant, extend each_frame"
-            )
-
-
-def _check_source(values: Mapping[str, Any], where: str) -> None:
-    needs = {("splats", "language"): ("after",)}
-    needs |= {("camera", key): ("off", "auto") for key in keys_of(section_options()["camera"])}
-    for (section, key), allowed in needs.items():
-        if values[section][key] not in allowed:
-            raise UserError(
-                f"{where}: splats.source: the Gaussians are trained already, so {section}.{key} must be {allowed[0]}, "
-                f"not {values[section][key]}"
-            )
 
 
 def defaults() -> Config:
@@ -204,12 +186,7 @@ def of_format(config: Mapping[str, Any], name: str) -> Config:
 
 
 def of_scene(config: Mapping[str, Any], format: str, options: Mapping[str, Any], automatic: str) -> Config:
-    """Get the configuration of a scene; ``validate`` checks it.
-
-    Args:
-        format, options: of its row.
-        automatic: the set of models that ``auto`` stands for.
-    """
+    """Get the configuration of a scene with a row, for which ``auto`` is another set of models; ``validate`` checks it."""
     # Before keys of format and row are merged: those win over the defaults of the set.
     formats = {name: name_set(keys, automatic) for name, keys in config["formats"].items()}
     chosen = choose_set(config, automatic) | {"formats": formats}
@@ -217,10 +194,7 @@ def of_scene(config: Mapping[str, Any], format: str, options: Mapping[str, Any],
 
 
 def overlaid(config: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
-    """Merge keys of a format, scene or variant over a complete configuration; ``validate`` checks the result.
-
-    If they choose another set of models, defaults that belong to the models change with it.
-    """
+    """Merge keys of a format, scene or variant, and of the set of models that they choose, over a complete configuration."""
     return merge(switch_models(config, above), above)
 
 
@@ -250,11 +224,7 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
 
 
 def parse_options(text: str, where: str) -> Config:
-    """Parse ``"frames.stride=2 frames.end_s=20"`` to ``{"frames": {"stride": 2, "end_s": 20}}``.
-
-    Raises:
-        UserError: a word has another form, or a key is repeated; ``where`` names the row.
-    """
+    """Parse ``frames.stride=2`` and more words to ``{"frames": {"stride": 2}}`` (UserError: one has another form)."""
     options: Config = {}
     for word in text.split():
         key, equals, value = word.partition("=")
@@ -270,11 +240,7 @@ def parse_options(text: str, where: str) -> Config:
 
 
 def parse_value(text: str, where: str) -> Any:
-    """Parse a value as YAML.
-
-    Raises:
-        UserError: it is not YAML.
-    """
+    """Parse a value as YAML (UserError: it is not YAML)."""
     try:
         return load_yaml(text)
     except NO_YAML as error:
@@ -302,10 +268,6 @@ def read_yaml(path: Path) -> Config:
 
 
 def check_config_files(paths: Iterable[Path]) -> None:
-    """Check that each configuration file can be read and repeats no key. Snakemake silently takes the last one.
-
-    Raises:
-        UserError: a file is wrong; names the file and the line.
-    """
+    """Check that each configuration file can be read and repeats no key: Snakemake silently takes the last one."""
     for path in paths:
         read_yaml(path)

@@ -13,16 +13,8 @@ from egosplat.pipeline.published import PUBLISHED
 
 # Keys that people change first, at the top of the page.
 FIRST_KEYS = (
-    "preset",
-    "data_root",
-    "frames.resolution",
-    "frames.stride",
-    "models.set",
-    "run.device",
-    "segments.points_per_side",
-    "splats.iterations",
-    "splats.max_gaussians",
-    "query.min_score",
+    *("preset", "data_root", "frames.resolution", "frames.stride", "models.set", "run.device"),
+    *("segments.points_per_side", "splats.iterations", "splats.max_gaussians", "query.min_score"),
 )
 
 # Heading of the keys that are in no section.
@@ -66,18 +58,10 @@ def keys_page() -> str:
 def json_schema() -> dict[str, Any]:
     """Get a JSON schema of the configuration, for editors."""
     schema = GeneralOptions.model_json_schema()
-    for name, key in schema["properties"].items():
-        key["description"] = describe(GeneralOptions, name)
-    for section, options in section_options().items():
-        properties = {
-            name: key | {"description": describe(options, name)}
-            for name, key in section_keys(section).items()
-        }
-        schema["properties"][section] = {
-            "type": "object",
-            "additionalProperties": False,
-            "properties": properties,
-        }
+    for section, (options, keys) in _sections().items():
+        told = {name: key | {"description": describe(options, name)} for name, key in keys.items()}
+        one = {"type": "object", "additionalProperties": False, "properties": told}
+        schema["properties"] |= told if section == GENERAL else {section: one}
     return schema | {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "egosplat configuration",
@@ -87,10 +71,10 @@ def json_schema() -> dict[str, Any]:
 def _tables(heading: str, reading: bool) -> list[str]:
     """A table for each section with such keys; keys outside of a section come first."""
     parts = []
-    for section in (GENERAL, *section_options()):
+    for section, (options, keys) in _sections().items():
         rows = [
-            _row(f"`{_path(section, name)}`", section, name, describe(_options(section), name))
-            for name, key in _keys(section).items()
+            _row(f"`{_path(section, name)}`", section, name, describe(options, name))
+            for name, key in keys.items()
             if bool(key.get("reading")) == reading
         ]
         if rows:
@@ -98,12 +82,10 @@ def _tables(heading: str, reading: bool) -> list[str]:
     return parts
 
 
-def _options(section: str) -> type[Options]:
-    return GeneralOptions if section == GENERAL else section_options()[section]
-
-
-def _keys(section: str) -> dict[str, dict[str, Any]]:
-    return keys_of(GeneralOptions) if section == GENERAL else section_keys(section)
+def _sections() -> dict[str, tuple[type[Options], dict[str, dict[str, Any]]]]:
+    """Options and JSON schemas of the keys, by section."""
+    found = {name: (options, section_keys(name)) for name, options in section_options().items()}
+    return {GENERAL: (GeneralOptions, keys_of(GeneralOptions)), **found}
 
 
 def _path(section: str, name: str) -> str:
@@ -113,12 +95,12 @@ def _path(section: str, name: str) -> str:
 def _first_row(path: str) -> str:
     """A row with a link to the key's section and the first sentence of its description."""
     section, name = path.split(".") if "." in path else (GENERAL, path)
-    sentence = describe(_options(section), name).split(". ")[0].rstrip(".") + "."
+    sentence = describe(_sections()[section][0], name).split(". ")[0].rstrip(".") + "."
     return _row(f"[`{path}`](#{section})", section, name, sentence)
 
 
 def _row(shown_name: str, section: str, name: str, text: str) -> str:
-    key = _keys(section)[name]
+    key = _sections()[section][1][name]
     # The pages that a description cites are links.
     linked = _PAGE.sub(r"[\g<0>](../\g<0>)", text)
     return f"| {shown_name} | {_default(section, name, key)} | {_allowed(key)} | {linked} |"

@@ -160,6 +160,8 @@ class Sizes:
     def __init__(
         self, stage: str, config: Config, inputs: Iterable[str] = (), frames: float | None = None
     ) -> None:
+        # The job that reads a recording has no input with its length.
+        frames = UNREAD_FRAMES if frames is None and stage == "frames" else frames
         self._stage, self._config, self._frames = stage, config, frames
         self._paths = {Path(path).stem: path for path in inputs if Path(path).suffix == ".zarr"}
 
@@ -289,11 +291,7 @@ def _header(path: str, array: str) -> dict[str, Any]:
 
 
 def cost_of(stage: str, config: Config, sizes: Sizes) -> Cost:
-    """The row of a stage under a configuration.
-
-    Raises:
-        KeyError: the stage has none.
-    """
+    """The row of a stage under a configuration (KeyError: the stage has none)."""
     models = config["models"]
     row = _LIKE.get(stage, stage)
     if stage == "poses" and sizes.colmap:
@@ -312,17 +310,14 @@ def cost_of(stage: str, config: Config, sizes: Sizes) -> Cost:
 
 
 def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int) -> int:
-    """Memory to request, a multiple of 100 [MB].
+    """Memory to request, a multiple of 100 [MB]; raises as ``Sizes``.
 
     Args:
         stage: one with a row in ``COSTS``.
         inputs: paths of the job's inputs.
         attempt: from 1; attempt n requests n times as much.
-
-    Raises:
-        FileNotFoundError, LookupError: see ``Sizes``.
     """
-    sizes = _sizes(stage, config, inputs)
+    sizes = Sizes(stage, config, inputs)
     cost = cost_of(stage, config, sizes)
     held = {unit: mb * sizes.times(unit) for unit, mb in cost.mb.items()}
     if "video" in held:
@@ -334,8 +329,9 @@ def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int) -
 
 def runtime_min(stage: str, config: Config, inputs: Iterable[str], attempt: int) -> int:
     """Time to request, in whole minutes, a day at most; arguments and errors as for ``memory_mb``."""
-    expected = minutes(stage, config, _sizes(stage, config, inputs))
-    if stage in ("segments", "view_features") and _is_published(stage, config) and gpus(stage, config):
+    expected = minutes(stage, config, Sizes(stage, config, inputs))
+    model = {"segments": "sam2_config", "view_features": "clip_model"}.get(stage)
+    if model and config["models"][model] != _SMALL and gpus(stage, config):
         expected /= _GPU_SPEEDUP
     return attempt * math.ceil(min(_START_MIN + _TIME_MARGIN * expected, _DAY_MIN))
 
@@ -361,12 +357,3 @@ def merges_masks(config: Config) -> bool:
     """Whether masks are merged into instances; else each track, or mask of a frame, is one."""
     source = config["instances"]["source"]
     return segments_single_frames(config) if source == "auto" else source != "tracks"
-
-
-def _is_published(stage: str, config: Config) -> bool:
-    return config["models"]["sam2_config" if stage == "segments" else "clip_model"] != _SMALL
-
-
-def _sizes(stage: str, config: Config, inputs: Iterable[str]) -> Sizes:
-    # The job that reads a recording has no input with its length.
-    return Sizes(stage, config, inputs, UNREAD_FRAMES if stage == "frames" else None)

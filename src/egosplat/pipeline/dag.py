@@ -15,6 +15,9 @@ ALL_FRAMES = "all"
 # Keys of the section camera that the survey can decide; survey.json has its decisions under the same names.
 CAMERA = ("refine_poses", "compensate_exposure")
 
+# All keys whose value the survey can decide.
+BY_SURVEY = ("masking", "track_moving", *CAMERA)
+
 # Artifacts with the masks, by splats.masking.
 _MASKS: dict[str, tuple[str, ...]] = {
     "none": (),
@@ -38,11 +41,6 @@ def leaves_frames_out(config: Config) -> bool:
     return keys["min_view_change_deg"] > 0 or keys["blur_limit"] > 0
 
 
-def masks_by_survey(config: Config) -> bool:
-    """Whether the survey chooses splats.masking."""
-    return config["splats"]["masking"] == AUTO
-
-
 def segments_single_frames(config: Config) -> bool:
     """Whether SAM2 segments each frame by itself."""
     keys = config["segments"]
@@ -59,24 +57,17 @@ def tracks_what_moves(config: Config) -> bool:
     return segments_single_frames(config) and config["segments"]["track_moving"] != "never"
 
 
-def tracks_by_survey(config: Config) -> bool:
-    """Whether the survey chooses segments.track_moving."""
-    return tracks_what_moves(config) and config["segments"]["track_moving"] == AUTO
-
-
 def takes_splat(config: Config) -> bool:
     """Whether another program trained the scene's Gaussians. Masks are merged on them, and no camera is corrected."""
     return config["splats"]["source"] is not None
 
 
-def corrects_by_survey(config: Config) -> bool:
-    """Whether the survey chooses a key of the section camera."""
-    return AUTO in (config["camera"][name] for name in CAMERA) and not takes_splat(config)
-
-
-def survey_decides(config: Config) -> bool:
-    """Whether a key of the configuration is ``auto`` and the survey chooses its value."""
-    return masks_by_survey(config) or tracks_by_survey(config) or corrects_by_survey(config)
+def decided_by_survey(config: Config) -> set[tuple[str, str]]:
+    """Get section and name of the keys whose value ``auto`` the survey replaces."""
+    keys = {("splats", "masking")}
+    keys |= {("segments", "track_moving")} if tracks_what_moves(config) else set()
+    keys |= set() if takes_splat(config) else {("camera", name) for name in CAMERA}
+    return {(section, name) for section, name in keys if config[section][name] == AUTO}
 
 
 def follows_survey(stage: str) -> bool:
@@ -86,14 +77,12 @@ def follows_survey(stage: str) -> bool:
 
 def decide(config: Config, survey: Survey) -> Config:
     """Replace ``auto`` in a configuration by the survey's decisions."""
-    masking, chosen = survey["motion"]["masking"], {}
-    if masks_by_survey(config):
-        chosen["splats"] = {"masking": masking}
-    if tracks_by_survey(config):
-        chosen["segments"] = {"track_moving": "always" if masking == "refined" else "never"}
-    if corrects_by_survey(config):
-        by_survey = [name for name in CAMERA if config["camera"][name] == AUTO]
-        chosen["camera"] = {name: "on" if survey["camera"][name] else "off" for name in by_survey}
+    masking = survey["motion"]["masking"]
+    values = {"masking": masking, "track_moving": "always" if masking == "refined" else "never"}
+    values |= {name: "on" if survey["camera"][name] else "off" for name in CAMERA}
+    chosen: Config = {}
+    for section, name in decided_by_survey(config):
+        chosen.setdefault(section, {})[name] = values[name]
     return merge(config, chosen)
 
 
@@ -102,9 +91,10 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
     found = always + optional_inputs_of(stage, config)
     # Snakemake must run the survey before it knows whether the stage needs masks, or what moves.
-    masked = "masks" in STAGES[stage].optional and masks_by_survey(config)
-    corrected = "camera" in stage_sections(stage) and corrects_by_survey(config)
-    by_survey = masked or corrected or (stage == "segments" and tracks_by_survey(config))
+    sections = {section for section, _ in decided_by_survey(config)}
+    masked = "splats" in sections and "masks" in STAGES[stage].optional
+    corrected = "camera" in sections and "camera" in stage_sections(stage)
+    by_survey = masked or corrected or (stage == "segments" and stage in sections)
     return (*found, "survey") if by_survey and "survey" not in found else found
 
 
@@ -130,11 +120,6 @@ def learnt_from(stage: str, config: Config) -> tuple[str, ...]:
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 
-def learns_from_instances(config: Config) -> bool:
-    """Whether the scene's codes are learnt from its instances; else it has no pages of them."""
-    return "instances" in learnt_from("language", config)
-
-
 def stages_behind(stages: Iterable[str], config: Config) -> list[str]:
     """List stages and all that they are made from, in the order of the pipeline."""
     todo, found = list(stages), set()
@@ -147,9 +132,7 @@ def stages_behind(stages: Iterable[str], config: Config) -> list[str]:
 
 def training_frames(stage: str, config: Config, survey: Survey) -> str:
     """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
-    if not leaves_frames_out(config):
-        return ALL_FRAMES
-    if stage == "splats" and takes_splat(config):
+    if not leaves_frames_out(config) or (stage == "splats" and takes_splat(config)):
         return ALL_FRAMES
     if stage != "splats":
         return survey["views"]["digest"]
@@ -175,13 +158,7 @@ def default_pages(config: Config) -> list[str]:
 
 
 def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
-    """Get the stages whose outputs a scene's story tells of.
-
-    Args:
-        config: configuration with the survey's decisions.
-        annotated: whether the recording has annotations.
-        surveyed: whether the scene has a survey.
-    """
+    """Get the stages whose outputs a scene's story tells of; the configuration has the survey's decisions."""
     stages = [*stages_behind(["language"], config), *_pages_of_codes(config)]
     if annotated:
         stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"]
@@ -191,5 +168,5 @@ def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
 def _pages_of_codes(config: Config) -> list[str]:
     """Get the stages that draw what a scene's codes are made from."""
     moving = ["transient_sheet"] if config["splats"]["masking"] == "refined" else []
-    of_instances = _PAGES_OF_INSTANCES if learns_from_instances(config) else ()
+    of_instances = _PAGES_OF_INSTANCES if "instances" in learnt_from("language", config) else ()
     return [*of_instances, *moving, "splats_sheet", "language_sheet"]

@@ -1,7 +1,7 @@
 """Options of the configuration as a whole: preset, scenes, variants, and what pages compare."""
 
 import re
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 from typing_extensions import TypedDict
@@ -17,24 +17,13 @@ _KEY = check_with(
     lambda key: re.fullmatch("[a-z_]+[.][a-z0-9_]+", key), "only section.key, as in splats.iterations"
 )
 
+# How a recording is laid out on disk.
+Format = Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"]
+
 # Sections that may differ between formats.
 _OF_FORMATS = Literal[
-    "models",
-    "run",
-    "frames",
-    "annotations",
-    "poses",
-    "survey",
-    "segments",
-    "view_features",
-    "features",
-    "transient",
-    "masks",
-    "splats",
-    "language",
-    "query",
-    "metrics",
-    "presence",
+    *("models", "run", "frames", "annotations", "poses", "survey", "segments", "view_features", "features"),
+    *("transient", "masks", "splats", "language", "query", "metrics", "presence"),
 ]
 
 
@@ -125,9 +114,7 @@ class GeneralOptions(Options):
     """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
     (docs/running.md)."""
 
-    formats: dict[Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"], dict[_OF_FORMATS, dict[str, Any]]] = (
-        PROTOCOLS
-    )
+    formats: dict[Format, dict[_OF_FORMATS, dict[str, Any]]] = PROTOCOLS
     """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys
     of all scenes, and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks
     lerf and 3d_ovs have their protocol here (benchmarks/public/README.md); a key set in the configuration wins
@@ -147,19 +134,11 @@ class GeneralOptions(Options):
     for, in tables."""
 
 
-class TablesOptions(Options):
+class TablesOptions(Options, section="tables"):
     """Rows of the paper's tables (results/benchmark/tables.html) besides those of EgoSplat and its ablation."""
 
-    section: ClassVar[str] = "tables"
-
     methods: Annotated[tuple[Text, ...], UNIQUE] = (
-        "lerf",
-        "legaussians",
-        "semantic_gaussians",
-        "gags",
-        "langsplat",
-        "occam",
-        "langsplat2",
+        *("lerf", "legaussians", "semantic_gaussians", "gags", "langsplat", "occam", "langsplat2"),
         "splat_feature_solver",
     )
     """Variants whose scores the tables wait for, in each scene. Each stands in the row of its `method`
@@ -184,10 +163,8 @@ SWEEP: dict[str, tuple[Any, ...]] = {
 }
 
 
-class TradeoffOptions(Options):
+class TradeoffOptions(Options, section="tradeoff"):
     """Presets and keys that the speed-accuracy page of a scene compares (tradeoff/tradeoff.html), and scenes whose pages results/benchmark/tradeoff.html joins."""
-
-    section: ClassVar[str] = "tradeoff"
 
     scenes: Annotated[tuple[Annotated[str, _SCENE], ...], Field(min_length=1), UNIQUE] = (
         "adt/scene1",

@@ -1,5 +1,7 @@
-"""Where the workflow and its configuration are: in a checkout, or inside the installed package."""
+"""Where the workflow, its configuration and its results are, and the command that makes a result."""
 
+import re
+import shlex
 from pathlib import Path
 
 from egosplat import __version__
@@ -11,6 +13,9 @@ _SHIPPED = _PACKAGE / "shipped"
 
 # Relative to a folder with a workflow of its own, which Snakemake finds by itself.
 SNAKEFILE = Path("workflow/Snakefile")
+
+# Where the workflow puts results, which its targets name from the folder of the workflow.
+_RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
 
 _CONFIG, _PRESETS, _SCENES = Path("config/config.yaml"), Path("config/presets"), Path("config/scenes.tsv")
 
@@ -45,5 +50,33 @@ def how_to_reinstall() -> str:
 
 
 def _home() -> Path:
-    """Get the folder of ``workflow`` and ``config``: the checkout, or a folder of the installed package."""
+    """Get the folder of ``workflow`` and ``config``: a checkout, or a folder of the installed package."""
     return _SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parents[1]
+
+
+def snakemake_in(folder: Path) -> str:
+    """The command ``snakemake`` in a folder; without a workflow of its own, with the one that comes with egosplat."""
+    has_workflow = (folder / SNAKEFILE).is_file()
+    return "snakemake" if has_workflow else 'snakemake --snakefile "$(egosplat snakefile)"'
+
+
+def make_command(path: Path, flag: str = "") -> str:
+    """The shell command that makes a result, from any working directory; ``flag`` ends with a blank."""
+    place = path.as_posix()
+    if (found := _RESULT.search(place)) is None:
+        return "run its command again"
+    root, target = Path(place[: found.start(1)]), shlex.quote(found[1])
+    if root.resolve() == Path.cwd():
+        return f"{snakemake_in(root)} --cores 2 {flag}{target}"
+    # Results may lie apart from the workflow, by Snakemake's option --directory.
+    if SNAKEFILE.is_file() and not (root / SNAKEFILE).is_file():
+        return f"snakemake --cores 2 {flag}--directory {shlex.quote(str(root))} {target}"
+    return f"cd {shlex.quote(str(root))} && {snakemake_in(root)} --cores 2 {flag}{target}"
+
+
+def shared_with(folder: Path) -> list[Path]:
+    """List the folders that may hold artifacts of a variant: its scene's, then those of all variants; none for a scene."""
+    # A variant shares artifacts with its scene and with the variants that it extends.
+    if folder.parent.name != "variants":
+        return []
+    return [folder.parent.parent, *sorted(folder.parent.iterdir())]

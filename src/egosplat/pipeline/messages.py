@@ -10,7 +10,8 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from egosplat.pipeline.options import LARGEST_INTEGER
+from egosplat.errors import UserError
+from egosplat.pipeline.options import LARGEST_INTEGER, Options, full_names, keys_of
 
 # Longest value in a message [characters].
 _LONGEST = 80
@@ -38,10 +39,6 @@ _LIMITS = {
     "maxLength": "at most {} letters",
 }
 
-_CONSTANT = "it is a constant now, because nobody changed it"
-_BY_SET = "it follows models.set now (docs/models.md)"
-_BY_DEVICE = "its size is fixed now"
-
 # Removed keys, with their replacement.
 _REMOVED = {
     "budget": "set preset (docs/speed.md)",
@@ -54,15 +51,18 @@ _REMOVED = {
     "segments.levels": "all three levels are used",
     **dict.fromkeys(
         (
-            *("poses.overlap", "poses.max_gap_ms", "poses.seed"),
-            *("segments.max_covered_new", "segments.min_uncovered_fraction"),
-            *("instances.drop_iou", "instances.claimed", "instances.cut_iou"),
-            *("splats.position_lr", "splats.grow_grad2d", "splats.antialiased"),
-            *("language.scales", "language.channels"),
-            *("metrics.confidence", "metrics.resamples", "metrics.seed"),
-            *(f"{section}.checkpoint_s" for section in ("transient", "splats", "language")),
+            *("poses.overlap", "poses.max_gap_ms", "poses.seed", "segments.max_covered_new"),
+            *(
+                "segments.min_uncovered_fraction",
+                "instances.drop_iou",
+                "instances.claimed",
+                "instances.cut_iou",
+            ),
+            *("splats.position_lr", "splats.grow_grad2d", "splats.antialiased", "language.scales"),
+            *("language.channels", "metrics.confidence", "metrics.resamples", "metrics.seed"),
+            *("transient.checkpoint_s", "splats.checkpoint_s", "language.checkpoint_s"),
         ),
-        _CONSTANT,
+        "it is a constant now, because nobody changed it",
     ),
     **dict.fromkeys(
         (
@@ -74,9 +74,9 @@ _REMOVED = {
             *("segments.box_nms_thresh", "segments.nms_iou_thresh", "segments.nms_score_thresh"),
             "segments.nms_inner_thresh",
         ),
-        _BY_SET,
+        "it follows models.set now (docs/models.md)",
     ),
-    **dict.fromkeys(("segments.batch", "view_features.batch", "tiles.batch"), _BY_DEVICE),
+    **dict.fromkeys(("segments.batch", "view_features.batch", "tiles.batch"), "its size is fixed now"),
 }
 
 # New names of renamed keys, by section and old name. Kept for one release.
@@ -98,38 +98,37 @@ _RENAMED = {
     "metrics.target": "hit_region",
     "models.device": "run.device",
     "models.precision": "run.precision",
-    **{
-        f"{section}.seed": "run.seed"
-        for section in ("instances", "features", "transient", "splats", "language")
-    },
-    **{f"{section}.backend": "run.backend" for section in ("transient", "splats", "language", "query")},
-    **{f"{section}.near_plane": "run.near_plane" for section in ("transient", "splats")},
+    **dict.fromkeys(("instances.seed", "features.seed", "transient.seed", "splats.seed"), "run.seed"),
+    "language.seed": "run.seed",
+    **dict.fromkeys(("transient.backend", "splats.backend", "language.backend"), "run.backend"),
+    "query.backend": "run.backend",
+    **dict.fromkeys(("transient.near_plane", "splats.near_plane"), "run.near_plane"),
 }
 
 
-def renamed(section: str, key: str) -> str | None:
-    """Get the new name of a renamed key, with its section if that is another; None if it was not renamed."""
-    return _RENAMED.get(f"{section}.{key}")
-
-
-def refusal(
-    error: ValidationError,
-    given: Mapping[Any, Any],
-    keys: Mapping[str, Mapping[str, Any]],
-    names: Mapping[str, str],
-) -> str:
-    """Describe the first error of options in one line: the key, its value, and what is allowed.
+def make_options(options: type[Options], values: Mapping[str, Any], where: str, own: str) -> Options:
+    """Make options, which checks the values and adds the defaults.
 
     Args:
-        given: the values.
-        keys: JSON schema of each known key, by name.
-        names: full name of each known key, such as ``splats.iterations``.
+        where: what gives the values, for messages.
+        own: section of the keys that are in no shared one; empty for none.
+
+    Raises:
+        UserError: a key is unknown or has a forbidden value; names the first one.
     """
-    first = error.errors(include_url=False)[0]
+    try:
+        return options.model_validate(values)
+    except ValidationError as error:
+        raise UserError(f"{where}: {_refusal(error, values, options, own)}") from None
+
+
+def _refusal(error: ValidationError, given: Mapping[Any, Any], options: type[Options], own: str) -> str:
+    """Describe the first error of options in one line: the key, its value, and what is allowed."""
+    first, keys = error.errors(include_url=False)[0], keys_of(options)
     name, *rest = first["loc"]
     if name not in keys:
         return unknown_key("", name, list(keys))
-    path, part, value = [names[name]], keys[name], given[name]
+    path, part, value = [full_names(options, own)[name]], keys[name], given[name]
     names: Mapping[str, Any] = {}
     for step in rest:
         if step == "[key]":  # the key itself is wrong
@@ -139,8 +138,8 @@ def refusal(
             break
         names = _option(part, "object").get("propertyNames", {})
         path, (part, value) = [*path, step], inner
-    own = first.get("ctx", {}).get("error")
-    return not_allowed(".".join(map(str, path)), value, str(own) if own else allowed(part, value))
+    cause = first.get("ctx", {}).get("error")
+    return not_allowed(".".join(map(str, path)), value, str(cause) if cause else allowed(part, value))
 
 
 def not_allowed(key: str, value: object, why: str) -> str:
@@ -153,8 +152,7 @@ def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence
     """Say that there is no such key, with what is meant: the closest key, a new name, or the reason of its removal.
 
     Args:
-        section: of the key; empty outside sections.
-        known: the keys there.
+        known: the keys of the section, which is empty outside sections.
         homes: full names of the keys of this name in sections.
     """
     text = str(key)
@@ -163,7 +161,7 @@ def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence
     last = section.rpartition(".")[2]
     if advice := _REMOVED.get(f"{last}.{text}" if section else text):
         return f"key '{full}' was removed; {advice}"
-    if new := renamed(last, text):
+    if new := _RENAMED.get(f"{last}.{text}"):
         return f"key '{full}' was renamed; write {new!r}"
     first, dot, rest = text.partition(".")
     odd = next((letter for letter in text if not letter.isascii()), None)

@@ -52,13 +52,9 @@ def set_of(config: Mapping[str, Any]) -> str | None:
 
 
 def switch_models(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace the defaults of a configuration's set of models by those of another set.
+    """Replace the defaults of a complete configuration's set of models by those of the set that keys over it choose.
 
     A value that differs from the default of its own set was set by somebody, and stays.
-
-    Args:
-        config: complete configuration.
-        above: keys to be merged over it, of a format, scene or variant, which may choose another set.
     """
     old, new = set_of(config), set_of(above)
     found = dict(config)
@@ -72,11 +68,7 @@ def switch_models(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[s
 
 
 def choose_set(config: Mapping[str, Any], automatic: str) -> dict[str, Any]:
-    """Replace ``auto`` in a complete configuration by a set of models, with its defaults.
-
-    Args:
-        automatic: what ``auto`` stands for; ``automatic_set`` tells it for a scene.
-    """
+    """Replace ``auto`` in a complete configuration by a set of models, that of ``automatic_set``, with its defaults."""
     if set_of(config) != AUTO:
         return dict(config)
     return name_set(switch_models(config, {"models": {"set": automatic}}), automatic)
@@ -95,11 +87,7 @@ def automatic_set(origin: Origin) -> str:
 
 
 def locate_checkpoints(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace ``published`` in a complete configuration by the path of the file in ``models.cache``.
-
-    Raises:
-        UserError: there is no published checkpoint of the configured architecture.
-    """
+    """Replace ``published`` by the path of the file in ``models.cache`` (UserError: the catalogue has none)."""
     models = config["models"]
     architectures = dict(zip(LIBRARIES, (models["sam2_config"], models["clip_model"], ENCODER), strict=True))
     found = dict(config)

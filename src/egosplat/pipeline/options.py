@@ -46,14 +46,17 @@ UNIQUE = check_with(lambda items: len({*items}) == len(items), "no repeated item
 class Options(BaseModel):
     """Keys with values. Unknown keys, NaN, infinity, and values of another type are refused.
 
-    Attributes:
-        section: section of the configuration that the keys of this class are in; None for the stage's own. Stages share
-            the keys of a section by deriving from its class.
+    A class says ``section=`` if its keys are in another section of the configuration than the stage's own. Stages share the keys
+    of a section by deriving from its class.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
-    section: ClassVar[str | None] = None
+    _section: ClassVar[str | None] = None
+
+    def __init_subclass__(cls, section: str | None = None, **rest: Any) -> None:
+        super().__init_subclass__(**rest)
+        cls._section = section
 
     @model_validator(mode="before")
     @classmethod
@@ -87,9 +90,15 @@ def sections_of(options: type[Options], own: str) -> dict[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
     for name in options.model_fields:
         owner = next(one for one in reversed(options.__mro__) if name in inspect.get_annotations(one))
-        section = vars(owner).get("section") or own
+        section = owner._section or own
         found[section] = (*found.get(section, ()), name)
     return found
+
+
+def full_names(options: type[Options], own: str) -> dict[str, str]:
+    """Get ``splats.iterations`` by ``iterations`` of each key; arguments as ``sections_of``."""
+    sections = sections_of(options, own).items()
+    return {name: f"{section}.{name}" if section else name for section, names in sections for name in names}
 
 
 def describe(options: type[Options], name: str) -> str:

@@ -25,12 +25,8 @@ MOST_MODULES = 4000
 
 @dataclass(frozen=True)
 class ParsedModule:
-    """A module's part of a code hash.
-
-    Attributes:
-        tree_hash: hash of the syntax tree, without comments, layout, docstrings, the words of messages and the
-            keys of options; equal on every Python version.
-        imports: names of the modules that the module imports, and of the objects that it imports from them.
+    """A module's part of a code hash: a hash of its syntax tree without comments, layout, docstrings, the words of messages
+    and the keys of options, and the names of the modules that it imports, and of the objects that it imports from them.
     """
 
     tree_hash: str
@@ -48,7 +44,7 @@ def parse_module(name: str, path: Path) -> ParsedModule:
     if found is None:
         tree = ast.parse(source)
         imports = [*_imported(tree, package)]
-        found = [_hash("\0".join(_canonical(tree))), imports]
+        found = [_hash(_canonical(_WordsDropped().visit(tree))), imports]
         _new.append(key)
     # The latest come last.
     _kept()[key] = found
@@ -123,34 +119,18 @@ def _statements(tree: ast.AST) -> Iterator[ast.AST]:
             yield from _statements(node)
 
 
-def _canonical(node: Any) -> list[str]:
-    """A tree's non-empty fields in order, without docstrings and words. Unlike ``ast.dump``, equal on every Python version."""
-    parts: list[str] = []
-    _append(_WordsDropped().visit(node), parts)
-    return parts
-
-
-def _append(node: Any, parts: list[str]) -> None:
-    if isinstance(node, ast.AST):
-        parts.append(f"{type(node).__name__}(")
-        for key, value in ast.iter_fields(node):
-            if key == "body" and isinstance(node, DOCUMENTED):
-                value = [
-                    item
-                    for item in value
-                    if not (_is_bare_text(item) or _is_key(item, node) or _holds_keys(item))
-                ]
-            if value is not None and value != []:
-                parts.append(key)
-                _append(value, parts)
-        parts.append(")")
-    elif isinstance(node, list):
-        parts.append("[")
-        for item in node:
-            _append(item, parts)
-        parts.append("]")
-    else:
-        parts.append(repr(node))
+def _canonical(node: Any) -> str:
+    """A tree's non-empty fields in order, without docstrings and keys. Unlike ``ast.dump``, equal on every Python version."""
+    if not isinstance(node, ast.AST):
+        return f"[{','.join(map(_canonical, node))}]" if isinstance(node, list) else repr(node)
+    fields = dict(ast.iter_fields(node))
+    if isinstance(node, DOCUMENTED):
+        left_out = (_is_bare_text(one) or _is_key(one, node) or _holds_keys(one) for one in node.body)
+        fields["body"] = [one for one, out in zip(node.body, left_out, strict=True) if not out]
+    told = (
+        f"{key}={_canonical(value)}" for key, value in fields.items() if value is not None and value != []
+    )
+    return f"{type(node).__name__}({','.join(told)})"
 
 
 class _WordsDropped(ast.NodeTransformer):

@@ -35,12 +35,9 @@ def _watch(process: int) -> None:
 
 def _alive(process: int) -> bool:
     try:
-        # Signal 0 is not sent; only the process id is checked.
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
+        os.kill(process, 0)  # signal 0 is not sent; only the process id is checked
+    except OSError as error:
+        return isinstance(error, PermissionError)
     return True
 
 
@@ -49,13 +46,10 @@ _HELD: list[int] = []
 
 
 def clear_stale_locks(folder: Path) -> bool:
-    """Remove the locks in Snakemake's ``folder`` unless a running Snakemake may hold them.
+    """Remove the locks in Snakemake's ``folder`` unless a running Snakemake may hold them, and tell whether there were any.
 
     This process counts as running until it ends. On a file system without file locks nothing is removed, and the
     user has to call `snakemake --unlock`.
-
-    Returns:
-        Whether locks were removed.
     """
     locks = folder / "locks"
     try:
@@ -90,15 +84,7 @@ def name_user() -> None:
 
 
 def check_cores(cores: int | None, nodes: int | None) -> None:
-    """Check that at least one job can run: with no core or no job slot Snakemake waits forever.
-
-    Args:
-        cores: value of ``--cores``, or None.
-        nodes: value of ``--jobs`` on a cluster, or None.
-
-    Raises:
-        UserError: a value is less than 1.
-    """
+    """Check that one job can run: with no core, or no job slot on a cluster, Snakemake waits forever (UserError)."""
     for option, count in (("--cores", cores), ("--jobs", nodes)):
         if count is not None and count < 1:
             raise UserError(f"{option} {count}: nothing can run; give 1 or more, as in {option} 2")

@@ -55,6 +55,20 @@ def _sam2(size: str, letters: str, megabytes: float, sha256: str) -> PublishedMo
     )
 
 
+def _clip(
+    architecture: str,
+    weights: str,
+    repository: str,
+    license: str,
+    size: float,
+    sha256: str | None,
+    *revision: str,
+) -> PublishedModel:
+    file, remote = f"{architecture}.{weights}.bin", "open_clip_pytorch_model.bin"
+    about = (file, repository, remote, license, size, sha256, *revision)
+    return PublishedModel("OpenCLIP", architecture, weights, *about)
+
+
 # The digests of SAM2.1 are those of the same files on Meta's server; the others are on the files' pages of the hub. No digest
 # of the DataComp weights was found.
 CATALOGUE = (
@@ -62,39 +76,17 @@ CATALOGUE = (
     _sam2("small", "s", 184.4, "6d1aa6f30de5c92224f8172114de081d104bbd23dd9dc5c58996f0cad5dc4d38"),
     _sam2("base_plus", "b+", 323.6, "a2345aede8715ab1d5d31b4a509fb160c5a4af1970f199d9054ccfb746c004c5"),
     _sam2("large", "l", 898.1, "2647878d5dfa5098f2f8649825738a9345572bae2d4350a2468587ece47dd318"),
-    PublishedModel(
-        "OpenCLIP",
-        "ViT-B-16",
-        "laion2b_s34b_b88k",
-        "ViT-B-16.laion2b_s34b_b88k.bin",
-        "laion/CLIP-ViT-B-16-laion2B-s34B-b88K",
-        "open_clip_pytorch_model.bin",
-        "MIT",
-        599,
+    _clip(
+        *("ViT-B-16", "laion2b_s34b_b88k", "laion/CLIP-ViT-B-16-laion2B-s34B-b88K", "MIT", 599),
         "1f16b1274ca25493b1f36225efe81d05f66a3f33c487acd1a07c5ba87920de6f",
     ),
-    PublishedModel(
-        "OpenCLIP",
-        "ViT-B-16-quickgelu",
-        "dfn2b",
-        "ViT-B-16-quickgelu.dfn2b.bin",
-        "apple/DFN2B-CLIP-ViT-B-16",
-        "open_clip_pytorch_model.bin",
-        "Apple's own, see its page",
-        599,
+    _clip(
+        *("ViT-B-16-quickgelu", "dfn2b", "apple/DFN2B-CLIP-ViT-B-16", "Apple's own, see its page", 599),
         "01832e9567e6f668928c6ef493fe9c0985f9df146e0212bdccc87f3e25e37084",
         "8fdf8d1c80647d79d7e109ddebd3b7fc51108531",
     ),
-    PublishedModel(
-        "OpenCLIP",
-        "ViT-L-14",
-        "datacomp_xl_s13b_b90k",
-        "ViT-L-14.datacomp_xl_s13b_b90k.bin",
-        "laion/CLIP-ViT-L-14-DataComp.XL-s13B-b90K",
-        "open_clip_pytorch_model.bin",
-        "MIT",
-        1710,
-        None,
+    _clip(
+        "ViT-L-14", "datacomp_xl_s13b_b90k", "laion/CLIP-ViT-L-14-DataComp.XL-s13B-b90K", "MIT", 1710, None
     ),
     PublishedModel(
         "timm",
@@ -122,15 +114,7 @@ ENCODER = "mobilenetv3_small_050"
 
 
 def published_model(key: str, architecture: str) -> PublishedModel:
-    """Get the published checkpoint of an architecture.
-
-    Args:
-        key: one of ``LIBRARIES``, for the message.
-        architecture: value of ``models.sam2_config`` or ``models.clip_model``, or ``ENCODER``.
-
-    Raises:
-        UserError: the catalogue has none.
-    """
+    """Get the published checkpoint of an architecture for one of ``LIBRARIES`` (UserError: there is none)."""
     known = {one.architecture: one for one in CATALOGUE if one.library == LIBRARIES[key]}
     name = architecture.removesuffix(".yaml").rpartition("/")[2]
     if name not in known:
@@ -142,11 +126,7 @@ def published_model(key: str, architecture: str) -> PublishedModel:
 
 
 def named_model(name: str) -> PublishedModel:
-    """Get a checkpoint by its architecture or file name.
-
-    Raises:
-        UserError: the catalogue has none of that name.
-    """
+    """Get a checkpoint by its architecture or file name (UserError: the catalogue has none of that name)."""
     for one in CATALOGUE:
         if name in (one.architecture, one.file):
             return one

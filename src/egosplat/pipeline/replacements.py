@@ -4,32 +4,23 @@ Only the options recorded in an artifact's JSON are compared: neither Zarr nor P
 recording gives no notice; Snakemake's plan names its reason.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from egosplat.files import read_json
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config
-from egosplat.pipeline.dag import (
-    AUTO,
-    CAMERA,
-    default_pages,
-    masks_by_survey,
-    stages_behind,
-    tracks_by_survey,
-)
+from egosplat.pipeline.dag import AUTO, BY_SURVEY, default_pages, stages_behind
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.making import snakemake_in
+from egosplat.pipeline.home import snakemake_in
+from egosplat.pipeline.messages import shown
 from egosplat.pipeline.options import keys_of
-from egosplat.pipeline.presets import FILES
 from egosplat.pipeline.results import default_scenes
 from egosplat.pipeline.scenes import Scene, Target, find_scene
 from egosplat.pipeline.stages import PAGES, STAGES
-from egosplat.pipeline.variants import artifact_path, scene_config
+from egosplat.pipeline.variants import PRESET_FILES, artifact_path, scene_config
 
 # Largest number of keys, and of scenes, in a message.
 NAMED = 4
@@ -40,15 +31,9 @@ Changes = dict[str, tuple[Any, Any]]
 
 @dataclass(frozen=True)
 class Asked:
-    """A scene or variant with requested results.
+    """A scene, or its variant, with its folder, the names of the requested files below it, and its configuration.
 
-    Attributes:
-        folder: folder of the scene, ``results/adt/scene1``.
-        variant: name of the variant; None for the scene itself.
-        goals: names of the requested files, below the folder of the scene or variant.
-        config: complete configuration of the scene or variant.
-        path_of: gets the path of a stage's artifact.
-        with_preset: gets the same configuration with another preset.
+    ``path_of`` gets the path of a stage's artifact, and ``with_preset`` the same configuration with another preset.
     """
 
     folder: Path
@@ -61,14 +46,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Replaced:
-    """Artifacts that were made with other settings.
-
-    Attributes:
-        asked: the scene or variant.
-        artifacts: paths, in the order of the stages.
-        changes: changed keys.
-        preset: preset that explains all recorded values, or None.
-    """
+    """Artifacts, in the order of the stages, that were made with other settings, which one preset may explain."""
 
     asked: Asked
     artifacts: tuple[Path, ...]
@@ -85,8 +63,6 @@ def asked_results(
     """List the requested scenes and variants; without targets, all scenes of the default run.
 
     Args:
-        scenes: table of scenes.
-        targets: targets below ``results``.
         with_preset: reads the same table with another preset.
     """
     names: dict[tuple[str, str, str | None], list[str]] = {}
@@ -105,12 +81,12 @@ def _asked(
     scene: Scene, variant: str | None, goals: tuple[str, ...], with_preset: Callable[[str], Scenes]
 ) -> Asked:
     return Asked(
-        folder=scene.results,
-        variant=variant,
-        goals=goals,
-        config=scene_config(scene, variant),
-        path_of=lambda stage: Path(artifact_path(stage, scene, variant)),
-        with_preset=lambda preset: scene_config(with_preset(preset)[scene.dataset, scene.scene], variant),
+        scene.results,
+        variant,
+        goals,
+        scene_config(scene, variant),
+        lambda stage: Path(artifact_path(stage, scene, variant)),
+        lambda preset: scene_config(with_preset(preset)[scene.dataset, scene.scene], variant),
     )
 
 
@@ -125,51 +101,36 @@ def replacement_notices(asked: Iterable[Asked]) -> list[str]:
 
 def find_replaced(asked: Asked) -> Replaced | None:
     """Find existing inputs of the requested files that were made with other settings, or None."""
-    records = dict(_records(asked))
+    # A figure has no keys of its own.
+    stages = [stage for stage in stages_of(asked.goals, asked.config) if stage not in PAGES]
+    found = {stage: _recorded_options(asked.path_of(stage)) for stage in stages}
+    records = {stage: options for stage, options in found.items() if options is not None}
     changes = {stage: _changes(stage, options, asked.config) for stage, options in records.items()}
     artifacts = tuple(asked.path_of(stage) for stage in records if changes[stage])
     if not artifacts:
         return None
     every = {key: values for stage in records for key, values in changes[stage].items()}
     preset = _preset_of(records, asked)
-    filmed = _filmed_otherwise(asked, preset)
-    recording = (asked.folder / "recording",) if filmed else ()
-    return Replaced(asked, recording + artifacts, filmed | every, preset)
+    recording, filmed = asked.folder / "recording", {}
+    if preset is not None and recording.is_dir():
+        # A synthetic recording stores no options; its preset tells them.
+        before, now = asked.with_preset(preset)["synthetic"], asked.config["synthetic"]
+        filmed = {f"synthetic.{key}": (before[key], now[key]) for key in now if before[key] != now[key]}
+    return Replaced(asked, ((recording,) if filmed else ()) + artifacts, filmed | every, preset)
 
 
 def stages_of(goals: Iterable[str], config: Config) -> list[str]:
-    """List the stages needed for files, including their own, in the order of the pipeline.
-
-    Args:
-        goals: names of files, such as ``metrics.json``, ``splats.png`` and ``splats.zarr``.
-        config: configuration, which decides the optional inputs.
-    """
-    return stages_behind((stage for name in goals if (stage := _stage_of(name)) is not None), config)
-
-
-def _stage_of(name: str) -> str | None:
-    if name.startswith("tradeoff/"):
-        return "metrics"
-    found = (stage for stage, about in STAGES.items() if about.output == name)
-    return next(found, None) if name != STAGES["synthetic"].output else None
-
-
-def _records(asked: Asked) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield each stage with an existing artifact, and the artifact's recorded options."""
-    for stage in stages_of(asked.goals, asked.config):
-        if stage in PAGES:
-            continue  # a figure has no keys of its own
-        if (options := _recorded_options(asked.path_of(stage))) is not None:
-            yield stage, options
+    """List the stages needed for files such as ``metrics.json``, including their own, in the order of the pipeline."""
+    makers = {about.output: stage for stage, about in STAGES.items() if stage != "synthetic"}
+    named = ("metrics" if name.startswith("tradeoff/") else makers.get(name) for name in goals)
+    return stages_behind(filter(None, named), config)
 
 
 def _recorded_options(path: Path) -> Mapping[str, Any] | None:
     """Read an artifact's recorded options; None if it is missing or damaged, which its reader reports."""
     try:
-        if path.suffix == ".zarr":
-            document = read_json(path / "zarr.json")["attributes"]["egosplat"]
-        else:
-            document = read_json(path)
+        is_artifact = path.suffix == ".zarr"
+        document = read_json(path / "zarr.json")["attributes"]["egosplat"] if is_artifact else read_json(path)
         return dict(document["provenance"]["options"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -177,23 +138,14 @@ def _recorded_options(path: Path) -> Mapping[str, Any] | None:
 
 def _changes(stage: str, options: Mapping[str, Any], config: Config) -> Changes:
     values = configuration.stage_values(stage, config)
-    if masks_by_survey(config):
-        values.pop("masking", None)  # the survey decides
-    if tracks_by_survey(config):
-        values.pop("track_moving", None)
-    values = {key: value for key, value in values.items() if not (key in CAMERA and value == AUTO)}
-    names = _full_names(stage)
+    names = {
+        key: f"{part}.{key}" for part, keys in configuration.stage_sections(stage).items() for key in keys
+    }
     return {
         names[key]: (options[key], value)
         for key, value in values.items()
-        if key in options and options[key] != value
+        if options.get(key, value) != value and not (key in BY_SURVEY and value == AUTO)
     }
-
-
-def _full_names(stage: str) -> dict[str, str]:
-    """Map the keys of a stage to full names: ``iterations`` to ``splats.iterations``."""
-    sections = configuration.stage_sections(stage)
-    return {key: f"{section}.{key}" for section, keys in sections.items() for key in keys}
 
 
 def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | None:
@@ -204,14 +156,6 @@ def _preset_of(records: Mapping[str, Mapping[str, Any]], asked: Asked) -> str | 
         if not any(_changes(stage, options, config) for stage, options in records.items()):
             return preset
     return None
-
-
-def _filmed_otherwise(asked: Asked, preset: str | None) -> Changes:
-    """Get the changed keys of a synthetic recording by its preset, because a recording stores no options."""
-    if preset is None or not (asked.folder / "recording").is_dir():
-        return {}
-    before, now = asked.with_preset(preset)["synthetic"], asked.config["synthetic"]
-    return {f"synthetic.{key}": (before[key], now[key]) for key in now if before[key] != now[key]}
 
 
 def _notice(found: Replaced) -> str:
@@ -228,7 +172,7 @@ def _notice(found: Replaced) -> str:
 
 def _way_to_keep_both(found: Replaced) -> str:
     asked, now = found.asked, found.asked.config["preset"]
-    variant = next(name for name, file in FILES.items() if file == now)
+    variant = next(name for name, file in PRESET_FILES.items() if file == now)
     if asked.variant is None and found.preset not in (None, now) and variant in asked.config["variants"]:
         target = f"{asked.folder}/variants/{variant}/metrics.json"
         return f"To keep both, stop this run and request a variant, with preset {found.preset}: {snakemake_in(Path())} --cores 2 {target}"
@@ -244,8 +188,6 @@ def _variant(changes: Changes) -> str:
     for key, (_, new) in changes.items():
         section, _, name = key.partition(".")
         keys.setdefault(section, {})[name] = new
-    shown = keys if len(changes) <= NAMED else {next(iter(keys)): keys[next(iter(keys))]}
-    text = yaml.safe_dump(
-        {"variants": {"NAME": shown}}, default_flow_style=True, width=1000, sort_keys=False
-    ).strip()
+    few = keys if len(changes) <= NAMED else {next(iter(keys)): keys[next(iter(keys))]}
+    text = shown({"variants": {"NAME": few}})
     return text[1:-1] if len(changes) <= NAMED else f"{text[1:-3]}, ...}}}}"

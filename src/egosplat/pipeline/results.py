@@ -1,19 +1,24 @@
-"""Results of a run without a target, and inputs of the tables."""
+"""Results of a run without a target, inputs of the tables, and the check that a rule makes each target."""
 
-from collections.abc import Iterable
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.dag import default_pages
-from egosplat.pipeline.scenes import Scene
+from egosplat.pipeline.scenes import Scene, requested_targets
 
 # Variants that have rows in the tables, in addition to the scene itself.
 ABLATIONS = ("baseline", "no_masks", "network_masks")
 
+# A target for messages.
+EXAMPLE = "results/adt/scene1/metrics.json"
+
 
 def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:
     """Get the scenes of a run without a target: those with a recording, and synthetic ones that need not be named."""
-    return [scene for scene in scenes if not scene.by_name and (scene.synthetic or scene.recording.exists())]
+    return [scene for scene in scenes if not (scene.by_name or scene.lacks_recording)]
 
 
 def default_results(scene: Scene) -> list[str]:
@@ -46,11 +51,7 @@ def compared_methods(scene: Scene) -> list[str]:
 
 
 def maps_of(scene: Scene, method: str) -> Path:
-    """Get the path of a method's relevancy maps of a scene.
-
-    Raises:
-        UserError: the configuration names no folder of maps.
-    """
+    """Get the path of a method's relevancy maps of a scene (UserError: no folder of maps is configured)."""
     folder = scene.config["tables"]["maps"]
     if folder is None:
         raise UserError(
@@ -66,3 +67,45 @@ def _scores(scene: Scene) -> list[Path]:
     if keys["maps"] is not None:
         folders += [f"methods/{path.stem}" for path in sorted(maps_of(scene, "*").parent.glob("*.zarr"))]
     return [scene.results / folder / "metrics.json" for folder in folders]
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What the rules make."""
+
+    plain: frozenset[str]  # names of the rules without wildcards, which are targets, and their files
+    of_scenes: frozenset[str]  # names of the rules with wildcards, which are none
+    outputs: frozenset[str]  # names of files in the folder of a scene or variant
+    is_made: Callable[[str], bool]  # whether a rule makes a file
+
+
+def check_words(words: Iterable[str], scenes: Mapping[tuple[str, str], Scene], rules: Rules) -> None:
+    """Check that rules make the targets of a command line (UserError: none makes one; names what is meant)."""
+    for word in words:
+        if word in rules.plain or rules.is_made(word.removeprefix("./")):
+            continue
+        if word.startswith("-"):
+            raise UserError(f"{word}: is an option; write it before --, behind which every word is a target")
+        if word in rules.of_scenes:
+            raise UserError(f"{word}: is a rule for every scene; give a file, such as {EXAMPLE}")
+        meant = _meant(word, scenes, rules)
+        advice = f"did you mean {meant}?" if meant else f"targets are files such as {EXAMPLE}"
+        raise UserError(f"no rule makes {word}; {advice}")
+
+
+def _meant(word: str, scenes: Mapping[tuple[str, str], Scene], rules: Rules) -> str | None:
+    """The file that a word means: by its place, as the folder or name of a scene, or by its letters."""
+    here = Path(word).absolute()
+    if here.is_relative_to(Path.cwd()) and rules.is_made(inside := str(here.relative_to(Path.cwd()))):
+        return inside
+    folder = "/" + word.lower().strip("/")
+    for scene in scenes.values():
+        if f"/{scene.results}".lower().endswith(folder):
+            return f"{scene.results}/metrics.json"
+    homes = [f"{scene.results}/" for scene in scenes.values()]
+    if found := requested_targets([word]):
+        homes = [word.removesuffix(found[0].name)]
+    known = [*rules.plain, *(home + name for home in homes for name in sorted(rules.outputs))]
+    lower = {one.lower(): one for one in known}
+    near = difflib.get_close_matches(word.lower(), lower, n=1)
+    return lower[near[0]] if near else None

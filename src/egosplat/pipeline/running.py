@@ -5,8 +5,8 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.pipeline import stages
-from egosplat.pipeline.checked_options import make_options
-from egosplat.pipeline.config import stage_options, stage_sections
+from egosplat.pipeline.config import stage_options
+from egosplat.pipeline.messages import make_options
 
 # Values of the table of scenes that a stage may do without.
 _SCENE = {"title": "scene", "method": None, "preset": None, "world_seed": None, "camera": None}
@@ -37,5 +37,4 @@ def run_stage(name: str, **values: Any) -> None:
         if keys:
             raise UserError(f"run_stage {name}: {min(keys)} is no input, and the stage has no keys")
         return stages.run_stage(name, None, **given)
-    names = {key: f"{part}.{key}" for part, found in stage_sections(name).items() for key in found}
-    return stages.run_stage(name, make_options(options, keys, f"run_stage {name}", names), **given)
+    return stages.run_stage(name, make_options(options, keys, f"run_stage {name}", name), **given)

@@ -5,11 +5,9 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import read_yaml, resolve
-from egosplat.pipeline.home import config_file, presets_folder
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import config_file, make_command, presets_folder, shared_with
 from egosplat.pipeline.scenes import requested_targets
 from egosplat.pipeline.sweeps import read_scenes_with_points
-from egosplat.pipeline.variant_folders import shared_with
 from egosplat.pipeline.variants import check_target
 
 # Example of a scene folder for messages.
@@ -20,11 +18,7 @@ ASKED = ("frames", "poses", "splats", "language")
 
 
 def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
-    """Check that a folder holds the artifacts of ``stages``. Their content is not read.
-
-    Raises:
-        UserError: it is not a folder, or artifacts are missing; names them and the command that makes them.
-    """
+    """Check that a folder holds artifacts, without reading them (UserError: names what makes those missing)."""
     if folder.suffix == ".zarr" or (folder / "zarr.json").is_file():
         raise UserError(f"{folder}: is a single artifact; give the folder of its scene, {folder.parent}")
     if folder.exists() and not folder.is_dir():

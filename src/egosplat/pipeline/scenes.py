@@ -7,21 +7,49 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline import config as configuration
+from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.home import scenes_table
+from egosplat.pipeline.messages import make_options
 from egosplat.pipeline.model_sets import automatic_set, locate_checkpoints
-from egosplat.pipeline.recording_origin import Origin, recording_origin
-from egosplat.pipeline.validation import Draft202012Validator, explain, schema
+from egosplat.pipeline.options import Options, Text, check_with
+from egosplat.pipeline.recording_origin import recording_origin
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
 
 # Value of the column recording for a scene without one.
 NO_RECORDING = "-"
+
+
+def _only(pattern: str, allowed: str) -> Any:
+    return check_with(re.compile(pattern).fullmatch, f"only {allowed}")
+
+
+class Row(Options):
+    """A row of the table of scenes, as docs/recordings.md describes it."""
+
+    dataset: Annotated[
+        str,
+        Field(max_length=100),
+        _only("(?!benchmark$)[a-z0-9_]+", "small letters, digits and _, and not benchmark, of all scenes"),
+    ]
+    scene: Annotated[str, Field(max_length=100), _only("[A-Za-z0-9_-]+", "letters, digits, _ and -")]
+    format: Format
+    recording: Annotated[
+        Text,
+        _only(
+            r"(?!\s)[^\x00-\x1f\x7f]*(?<!\s)",
+            "a path without control characters, and without blanks around it",
+        ),
+    ]
+    options: str
 
 
 @dataclass(frozen=True)
@@ -55,13 +83,14 @@ class Scene:
     def results(self) -> Path:
         return Path("results") / self.dataset / self.scene
 
+    @property
+    def lacks_recording(self) -> bool:
+        """Whether its recording can not be made, and is not there."""
+        return not (self.synthetic or self.recording.exists())
+
 
 def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
-    """Read the table that the configuration names, and the local one beside it.
-
-    Raises:
-        UserError: both tables are missing, one is unreadable, a column or value is wrong, or a scene is repeated.
-    """
+    """Read the table that the configuration names, and the local one beside it (UserError: one or a row is wrong)."""
     tables = tables_of(config)
     rows = {f"{path}, line {number}": row for path in tables for number, row in read_rows(path)}
     _check_roots(config, rows.values(), tables[0])
@@ -88,11 +117,7 @@ def local_table(config: configuration.Config) -> Path:
 
 
 def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str) -> Scene:
-    """Get a scene by name.
-
-    Raises:
-        UserError: the table has no such scene; lists its scenes.
-    """
+    """Get a scene by name (UserError: the table has no such scene; lists its scenes)."""
     if (dataset, scene) not in scenes:
         known = ", ".join("/".join(key) for key in scenes) or "none"
         raise UserError(
@@ -102,14 +127,10 @@ def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str
 
 
 def check_recording(scene: Scene) -> None:
-    """Check that a scene's recording exists or can be made.
-
-    Raises:
-        UserError: it is missing; names the expected path.
-    """
-    if not scene.synthetic and not scene.recording.exists():
+    """Check that a recording exists or can be made (UserError: it is missing; names the expected path)."""
+    if scene.lacks_recording:
         raise UserError(
-            f"{scene.dataset}/{scene.scene}: no recording at {scene.recording}. Put it there, or set "
+            f"{scene.name}: no recording at {scene.recording}. Put it there, or set "
             f"data_root.{scene.dataset} in config/config.yaml to the folder that holds it."
         )
 
@@ -131,7 +152,7 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
     lines = _lines(text, path)
-    expected = list(schema("scenes")["properties"])
+    expected = list(Row.model_fields)
     if not lines:
         raise UserError(f"{path}: is empty; its first line needs {', '.join(expected)}, tab-separated")
     header = lines[0][1]
@@ -182,7 +203,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     lines, first = [], 1
     try:
         for cells in reader:
-            if _is_row(cells):
+            if any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#"):
                 lines.append((reader.line_num, cells))
             first = reader.line_num + 1
     except csv.Error as error:
@@ -190,10 +211,6 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
             f'{path}, line {first}: is no row of a table ({error}). A cell that begins with " ends with one'
         ) from None
     return lines
-
-
-def _is_row(cells: list[str]) -> bool:
-    return any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#")
 
 
 def _check_roots(config: configuration.Config, rows: Iterable[dict[str, Any]], path: Path) -> None:
@@ -205,17 +222,8 @@ def _check_roots(config: configuration.Config, rows: Iterable[dict[str, Any]], p
 
 
 def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
-    """Make the scene of a row.
-
-    Args:
-        row: values by column.
-        where: the place of the row, for messages.
-
-    Raises:
-        UserError: a value is wrong.
-    """
-    for error in Draft202012Validator(schema("scenes")).iter_errors(row):
-        raise UserError(f"{where}: {explain(error)}")
+    """Make the scene of a row, its values by column (UserError: a value is wrong; begins with ``where``)."""
+    make_options(Row, row, where, "")
     options = configuration.parse_options(row["options"], where)
     if common := {"data_root", "formats"} & options.keys():
         raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")
@@ -228,7 +236,7 @@ def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) 
             "or a recording"
         )
     synthetic = filmed and (root is None or by_name)
-    home = Path("results") / row["dataset"] / row["scene"]
+    home = Path("results", row["dataset"], row["scene"])
     recording = home / "recording" if synthetic else _recording(row["recording"], root, where)
     if set("{}") & set(str(recording)):
         raise UserError(
@@ -238,18 +246,14 @@ def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) 
         raise UserError(
             f"{where}: recording: a name is longer than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
         )
-    origin = "synthetic" if synthetic else _origin(row["format"], recording)
+    try:
+        origin = "synthetic" if synthetic else recording_origin(row["format"], recording)
+    except UserError:
+        origin = "real"  # the stage frames reports what is wrong with the recording
     own = configuration.of_scene(config, row["format"], options, automatic_set(origin))
     own = configuration.validate(own, where)
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
-
-
-def _origin(format: str, recording: Path) -> Origin:
-    try:
-        return recording_origin(format, recording)
-    except UserError:
-        return "real"  # the stage frames reports what is wrong with the recording
 
 
 def _recording(given: str, root: str | None, where: str) -> Path:

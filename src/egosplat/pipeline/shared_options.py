@@ -1,33 +1,27 @@
 """Options that several stages share, by section of the configuration."""
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from egosplat.pipeline.options import Natural, Options, Positive, Share, Text
 
 
-class SeedOptions(Options):
+class SeedOptions(Options, section="run"):
     """Seed of random choices."""
-
-    section: ClassVar[str] = "run"
 
     seed: Natural = 0
     """Seed of all random choices of training: order of frames, subsets of points, initial weights."""
 
 
-class BackendOptions(Options):
+class BackendOptions(Options, section="run"):
     """Renderer of Gaussians."""
-
-    section: ClassVar[str] = "run"
 
     backend: Literal["auto", "cuda", "cpu", "reference"] = "auto"
     """Renderer. cuda: gsplat on a GPU. cpu: compiled kernels. reference: plain PyTorch, slow. auto: the fastest that is
     available."""
 
 
-class DeviceOptions(Options):
+class DeviceOptions(Options, section="run"):
     """Device and number type of the models."""
-
-    section: ClassVar[str] = "run"
 
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Device of the models. auto uses the GPU if PyTorch finds one, which is many times faster."""
@@ -37,10 +31,8 @@ class DeviceOptions(Options):
     float32 is exact and fastest on a CPU. auto chooses by the device."""
 
 
-class NearPlaneOptions(Options):
+class NearPlaneOptions(Options, section="run"):
     """Near plane of the renderer."""
-
-    section: ClassVar[str] = "run"
 
     near_plane: Positive = 0.1
     """Near plane in meters (scene units if the scale is unknown): nothing closer to the camera is rendered. If it is
@@ -52,10 +44,8 @@ class RunOptions(SeedOptions, BackendOptions, DeviceOptions, NearPlaneOptions):
     """How stages run, for all of them together."""
 
 
-class SetOptions(Options):
+class SetOptions(Options, section="models"):
     """The set of models."""
-
-    section: ClassVar[str] = "models"
 
     set: Literal["auto", "small", "photos", "published"] = "auto"
     """Which models: small (bundled, trained on synthetic apartments only), photos (the small SAM2, and words of
@@ -65,10 +55,8 @@ class SetOptions(Options):
     SAM2's masks (docs/models.md); a key that you set yourself wins."""
 
 
-class Sam2Options(Options):
+class Sam2Options(Options, section="models"):
     """SAM2's architecture and weights."""
-
-    section: ClassVar[str] = "models"
 
     sam2_config: Text = "small"
     """SAM2 architecture: small (bundled), a name of the package sam2 such as sam2.1_hiera_b+ (the paper's), or a
@@ -79,10 +67,8 @@ class Sam2Options(Options):
     folder cache), or a .pt or .safetensors file that fits sam2_config."""
 
 
-class ClipOptions(Options):
+class ClipOptions(Options, section="models"):
     """OpenCLIP's architecture and weights."""
-
-    section: ClassVar[str] = "models"
 
     clip_model: Text = "small"
     """OpenCLIP architecture: small (bundled), photos (ImageNet's classes and sentences, docs/models.md), a name of the package open_clip such as ViT-B-16 (the paper's), or a
@@ -93,20 +79,16 @@ class ClipOptions(Options):
     clip_model in the folder cache), or a .bin, .pt or .safetensors file that fits clip_model."""
 
 
-class ModelsOptions(SetOptions, Sam2Options, ClipOptions):
+class ModelsOptions(SetOptions, Sam2Options, ClipOptions, section="models"):
     """The segmentation and embedding models, shared by all stages that need one."""
-
-    section: ClassVar[str] = "models"
 
     cache: Text = "checkpoints"
     """Folder of the published checkpoints. egosplat models download writes there, and the checkpoint published is
     read there. Relative to the working directory."""
 
 
-class ThresholdOptions(Options):
+class ThresholdOptions(Options, section="masks"):
     """From when an instance counts as moving."""
-
-    section: ClassVar[str] = "masks"
 
     threshold: Share = 0.7
     """Mean probability from which an instance is transient. Lower masks more. The paper uses 0.02 for ADT and 0.1
@@ -116,10 +98,8 @@ class ThresholdOptions(Options):
     track from six sevenths of it."""
 
 
-class MaskSourceOptions(Options):
+class MaskSourceOptions(Options, section="segments"):
     """How masks are found."""
-
-    section: ClassVar[str] = "segments"
 
     segmenter: Literal["sam2", "classical"] = "sam2"
     """Segmentation method. sam2: the model of the section models. classical: color and edges, tracked by optical
@@ -132,10 +112,8 @@ class MaskSourceOptions(Options):
     splats.language after."""
 
 
-class CameraOptions(Options):
+class CameraOptions(Options, section="camera"):
     """What the training of Gaussians corrects about the camera (docs/method.md#corrections)."""
-
-    section: ClassVar[str] = "camera"
 
     refine_poses: Literal["auto", "on", "off"] = "auto"
     """Refine the pose of each training frame together with the Gaussians: a small rigid motion a frame, by gradient

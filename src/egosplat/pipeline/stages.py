@@ -5,7 +5,7 @@ are the fields of its class of options.
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from types import ModuleType
@@ -23,7 +23,7 @@ class Choice:
     """Modules of which a stage loads one, by a value; only that one is a part of its code.
 
     Attributes:
-        by: what the value is, for errors; ``egosplat.pipeline.chosen`` finds the value of a scene.
+        by: what the value is, for errors; ``variants.chosen_value`` gets the value of a scene.
         modules: names of modules by value.
     """
 
@@ -31,11 +31,7 @@ class Choice:
     modules: Mapping[str, str]
 
     def find(self, value: str) -> str:
-        """Get the name of the module of a value.
-
-        Raises:
-            UserError: the value has none.
-        """
+        """Get the name of the module of a value (UserError: the value has none)."""
         if value not in self.modules:
             raise UserError(f"{self.by}: {value!r} is unknown; choose from {', '.join(self.modules)}.")
         return self.modules[value]
@@ -84,24 +80,27 @@ PATHS = {
 }
 
 _TRAINING_FRAMES = {"survey": "to train only on frames that add views"}
-_MASKING = {
-    "transient": "if splats.masking is initial",
-    "masks": "if splats.masking is refined",
-}
+_MASKING = {"transient": "if splats.masking is initial", "masks": "if splats.masking is refined"}
 _MOVING = {"transient": "to track what moves: if segments.prompting is each_frame"}
 _GIVEN = {"splats": "if splats.source is given"}
 _PROMPTS = {"prompts": "if segments.point_prompts is depth"}
-_JOINT = {
-    "instances": "if splats.language is joint",
-    "features": "if splats.language is joint",
-}
+_JOINT = dict.fromkeys(("instances", "features"), "if splats.language is joint")
 _LEARNT_FROM = {
-    "instances": "unless language.method is field or quantized",
-    "features": "unless language.method is field or quantized",
+    **dict.fromkeys(("instances", "features"), "unless language.method is field or quantized"),
     "tiles": "if language.method is field or quantized",
 }
+_OPENCV = "opencv-contrib-python-headless"
 _SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
+
+
+def _sheet(
+    name: str, about: str, output: str, inputs: tuple[str, ...], libraries: tuple[str, ...] = (), **more: Any
+) -> Stage:
+    """A stage that draws a sheet of a scene."""
+    module, libraries = f"egosplat.report.sheets.{name}", ("matplotlib", *libraries)
+    return Stage(name, module, about, output, inputs, libraries=libraries, scene=("title",), **more)
+
 
 _STAGES = (
     Stage(
@@ -110,7 +109,7 @@ _STAGES = (
         "Make the recording of a synthetic apartment.",
         options="egosplat_apartments.options:SyntheticOptions",
         output="recording",
-        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
+        libraries=("numpy", _OPENCV, "scipy", "projectaria-tools"),
     ),
     Stage(
         "frames",
@@ -119,7 +118,7 @@ _STAGES = (
         options="egosplat.frames.options:FramesOptions",
         output="frames.zarr",
         inputs=("recording",),
-        libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "pycolmap", "zarr"),
+        libraries=("numpy", _OPENCV, "projectaria-tools", "pycolmap", "zarr"),
         scene=("format",),
         modules=by(
             "format",
@@ -137,7 +136,7 @@ _STAGES = (
         options="egosplat.frames.options:AnnotationsOptions",
         output="annotations.zarr",
         inputs=("recording", "frames"),
-        libraries=("numpy", "opencv-contrib-python-headless", "projectaria-tools", "zarr"),
+        libraries=("numpy", _OPENCV, "projectaria-tools", "zarr"),
         modules=by(
             "format",
             adt="frames.adt_annotations",
@@ -164,7 +163,7 @@ _STAGES = (
         options="egosplat.survey.options:SurveyOptions",
         output="survey.json",
         inputs=("frames", "poses"),
-        libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "zarr"),
+        libraries=("jsonschema", "numpy", _OPENCV, "scipy", "zarr"),
     ),
     Stage(
         "transient",
@@ -174,7 +173,7 @@ _STAGES = (
         output="transient.zarr",
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
-        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "timm", "torch", "zarr"),
+        libraries=("numpy", _OPENCV, "scipy", "timm", "torch", "zarr"),
     ),
     Stage(
         "segments",
@@ -184,15 +183,7 @@ _STAGES = (
         output="segments.zarr",
         inputs=("frames",),
         optional=_TRAINING_FRAMES | _MOVING | _PROMPTS,
-        libraries=(
-            "numpy",
-            "scipy",
-            "opencv-contrib-python-headless",
-            "torch",
-            "torchvision",
-            "sam2",
-            "zarr",
-        ),
+        libraries=("numpy", "scipy", _OPENCV, "torch", "torchvision", "sam2", "zarr"),
     ),
     Stage(
         "instances",
@@ -202,7 +193,7 @@ _STAGES = (
         output="instances.zarr",
         inputs=("frames", "poses", "segments"),
         optional=_TRAINING_FRAMES | _GIVEN,
-        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
+        libraries=("numpy", _OPENCV, "scipy", "torch", "zarr"),
     ),
     Stage(
         "view_features",
@@ -292,15 +283,7 @@ _STAGES = (
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
         optional=_ENCODED,
-        libraries=(
-            "jsonschema",
-            "numpy",
-            "open_clip_torch",
-            "opencv-contrib-python-headless",
-            "scipy",
-            "torch",
-            "zarr",
-        ),
+        libraries=("jsonschema", "numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", "method", *_SETUP),
     ),
     Stage(
@@ -310,72 +293,65 @@ _STAGES = (
         options="egosplat.baselines.options:MethodMetricsOptions",
         output="method_metrics.json",
         inputs=("frames", "poses", "annotations", "relevancy"),
-        libraries=("jsonschema", "numpy", "opencv-contrib-python-headless", "scipy", "torch", "zarr"),
+        libraries=("jsonschema", "numpy", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", *_SETUP),
     ),
-    Stage(
+    _sheet(
         "contact_sheet",
-        "egosplat.report.sheets.contact_sheet",
         "Draw a scene's frames, annotations and trajectory.",
-        output="contact_sheet.png",
-        inputs=("frames", "annotations", "poses"),
-        libraries=("adjustText", "matplotlib"),
-        scene=("title",),
+        "contact_sheet.png",
+        ("frames", "annotations", "poses"),
+        libraries=("adjustText",),
     ),
-    Stage(
+    _sheet(
         "language_sheet",
-        "egosplat.report.sheets.language_sheet",
         "Draw the Gaussians' codes from several directions.",
-        output="language.png",
-        inputs=("poses", "splats", "language"),
-        libraries=("matplotlib", "scipy", "torch"),
-        scene=("title",),
+        "language.png",
+        ("poses", "splats", "language"),
+        libraries=(
+            "scipy",
+            "torch",
+        ),
     ),
-    Stage(
+    _sheet(
         "transient_sheet",
-        "egosplat.report.sheets.transient_sheet",
         "Draw what moves, its masks, and renders without it.",
-        output="transient.png",
-        inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
-        libraries=("adjustText", "matplotlib", "torch"),
-        scene=("title",),
+        "transient.png",
+        ("frames", "poses", "transient", "instances", "masks", "splats"),
+        libraries=(
+            "adjustText",
+            "torch",
+        ),
     ),
-    Stage(
+    _sheet(
         "crops_sheet",
-        "egosplat.report.sheets.crops_sheet",
         "Draw the crops of instances, with outliers crossed out.",
-        output="crops.png",
-        inputs=("frames", "instances", "view_features", "features"),
-        libraries=("matplotlib",),
-        scene=("title",),
+        "crops.png",
+        ("frames", "instances", "view_features", "features"),
     ),
-    Stage(
+    _sheet(
         "instances_sheet",
-        "egosplat.report.sheets.instances_sheet",
         "Draw the instances of each level in frames and from above.",
-        output="instances.png",
-        inputs=("frames", "poses", "segments", "instances"),
-        libraries=("matplotlib",),
-        scene=("title",),
+        "instances.png",
+        ("frames", "poses", "segments", "instances"),
     ),
-    Stage(
+    _sheet(
         "splats_sheet",
-        "egosplat.report.sheets.splats_sheet",
         "Draw held-out frames next to their renders.",
-        output="splats.png",
-        inputs=("frames", "splats"),
-        libraries=("matplotlib",),
-        scene=("title",),
+        "splats.png",
+        ("frames", "splats"),
     ),
-    Stage(
+    _sheet(
         "queries_sheet",
-        "egosplat.report.sheets.queries_sheet",
         "Draw the queries with the best and the worst answers.",
-        output="queries.png",
-        inputs=("frames", "poses", "annotations", "splats", "language", "metrics"),
+        "queries.png",
+        ("frames", "poses", "annotations", "splats", "language", "metrics"),
         optional=_ENCODED,
-        libraries=("matplotlib", "open_clip_torch", "opencv-contrib-python-headless", "torch"),
-        scene=("title",),
+        libraries=(
+            "open_clip_torch",
+            _OPENCV,
+            "torch",
+        ),
     ),
     Stage(
         "scene_page",
@@ -384,7 +360,7 @@ _STAGES = (
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
-        libraries=("open_clip_torch", "opencv-contrib-python-headless", "torch"),
+        libraries=("open_clip_torch", _OPENCV, "torch"),
         scene=("title",),
     ),
 )
@@ -415,44 +391,23 @@ def path_help(stage: Stage) -> dict[str, str]:
     return inputs | optional | {"output": f"where to write {stage.output}"}
 
 
-def stage_function(name: str) -> Callable[..., None]:
-    """Get the function of a stage. Imports only its module."""
-    return import_module(STAGES[name].module).run
-
-
 def run_stage(name: str, options: "Options | None", **given: Any) -> None:
-    """Run a stage.
-
-    Args:
-        options: its options; None for a stage without keys.
-        given: its paths and its values from the table of scenes, by name.
-    """
+    """Run a stage, if it has keys with options, on its paths and its values from the table of scenes, by name."""
     stage = STAGES[name]
     # ``run`` takes the path of an input as ``frames_path``; inside it, ``frames`` is the opened artifact.
     inputs = {*stage.inputs, *stage.optional}
     arguments = {f"{key}_path" if key in inputs else key: value for key, value in given.items()}
-    stage_function(name)(**arguments, **({} if options is None else {"options": options}))
+    import_module(stage.module).run(**arguments, **({} if options is None else {"options": options}))
 
 
 def load_module(name: str, value: str) -> ModuleType:
-    """Import the module that a stage chooses by a value.
-
-    Raises:
-        UserError: the value has no module.
-    """
+    """Import the module that a stage chooses by a value (UserError: the value has no module)."""
     return import_module(STAGES[name].modules.find(value))
 
 
 @functools.cache  # rules ask for every job
 def code_of(name: str, value: str | None = None) -> str:
-    """Hash the code that a stage executes and the versions of its libraries.
-
-    Args:
-        value: by which the stage chooses a module; None: the hash is of what all values share.
-
-    Raises:
-        UserError: the value has no module.
-    """
+    """Hash the code that a stage executes with a value, without one what all values share, and its libraries' versions."""
     stage = STAGES[name]
     chosen = () if value is None else (stage.modules.find(value),)
     return code_hash(stage.module, *chosen, libraries=stage.libraries)

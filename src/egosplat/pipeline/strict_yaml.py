@@ -27,32 +27,19 @@ class _Loader(yaml.SafeLoader):
     """PyYAML's safe loader with these two changes."""
 
     def construct_mapping(self, node: yaml.Node, deep: bool = False) -> dict[Hashable, Any]:
-        """Construct the mapping of a node.
-
-        Raises:
-            yaml.constructor.ConstructorError: a key is repeated, or no text.
-        """
+        """Construct a mapping, unless a key is repeated, or no text (yaml.constructor.ConstructorError)."""
         if isinstance(node, yaml.MappingNode):
             _check_keys(node)
         return super().construct_mapping(node, deep)
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        """Construct an integer.
-
-        Raises:
-            yaml.constructor.ConstructorError: it is octal in one version of YAML and decimal in another.
-        """
+        """Construct an integer, unless it is octal in one version of YAML and decimal in another (the same error)."""
         if _OCTAL.fullmatch(node.value):
             raise _refusal(node, f"{node.value} is octal in YAML; write it without the leading 0")
         return super().construct_yaml_int(node)
 
     def get_single_node(self) -> yaml.Node | None:
-        """Compose the only document.
-
-        Raises:
-            yaml.constructor.ConstructorError: its aliases stand for too many nodes.
-            RecursionError: an alias holds itself.
-        """
+        """Compose the only document, unless its aliases stand for too many nodes; one that holds itself recurses."""
         node = super().get_single_node()
         if node is not None and _count(node) > _LARGEST:
             raise _refusal(node, f"its aliases stand for more than {_LARGEST:,} values; write them out")
@@ -64,11 +51,7 @@ _Loader.add_constructor(f"{_TAG}int", _Loader.construct_yaml_int)
 
 
 def load_yaml(text: str) -> Any:
-    """Load a text of YAML or JSON, which may hold tabs. No code in it is executed.
-
-    Raises:
-        NO_YAML: the text is not YAML, or a mapping repeats a key; ``problem`` describes it.
-    """
+    """Load YAML or JSON, which may hold tabs; no code is executed (NO_YAML, which ``problem`` describes)."""
     try:
         return json.loads(text, object_pairs_hook=_unique)
     except ValueError:  # YAML, or JSON with a repeated key, whose line the loader of YAML names

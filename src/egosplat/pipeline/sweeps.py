@@ -9,16 +9,17 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import Config, section_keys
-from egosplat.pipeline.presets import QUESTIONS, preset_keys
+from egosplat.pipeline import variants
+from egosplat.pipeline.config import Config, defaults, section_keys, stage_sections
+from egosplat.pipeline.home import snakemake_in
+from egosplat.pipeline.model_sets import automatic_set, choose_set
 from egosplat.pipeline.scenes import Scene, read_scenes
-from egosplat.pipeline.sweep_recipes import recipe_of
-from egosplat.pipeline.variants import EXTENDS, reaches, variant_config, variant_folder
+from egosplat.pipeline.stages import STAGES
 
 # The knob whose values are presets.
 PRESET = "preset"
@@ -35,17 +36,12 @@ class Setting:
     value: Any
 
 
-@dataclass
+@dataclass(frozen=True)
 class Point:
-    """A point.
+    """All settings that give a point, and one variant per seed, the scene's own first; None is the scene itself."""
 
-    Attributes:
-        settings: all settings that give this point; for the scene itself, its own value of each knob.
-        variants: one variant per seed, the scene's own seed first; None is the scene itself.
-    """
-
-    settings: list[Setting] = field(default_factory=list)
-    variants: list[str | None] = field(default_factory=list)
+    settings: list[Setting]
+    variants: list[str | None]
 
 
 def read_scenes_with_points(config: Config, presets: Path) -> dict[tuple[str, str], Scene]:
@@ -62,25 +58,37 @@ def measured_points(scene: Scene) -> list[dict[str, Any]]:
     return [
         {
             "settings": [[one.knob, one.value] for one in point.settings],
-            "recipe": recipe_of(scene, point.variants[0]).as_json(),
+            "recipe": recipe_of(scene, point.variants[0]),
             "metrics": [
-                f"{scene.results}/{variant_folder(variant)}metrics.json" for variant in point.variants
+                f"{scene.results}/{variants.variant_folder(variant)}metrics.json"
+                for variant in point.variants
             ],
         }
         for point in points_of(scene.config, scene.name)
     ]
 
 
+def recipe_of(scene: Scene, variant: str | None) -> dict[str, Any]:
+    """How to make a scene or one of its variants: ``keys`` that differ from the defaults, by full name, and ``command``."""
+    config = variants.variant_config(scene.config, variant, scene.name) if variant else scene.config
+    usual = choose_set(defaults(), automatic_set("synthetic" if scene.synthetic else "real"))
+    # All points have the recording of the scene.
+    sections = {section for stage in STAGES if stage != "synthetic" for section in stage_sections(stage)}
+    keys = {
+        f"{section}.{key}": value
+        for section in config
+        if section in sections
+        for key, value in config[section].items()
+        if value != usual[section][key]
+    }
+    preset = scene.config["preset"]
+    flag = "" if preset == usual["preset"] else f"--config preset={preset} -- "
+    target = f"{scene.results}/{variants.variant_folder(variant)}metrics.json"
+    return {"keys": keys, "command": f"{snakemake_in(Path())} --cores 2 {flag}{target}"}
+
+
 def with_points(config: Config, presets: Path, format: str) -> Config:
-    """Add the variants of a scene's points to its configuration.
-
-    Args:
-        presets: folder of the preset files.
-        format: format of the recording.
-
-    Raises:
-        UserError: a knob is not valid, or a variant of the configuration has the name of a point.
-    """
+    """Add the variants of a scene's points to its configuration (UserError: a knob is not valid, or a name is taken)."""
     settings: Config = {}
     for setting in _settings(config):
         name = variant_name(setting)
@@ -88,12 +96,15 @@ def with_points(config: Config, presets: Path, format: str) -> Config:
             raise UserError(
                 f"tradeoff.sweep: two values of {setting.knob} have the name {name}; remove one of them"
             )
-        settings[name] = _keys(setting, presets, format)
+        section, _, key = setting.knob.partition(".")
+        if setting.knob == PRESET:
+            settings[name] = variants.preset_keys(setting.value, presets, format)
+        else:
+            settings[name] = {section: {key: setting.value}}
     found = dict(settings)
     for seed in config["tradeoff"]["seeds"]:
-        seed_variant = _seed_name(seed)
-        found[seed_variant] = {"run": {"seed": seed}}
-        found |= {_with_seed(name, seed): {EXTENDS: [name, seed_variant]} for name in settings}
+        found[f"seed-{seed}"] = {"run": {"seed": seed}}
+        found |= {f"{name}-seed-{seed}": {variants.EXTENDS: [name, f"seed-{seed}"]} for name in settings}
     if taken := sorted(set(found) & set(config["variants"])):
         raise UserError(
             f"variants: {taken[0]} is the name of a point of the section tradeoff; rename the variant"
@@ -102,27 +113,21 @@ def with_points(config: Config, presets: Path, format: str) -> Config:
 
 
 def points_of(config: Config, where: str) -> list[Point]:
-    """The points of a scene: the scene itself, then the others in the order of the configuration.
-
-    Args:
-        config: configuration of the scene, from ``with_points``.
-
-    Raises:
-        UserError: a value is not allowed, or a seed is the scene's own.
-    """
+    """The points of a scene: itself, then the others in order (UserError: a value or a seed is not allowed)."""
     seeds = config["tradeoff"]["seeds"]
     for seed in seeds:
-        if not reaches("metrics", config, variant_config(config, _seed_name(seed), where)):
+        if not variants.reaches("metrics", config, variants.variant_config(config, f"seed-{seed}", where)):
             raise UserError(
                 f"{where}: tradeoff.seeds: {seed} is the scene's own seed; give other seeds, or none"
             )
-    scene = Point(list(_own_settings(config)), [None, *map(_seed_name, seeds)])
+    swept = [key.split(".") for key in config["tradeoff"]["sweep"]]
+    own = [Setting(f"{section}.{key}", config[section][key]) for section, key in swept]
+    scene = Point(own, [None, *(f"seed-{seed}" for seed in seeds)])
     points = [scene]
     for setting in _settings(config):
         name = variant_name(setting)
-        if reaches("metrics", config, variant_config(config, name, where)):
-            variants = [name, *(_with_seed(name, seed) for seed in seeds)]
-            points.append(Point([setting], variants))
+        if variants.reaches("metrics", config, variants.variant_config(config, name, where)):
+            points.append(Point([setting], [name, *(f"{name}-seed-{seed}" for seed in seeds)]))
         elif setting not in scene.settings:
             scene.settings.append(setting)
     return points
@@ -151,12 +156,6 @@ def _settings(config: Config) -> Iterator[Setting]:
         yield from (Setting(knob, value) for value in values)
 
 
-def _own_settings(config: Config) -> Iterator[Setting]:
-    for knob in config["tradeoff"]["sweep"]:
-        section, _, key = knob.partition(".")
-        yield Setting(knob, config[section][key])
-
-
 def _check_knob(knob: str) -> None:
     section, _, key = knob.partition(".")
     known = section_keys(section)
@@ -164,22 +163,7 @@ def _check_knob(knob: str) -> None:
         near = difflib.get_close_matches(key, known, n=1)
         advice = f"did you mean {section}.{near[0]}?" if near else "egosplat keys lists all keys"
         raise UserError(f"tradeoff.sweep: no key {knob}; {advice}")
-    if section in QUESTIONS or knob in QUESTIONS:
+    if section in variants.QUESTIONS or knob in variants.QUESTIONS:
         raise UserError(f"tradeoff.sweep: scores with other values of {knob} cannot be compared; remove it")
     if knob == "run.seed" or section == "tradeoff":
         raise UserError(f"tradeoff.sweep: {knob} cannot be swept; remove it (seeds are in tradeoff.seeds)")
-
-
-def _keys(setting: Setting, presets: Path, format: str) -> Config:
-    if setting.knob == PRESET:
-        return preset_keys(setting.value, presets, format)
-    section, _, key = setting.knob.partition(".")
-    return {section: {key: setting.value}}
-
-
-def _seed_name(seed: int) -> str:
-    return f"seed-{seed}"
-
-
-def _with_seed(name: str, seed: int) -> str:
-    return f"{name}-{_seed_name(seed)}"

@@ -1,9 +1,7 @@
-"""Validation against the JSON schemas of scenes and JSON artifacts, with errors in plain words."""
+"""Validation against the JSON schemas of JSON files, with errors in plain words."""
 
 import functools
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -12,35 +10,39 @@ import yaml
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import make_command
 from egosplat.pipeline.messages import allowed, not_allowed, unknown_key
 
-
-@contextmanager
-def _absent(name: str) -> Iterator[None]:
-    """Make imports of a module fail inside the context, unless it is already imported."""
-    hidden = name not in sys.modules
-    if hidden:
-        sys.modules[name] = None  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        if hidden:
-            del sys.modules[name]
-
-
 # jsonschema imports a checker for each format whose library is installed. rfc3987_syntax builds a grammar on import,
-# which takes a second. No schema here uses a format.
-with _absent("rfc3987_syntax"):
+# which takes a second. No schema here uses a format. None makes its import fail.
+_SLOW = "rfc3987_syntax"
+sys.modules.setdefault(_SLOW, None)  # type: ignore[arg-type]
+try:
     from jsonschema import Draft202012Validator, ValidationError
+finally:
+    if sys.modules[_SLOW] is None:
+        del sys.modules[_SLOW]
 
 __all__ = ["Draft202012Validator", "ValidationError", "explain", "read_document", "schema"]
 
 
 @functools.cache
 def schema(name: str) -> dict[str, Any]:
-    """Load a schema: ``scenes``, or that of a JSON file."""
-    return yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
+    """Load the schema of a JSON file; an object has just the properties that it lists, all but those in ``optional``."""
+    found = yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
+    _close(found)
+    return found
+
+
+def _close(part: Any) -> None:
+    """Spell the rule of ``schema`` out where an object does not say itself what it may lack or have besides."""
+    inner = [*part.values()] if isinstance(part, dict) else part if isinstance(part, list) else []
+    if isinstance(part, dict) and "properties" in part and not {"additionalProperties", "required"} & {*part}:
+        optional = part.pop("optional", [])
+        part |= {"type": part.get("type", "object"), "additionalProperties": False}
+        part["required"] = [name for name in part["properties"] if name not in optional]
+    for one in inner:
+        _close(one)
 
 
 def read_document(path: Path, name: str) -> dict[str, Any]:

@@ -1,17 +1,20 @@
-"""Variants of a scene: named sets of keys, and the artifacts that they change."""
+"""Variants of a scene: named sets of keys, presets among them, and the artifacts that they change."""
 
-from collections.abc import Iterable, Mapping
+import functools
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
+from egosplat.calibration.companions import OF_PICTURES, poses_source, present_known_poses
 from egosplat.calibration.splat_source import source_files
 from egosplat.errors import UserError
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.config import Config
+from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.model_sets import choose_set, locate_checkpoints, set_of
+from egosplat.pipeline.model_sets import DEFAULTS, choose_set, locate_checkpoints, set_of
 from egosplat.pipeline.options import keys_of
-from egosplat.pipeline.presets import FILES
+from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
 from egosplat.pipeline.stages import STAGES
 
@@ -24,6 +27,30 @@ METHOD = "method"
 # Largest number of variants listed in a message.
 NAMED = 8
 
+# Preset file by name of the variant.
+PRESET_FILES = {name: name for name in ("draft", "fast", "balanced", "accurate")} | {"paper_scaled": "paper"}
+
+# Sections and keys that define frames and queries. Scores with different values cannot be compared.
+QUESTIONS = {
+    "synthetic",
+    "annotations",
+    "metrics",
+    "frames.start_s",
+    "frames.end_s",
+    "frames.evaluation_frames",
+    "frames.holdout",
+}
+
+# Sections and keys that keep the scene's value with every preset.
+# No preset sets a key whose default follows models.set; transient.lr suits the scene's encoder.
+_KEPT = QUESTIONS | {"models", "transient.lr", "frames.focal"}
+
+# Further keys that keep the scene's value with ``paper_scaled``.
+_SCALED = {"frames.resolution"}
+
+# Sections in which what comes with the paper's models is the paper's reading, which other models can follow.
+_OF_THE_PAPER = ("view_features", "features", "query")
+
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:
     """Whether a variant changes a stage's artifact."""
@@ -35,14 +62,7 @@ def reaches(stage: str, base: Config, variant: Config) -> bool:
 
 
 def owner(stage: str, base: Config, name: str, where: str) -> str | None:
-    """Get the owner of a variant's artifact: the variant, one that it extends, or None for the scene.
-
-    Args:
-        stage: stage of the artifact.
-
-    Raises:
-        UserError: see ``variant_config``.
-    """
+    """Get the owner of a variant's artifact: the variant, one that it extends, or None for the scene."""
     own = variant_config(base, name, where)
     # A variant has its own artifact only if it differs from the scene's and from those of the variants it extends.
     if not reaches(stage, base, own):
@@ -54,11 +74,7 @@ def owner(stage: str, base: Config, name: str, where: str) -> str | None:
 
 
 def variant_config(base: Config, name: str, where: str) -> Config:
-    """Merge a variant's keys over a scene's configuration.
-
-    Raises:
-        UserError: there is no such variant, or one of its keys is not allowed.
-    """
+    """Merge a variant's keys over a scene's configuration (UserError: there is none, or a key is not allowed)."""
     merged = base
     shared = (*keys_of(GeneralOptions), "tables", "tradeoff")
     for one in _ancestry(base["variants"], name, where):
@@ -77,32 +93,20 @@ def variant_config(base: Config, name: str, where: str) -> Config:
 
 
 def scene_config(scene: Scene, variant: str | None) -> Config:
-    """Get the configuration of a scene or one of its variants, with the paths of published checkpoints.
-
-    Raises:
-        UserError: as ``variant_config``; or a published checkpoint is not in the catalogue.
-    """
+    """Get the configuration of a scene or one of its variants, with the paths of published checkpoints."""
     return locate_checkpoints(variant_config(scene.config, variant, scene.name) if variant else scene.config)
 
 
 def method_of(base: Config, name: str, where: str) -> str | None:
-    """Get the published method that a variant stands for; None for EgoSplat.
-
-    Raises:
-        UserError: see ``variant_config``.
-    """
+    """Get the published method that a variant stands for; None for EgoSplat."""
     named = [base["variants"][one].get(METHOD) for one in _ancestry(base["variants"], name, where)]
     return next(filter(None, reversed(named)), None)
 
 
 def preset_of(base: Config, name: str | None, where: str) -> str:
-    """Get the preset of a scene, or of its variant that is one or extends one.
-
-    Raises:
-        UserError: see ``variant_config``.
-    """
+    """Get the preset of a scene, or of its variant that is one or extends one."""
     above = _ancestry(base["variants"], name, where) if name else []
-    return next((one for one in reversed(above) if one in FILES), base["preset"])
+    return next((one for one in reversed(above) if one in PRESET_FILES), base["preset"])
 
 
 def variant_folder(variant: str | None) -> str:
@@ -111,16 +115,12 @@ def variant_folder(variant: str | None) -> str:
 
 
 def artifact_folder(stage: str, scene: Scene, variant: str | None) -> str:
-    """Get the folder, below the scene's, of a variant's artifact, its own or a shared one.
-
-    Raises:
-        UserError: see ``variant_config``.
-    """
+    """Get the folder, below the scene's, of a variant's artifact, its own or a shared one."""
     return variant_folder(owner(stage, scene.config, variant, scene.name) if variant else None)
 
 
 def artifact_path(stage: str, scene: Scene, variant: str | None) -> str:
-    """Get the path of a variant's artifact; raises as ``artifact_folder``."""
+    """Get the path of a variant's artifact, its own or a shared one."""
     return f"{scene.results}/{artifact_folder(stage, scene, variant)}{STAGES[stage].output}"
 
 
@@ -136,15 +136,9 @@ def check_target(scenes: Mapping[tuple[str, str], Scene], target: Target) -> Non
         source_files(source)
     if target.variant is None:
         return
-    stage = target.name.partition(".")[0]
-    if (
-        stage not in STAGES
-        or target.name != STAGES[stage].output
-        or not target.name.endswith((".zarr", ".json"))
-    ):
-        return
-    home = artifact_folder(stage, scene, target.variant)
-    if home != variant_folder(target.variant):
+    stage, _, suffix = target.name.partition(".")
+    made = suffix in ("zarr", "json") and stage in STAGES and target.name == STAGES[stage].output
+    if made and (home := artifact_folder(stage, scene, target.variant)) != variant_folder(target.variant):
         raise UserError(
             f"variant {target.variant} does not change {target.name}; use {scene.results}/{home}{target.name}"
         )
@@ -160,9 +154,10 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
                 f"variant {name}: circular inheritance {' -> '.join([*above, one])}. Fix its key {EXTENDS!r}"
             )
         if one not in variants:
+            more = [f"{len(variants) - NAMED} more"] if len(variants) > NAMED else []
             raise UserError(
                 f"{where}: no variant {one!r}. Add it to the configuration key 'variants', "
-                f"or take one of: {_some(variants)}"
+                f"or take one of: {', '.join([*list(variants)[:NAMED], *more]) or 'none'}"
             )
         if one not in found:
             for below in _extended(variants, one):
@@ -179,8 +174,38 @@ def _extended(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]
     return [below] if isinstance(below, str) else below
 
 
-def _some(names: Iterable[str]) -> str:
-    """List at most ``NAMED`` names."""
-    every = list(names)
-    more = [f"{len(every) - NAMED} more"] if len(every) > NAMED else []
-    return ", ".join([*every[:NAMED], *more]) or "none"
+def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
+    """Get the value by which a stage of a scene or variant chooses its module; None for a stage that chooses none."""
+    match stage:
+        case "frames" | "annotations":
+            return scene.format
+        case "poses":
+            known = config["frames"]["known_poses"]
+            has_known = scene.format in OF_PICTURES and bool(present_known_poses(scene.recording, known))
+            return poses_source(config["poses"]["method"], scene.format == "adt", has_known)
+        case "language":
+            return "joint" if config["splats"]["language"] == "joint" else config["language"]["method"]
+    return None
+
+
+@functools.cache
+def preset_keys(name: str, folder: Path, format: str) -> Config:
+    """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
+    kept = _KEPT | _SCALED if PRESET_FILES[name] != name else _KEPT
+    values = of_format(resolve({"preset": PRESET_FILES[name]}, folder), format)
+    # Set every key that any preset sets, so that no value of the scene's own preset remains.
+    keys: Config = {}
+    for file in sorted(set(PRESET_FILES.values())):
+        for section, key in _paths(read_yaml(folder / f"{file}.yaml")):
+            if section not in kept and f"{section}.{key}" not in kept:
+                keys.setdefault(section, {})[key] = values[section][key]
+    if PRESET_FILES[name] == "paper":
+        for section in _OF_THE_PAPER:
+            keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
+    return keys
+
+
+def _paths(preset: Config) -> Iterator[tuple[str, str]]:
+    sections = {section: keys for section, keys in preset.items() if section != "formats"}
+    of_formats = [part for keys in preset.get("formats", {}).values() for part in keys.items()]
+    return ((section, key) for section, keys in [*sections.items(), *of_formats] for key in keys)

@@ -1,21 +1,19 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field
 
-from egosplat.pipeline.checked_options import make_options
-from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text, keys_of
+from egosplat.pipeline.messages import make_options
+from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text
 from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
 CANONICAL = ("object", "things", "stuff", "texture")
 
 
-class MapOptions(Options):
+class MapOptions(Options, section="query"):
     """How maps of relevancy are read (docs/method.md#queries)."""
-
-    section: ClassVar[str] = "query"
 
     box_filter: Annotated[Share, READING] = 0.0213
     """Side of the box filter that averages relevancy, as a fraction of the frame's longer side; 0 is none.
@@ -40,10 +38,8 @@ class MapOptions(Options):
         return 2 * int(self.majority_filter * longer / 2) + 1
 
 
-class QueryOptions(MapOptions):
+class QueryOptions(MapOptions, section="query"):
     """Answers to text queries, in the benchmark and in egosplat query."""
-
-    section: ClassVar[str] = "query"
 
     canonical: Annotated[tuple[Text, ...], Field(min_length=1)] = CANONICAL
     """Phrases that describe any object. A query must match better than the best of them for a relevancy above 0.5.
@@ -76,8 +72,7 @@ class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
         Raises:
             UserError: a key is unknown or has a forbidden value; names the first one.
         """
-        names = {name: f"query.{name}" for name in keys_of(type(self))}
-        return make_options(type(self), dict(self) | keys, "a query", names)
+        return make_options(type(self), dict(self) | keys, "a query", "query")
 
 
 # LangSplat's protocol, used by the paper. LangSplat itself has no ``min_coverage``.

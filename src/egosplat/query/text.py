@@ -16,7 +16,7 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import make_command
 
 # Start and end of every text.
 _SPECIAL_TOKENS = 2

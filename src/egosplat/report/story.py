@@ -16,7 +16,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.files import write_text
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import make_command
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.pipeline.validation import read_document
 from egosplat.progress import log

@@ -1,22 +1,26 @@
 """What a file or folder is as a recording: its format, its number of frames, and the keys that suit it."""
 
+import hashlib
 import os
 import re
+import shutil
+import zipfile
+import zlib
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import cv2
 
 from egosplat.calibration.companions import AUTO, KNOWN_POSES, PICTURES, present_known_poses
 from egosplat.calibration.known_poses import find_known_poses
-from egosplat.errors import UserError
+from egosplat.errors import MAKE_ROOM, UserError, reraise_as
+from egosplat.files import atomic_directory
 from egosplat.frames.files import ADT_VIDEOS, list_pictures
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.pictures import ENOUGH_PER_S
 from egosplat.frames.video import Video, open_source
 from egosplat.poses.files import TRAJECTORIES
-from egosplat.run.archive import unpack
 
 _TAKES = "Give a video, a folder or .zip of photographs, a COLMAP or nerfstudio folder, or a .vrs"
 
@@ -31,6 +35,9 @@ _VIDEOS = (
 
 # Folders in archives that hold no recording.
 _ASIDE = ("__MACOSX",)
+
+# Of a damaged archive, an encrypted one, and one with another compression.
+_FAULTS = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError)
 
 
 @dataclass(frozen=True)
@@ -163,3 +170,37 @@ def _read_video(path: Path, known_poses: str) -> Source:
 def stride_for(count: int, rate: float) -> int:
     """Choose ``frames.stride`` for a video of ``count`` frames at a rate [1/s]: enough frames for a walk, and not few."""
     return max(1, min(round(rate / ENOUGH_PER_S), count // _FEW))
+
+
+def unpack(archive: Path, beside: Path) -> Path:
+    """Unpack a .zip, unless this has been done, into the folder of this name and a digest (UserError: it cannot be)."""
+    with (
+        reraise_as(
+            lambda error: UserError(
+                f"{archive}: cannot be unpacked ({error}); copy it again, or pack it anew"
+            ),
+            _FAULTS,
+        ),
+        zipfile.ZipFile(archive) as opened,
+    ):
+        members = opened.infolist()
+        told = sorted((one.filename, one.file_size, one.CRC) for one in members)
+        folder = beside.with_name(f"{beside.name}-{hashlib.sha256(repr(told).encode()).hexdigest()[:8]}")
+        if not folder.is_dir():
+            _check(archive, members, beside)
+            with atomic_directory(folder) as scratch:
+                opened.extractall(scratch)
+    return folder
+
+
+def _check(archive: Path, members: list[zipfile.ZipInfo], beside: Path) -> None:
+    for one in members:
+        path = PurePosixPath(one.filename.replace("\\", "/"))
+        if path.is_absolute() or ".." in path.parts:
+            raise UserError(f"{archive}: names the file {one.filename[:80]} outside of itself; pack it anew")
+    existing = next(each for each in beside.absolute().parents if each.is_dir())
+    needed, free = sum(one.file_size for one in members), shutil.disk_usage(existing).free
+    if needed > free:
+        raise UserError(
+            f"{archive}: holds {needed / 1e6:,.0f} MB, and {existing} has room for {free / 1e6:,.0f}. {MAKE_ROOM}"
+        )

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.doctor.examination import duration
-from egosplat.pipeline.config import Config
 from egosplat.pipeline.costs import UNREAD_FRAMES, Sizes, minutes
-from egosplat.pipeline.dag import decide, stages_behind, survey_decides
-from egosplat.pipeline.failed_stages import last_message
+from egosplat.pipeline.dag import decide, decided_by_survey, stages_behind
 from egosplat.pipeline.scenes import Scene
+from egosplat.pipeline.snakemake_call import last_message
 from egosplat.pipeline.stages import PIPELINE, STAGES
 from egosplat.pipeline.survey_file import read_survey
 
@@ -52,13 +51,7 @@ def machine_pace(cores: int) -> float:
 
 @dataclass
 class Forecast:
-    """Expected times of a scene's steps on an idle machine.
-
-    Attributes:
-        scene: of the table of scenes.
-        count: frames of its recording before a stride; None if that is not known.
-        known: whether the recording has poses.
-    """
+    """Expected times of a scene's steps on an idle machine: of a number of frames before a stride, with or without poses."""
 
     scene: Scene
     count: int | None
@@ -67,7 +60,7 @@ class Forecast:
     def steps(self) -> list[str]:
         """List the stages of the run, as far as it is known what the survey decides."""
         config, survey = self.scene.config, self.scene.results / "survey.json"
-        if survey_decides(config) and survey.exists():
+        if decided_by_survey(config) and survey.exists():
             config = decide(config, read_survey(survey))
         return stages_behind([GOAL], config)
 
@@ -75,15 +68,13 @@ class Forecast:
         """Get the expected time of a step [s], from the sizes of what is there already."""
         if step not in PIPELINE:
             return _PAGE_S
-        config = self._config()
+        config = self.scene.config
+        if not self.known:
+            config = config | {"poses": config["poses"] | {"method": "colmap"}}
         frames = (self.count or UNREAD_FRAMES) / config["frames"]["stride"]
         made = [self.scene.results / f"{stage}.zarr" for stage in STAGES]
         sizes = Sizes(step, config, [str(path) for path in made if (path / "zarr.json").is_file()], frames)
         return 60 * minutes(step, config, sizes)
-
-    def _config(self) -> Config:
-        config = self.scene.config
-        return config if self.known else config | {"poses": config["poses"] | {"method": "colmap"}}
 
 
 class Steps:
@@ -97,12 +88,7 @@ class Steps:
     """
 
     def __init__(self, forecast: Forecast, pace: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin.
-
-        Args:
-            pace: see ``machine_pace``; it counts until steps have ended.
-            clock: gets the time [s].
-        """
+        """Begin, at the pace of ``machine_pace`` until steps have ended; ``clock`` gets the time [s]."""
         self._forecast, self._pace, self._clock = forecast, pace, clock
         self.running: dict[str, float] = {}
         self.failed: dict[str, Path] = {}
@@ -138,7 +124,8 @@ class Steps:
         elif self.running and line.startswith(_OWN):
             self._cause = line.removeprefix(_OWN)
         elif not self.running and not self._failing:
-            return self._pass_on(line)
+            self.said.append(line)
+            return [line.removeprefix(_OWN)] if line.startswith(_OWN) else []
         return []
 
     def remaining_s(self) -> float:
@@ -169,22 +156,14 @@ class Steps:
         left = f"; about {duration(self.remaining_s())} left" if done != total else ""
         return f"{done:>2}/{total} {step}: {describe(step)}, {duration(took)}{left}"
 
-    def _pass_on(self, line: str) -> list[str]:
-        """What the workflow says before its first step, and of Snakemake's own lines what explains a failure."""
-        self.said.append(line)
-        return [line.removeprefix(_OWN)] if line.startswith(_OWN) else []
-
     def explain(self) -> str:
         """Say why the run failed, in a line or two for each step."""
-        told = [f"{step}: {self._message(log)}\nThe whole log: {log}" for step, log in self.failed.items()]
-        return "\n".join(told or self._last_said())
-
-    def _message(self, log: Path) -> str:
-        """A step's last message. One that was killed left none: the shell around it says so."""
-        message = last_message(log)
-        return self._cause if self._cause and message.startswith("See ") else message
-
-    def _last_said(self) -> list[str]:
+        told = []
+        for step, log in self.failed.items():
+            message = last_message(log)
+            # One that was killed left no message: the shell around it says so.
+            message = self._cause if self._cause and message.startswith("See ") else message
+            told.append(f"{step}: {message}\nThe whole log: {log}")
         own = [number for number, line in enumerate(self.said) if line.startswith(_OWN)]
-        lines = self.said[own[-1] :] if own else [line for line in self.said if line.strip()][-_MOST_LINES:]
-        return [line.removeprefix(_OWN) for line in lines]
+        last = self.said[own[-1] :] if own else [line for line in self.said if line.strip()][-_MOST_LINES:]
+        return "\n".join(told or [line.removeprefix(_OWN) for line in last])

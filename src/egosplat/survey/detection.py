@@ -5,25 +5,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.geometry import Array
 from egosplat.moving_regions import Labels, large_regions
 from egosplat.optical_flow import pixel_grid
-from egosplat.survey.matching import PATCH, Match, mean_of_patch, sample
-from egosplat.survey.rigid import (
-    View,
-    corrected_flow,
-    fit_correction,
-    robust_scale,
-    static_residual,
-    static_segment,
-    turn,
-)
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float32]
-Gray = NDArray[np.uint8]
+from egosplat.survey import rigid
+from egosplat.survey.matching import PATCH, Bools, Floats, Gray, Match, mean_of_patch, sample
 
 # A pair with fewer voting pixels, as a fraction of the valid ones, is not judged: neither its correction nor its noise is known.
 _MIN_PAIR_VOTING = 0.05
@@ -61,7 +48,7 @@ class PairMotion:
     before_px: float
 
 
-def detect_motion(match: Match, view: View, valid: Bools, *, search: bool = True) -> PairMotion:
+def detect_motion(match: Match, view: rigid.View, valid: Bools, *, search: bool = True) -> PairMotion:
     """Fit the error of the pose away, and find the regions of the first image that still move until the second.
 
     A pixel moves if its flow leaves the positions of static points by several standard deviations of the pair's own
@@ -79,13 +66,13 @@ def detect_motion(match: Match, view: View, valid: Bools, *, search: bool = True
     if count < max(1.0, _MIN_PAIR_VOTING * valid.sum()):
         return PairMotion(nothing, count, math.nan, math.nan, math.nan)
     pixels, flow = (pixel_grid(*valid.shape) + 0.5)[voting].astype(np.float64), match.flow[voting]
-    correction = fit_correction(view, pixels, flow)
-    before, after = (static_residual(view, pixels, flow, one) for one in (np.zeros(6), correction))
+    correction = rigid.fit_correction(view, pixels, flow)
+    before, after = (rigid.static_residual(view, pixels, flow, one) for one in (np.zeros(6), correction))
     explained_px = float(np.linalg.norm(before - after, axis=1).mean())
-    growth = 1.0 + np.linalg.norm(corrected_flow(view, pixels, flow, correction), axis=1) / _DOUBLING
+    growth = 1.0 + np.linalg.norm(rigid.corrected_flow(view, pixels, flow, correction), axis=1) / _DOUBLING
     distance = np.linalg.norm(after, axis=1) / growth
-    noise_px = robust_scale(distance)
-    before_px = robust_scale(np.linalg.norm(before, axis=1) / growth)
+    noise_px = rigid.robust_scale(distance)
+    before_px = rigid.robust_scale(np.linalg.norm(before, axis=1) / growth)
     judged = noise_px <= _MAX_NOISE_PX
     if not (search and judged):
         return PairMotion(nothing, count, noise_px if judged else math.nan, explained_px, before_px)
@@ -98,7 +85,7 @@ def detect_motion(match: Match, view: View, valid: Bools, *, search: bool = True
     return PairMotion(large_regions(moving), count, noise_px, explained_px, before_px)
 
 
-def _matched_better(match: Match, view: View, correction: Array, moving: Bools, large: Bools) -> Bools:
+def _matched_better(match: Match, view: rigid.View, correction: Array, moving: Bools, large: Bools) -> Bools:
     """(h, w) bool: moving pixels whose patch matches the target of their flow better than any static position.
 
     Args:
@@ -109,15 +96,15 @@ def _matched_better(match: Match, view: View, correction: Array, moving: Bools, 
         slice(max(0, where.min() - PATCH), where.max() + PATCH + 1) for where in np.nonzero(large)
     )
     everywhere = pixel_grid(*moving.shape).astype(np.float64) + 0.5
-    second = sample(match.second, turn(view.intrinsics, everywhere, -correction[:3]) - 0.5)
+    second = sample(match.second, rigid.turn(view.intrinsics, everywhere, -correction[:3]) - 0.5)
     pixels, first = everywhere[rows, columns], match.first[rows, columns]
-    segment = static_segment(view, pixels, correction)
+    segment = rigid.static_segment(view, pixels, correction)
     length = np.linalg.norm(segment[large[rows, columns]], axis=-1).max()
     steps = min(_STEPS, 1 + math.ceil(length / _STEP))
     least = np.full(first.shape, np.inf, np.float32)
     for share in np.linspace(0.0, 1.0, steps + 1):
         np.minimum(least, _difference(first, second, pixels + share * segment), out=least)
-    flow = corrected_flow(view, pixels, match.flow[rows, columns], correction)
+    flow = rigid.corrected_flow(view, pixels, match.flow[rows, columns], correction)
     worse = least > _MIN_RATIO * _difference(first, second, pixels + flow) + _MIN_GAIN * match.noise
     found = np.zeros_like(moving)
     found[rows, columns] = moving[rows, columns] & worse

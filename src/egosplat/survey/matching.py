@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import Array
 from egosplat.optical_flow import find_flow, is_consistent, pad, pixel_grid
-from egosplat.survey.brightness import Light, compare_light, equalize
-from egosplat.survey.epipolar import rotation_homography
+from egosplat.survey.brightness import Bools, Gray, Light, compare_light, equalize
+from egosplat.survey.rigid import rotation_homography
 
-Bools = NDArray[np.bool_]
 Floats = NDArray[np.float32]
-Gray = NDArray[np.uint8]
 
 # Tolerated forward-backward error [px].
 _MAX_FLOW_ERROR = 0.5

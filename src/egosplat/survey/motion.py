@@ -11,19 +11,14 @@ from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert
+from egosplat.images import shrunk_size
 from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
+from egosplat.survey import views
 from egosplat.survey.brightness import exposure_changes
 from egosplat.survey.detection import detect_motion
-from egosplat.survey.epipolar import rotation_homography
-from egosplat.survey.matching import match_images
-from egosplat.survey.pairs import Pairs, choose_pairs, choose_revisits
-from egosplat.survey.rigid import View
-from egosplat.survey.views import depth_quantile, median_depths, visible_depths
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float32]
-Gray = NDArray[np.uint8]
+from egosplat.survey.matching import Bools, Floats, Gray, match_images
+from egosplat.survey.rigid import View, rotation_homography
 
 # Longest side of the images that flow is computed of [px].
 SIDE = 256
@@ -50,18 +45,16 @@ class Motion:
         noise_px: (P,) float64 of the flow after the poses are corrected [px]; NaN if the pair is not judged.
         stops: (P,) float64 exposure of the second frame relative to the first; NaN if unknown.
         revisits: (R, 2) int64 frames.
-        explained_px, before_px, after_px: (P + R,) float64 mean flow that a correction of the poses explains, and the noise
-            without it and with it [px]; NaN if not judged.
+        before_px, after_px: (P + R,) float64 noise without and with a correction of the poses [px]; NaN if not judged.
     """
 
-    pairs: Pairs
+    pairs: views.Pairs
     moving: Array
     lasting: Array
     voting: Array
     noise_px: Array
     stops: Array
-    revisits: Pairs
-    explained_px: Array
+    revisits: views.Pairs
     before_px: Array
     after_px: Array
 
@@ -88,9 +81,9 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     camera_to_world, points = poses.read("camera_to_world"), poses.read("points/xyz")
     valid, shown, camera = _working_view(frames, poses)
     unit = _unit_of(poses, camera_to_world[registered])
-    depths = median_depths(camera, camera_to_world, registered, points)
-    pairs = choose_pairs(times_ns, registered)
-    revisits = choose_revisits(
+    depths = views.median_depths(camera, camera_to_world, registered, points)
+    pairs = views.choose_pairs(times_ns, registered)
+    revisits = views.choose_revisits(
         camera_to_world, depths, times_ns, registered, len(pairs) // _PAIRS_PER_REVISIT
     )
     found, lights, flows = [], [], []
@@ -110,23 +103,22 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     homographies = [rotation_homography(camera.matrix, *camera_to_world[pair]) for pair in pairs]
     lasting = _lasting(pairs, [one.regions for one in found], flows, homographies)
     count, valid_count = len(pairs), max(1, int(valid.sum()))
-    numbers = np.array([(one.explained_px, one.before_px, one.noise_px) for one in found]).reshape(-1, 3)
+    numbers = np.array([(one.before_px, one.noise_px) for one in found]).reshape(-1, 2)
     return Motion(
         pairs=pairs,
         moving=np.array([np.count_nonzero(one.regions) for one in found[:count]]) / valid_count,
         lasting=lasting / valid_count,
         voting=np.array([one.voting for one in found[:count]]) / valid_count,
-        noise_px=numbers[:count, 2],
+        noise_px=numbers[:count, 1],
         stops=exposure_changes(lights[:count]),
         revisits=revisits,
-        explained_px=numbers[:, 0],
-        before_px=numbers[:, 1],
-        after_px=numbers[:, 2],
+        before_px=numbers[:, 0],
+        after_px=numbers[:, 1],
     )
 
 
 def _lasting(
-    pairs: Pairs, regions: list[Labels], flows: list[Floats | None], homographies: list[Array]
+    pairs: views.Pairs, regions: list[Labels], flows: list[Floats | None], homographies: list[Array]
 ) -> Array:
     """(P,) float64 pixels of each pair in regions that keep moving."""
     row_of = {int(first): row for row, first in enumerate(pairs[:, 0])}
@@ -146,8 +138,7 @@ def _lasting(
 def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[int], Bools], Camera]:
     """Valid pixels, pixels of each frame that show the scene, and camera, at the size at which flow is computed."""
     _, height, width, _ = frames.shape("rgb")
-    scale = min(1.0, SIDE / max(height, width))
-    size = max(1, round(width * scale)), max(1, round(height * scale))
+    size = shrunk_size(width, height, SIDE)
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height).scaled_to(*size)
     full = frames.read("valid")
 
@@ -173,7 +164,7 @@ def _unit_of(poses: Artifact, registered: Array) -> float:
 
 def _view(camera: Camera, poses: tuple[Array, Array], depth: float, points: Array, unit: float) -> View:
     """The camera of a pair, and the depths of what it shows."""
-    near = depth_quantile(visible_depths(camera, poses[0], points), _NEAR_QUANTILE)
+    near = views.depth_quantile(views.visible_depths(camera, poses[0], points), _NEAR_QUANTILE)
     return View(
         intrinsics=camera.matrix,
         position=(invert(poses[0]) @ poses[1])[:3, 3],

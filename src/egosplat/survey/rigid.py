@@ -1,5 +1,8 @@
 """Fit the error of the pose between two images: a small rigid correction that explains their whole optical flow at once.
 
+The second image is first rotated to the orientation of the first camera, by the homography of their relative rotation. Only the
+translation remains: a static point moves along the line through the epipole, by more if it is nearer.
+
 Every point keeps a depth of its own, so only flow across its epipolar line is left over. A moving thing does not fit the
 correction, and hardly changes it: the fit is robust.
 """
@@ -10,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
-from egosplat.survey.epipolar import max_static_flow
 
 # Standard deviation of a correction before anything is measured [rad; meters per meter of depth].
 _PRIOR = 0.03
@@ -25,6 +27,8 @@ _MIN_SCALE = 0.03
 _STEP = 1e-4
 # Robust scale of a Gaussian from its median absolute value in one dimension.
 _GAUSSIAN = 1.4826
+# Minimum depth in the second camera relative to the depth in the first: nothing nearer to the camera is visible.
+_MIN_DEPTH_RATIO = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +46,33 @@ class View:
     position: Array
     depth: float
     min_depth: float
+
+
+def rotation_homography(intrinsics: Array, first: Array, second: Array) -> Array:
+    """(3, 3) homography from pixels in the orientation of ``first`` to pixels in the orientation of ``second``.
+
+    Args:
+        intrinsics: (3, 3) matrix of both images.
+        first, second: (4, 4) camera_to_world.
+    """
+    relative = second[:3, :3].T @ first[:3, :3]
+    return intrinsics @ relative @ np.linalg.inv(intrinsics)
+
+
+def max_static_flow(pixels: Array, epipole: Array, min_depth: float) -> Array:
+    """Flow to the second, rotated image of a static point at the minimum depth.
+
+    Args:
+        pixels: (..., 2) in the first image [px].
+        epipole: (3,) homogeneous image of the first camera's center in the second image after rotation [px m].
+        min_depth: smallest depth of static points in the first camera, positive [m].
+
+    Returns:
+        (..., 2) float64 [px]; points further away move by a fraction of it.
+    """
+    # A point at depth z appears at x z + e. Points behind or right before the second camera are not visible.
+    depth = max(min_depth, -epipole[2] / (1.0 - _MIN_DEPTH_RATIO))
+    return (epipole[:2] - epipole[2] * np.asarray(pixels, np.float64)) / (depth + epipole[2])
 
 
 def static_residual(view: View, pixels: Array, flow: NDArray[np.floating], correction: Array) -> Array:

@@ -4,16 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera, invert, transform
 from egosplat.images import measure_sharpness
 from egosplat.progress import track
-from egosplat.survey.views import view_change
-
-Bools = NDArray[np.bool_]
+from egosplat.survey.views import Bools, view_change
 
 # Frames are compared if their views differ by less: further away, an object is seen from another side [deg].
 MAX_CHANGE_DEG = 30.0
@@ -51,17 +48,15 @@ class Views:
 
     Attributes:
         camera: of all frames.
-        valid: (H, W) bool: pixels that show the scene.
         camera_to_world: (F, 4, 4) float64.
         depths: (F,) float64 median depth [m]; NaN if unknown.
-        shown_in: returns the (H, W) bool pixels of a frame that show the scene; None: ``valid`` for all.
+        shown_in: returns the (H, W) bool pixels of a frame that show the scene.
     """
 
     camera: Camera
-    valid: Bools
     camera_to_world: Array
     depths: Array
-    shown_in: Callable[[int], Bools] | None = None
+    shown_in: Callable[[int], Bools]
 
     def shown(self, frame: int, others: Sequence[int]) -> bool:
         """Whether every place of a frame, at its median depth, is in the picture of one of the other frames."""
@@ -70,17 +65,14 @@ class Views:
             pixels = self.camera.project(transform(invert(self.camera_to_world[other]), missing))
             inside = self.camera.contains(pixels)
             column, row = np.where(inside[:, None], pixels, 0.0).astype(np.int64).T
-            missing = missing[~(inside & self._shown(other)[row, column])]
+            missing = missing[~(inside & self.shown_in(other)[row, column])]
         return not len(missing)
-
-    def _shown(self, frame: int) -> Bools:
-        return self.valid if self.shown_in is None else self.shown_in(frame)
 
     def _places(self, frame: int) -> Array:
         """(P, 3) points at a frame's median depth, evenly over the pixels that show the scene."""
         along = (np.arange(_PLACES) + 0.5) / _PLACES
         v, u = np.meshgrid(along * self.camera.height, along * self.camera.width, indexing="ij")
-        kept = self._shown(frame)[v.astype(np.int64), u.astype(np.int64)]
+        kept = self.shown_in(frame)[v.astype(np.int64), u.astype(np.int64)]
         x = (u[kept] - self.camera.cx) / self.camera.fx
         y = (v[kept] - self.camera.cy) / self.camera.fy
         return self.depths[frame] * np.stack([x, y, np.ones_like(x)], axis=1)

@@ -4,52 +4,42 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.geometry import Camera
-from egosplat.pipeline.survey_file import digest_of_frames
+from egosplat.files import write_json
+from egosplat.geometry import Array, Camera
+from egosplat.pipeline.survey_file import Survey, digest_of_frames
+from egosplat.pipeline.validation import Draft202012Validator, schema
 from egosplat.progress import log
-from egosplat.survey.decisions import (
-    brightness_range,
-    compensates_exposure,
-    finite,
-    is_static,
-    moving_share,
-    needs_masks,
-    pose_residual,
-    refines_poses,
-)
-from egosplat.survey.document import FORMAT_VERSION, write_survey
+from egosplat.survey import decisions
 from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.options import SurveyOptions
 from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
-from egosplat.survey.views import choose_views, median_depths
+from egosplat.survey.views import Bools, choose_views, median_depths
+
+FORMAT_VERSION = 5
 
 
 def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
-    """Write the survey of ``frames`` with ``poses``.
-
-    Raises:
-        UserError: the poses are not of these frames.
-    """
+    """Write the survey of ``frames`` with ``poses`` (UserError: the poses are not of these frames)."""
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
     record = provenance.begin_from("survey", options.as_dict(), (frames, poses))
     motion = measure_motion(frames, poses)
     views = _geometry(frames, poses)
-    sharpness = _find_blurred(frames, views, options.blur_limit)
+    optional = frames.read("train") & ~frames.read("evaluation")
+    sharpness = find_blurred(measure_all(frames), views, frames.read("train"), optional, options.blur_limit)
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
         "motion": _motion(motion, options.min_moving_share),
         "camera": _camera(motion),
         "sharpness": _sharpness(sharpness, options.blur_limit),
-        "views": _views(frames, poses, views.depths, sharpness, options.min_view_change_deg),
+        "views": _views(frames, poses, views.depths, sharpness, optional, options.min_view_change_deg),
         "poses": _poses(frames, poses),
         "provenance": record.record(),
     }
@@ -58,31 +48,33 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
 
 
 def _motion(motion: Motion, min_share: float) -> dict[str, Any]:
-    share = moving_share(motion.share, motion.fleeting)
+    share = decisions.moving_share(motion.share, motion.fleeting)
     columns = (motion.moving, motion.lasting, motion.voting, motion.noise_px, motion.stops)
     names = ("moving", "lasting", "voting", "noise_px", "stops")
     rows = zip(motion.pairs.tolist(), zip(*columns, strict=True), strict=True)
     return {
-        "static": is_static(share),
-        "masking": "refined" if needs_masks(share, min_share) else "none",
-        "share": finite(share),
+        "static": decisions.is_static(share),
+        "masking": "refined" if decisions.needs_masks(share, min_share) else "none",
+        "share": decisions.finite(share),
         "min_share": min_share,
-        "fleeting": finite(motion.fleeting),
-        "voting": finite(motion.voting.mean()) if len(motion.pairs) else None,
-        "noise_px": finite(_median(motion.noise_px)),
-        "pairs": [{"frames": pair} | dict(zip(names, map(finite, row), strict=True)) for pair, row in rows],
+        "fleeting": decisions.finite(motion.fleeting),
+        "voting": decisions.finite(motion.voting.mean()) if len(motion.pairs) else None,
+        "noise_px": decisions.finite(_median(motion.noise_px)),
+        "pairs": [
+            {"frames": pair} | dict(zip(names, map(decisions.finite, row), strict=True)) for pair, row in rows
+        ],
     }
 
 
 def _camera(motion: Motion) -> dict[str, Any]:
-    residual, stops = pose_residual(motion), brightness_range(motion)
+    residual, stops = decisions.pose_residual(motion), decisions.brightness_range(motion)
     return {
-        "pose_residual_px": None if residual is None else finite(residual.explained_px),
-        "pose_noise_px": None if residual is None else finite(residual.noise_px),
+        "pose_residual_px": None if residual is None else decisions.finite(residual.explained_px),
+        "pose_noise_px": None if residual is None else decisions.finite(residual.noise_px),
         "revisits": len(motion.revisits),
-        "refine_poses": refines_poses(residual),
-        "brightness_stops": finite(stops),
-        "compensate_exposure": compensates_exposure(stops),
+        "refine_poses": decisions.refines_poses(residual),
+        "brightness_stops": decisions.finite(stops),
+        "compensate_exposure": decisions.compensates_exposure(stops),
     }
 
 
@@ -92,17 +84,7 @@ def _geometry(frames: Artifact, poses: Artifact) -> Views:
     camera_to_world, registered = poses.read("camera_to_world"), poses.read("registered")
     depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
     valid = frames.read("valid")
-    return Views(camera, valid, camera_to_world, depths, lambda frame: shown_pixels(frames, frame, valid))
-
-
-def _optional(frames: Artifact) -> NDArray[np.bool_]:
-    """(F,) bool: the frames that training may leave out."""
-    return frames.read("train") & ~frames.read("evaluation")
-
-
-def _find_blurred(frames: Artifact, views: Views, blur_limit: float) -> Sharpness:
-    values = measure_all(frames)
-    return find_blurred(values, views, frames.read("train"), _optional(frames), blur_limit)
+    return Views(camera, camera_to_world, depths, lambda frame: shown_pixels(frames, frame, valid))
 
 
 def _sharpness(found: Sharpness, blur_limit: float) -> dict[str, Any]:
@@ -116,34 +98,26 @@ def _sharpness(found: Sharpness, blur_limit: float) -> dict[str, Any]:
 
 
 def _views(
-    frames: Artifact,
-    poses: Artifact,
-    depths: NDArray[np.float64],
-    sharpness: Sharpness,
-    min_change_deg: float,
+    frames: Artifact, poses: Artifact, depths: Array, sharpness: Sharpness, optional: Bools, least_deg: float
 ) -> dict[str, Any]:
     sharp = np.ones(len(depths), bool)
     sharp[list(sharpness.replaced_by)] = False
+    times_ns, registered = frames.read("timestamp_ns"), poses.read("registered")
     # Among the frames that remain, so that a view is not left to a blurred frame.
     kept = sharp & choose_views(
-        poses.read("camera_to_world"),
-        depths,
-        frames.read("timestamp_ns"),
-        poses.read("registered"),
-        _optional(frames) & sharp,
-        min_change_deg,
+        poses.read("camera_to_world"), depths, times_ns, registered, optional & sharp, least_deg
     )
     kept_frames = np.flatnonzero(kept)
     return {
         "kept": kept_frames.tolist(),
         "left_out": np.flatnonzero(~kept).tolist(),
-        "min_view_change_deg": min_change_deg,
+        "min_view_change_deg": least_deg,
         "median_depth_m": _median(depths),
         "digest": digest_of_frames(kept_frames),
     }
 
 
-def _median(values: NDArray[np.float64]) -> float | None:
+def _median(values: Array) -> float | None:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
@@ -176,3 +150,9 @@ def _log_summary(document: dict[str, Any]) -> None:
         f"views: {len(views['kept'])} frames kept, {len(views['left_out']) - blurred} dropped for too small a view "
         f"change, {blurred} because sharper frames show the same"
     )
+
+
+def write_survey(output: Path, document: Survey) -> None:
+    """Check a survey against its schema (jsonschema.ValidationError) and write it with sorted keys, whole or not at all."""
+    Draft202012Validator(schema("survey")).validate(document)
+    write_json(output, document)

@@ -50,7 +50,8 @@ def test_pictures_without_detail():
 def test_recordings_in_which_none_is_sharper(values, depth):
     count = len(values)
     poses = np.tile(np.eye(4), (count, 1, 1))
-    views = Views(Camera(8, 8, 4.0, 4.0, 4.0, 4.0), np.ones((8, 8), bool), poses, np.full(count, depth))
+    valid = np.ones((8, 8), bool)
+    views = Views(Camera(8, 8, 4.0, 4.0, 4.0, 4.0), poses, np.full(count, depth), lambda _: valid)
     every = np.ones(count, bool)
     found = find_blurred(np.array(values), views, every, every, 4.0)
     assert not found.replaced_by and found.scatter in (None, 0.0)

@@ -11,7 +11,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Field, Schema
 from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import make_command
 
 SOURCE = Schema("source", 1, {"time": Field(("frame",), "int64", "ns", "time")})
 MADE = Schema("made", 1, {"pose": Field((4, "frame"), "int64", "m", "pose")})

@@ -218,7 +218,7 @@ def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(fold
     assert found()["kernels"] == Finding(
         Mark.NOTE, "kernels", "The C++ kernels are not compiled.", "Run make install"
     )
-    assert "transient, splats" in found()["expected time"].advice
+    assert "transient, instances, splats" in found()["expected time"].advice
     assert marks("run={backend: cpu}")["kernels"] == Mark.MISSING
 
 

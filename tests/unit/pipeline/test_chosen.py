@@ -1,20 +1,21 @@
 """Each stage that chooses its module by a value has a record of every value, and no import that leads to the others."""
 
 from types import SimpleNamespace
+from typing import get_args
 
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.chosen import chosen_value
 from egosplat.pipeline.code_hash import modules_of
 from egosplat.pipeline.config import defaults, merge, section_keys
+from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.stages import STAGES, code_of, load_module
-from egosplat.pipeline.validation import schema
+from egosplat.pipeline.variants import chosen_value
 
 CHOICES = {name: stage.modules.modules for name, stage in STAGES.items() if stage.modules}
 EVERY = [(stage, value) for stage, modules in CHOICES.items() for value in modules]
 
-FORMATS = schema("scenes")["properties"]["format"]["enum"]
+FORMATS = get_args(Format)
 
 # Values of a key by which a stage chooses, or that choose for it.
 VALUES = {

@@ -4,6 +4,7 @@ import ast
 import importlib
 import inspect
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import get_args
 
@@ -19,7 +20,7 @@ from egosplat.pipeline.config_table import FIRST_KEYS, json_schema, keys_page
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.options import Options, describe, keys_of
 from egosplat.pipeline.scenes import SHIPPED_DATASETS, find_scene, is_own, read_scenes, requested_targets
-from egosplat.pipeline.stages import ARTIFACTS, STAGES, path_help, stage_function
+from egosplat.pipeline.stages import ARTIFACTS, STAGES, path_help
 
 ROOT = Path(__file__).resolve().parents[3]
 PRESETS = ROOT / "config" / "presets"
@@ -41,7 +42,7 @@ def test_every_key_has_a_description_and_a_default():
 @pytest.mark.parametrize("stage", STAGES)
 def test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options(stage):
     """No drift between the table of stages and the function of a stage."""
-    about, arguments = STAGES[stage], inspect.signature(stage_function(stage)).parameters
+    about, arguments = STAGES[stage], inspect.signature(import_module(STAGES[stage].module).run).parameters
     options = config.stage_options(stage)
     paths = {name if name == "output" else f"{name}_path" for name in path_help(about)}
     assert set(arguments) == {*paths, *about.scene, *(("options",) if options else ())}

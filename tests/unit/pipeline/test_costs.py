@@ -89,7 +89,8 @@ def test_a_job_knows_its_sizes_from_its_own_inputs(tmp_path, stage):
 
 def test_each_rule_that_asks_by_the_table_has_a_row():
     rules = "".join(path.read_text() for path in (ROOT / "workflow/rules").glob("*.smk"))
-    assert set(MEASURED_MB) == set(re.findall(r'memory\("(\w+)"\)', rules))
+    sheets = re.findall(r'^    "(\w+_sheet)": ', rules, re.MULTILINE)
+    assert set(MEASURED_MB) == {*re.findall(r'memory\("(\w+)"\)', rules), *sheets}
 
 
 def test_each_method_and_segmenter_has_a_row_and_each_row_a_stage():

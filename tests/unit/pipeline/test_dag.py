@@ -9,18 +9,16 @@ from egosplat.pipeline.config import defaults, merge, section_keys, validate
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     decide,
+    decided_by_survey,
     default_pages,
     follows_survey,
     input_flags,
     inputs_of,
     leaves_frames_out,
-    masks_by_survey,
     optional_inputs_of,
     options_json,
     stages_behind,
     story_stages,
-    survey_decides,
-    tracks_by_survey,
     training_frames,
 )
 from egosplat.pipeline.stages import STAGES, load_module
@@ -127,7 +125,7 @@ def test_training_stages_read_the_survey_where_it_leaves_frames_out(stage):
 
 def test_a_survey_that_decides_masking_is_an_input_of_splats_alone():
     """Protects the DAG of masking auto with every frame kept."""
-    assert masks_by_survey(TRACKS)
+    assert ("splats", "masking") in decided_by_survey(TRACKS)
     assert inputs_of("splats", TRACKS)[-1] == "survey"
     assert "survey" not in inputs_of("segments", TRACKS)
 
@@ -148,7 +146,7 @@ def test_segments_need_to_know_what_moves_where_only_that_is_tracked(keys, expec
     """Protects the DAG of segments, which is the same for every splats.masking: variants share the segments."""
     config = merge(SINGLE_FRAMES, {"segments": keys, "splats": {"masking": masking}})
     assert inputs_of("segments", config) == ("frames", *expected)
-    assert tracks_by_survey(config) == ("survey" in expected)
+    assert (("segments", "track_moving") in decided_by_survey(config)) == ("survey" in expected)
     assert "survey" in optional_inputs_of("segments", merge(config, {"survey": {"min_view_change_deg": 3}}))
 
 
@@ -162,7 +160,7 @@ def test_the_survey_decides_whether_what_moves_is_tracked(masking, expected):
     assert json.loads(options_json("segments", found))["track_moving"] == expected
     for value in ("always", "never"):
         own = merge(config, {"segments": {"track_moving": value}})
-        assert decide(own, survey(masking)) == own and not survey_decides(own)
+        assert decide(own, survey(masking)) == own and not decided_by_survey(own)
 
 
 @pytest.mark.parametrize("masking", ["none", "refined"])
@@ -183,7 +181,7 @@ def test_the_survey_decides_what_is_corrected_where_it_is_auto(stage):
     found = decide(auto, survey("none"))
     assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"} and follows_survey(stage)
     assert found["camera"].items() <= json.loads(options_json(stage, found)).items()
-    assert survey_decides(auto) and not survey_decides(merge(auto, OFF))
+    assert decided_by_survey(auto) and not decided_by_survey(merge(auto, OFF))
     by_hand = merge(auto, {"camera": {"refine_poses": "off", "compensate_exposure": "on"}})
     assert decide(by_hand, survey("none")) == by_hand
 
@@ -283,9 +281,9 @@ def test_no_survey_corrects_the_camera_of_trained_gaussians():
 @pytest.mark.parametrize(
     "keys, named",
     [
-        ({"camera": {"refine_poses": "on"}}, "camera.refine_poses must be off, not on"),
-        ({"camera": {"compensate_exposure": "on"}}, "camera.compensate_exposure must be off, not on"),
-        ({"splats": {"language": "joint"}}, "splats.language must be after, not joint"),
+        ({"camera": {"refine_poses": "on"}}, "camera.refine_poses = off, not on"),
+        ({"camera": {"compensate_exposure": "on"}}, "camera.compensate_exposure = off, not on"),
+        ({"splats": {"language": "joint"}}, "splats.language = after, not joint"),
     ],
 )
 def test_keys_that_train_contradict_trained_gaussians(keys, named):

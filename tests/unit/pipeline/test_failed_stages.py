@@ -6,7 +6,7 @@ import pytest
 from snakemake.logging import DefaultFormatter
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from egosplat.pipeline.failed_stages import MOST, failures, last_message
+from egosplat.pipeline.snakemake_call import MOST, failures, last_message
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.pipeline import config
-from egosplat.pipeline.dag import tracks_by_survey
+from egosplat.pipeline.dag import decided_by_survey
 from egosplat.pipeline.replacements import Asked, find_replaced, replacement_notices, stages_of
 from egosplat.pipeline.stages import PIPELINE, STAGES
 from egosplat.pipeline.sweeps import with_points
@@ -36,7 +36,9 @@ def scene(tmp_path):
             options = config.stage_values(stage, before)
             # By the survey.
             options |= {"masking": "refined"} if "masking" in options else {}
-            options |= {"track_moving": "always"} if stage == "segments" and tracks_by_survey(before) else {}
+            options |= (
+                {"track_moving": "always"} if (stage, "track_moving") in decided_by_survey(before) else {}
+            )
             record(folder, stage, {"provenance": {"stage": stage, "options": options}})
         return Asked(
             folder,

@@ -7,10 +7,9 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge, resolve, stage_values
-from egosplat.pipeline.presets import preset_keys
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.sweeps import Setting, points_of, variant_name, with_points
-from egosplat.pipeline.variants import owner, variant_config
+from egosplat.pipeline.variants import owner, preset_keys, variant_config
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.making import make_command
-from egosplat.pipeline.targets import Rules, check_words
+from egosplat.pipeline.home import make_command
+from egosplat.pipeline.results import Rules, check_words
 
 ROOT = Path(__file__).resolve().parents[3]
 OUTPUTS = frozenset({"metrics.json", "contact_sheet.png", "frames.zarr"})

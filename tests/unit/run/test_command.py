@@ -10,11 +10,11 @@ import pytest
 from click.testing import CliRunner
 
 from egosplat.cli import cli
-from egosplat.cli.run import spread
+from egosplat.cli.scenes import spread
 from egosplat.errors import UserError
 from egosplat.pipeline.home import snakefile
 from egosplat.run import command
-from egosplat.run.command import Wish, make_scene
+from egosplat.run.command import make_scene
 from tests.unit.run.conftest import write_pictures
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -48,7 +48,7 @@ def calls(tmp_path, monkeypatch):
 
 
 def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
-    scene = make_scene(Wish(tmp_path / "photos", preset="draft", cores=3, options=("frames.stride=2",)))
+    scene = make_scene(tmp_path / "photos", preset="draft", cores=3, options=("frames.stride=2",))
     (words,) = calls
     assert words[:5] == ["snakemake", "--snakefile", str(ROOT / "workflow/Snakefile"), "--cores", "3"]
     assert words[5:] == ["--config", "preset=draft", "--", "results/mine/photos/scene.html"]
@@ -62,7 +62,7 @@ def test_the_workflow_of_the_working_directory_is_taken_first(calls, tmp_path):
     Path("config").mkdir()
     Path("config/presets").symlink_to(ROOT / "config/presets")
     assert snakefile() == Path("workflow/Snakefile")
-    make_scene(Wish(tmp_path / "photos", name="kitchen"))
+    make_scene(tmp_path / "photos", name="kitchen")
     assert "--snakefile" not in calls[0] and calls[0][-1] == "results/mine/kitchen/scene.html"
 
 
@@ -78,7 +78,7 @@ def test_what_to_ask_is_told(calls, tmp_path):
 @pytest.mark.parametrize("pair", ["frames.stride", "frames.stride=2 frames.end_s=3"])
 def test_a_word_that_is_no_key_with_its_value_is_refused(calls, tmp_path, pair):
     with pytest.raises(UserError, match="--set frames.stride"):
-        make_scene(Wish(tmp_path / "photos", options=(pair,)))
+        make_scene(tmp_path / "photos", options=(pair,))
     assert not calls
 
 
@@ -87,7 +87,7 @@ def test_a_failed_run_is_an_error_with_its_message(calls, tmp_path, monkeypatch)
         command, "run_snakemake", lambda words, steps: steps.read("egosplat: a: is wrong") and 1
     )
     with pytest.raises(UserError, match="^a: is wrong$"):
-        make_scene(Wish(tmp_path / "photos"))
+        make_scene(tmp_path / "photos")
 
 
 def test_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):

@@ -6,8 +6,8 @@ import pytest
 
 from egosplat.pipeline.config import defaults
 from egosplat.run import steps as module
+from egosplat.run.command import put_row
 from egosplat.run.steps import Forecast, Steps, describe, machine_pace
-from egosplat.run.table import put_row
 from tests.unit.pipeline.test_failed_stages import report
 
 BEFORE = """\

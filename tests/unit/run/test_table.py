@@ -5,7 +5,7 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults
 from egosplat.pipeline.scenes import read_scenes
-from egosplat.run.table import put_row, split_name
+from egosplat.run.command import put_row, split_name
 
 COLUMNS = ("dataset", "scene", "format", "recording", "options")
 HEAD = "\t".join(COLUMNS) + "\n"

@@ -29,7 +29,6 @@ def motion(
         noise_px=np.full(pairs, noise),
         stops=np.full(pairs, stops),
         revisits=np.zeros((revisits, 2), np.int64),
-        explained_px=every,
         before_px=every * before,
         after_px=every * noise,
     )

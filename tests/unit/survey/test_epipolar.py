@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
-from egosplat.survey.epipolar import max_static_flow, rotation_homography
-from egosplat.survey.rigid import View, static_residual, static_segment
+from egosplat.survey.rigid import View, max_static_flow, rotation_homography, static_residual, static_segment
 
 CAMERA = Camera(256, 256, 90.0, 95.0, 127.0, 130.0)
 NEAR = 0.5

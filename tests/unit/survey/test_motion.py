@@ -12,8 +12,8 @@ from egosplat.moving_regions import landing, large_regions, lasting_regions, mee
 from egosplat.survey.detection import PairMotion, detect_motion
 from egosplat.survey.matching import match_images
 from egosplat.survey.motion import measure_motion
-from egosplat.survey.pairs import choose_pairs, choose_revisits
 from egosplat.survey.rigid import View
+from egosplat.survey.views import choose_pairs, choose_revisits
 
 SECOND = 1_000_000_000
 

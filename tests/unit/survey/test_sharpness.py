@@ -21,7 +21,8 @@ def views(yaws, depth=2.0, valid=None) -> Views:
     """Views of a camera that turns in place [deg]."""
     rotations = Rotation.from_euler("y", np.asarray(yaws, float)[:, None], degrees=True).as_matrix()
     valid = np.ones((64, 64), bool) if valid is None else valid
-    return Views(CAMERA, valid, make_pose(rotations, np.zeros((len(yaws), 3))), np.full(len(yaws), depth))
+    poses = make_pose(rotations, np.zeros((len(yaws), 3)))
+    return Views(CAMERA, poses, np.full(len(yaws), depth), lambda _: valid)
 
 
 def dropped(values, yaws, optional=None, trained=None, limit=4.0) -> list[int]:

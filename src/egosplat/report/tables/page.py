@@ -13,7 +13,7 @@ from jinja2 import Environment, StrictUndefined
 from egosplat.errors import UserError
 from egosplat.frames.images import read_rgb
 from egosplat.images import LARGEST, encode_webp, shrink_image
-from egosplat.pipeline.making import make_command
+from egosplat.pipeline.home import make_command
 
 _KINDS = (".png", ".jpg", ".jpeg")
 
