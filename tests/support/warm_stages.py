@@ -15,6 +15,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -76,15 +77,16 @@ def _ask(name: str, arguments: list[str]) -> int:
 
 def _next_call(listener: socket.socket) -> dict[str, Any] | None:
     """Fork for each call: in the child, with the caller's streams, return it; in the server, None when its input ends."""
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that wait
     while listener in select.select([listener, sys.stdin], [], [])[0]:
         connection, _ = listener.accept()
         _preload()
         if os.fork() == 0:
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
             listener.close()
             return _fork(connection)
         connection.close()
+        with suppress(ChildProcessError):
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass  # their processor time now counts as this process's
     return None
 
 
