@@ -110,7 +110,11 @@ def test_open_clip_encodes_views_and_phrases(cache, tmp_path):
 
 @pytest.mark.parametrize("architecture", sorted(WIDTHS))
 def test_every_open_clip_loads_and_encodes(cache, architecture):
-    """One picture and one phrase in both precisions; loaded once, and from half precision, to save time."""
+    """One picture and one phrase in both precisions; loaded once, and from half precision, to save time.
+
+    Two blocks of the vision model take the picture in bfloat16: all blocks are alike, and a processor without instructions for
+    it needs a second for each.
+    """
     with torch.device("meta"):
         shapes = build_model(architecture, read_description(architecture, None)["model_cfg"]).state_dict()
     weights = {name: torch.full(one.shape, 0.01, dtype=torch.float16) for name, one in shapes.items()}
@@ -122,6 +126,8 @@ def test_every_open_clip_loads_and_encodes(cache, architecture):
     picture = torch.rand(1, 3, *clip.preprocessing.image_size)
     for precision in PRECISIONS:
         same = replace(clip, compute=choose_compute("cpu", precision))
+        if precision == "bfloat16":
+            del same.model.visual.transformer.resblocks[2:]
         with same.compute.inference():
             assert same.model.encode_image(picture).shape == (1, WIDTHS[architecture])
         phrase = encode_phrases(same, ["a red chair"])
