@@ -187,11 +187,17 @@ def stage_models(stage):
     return stage_sections(stage).get("models", ())
 
 
+@cache
+def models_named(dataset, scene, variant):
+    """Get the hashes of the models of a scene or variant."""
+    return model_hashes(config_named(dataset, scene, variant))
+
+
 def model_files(stage):
     """Get a function of the wildcards: content hashes of a stage's models."""
 
     def hashes(wildcards):
-        found = model_hashes(config_of(wildcards))
+        found = models_named(*names_of(wildcards))
         return " ".join(
             f"{key}={found[key]}" for key in stage_models(stage) if key in found
         )
