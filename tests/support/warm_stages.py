@@ -8,12 +8,14 @@ import atexit
 import gc
 import json
 import os
+import secrets
 import select
 import shlex
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
@@ -50,7 +52,7 @@ def warm_stages() -> dict[str, str]:
 @cache
 def _server() -> str:
     """Start the process that forks, one for each process of a test run; the name of its socket. It ends with this process."""
-    name = f"egosplat-tests-{os.getpid()}"
+    name = f"egosplat-tests-{secrets.token_hex(8)}"
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(f"\0{name}")
         listener.listen(16)
@@ -125,6 +127,7 @@ def _become(call: Mapping[str, Any]) -> None:
     if os.environ.get(THREADS) != "1":
         os.execv(sys.executable, [sys.executable, "-m", "egosplat.cli", *call["arguments"]])
     sys.path[0:1] = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    tempfile.tempdir = None  # found anew, in the call's environment
     sys.dont_write_bytecode = "PYTHONDONTWRITEBYTECODE" in os.environ
     sys.argv[:] = ["egosplat", *call["arguments"]]
 
