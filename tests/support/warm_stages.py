@@ -46,7 +46,7 @@ SET_BY_THE_COMMAND = {"OMP_WAIT_POLICY": "passive", "HF_HUB_DISABLE_TELEMETRY": 
 def warm_stages() -> dict[str, str]:
     """The environment in which bash calls the command ``egosplat`` of this process of the test run."""
     call = shlex.join([sys.executable, "-ISE", __file__, _server()])
-    return {"BASH_FUNC_egosplat%%": f'() {{ {call} "$@"\n}}'}
+    return {"BASH_FUNC_egosplat%%": f'() {{ {call} "$@"; }}'}
 
 
 @cache
