@@ -17,6 +17,7 @@ from tests.unit.frames.conftest import write_video
 KEYS = (
     *("segments.segmenter=classical", "frames.resolution=64", "frames.lens=pinhole"),
     *("splats.iterations=20", "splats.max_gaussians=1000", "instances.iterations=20"),
+    "view_features.max_views=1",
 )
 
 
