@@ -45,15 +45,13 @@ HEADER = """# Numbers at their extremes
 Cases of `tests/numerics` and their errors against a float64 reference. `make numerics` runs the tests and writes this file.
 
 - **Tried**: the inputs. [Hypothesis](https://hypothesis.readthedocs.io) samples ranges, or the test steps through decades.
-- **Bound**: the largest error that the test accepts. Errors are absolute for images, probabilities and relevancies, whose size
-  is about 1, and relative for gradients and positions (L2 norm over all values of a kind). A case without a bound tests
-  behavior, not accuracy.
+- **Bound**: the largest error that the test accepts, absolute for images, probabilities and relevancies, relative for gradients
+  and positions (L2 norm over all values of a kind). A case without a bound tests behavior.
 - **Measured**: the largest error of the run that wrote this file; {machine}
 - **Beyond**: behavior at the end of the range and outside: an error that names the cause, or a clamp. Never NaN.
 
 Float32 results are compared with float64 results of the same rounded inputs, unless a row says otherwise. Pixels where rounding
-alone decides whether a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) are left out, because their
-color may change by 1/255.
+alone decides whether a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) are left out.
 """
 
 

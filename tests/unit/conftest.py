@@ -97,6 +97,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         origin: that all artifacts tell.
         evaluated: the evaluation frames; of none, every frame is trained on.
         corrections: optional arrays of splats.zarr.
+        clip_model: that features.zarr names.
     """
 
     def make(
@@ -106,6 +107,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         origin: str = "synthetic",
         evaluated: tuple[int, ...] = (1, 2, 3),
         corrections: Mapping[str, np.ndarray] | None = None,
+        clip_model: str = "small",
     ) -> Path:
         write = partial(put, tmp_path, origin=origin)
         clip_hash = clip_hash or model_hash(CLIP, SMALL)
@@ -117,7 +119,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         meant = couch_and_cup.numpy()[right.astype(int)]
         nothing = np.zeros_like(meant)
         level = ["part", "whole"]
-        clip = {"model": "small", "checkpoint": "small", "hash": clip_hash, "small": True}
+        clip = {"model": clip_model, "checkpoint": "small", "hash": clip_hash, "small": True}
         facts = {"levels": level, "clip": clip, "decoder": {"widths": [meant.shape[1]]}}
         things = [
             {"id": 1, "name": "Couch_1", "category": "couch", "motion_type": "static"},

@@ -59,8 +59,7 @@ TEXTS: dict[str, Text] = {
     "frames.blurred": Text(
         "share of the frames that are blank, or far less sharp than the recording's median",
         "{:.0%}",
-        "none in a synthetic apartment and two series of photographs. COLMAP does not register such frames, and one in ten "
-        "leaves gaps in a trajectory",
+        "none in a synthetic apartment and two series of photographs; one in ten leaves gaps in a trajectory",
         "{value:.1%} of the frames are blurred or blank, compared with the others",
         "Training gains little from them, and they may get no pose. Exclude them (frames.start_s, frames.end_s), or move the "
         "camera slower",
@@ -68,24 +67,21 @@ TEXTS: dict[str, Text] = {
     "poses.registered": Text(
         "share of the frames with a pose",
         "{:.0%}",
-        "COLMAP finds all in five synthetic apartments (benchmarks/colmap) and in two series of photographs; a device's "
-        "trajectory has all",
+        "COLMAP finds all in five synthetic apartments and in two series of photographs",
         "{value:.1%} of the frames have a pose",
         "The others are not used; the log of poses lists them. Record sharper frames, or reduce frames.stride",
     ),
     "poses.reprojection": Text(
         "mean reprojection error over the observations of COLMAP's points",
         "{:g} px",
-        "0.25 to 0.30 px in synthetic apartments, 0.35 to 0.81 px in photographs. Features are located to a fraction of a "
-        "pixel: a larger error means wrong matches",
+        "0.25 to 0.30 px in synthetic apartments, 0.35 to 0.81 px in photographs; more means wrong matches",
         "the mean reprojection error is {value:.2f} px",
         "The poses are inexact. Check the calibration, rolling shutter and motion blur",
     ),
     "poses.parallax": Text(
         "angle under which the median point sees all cameras; poses of COLMAP and of files",
         "{:g}°",
-        "64 and 65° in two series of photographs, 3.5 and 5.4° in videos of a camera that hardly moves. COLMAP drops points "
-        "below 1.5°: their depth is unknown",
+        "64 and 65° in two series of photographs, 3.5 and 5.4° in videos of a camera that hardly moves",
         "the median point sees all cameras within {value:.2g}°: the camera hardly moves, and depth cannot be told",
         "Record with a camera that walks around, at least a tenth of the way to what it shows",
     ),
@@ -108,8 +104,8 @@ TEXTS: dict[str, Text] = {
     "segments.empty_pixels": Text(
         "share of the valid pixels without an instance at any level",
         "{:.0%}",
-        "1 to 25 % at a level in synthetic apartments (25 % with prompts in the first frame only, benchmarks/segments), 10 % "
-        "at all levels together; 4 and 6 % in two series of photographs",
+        "1 to 25 % at a level in synthetic apartments, 10 % at all levels together; 4 and 6 % in two "
+        "series of photographs",
         _EMPTY,
         f"Queries find nothing there. Check instances.png, and {_MODEL}",
     ),
@@ -123,16 +119,14 @@ TEXTS: dict[str, Text] = {
     "segments.frames_per_instance": Text(
         "mean frames per instance; not with segments.prompting each_frame, which tracks nothing",
         "{:g}",
-        "outlier detection needs three views. The objects of benchmarks/aggregation have 6 to 48 views; a synthetic apartment "
-        "of 48 frames has a mean of 31",
+        "outlier detection needs three views; a synthetic apartment of 48 frames has a mean of 31",
         "instances are tracked for {value:.1f} frames on average",
         "Tracks break, and there are too few views to aggregate. Reduce frames.stride, or use a longer recording",
     ),
     "instances.masks_kept": Text(
         "share of the masks of single frames that belong to an instance that was merged in 3D",
         "{:.0%}",
-        "66 % in a synthetic apartment (the rest are masks of what others show better), 47 % with poses that are wrong by "
-        "20 cm and 8 degrees, 20 % with the poses of other frames, 18 % without merging",
+        "66 % in a synthetic apartment, 47 % with poses that are wrong by 20 cm and 8 degrees, 18 % without merging",
         "{kept} of {masks} masks belong to an instance",
         f"Masks of different frames do not agree in 3D. {_MERGING}",
     ),
@@ -153,16 +147,15 @@ TEXTS: dict[str, Text] = {
     "features.outliers": Text(
         "share of the views that disagree with their instance",
         "{:.0%}",
-        "the median absolute deviation detects outliers up to a share of 30 to 40 % (benchmarks/aggregation). The limit is "
-        "below that, and above the few per cent that are dropped by chance",
+        "outliers are detected up to a share of 30 to 40 % (benchmarks/aggregation); a few per cent are "
+        "dropped by chance",
         "{outliers} of {views} views disagree with their instance",
         _TRACKS,
     ),
     "features.agreement": Text(
         "agreement of views with their instance, from 0 (like views of different instances) to 1 (equal)",
         "{:g}",
-        "the middle of the range; 0.68 and 0.76 in synthetic apartments, 0.55 and 0.48 in two series of photographs with the "
-        "small checkpoints, which were not trained on photographs",
+        "the middle of the range; 0.68 and 0.76 in synthetic apartments, 0.55 and 0.48 in two series of photographs",
         "views agree with their instance by {value:.2f}: the mean cosine with it is {cosine:.2f}, between instances "
         "{spread:.2f}",
         _TRACKS,
@@ -170,16 +163,15 @@ TEXTS: dict[str, Text] = {
     "features.reconstruction": Text(
         "mean cosine between features and their decoded codes",
         "{:g}",
-        "codes of 16 numbers reach 0.98. At 0.88 one object in three gets another name than from its full features, at 0.92 "
-        "one in four (benchmarks/aggregation)",
+        "at 0.88 one object in three gets another name than from its full features, at 0.92 one in four",
         "decoded codes have a mean cosine of {value:.2f} with their features",
         "Codes lose the differences between instances. Raise features.dims, which preset paper lowers, or set it to auto",
     ),
     "transient.probability": Text(
         "mean probability of being transient, over all pixels of all frames",
         "{:g}",
-        "0.05 to 0.1 in synthetic apartments, 0.02 to 0.11 in photographs of static scenes, 0.47 in a recording on which the "
-        "network failed. The limit is the geometric mean of 0.1 and 0.47",
+        "0.02 to 0.11 in apartments and still photographs, 0.47 where the network failed; the limit is "
+        "the geometric mean",
         "the mean probability of a transient pixel is {value:.2f}",
         "The network classifies static pixels as transient. Check transient.png; raise transient.transient_penalty, "
         "which preset paper lowers, or transient.iterations, or set splats.masking to none if nothing moves",
@@ -203,16 +195,15 @@ TEXTS: dict[str, Text] = {
     "masks.pixels": Text(
         "share of all pixels of all frames that are masked",
         "{:.0%}",
-        "1 to 4 % in synthetic apartments with people, 8 % for the network's masks without refinement (derived from "
-        "precision and the masked share of static pixels in benchmarks/transient)",
+        "1 to 4 % in synthetic apartments with people, 8 % for the network's masks without refinement",
         "{value:.1%} of all pixels are masked and excluded from training",
         _LESS,
     ),
     "splats.psnr": Text(
         "mean PSNR of the held-out frames",
         "{:g} dB",
-        "20 dB is an error of a tenth of the range in every pixel; 26 to 30 dB in synthetic apartments (benchmarks/ablation), "
-        "22.7 dB for 17 photographs of a desk (benchmarks/tradeoff)",
+        "20 dB is an error of a tenth of the range; 26 to 30 dB in synthetic apartments, 22.7 dB for 17 "
+        "photographs of a desk",
         "the mean PSNR of held-out frames is {value:.2f} dB",
         "Check splats.png and the poses. Where camera.refine_poses or camera.compensate_exposure is off, as in presets draft "
         "and paper, set it to on; raise splats.iterations and splats.max_gaussians, which presets draft and fast lower",
@@ -221,8 +212,8 @@ TEXTS: dict[str, Text] = {
         "largest correction of a pose, as an angle in radians: of the rotation, or of the translation at the scene's median "
         "depth",
         "{:g}",
-        "drift of 20 mm and 0.5 degrees (RMS) is corrected by at most 13 mm and 0.6 degrees, a fifth of the limit, in an "
-        "apartment 1.1 m deep (benchmarks/corrections). Beyond it, gradient descent may end at any place that looks alike",
+        "drift of 20 mm and 0.5 degrees is corrected by a fifth of it; beyond, gradient descent may end "
+        "at any place that looks alike",
         "training moved the poses of {wrong} of {frames} frames farther, of frame {frame} by {shift_mm:.0f} mm and "
         "{turn_deg:.1f} degrees at a depth of {depth_m:.3g} m",
         "Check splats.png and the poses, or set camera.refine_poses to off",
@@ -237,7 +228,7 @@ TEXTS: dict[str, Text] = {
     "language.without_code": Text(
         "share of the Gaussians without a code at any level",
         "{:.0%}",
-        "below 2 %: a Gaussian is seen in many frames, and in some of them has an instance",
+        "below 2 %: a Gaussian is seen in many frames",
         "{value:.1%} of the Gaussians have no code at any level",
         "Queries find nothing there. Check instances.png for pixels without an instance",
     ),

@@ -8,14 +8,9 @@ from egosplat.pipeline.validation import schema
 _ABOUT = """# Fields of metrics.json
 
 `python -m egosplat.evaluation.fields_page` prints this page from [the schema](../src/egosplat/pipeline/schemas/metrics.schema.yaml), a JSON Schema
-(2020-12) in YAML. Each file is checked against it before it is written, and again by each command that reads it and by `egosplat check`.
-`null` is a number that is not defined. `[]` stands for each entry of a list, `NAME` for each name.
-
-**Versions.** `format_version` rises by one with every change of a field: a new one, one that is gone, another meaning, unit or type. A reader takes its own
-version alone and says how to make an older file anew. [CHANGELOG.md](../CHANGELOG.md) says what each version changed.
-
-**Commit and clean** tell which checkout wrote the file, and which wrote each artifact. They are no input: a new commit makes nothing stale, only
-[the code of a stage](architecture.md#what-makes-a-stage-stale) does."""
+(2020-12) in YAML, against which each file is checked where it is written and where it is read. `null` is a number that is not defined. `[]`
+stands for each entry of a list, `NAME` for each name. `format_version` rises by one with every change of a field ([CHANGELOG.md](../CHANGELOG.md));
+a reader takes its own version alone. `commit` and `clean` are no input: a new commit makes nothing stale."""
 
 
 def fields_page() -> str:

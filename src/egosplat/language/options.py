@@ -36,6 +36,5 @@ class LanguageOptions(MaskSourceOptions, SeedOptions, BackendOptions):
 
     normalize_codes: bool = False
     """Normalize the code of each Gaussian before rendering, in training and in queries, as LangSplat does
-    (docs/method.md#code-norm). Its autoencoder makes unit codes. Wrong for compression linear, where the norm
-    carries information. Of the methods that train nothing, clustered alone follows it. No effect if splats.language
-    is joint, because queries render jointly trained codes as training did."""
+    (docs/method.md#code-norm). Wrong for compression linear, where the norm carries information. Of the methods
+    that train nothing, clustered alone follows it. No effect if splats.language is joint."""

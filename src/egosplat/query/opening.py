@@ -7,7 +7,8 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.pipeline.model_sets import DEFAULTS, PHOTOS
+from egosplat.pipeline.model_sets import DEFAULTS
+from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.options import AskingOptions
@@ -38,8 +39,8 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
 
 
 def _suited(encoded: Artifact) -> dict[str, Any]:
-    """Defaults of queries that suit the model of a scene's features, if that is the words for photographs."""
-    return DEFAULTS[PHOTOS]["query"] if encoded.facts["clip"]["model"] == PHOTOS else {}
+    """Defaults of queries of the set of models that a scene's features are of; another OpenCLIP is asked as published ones."""
+    return DEFAULTS.get(encoded.facts["clip"]["model"], DEFAULTS[PUBLISHED])["query"]
 
 
 def open_artifacts(folder: Path) -> list[Artifact]:

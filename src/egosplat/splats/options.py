@@ -23,8 +23,7 @@ class SplatsOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions
     language: Literal["after", "joint"] = "after"
     """When the Gaussians get their codes (docs/method.md#joint-or-after). after: in the stage language, with color
     and geometry fixed. joint: in one training with the sum of both losses, as in the paper. The codes then change
-    the geometry, every change of segments or features trains it again, and with 16 dimensions at 3 levels each pass
-    renders 51 channels instead of 3."""
+    the geometry, and every change of segments or features trains it again."""
 
     feature_weight: Annotated[float, Field(ge=0), READING] = 1.0
     """Weight of the code loss if language is joint. The paper uses 1. Larger distorts the geometry more."""

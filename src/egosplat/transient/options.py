@@ -108,8 +108,7 @@ class MasksOptions(ThresholdOptions):
     """Least share of a transient instance's pixels that stand out from the temporary Gaussians at the end of the
     warm-up, when they are trained on all pixels: a squared difference of more than 3.5 medians of the frame
     (docs/method.md#stands-out). It drops static things that the network calls transient. 0 asks for none, as in the
-    paper. Larger masks less: in five synthetic apartments 0.4 to 0.55 work equally well, and in one of five others
-    it takes 0.5 (benchmarks/transient/README.md)."""
+    paper. Larger masks less; in five synthetic apartments 0.4 to 0.55 work equally well."""
 
     pixel_probability: Annotated[Share, READING] = 0.5
     """Probability from which a pixel of a transient instance is masked in a frame. It leaves out parts of wrong

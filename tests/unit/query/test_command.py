@@ -201,6 +201,16 @@ def test_the_answer_in_words_comes_before_the_picture(word_scene):
     assert next(answers).startswith("picture: ") and (folder / "query.png").exists()
 
 
+@pytest.mark.parametrize(
+    "model, temperature, min_score", [("small", 10.0, 0.78), ("photos", 10.0, 0.62), ("ViT-B-16", 1.0, 0.0)]
+)
+def test_queries_follow_the_model_of_the_features(word_scene, model, temperature, min_score):
+    folder = word_scene(clip_model=model)
+    asked = open_scene(folder).options
+    assert (asked.temperature, asked.min_score) == (temperature, min_score)
+    assert open_scene(folder, min_score=0.5).options.min_score == 0.5
+
+
 def test_lengths_have_no_meters_without_a_scale(word_scene, query, unscaled):
     """COLMAP's world has an arbitrary scale."""
     folder = word_scene()
