@@ -10,13 +10,12 @@ import pandas as pd
 import pytest
 import yaml
 import zarr
-from jsonschema import Draft202012Validator
 from PIL import Image, ImageChops
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.pipeline.stages import PAGES, PIPELINE, STAGES
-from egosplat.pipeline.validation import schema
+from egosplat.pipeline.validation import Draft202012Validator, schema
 from tests.conftest import ROOT
 
 SCENE = "results/adt/scene1"

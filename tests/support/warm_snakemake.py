@@ -16,6 +16,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+if __name__ != "__main__":
+    from tests.support.warm_stages import warm_stages
+
 PRELOADED = ("snakemake.cli", "snakemake.storage", "jsonschema", "numpy", "smart_open")
 """What Snakemake and the workflow import, apart from egosplat."""
 
@@ -25,12 +28,12 @@ TIMEOUT_S = 1800
 def run_snakemake(
     arguments: Sequence[str], folder: Path, environment: Mapping[str, str]
 ) -> subprocess.CompletedProcess[str]:
-    """Run ``snakemake`` with arguments in a folder. It is killed by SIGALRM after ``TIMEOUT_S``."""
+    """Run ``snakemake`` with arguments in a folder, with warm stages. It is killed by SIGALRM after ``TIMEOUT_S``."""
     with tempfile.NamedTemporaryFile("r") as out, tempfile.NamedTemporaryFile("r") as err:
         call = {
             "arguments": list(arguments),
             "folder": str(folder),
-            "environment": dict(environment),
+            "environment": {**environment, **warm_stages()},
             "outputs": [out.name, err.name],
         }
         server = _server()
@@ -78,6 +81,8 @@ def _become(call: Mapping[str, Any]) -> None:
 
 
 if __name__ == "__main__":
+    # jsonschema would import it, which takes a second; egosplat.pipeline.validation leaves it out, too.
+    sys.modules["rfc3987_syntax"] = None  # type: ignore[assignment]
     for name in PRELOADED:
         import_module(name)
     from snakemake.cli import get_argument_parser, main

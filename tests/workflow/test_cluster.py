@@ -11,10 +11,12 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from benchmarks.robustness.scene import remove
 from egosplat.artifacts.check import check_tree
 from tests.support.waiting import wait_for
 
-METRICS = "results/adt/scene1/metrics.json"
+SCENE = Path("results/adt/scene1")
+METRICS = str(SCENE / "metrics.json")
 FRAMES = "results/mine/scene/frames.zarr"
 ROOT = Path(__file__).parents[2]
 PROFILE = ROOT / "workflow/profiles/slurm"
@@ -147,8 +149,9 @@ def rules_of(slurm, jobs: list[str]) -> list[str]:
 
 def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, finished, workdir):
     folder = workdir.folder
-    for made in ("results", "logs", ".snakemake"):
-        shutil.rmtree(folder / made)
+    for made in ("logs", ".snakemake", *(path.relative_to(folder) for path in (folder / SCENE).iterdir())):
+        if made != SCENE / "recording":
+            remove(folder / made)
     done, jobs = on_cluster(workdir, "--", METRICS)
     told = done.stdout + done.stderr
     assert done.returncode == 0, told

@@ -7,6 +7,8 @@ import shutil
 import zipfile
 from pathlib import Path
 
+import pytest
+
 RESULTS = re.compile(r"var results = (\{.*?\});?\s*</script>", re.DOTALL)
 DESCRIPTION = re.compile(r"var workflow_desc = (\".*\");?\n")
 
@@ -25,9 +27,15 @@ def rows(page: str) -> dict[str, dict]:
     return json.loads(RESULTS.search(page)[1])
 
 
-def test_every_result_of_the_finished_scene_has_a_row_of_its_own(finished, tmp_path):
+@pytest.fixture(scope="module")
+def page(finished, tmp_path_factory) -> str:
+    """The report of the finished run."""
+    return report(finished, tmp_path_factory.mktemp("report") / "report.html")
+
+
+def test_every_result_of_the_finished_scene_has_a_row_of_its_own(finished, page):
     """It failed for want of the other scenes' pictures; with targets it listed one row, for all had the same labels."""
-    found = rows(report(finished, tmp_path / "report.html"))
+    found = rows(page)
     assert set(found) == set(finished.MAIN)
     labels = [tuple(row["labels"].items()) for row in found.values()]
     assert len(set(labels)) == len(finished.MAIN)
@@ -50,15 +58,15 @@ def test_the_story_has_every_picture_and_the_scene_and_is_in_the_report(workdir,
     assert "results/adt/scene1/story.html" in rows(page) and '"Overview"' in page
 
 
-def test_the_report_contains_the_scores(finished, tmp_path):
-    found = rows(report(finished, tmp_path / "report.html"))["results/adt/scene1/metrics.json"]
+def test_the_report_contains_the_scores(finished, page):
+    found = rows(page)["results/adt/scene1/metrics.json"]
     assert found["mime_type"] == "application/json" and "mIoU" in found["caption"]
     content = base64.b64decode(found["data_uri"].partition("base64,")[2])
     assert content == (finished.folder / "results/adt/scene1/metrics.json").read_bytes()
 
 
-def test_report_text_covers_every_step_without_markup(finished, tmp_path):
-    text = json.loads(DESCRIPTION.search(report(finished, tmp_path / "report.html"))[1])
+def test_report_text_covers_every_step_without_markup(page):
+    text = json.loads(DESCRIPTION.search(page)[1])
     steps = re.findall(r"<li><p><strong>([^<]+)</strong>|<li><strong>([^<]+)</strong>", text)
     assert [one or other for one, other in steps] == [
         *("Frames", "Survey", "Instances", "Features", "Transient masks", "Gaussians", "Language", "Queries")

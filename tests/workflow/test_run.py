@@ -11,17 +11,19 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
+from tests.support.warm_stages import warm_stages
 from tests.unit.frames.conftest import write_video
 
 KEYS = (
     *("segments.segmenter=classical", "frames.resolution=64", "frames.lens=pinhole"),
     *("splats.iterations=20", "splats.max_gaussians=1000", "instances.iterations=20"),
+    "view_features.max_views=1",
 )
 
 
 def egosplat_run(folder: Path, *given: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "egosplat.cli", "run", *given, "--preset", "draft", "--cores", "2"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    command = [sys.executable, "-m", "egosplat.cli", "run", *given, "--preset", "draft", "--cores", "1"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")} | warm_stages()
     settings = [word for key in KEYS for word in ("--set", key)]
     words = [*command, *settings]
     return subprocess.run(words, check=False, cwd=folder, env=environment, capture_output=True, text=True)

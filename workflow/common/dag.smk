@@ -172,11 +172,17 @@ def training_frames(stage):
     return digest
 
 
+@cache
+def models_named(dataset, scene, variant):
+    """Get the hashes of the models of a scene or variant."""
+    return model_hashes(config_named(dataset, scene, variant))
+
+
 def model_files(keys):
     """Get a function of the wildcards: content hashes of the models of keys."""
 
     def hashes(wildcards):
-        found = model_hashes(config_of(wildcards))
+        found = models_named(*names_of(wildcards))
         return " ".join(f"{key}={found[key]}" for key in keys if key in found)
 
     return hashes

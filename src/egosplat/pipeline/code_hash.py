@@ -59,6 +59,7 @@ def code_hash(*modules: str, libraries: tuple[str, ...] = ()) -> str:
     return digest.hexdigest()[:16]
 
 
+@functools.cache
 def library_version(name: str) -> str:
     """The version of a library; ``absent`` for one that is not installed, which the stage reports if it needs it."""
     try:

@@ -195,14 +195,20 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
     values = of_format(resolve({"preset": PRESET_FILES[name]}, folder), format)
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
     keys: Config = {}
-    for file in sorted(set(PRESET_FILES.values())):
-        for section, key in _paths(read_yaml(folder / f"{file}.yaml")):
-            if section not in kept and f"{section}.{key}" not in kept:
-                keys.setdefault(section, {})[key] = values[section][key]
+    for section, key in _set_by_presets(folder):
+        if section not in kept and f"{section}.{key}" not in kept:
+            keys.setdefault(section, {})[key] = values[section][key]
     if PRESET_FILES[name] == "paper":
         for section in _OF_THE_PAPER:
             keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
     return keys
+
+
+@functools.cache
+def _set_by_presets(folder: Path) -> list[tuple[str, str]]:
+    """The section and name of each key that a preset sets."""
+    files = sorted(set(PRESET_FILES.values()))
+    return [path for file in files for path in _paths(read_yaml(folder / f"{file}.yaml"))]
 
 
 def _paths(preset: Config) -> Iterator[tuple[str, str]]:

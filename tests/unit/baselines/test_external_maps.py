@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
-from jsonschema import Draft202012Validator
 
 from egosplat.artifacts.relevancy import open_relevancy
 from egosplat.baselines import external_maps as external
 from egosplat.errors import UserError
 from egosplat.evaluation.scored_scenes import PROTOCOL
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.validation import schema
+from egosplat.pipeline.validation import Draft202012Validator, schema
 from tests.support.scenes import put
 
 HEIGHT, WIDTH, FRAMES_TOTAL = 30, 40, 4

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator, ValidationError
 
 from egosplat.artifacts import usage
 from egosplat.artifacts.check import check_tree
@@ -21,7 +20,7 @@ from egosplat.evaluation import stage
 from egosplat.evaluation.document import finite, write_metrics
 from egosplat.evaluation.queries import GROUPS
 from egosplat.models.suitability import notice
-from egosplat.pipeline.validation import schema
+from egosplat.pipeline.validation import Draft202012Validator, ValidationError, schema
 from egosplat.query import finished_scene
 from tests.support.scenes import put
 

@@ -93,7 +93,7 @@ def test_open_clip_encodes_views_and_phrases(cache, tmp_path):
     saved(cache, "ViT-B-16")
     rgb = np.random.default_rng(0).integers(0, 256, (2, 48, 48, 3), np.uint8)
     labels = np.full((2, 2, 48, 48), -1, np.int32)
-    labels[:, 0, 4:30, 4:40] = 0
+    labels[0, 0, 4:30, 4:40] = 0
     frames = put(tmp_path, "frames", {"rgb": rgb}, {"upright": True, "recording": "r", "format": "adt"})
     arrays = {"labels": labels, "instances/level": np.array([0], np.int8)}
     instances = put(tmp_path, "instances", arrays, {"levels": LEVELS}, made_from=["frames"], stage="frames")
@@ -103,14 +103,18 @@ def test_open_clip_encodes_views_and_phrases(cache, tmp_path):
         output = tmp_path / f"{precision}.zarr"
         view_features_stage.run(frames, instances, output, view_features_stage.ViewFeaturesOptions(**options))
         by_precision.append(open_artifact(output, SCHEMAS["view_features"]).read("feature"))
-        assert by_precision[-1].shape == (2, 512)
+        assert by_precision[-1].shape == (1, 512)
     exact, rounded = by_precision
     assert ((exact * rounded).sum(1) > 0.99).all() and not np.array_equal(exact, rounded)
 
 
 @pytest.mark.parametrize("architecture", sorted(WIDTHS))
 def test_every_open_clip_loads_and_encodes(cache, architecture):
-    """One picture and one phrase in both precisions; loaded once, and from half precision, to save time."""
+    """One picture and one phrase in both precisions; loaded once, and from half precision, to save time.
+
+    Two blocks of the vision model take the picture in bfloat16: all blocks are alike, and a processor without instructions for
+    it needs a second for each.
+    """
     with torch.device("meta"):
         shapes = build_model(architecture, read_description(architecture, None)["model_cfg"]).state_dict()
     weights = {name: torch.full(one.shape, 0.01, dtype=torch.float16) for name, one in shapes.items()}
@@ -122,6 +126,8 @@ def test_every_open_clip_loads_and_encodes(cache, architecture):
     picture = torch.rand(1, 3, *clip.preprocessing.image_size)
     for precision in PRECISIONS:
         same = replace(clip, compute=choose_compute("cpu", precision))
+        if precision == "bfloat16":
+            del same.model.visual.transformer.resblocks[2:]
         with same.compute.inference():
             assert same.model.encode_image(picture).shape == (1, WIDTHS[architecture])
         phrase = encode_phrases(same, ["a red chair"])

@@ -10,7 +10,6 @@ from typing import get_args
 
 import pytest
 import yaml
-from jsonschema import Draft202012Validator
 
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
@@ -21,6 +20,7 @@ from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.options import Options, describe, keys_of
 from egosplat.pipeline.scenes import SHIPPED_DATASETS, find_scene, is_own, read_scenes, requested_targets
 from egosplat.pipeline.stages import ARTIFACTS, STAGES, path_help
+from egosplat.pipeline.validation import Draft202012Validator
 
 ROOT = Path(__file__).resolve().parents[3]
 PRESETS = ROOT / "config" / "presets"
