@@ -39,7 +39,7 @@ def test_a_disk_that_fills_during_a_stage_is_reported(on_small_disk, small_disk)
     assert told.startswith(f"egosplat: {target}: No space left on device. Make room")
     assert not (on_small_disk.folder / target).exists()
     assert not list((on_small_disk.folder / SCENE).glob(".*")), "something half made was left"
-    assert all(report.sound for report in check_tree(on_small_disk.folder / "results", lambda _: None))
+    assert not any(check_tree(on_small_disk.folder / "results", lambda _: None).values())
 
     small_disk.enlarge()
     on_small_disk.run(str(target))
