@@ -15,11 +15,10 @@ from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Camera
-from egosplat.query.answer import rendering_camera
 from egosplat.query.answers import FoundThing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import FOUND, GUESS, Evidence
-from egosplat.query.scene import QueryScene
+from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.rasterize.view import composite
 
 # Longer side of the views that compare things with annotations [px]: shares of a thing need no more detail.

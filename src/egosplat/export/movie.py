@@ -16,11 +16,10 @@ from egosplat.gaussians.initialization import SH_C0
 from egosplat.geometry import Array, known_poses
 from egosplat.images import evenly_spaced
 from egosplat.progress import log, track
-from egosplat.query.answer import rendering_camera
 from egosplat.query.answers import Answer, FoundThing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import GUESS
-from egosplat.query.scene import QueryScene
+from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import clean_phrase
 
 # Views on the way to an answer and time of each [ms].

@@ -21,7 +21,7 @@ from egosplat.geometry import Array, Camera, transform
 from egosplat.query.maps import Found, Map, Mask, find_in_maps
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.scene import QueryScene
+from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 
 # Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
@@ -149,16 +149,6 @@ def view_of(
         scene.gaussians, small, camera_to_world, settings, sh_degree=0, background=None, render_mode="ED"
     )
     return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid)
-
-
-def rendering_camera(camera: Camera, resolution: int) -> Camera:
-    """Scale a camera down to a longer side of ``resolution`` [px]; 0, or more than its own, changes nothing."""
-    longer = max(camera.width, camera.height)
-    # Codes have no more detail than the frames that they were trained on.
-    if not 0 < resolution < longer:
-        return camera
-    width, height = (max(1, round(side * resolution / longer)) for side in (camera.width, camera.height))
-    return camera.scaled_to(width, height)
 
 
 def answer_from_codes(

@@ -114,3 +114,13 @@ def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend
         decoder=read_scene_decoder(language, features),
         decoded=language.facts.get("decoded", PIXELS),
     )
+
+
+def rendering_camera(camera: Camera, resolution: int) -> Camera:
+    """Scale a camera down to a longer side of ``resolution`` [px]; 0, or more than its own, changes nothing."""
+    longer = max(camera.width, camera.height)
+    # Codes have no more detail than the frames that they were trained on.
+    if not 0 < resolution < longer:
+        return camera
+    width, height = (max(1, round(side * resolution / longer)) for side in (camera.width, camera.height))
+    return camera.scaled_to(width, height)

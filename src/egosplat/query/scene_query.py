@@ -14,10 +14,9 @@ from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Array, Camera, known_poses
 from egosplat.images import evenly_spaced
 from egosplat.progress import track
-from egosplat.query.answer import rendering_camera
 from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
-from egosplat.query.scene import QueryScene
+from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.query.things import Surface, Thing, find_things
 from egosplat.rasterize.view import sum_over_pixels

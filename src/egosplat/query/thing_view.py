@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Array, Camera
-from egosplat.query.answer import ask, rendering_camera
+from egosplat.query.answer import ask
 from egosplat.query.maps import Map, Mask
 from egosplat.query.options import QueryOptions
-from egosplat.query.scene import QueryScene
+from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.rasterize.view import composite
 

@@ -12,9 +12,9 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.query import answer as module
-from egosplat.query.answer import Asker, ask, rendering_camera, view_of
+from egosplat.query.answer import Asker, ask, view_of
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.scene import QueryScene
+from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)

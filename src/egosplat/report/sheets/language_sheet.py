@@ -13,8 +13,7 @@ from egosplat.artifacts.splats import camera_poses
 from egosplat.codes.rendering import render_codes
 from egosplat.drawing import empty_grid, plt, show
 from egosplat.geometry import Camera
-from egosplat.query.answer import rendering_camera
-from egosplat.query.scene import TrainedScene, read_trained_scene
+from egosplat.query.scene import TrainedScene, read_trained_scene, rendering_camera
 from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of views.
