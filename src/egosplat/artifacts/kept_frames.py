@@ -31,14 +31,16 @@ def frames_for_gaussians(
 
 
 def _selected(
-    frames: Artifact, path: Path | None, choose: Callable[[Survey], tuple[list[int], str]]
+    frames: Artifact, path: Path | None, choose: Callable[[Survey], tuple[list[int], str] | None]
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """The frames that a survey chooses, with its digest; all frames without one."""
-    kept = np.full(frames.shape("rgb")[0], path is None)
-    if path is None:
+    """The frames that a survey chooses, with its digest; all frames without a survey or a choice."""
+    chosen = None
+    if path is not None:
+        found = read_survey(path)
+        check_inputs(path, found["provenance"]["inputs"], [frames])
+        chosen = choose(found)
+    kept = np.full(frames.shape("rgb")[0], chosen is None)
+    if chosen is None:
         return kept, {}
-    found = read_survey(path)
-    check_inputs(path, found["provenance"]["inputs"], [frames])
-    chosen, digest = choose(found)
-    kept[chosen] = True
-    return kept, {"kept_frames": digest}
+    kept[chosen[0]] = True
+    return kept, {"kept_frames": chosen[1]}
