@@ -47,7 +47,8 @@ class Schedule:
         margin: margin of the cosines of canonical phrases.
         neutral, synonyms: weights of their losses.
         recolored: fraction of the crops that are shown in other colors and have no color in their captions.
-        squares, tiles: fractions of the batch that are unmasked squares and tiles; the others are masked crops.
+        squares, tiles, segments: fractions of the batch that are unmasked squares, tiles, and masks of SAM2, of which
+            some are squares; the others are masked crops.
     """
 
     steps: int
@@ -64,6 +65,7 @@ class Schedule:
     recolored: float = 0.35
     squares: float = 0.0
     tiles: float = 0.0
+    segments: float = 0.0
 
     def rate(self, step: int) -> float:
         """Learning rate of a step."""
@@ -105,7 +107,8 @@ class Trainer:
         self._known: dict[str, Tensor] = {}
         self._rng = np.random.default_rng(seed)
         self._torch_rng = torch.Generator().manual_seed(seed)
-        self._reach = np.cumsum(sampling_weights(crops.names, crops.kind, schedule.tiles))
+        shares = (schedule.tiles, schedule.segments)
+        self._reach = np.cumsum(sampling_weights(crops.names, crops.kind, *shares))
         matrices = [value for value in model.parameters() if value.ndim > 1]
         others = [value for value in model.parameters() if value.ndim <= 1]
         # As in CLIP: no weight decay on biases and gains.
