@@ -37,6 +37,9 @@ def main() -> None:
         "--squares", type=float, default=default.squares, help="fraction of crops shown as unmasked squares"
     )
     parser.add_argument("--tiles", type=float, default=default.tiles, help="fraction of crops that are tiles")
+    parser.add_argument(
+        "--segments", type=float, default=default.segments, help="fraction of crops that are masks of SAM2"
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of weights, samples and augmentation")
     parser.add_argument("--device", default="cpu", help="device to train on")
     parser.add_argument("--threads", type=int, default=1, help="CPU threads")
@@ -51,7 +54,8 @@ def main() -> None:
     state = args.output / "state.pt"
     if args.start:
         model.load_state_dict(load_file(args.start / WEIGHTS))
-    schedule = Schedule(args.steps, learning_rate=args.rate, squares=args.squares, tiles=args.tiles)
+    shares = {"squares": args.squares, "tiles": args.tiles, "segments": args.segments}
+    schedule = Schedule(args.steps, learning_rate=args.rate, **shares)
     trainer = Trainer(model, tokenizer, crops, schedule, args.seed, args.device)
     trainer.run(state, args.until or args.steps)
     if trainer.step == args.steps:

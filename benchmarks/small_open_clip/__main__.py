@@ -1,7 +1,7 @@
 """Accuracy of small OpenCLIP models on crops of held-out worlds.
 
     python -m training.render_worlds data/held_out_crops --worlds 20 --held-out --clips 8 --frames 1
-    python -m training.cut_crops data/held_out_crops data/crops_held_out --worlds 20
+    python -m training.cut_crops data/held_out_crops data/crops_held_out --worlds 20 --segments
     python -m benchmarks.small_open_clip data/crops_held_out src/egosplat/models/small_open_clip \
         > benchmarks/small_open_clip/README.md
 
@@ -23,11 +23,12 @@ from training.small_models.crops import KINDS, Crops, read_crops
 
 
 def examine(folder: Path, crops: Crops) -> dict[str, Exam]:
-    """The exams of the model in a folder by kind: the same objects masked and as unmasked squares, and tiles."""
+    """The exams of a model by kind: the same objects masked and as unmasked squares, tiles, hulls of masks of SAM2."""
     model, tokenizer = build(folder)
     model.load_state_dict(load_file(folder / WEIGHTS))
-    objects, tiles = (crops.chosen(crops.kind == kind) for kind in range(len(KINDS)))
+    objects, tiles, segments = (crops.chosen(crops.kind == kind) for kind in range(len(KINDS)))
     shown = {"masked crop": (objects, True), "unmasked square": (objects, False), "tile": (tiles, False)}
+    shown |= {"mask of SAM2": (segments, True)} if len(segments) else {}
     return {kind: Exam(model.eval(), tokenizer, *what) for kind, what in shown.items()}
 
 

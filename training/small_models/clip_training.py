@@ -12,6 +12,7 @@ import torch
 from open_clip import CLIP, SimpleTokenizer
 from torch import Tensor
 
+from egosplat.compute import choose_compute
 from egosplat.files import atomic_file
 from egosplat.progress import log, track
 from training.small_models.attributes import COLORS
@@ -47,7 +48,8 @@ class Schedule:
         margin: margin of the cosines of canonical phrases.
         neutral, synonyms: weights of their losses.
         recolored: fraction of the crops that are shown in other colors and have no color in their captions.
-        squares, tiles: fractions of the batch that are unmasked squares and tiles; the others are masked crops.
+        squares, tiles, segments: fractions of the batch that are unmasked squares, tiles, and masks of SAM2, of which
+            some are squares; the others are masked crops.
     """
 
     steps: int
@@ -64,6 +66,7 @@ class Schedule:
     recolored: float = 0.35
     squares: float = 0.0
     tiles: float = 0.0
+    segments: float = 0.0
 
     def rate(self, step: int) -> float:
         """Learning rate of a step."""
@@ -98,6 +101,7 @@ class Trainer:
         """Args: ``crops`` are the training crops."""
         self.model = model.to(device, memory_format=torch.channels_last)
         self.crops, self.schedule, self.device = crops, schedule, device
+        self._compute = choose_compute(device, "auto")
         self.claims = make_claims(sorted(set(crops.names.tolist())))
         self.facts = facts(self.claims, crops)
         self.step = 0
@@ -105,7 +109,8 @@ class Trainer:
         self._known: dict[str, Tensor] = {}
         self._rng = np.random.default_rng(seed)
         self._torch_rng = torch.Generator().manual_seed(seed)
-        self._reach = np.cumsum(sampling_weights(crops.names, crops.kind, schedule.tiles))
+        shares = (schedule.tiles, schedule.segments)
+        self._reach = np.cumsum(sampling_weights(crops.names, crops.kind, *shares))
         matrices = [value for value in model.parameters() if value.ndim > 1]
         others = [value for value in model.parameters() if value.ndim <= 1]
         # As in CLIP: no weight decay on biases and gains.
@@ -163,7 +168,10 @@ class Trainer:
         words, colors, target = self._gloss(captions)
         texts = [*captions.texts, *CANONICAL, *colors, *words]
         views = views.contiguous(memory_format=torch.channels_last)
-        with torch.autocast(torch.device(self.device).type, torch.bfloat16):
+        # Without instructions for it, bfloat16 takes a processor ten times as long.
+        with torch.autocast(
+            self._compute.device.type, self._compute.dtype, enabled=self._compute.dtype != torch.float32
+        ):
             images = self.model.encode_image(normalized(views), normalize=True).float()
             said = encode_short_text(self.model, self._tokens(texts)).float()
         count = len(captions.texts)

@@ -2,16 +2,17 @@
 
 A crop is a square patch around the mask's bounding box with a margin, so that masks can be grown, shrunk and
 covered during training. It keeps the background, so a crop can be shown masked or as an unmasked square.
-The mask of a tile is all of its square.
+The mask of a tile is all of its square; that of a segment is the convex hull of a mask that SAM2 found.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.features.crops import fill_hull
 from egosplat.files import atomic_file
 from training.small_models.attributes import Appearance, find_appearance
 from training.small_models.levels import LEVELS, Levels
@@ -25,8 +26,10 @@ _KEPT = {"subpart": 0.15, "part": 0.5, "whole": 1.0}
 # Fraction of the building's wholes to keep, because they are in every image.
 _KEPT_OF_BUILDING = 0.4
 
-# A crop shows a subpart, part or whole with its mask, or is a tile.
-KINDS = ("object", "tile")
+# A crop shows a subpart, part or whole with its mask; or is a tile; or shows a mask of SAM2.
+KINDS = ("object", "tile", "segment")
+# A mask of SAM2 shows the subpart, part or whole that it covers best, from this IoU on.
+_LEAST_IOU = 0.25
 # Tiles to cut around random pixels of each visible whole in an image.
 _TILES_PER_WHOLE = 4
 
@@ -40,7 +43,8 @@ class Crops:
 
     Attributes:
         patches: (N, PATCH_PX, PATCH_PX, 4) uint8: red, green, blue, and the mask, 255 inside.
-        kind: (N,) index into ``KINDS``. The following describe the whole that fills most of a tile.
+        kind: (N,) index into ``KINDS``. The following describe the whole that fills most of a tile, and what a segment
+            covers best.
         names: (N,) category or building piece, and for a part a slash and its name.
         level: (N,) index into ``LEVELS``.
         colors: (N, len(COLORS)) float32 fractions of its surface.
@@ -71,8 +75,12 @@ class Crops:
         return Crops(*(getattr(self, one.name)[which] for one in fields(Crops)))
 
 
-def cut_world(folder: Path, output: Path) -> None:
-    """Cut the crops of a rendered world into a file."""
+# (N, H, W, 3) images -> the (L, H, W) int32 masks of each, -1 for none.
+Segmenter = Callable[[NDArray[np.uint8]], Iterator[NDArray[np.int32]]]
+
+
+def cut_world(folder: Path, output: Path, segment: Segmenter | None = None) -> None:
+    """Cut the crops of a rendered world into a file; ``segment`` finds masks to cut, too."""
     rendered = read_world(folder)
     world, levels = rebuild_world(folder)
     wholes = list(rendered.names)
@@ -80,7 +88,8 @@ def cut_world(folder: Path, output: Path) -> None:
         if world.instances[instance].name == "Skeleton_W":
             wholes[whole] = OWN_ARMS
     table = _Table(rendered, levels, wholes, find_appearance(world.geometry))
-    crops = cut_crops(table, world.seed)
+    used = rendered.rgb[:, ::_FRAME_STEP].reshape(-1, *rendered.rgb.shape[2:])
+    crops = cut_crops(table, world.seed, segment(used) if segment else None)
     with atomic_file(output) as made, made.open("wb") as file:
         np.savez(file, **{one.name: getattr(crops, one.name) for one in fields(Crops)})
 
@@ -167,8 +176,12 @@ class _Table:
         return _KEPT[level] * (_KEPT_OF_BUILDING if self.building[self.whole_of(level, number)] else 1.0)
 
 
-def cut_crops(table: _Table, seed: int) -> Crops:
-    """Cut the crops of every second image of a world."""
+def cut_crops(table: _Table, seed: int, segments: Iterator[NDArray[np.int32]] | None = None) -> Crops:
+    """Cut the crops of every second image of a world.
+
+    Args:
+        segments: (L, H, W) masks found in each of these images, -1 for none; None to cut none of them.
+    """
     # Generators of their own, so that tiles do not change which objects are cut.
     objects_rng, tiles_rng = np.random.default_rng([seed, 101]), np.random.default_rng([seed, 102])
     rows: list[dict[str, object]] = []
@@ -178,6 +191,7 @@ def cut_crops(table: _Table, seed: int) -> Crops:
             rgb = np.asarray(table.rendered.rgb[clip, frame])
             labels = table.rendered.labels(table.rendered.subpart[clip, frame])
             cut = [*_objects(table, rgb, labels, objects_rng), *_tiles(table, rgb, labels[2], tiles_rng)]
+            cut += _segments(table, rgb, labels, next(segments)) if segments else []
             rows += [row | {"world": seed, "frame": clip * frames + frame} for row in cut]
     kinds = {
         "patches": np.uint8,
@@ -223,18 +237,55 @@ def _tiles(
             yield row | table.described("whole", shown, area, whole_px)
 
 
-def sampling_weights(names: np.ndarray, kind: np.ndarray, tiles: float) -> np.ndarray:
-    """(N,) sampling weight of each crop, higher for rare names; those of tiles sum to ``tiles``, all to 1.
+def _segments(
+    table: _Table, rgb: NDArray[np.uint8], labels: NDArray[np.int32], masks: NDArray[np.int32]
+) -> Iterator[dict[str, object]]:
+    """Crops of the masks of an image, by their convex hulls; labels are (3, H, W), masks (L, H, W), -1 for none."""
+    whole_px = np.bincount(labels[2].ravel() + 1)[1:]
+    for image in masks:
+        for number in np.unique(image[image >= 0]):
+            mask = image == number
+            level, shown, iou = _most_alike(table, labels, mask)
+            if iou >= _LEAST_IOU:
+                patch, side = cut_patch(rgb, fill_hull(mask))
+                row = {"patches": patch, "kind": KINDS.index("segment"), "area": mask.sum(), "side": side}
+                yield row | table.described(
+                    level, shown, int((labels[LEVELS.index(level)] == shown).sum()), whole_px
+                )
+
+
+def _most_alike(table: _Table, labels: NDArray[np.int32], mask: NDArray[np.bool_]) -> tuple[str, int, float]:
+    """The level and number of what a mask covers best, and the IoU; of equal ones the whole."""
+    found = ("whole", -1, 0.0)
+    for level, image in reversed(list(zip(LEVELS, labels, strict=True))):
+        shared = np.bincount(image[mask] + 1)[1:]
+        for number in np.flatnonzero(shared):
+            iou = shared[number] / (mask.sum() + (image == number).sum() - shared[number])
+            if iou > found[2] and table.share_kept(level, number) > 0:
+                found = (level, int(number), float(iou))
+    return found
+
+
+def sampling_weights(names: np.ndarray, kind: np.ndarray, tiles: float, segments: float = 0.0) -> np.ndarray:
+    """(N,) sampling weight of each crop, higher for rare names; all sum to 1.
 
     Args:
         names, kind: (N,), as in ``Crops``.
+        tiles, segments: sums of the weights of tiles and segments.
     """
     tile, part = kind == KINDS.index("tile"), np.char.find(names, "/") >= 0
-    # Most queries are about wholes.
-    shares = ((~tile & ~part, 1.2 * (1 - tiles) / 2.2), (~tile & part, (1 - tiles) / 2.2), (tile, tiles))
     weight = np.zeros(len(names))
-    for which, share in shares:
-        _, number, count = np.unique(names[which], return_inverse=True, return_counts=True)
-        rare = count[number] ** -0.6
-        weight[which] = share * rare / rare.sum()
+    for masked, share in (("object", 1 - tiles - segments), ("segment", segments)):
+        own = kind == KINDS.index(masked)
+        # Most queries are about wholes.
+        for which, fraction in ((own & ~part, 1.2 / 2.2), (own & part, 1 / 2.2)):
+            weight[which] = share * fraction * _rarity(names[which])
+    weight[tile] = tiles * _rarity(names[tile])
     return weight
+
+
+def _rarity(names: np.ndarray) -> np.ndarray:
+    """(N,) weights of names, higher for rare ones, which sum to 1."""
+    _, number, count = np.unique(names, return_inverse=True, return_counts=True)
+    rare = count[number] ** -0.6
+    return rare / rare.sum() if len(rare) else rare

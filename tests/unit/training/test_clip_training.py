@@ -18,7 +18,7 @@ from training.small_models.clip_model import (
     write_description,
 )
 from training.small_models.clip_training import Schedule, Trainer, draw_masked
-from training.small_models.crops import Crops, sampling_weights
+from training.small_models.crops import KINDS, Crops, sampling_weights
 from training.small_models.patches import PATCH_PX
 
 SCHEDULE = Schedule(steps=4, batch=16, captions=4, warmup=1)
@@ -71,6 +71,10 @@ def test_kinds_and_levels_have_their_shares_of_the_sampling() -> None:
     np.testing.assert_allclose(weight[:60].sum(), 0.75 * 1.2 / 2.2)
     assert weight[99] > weight[90], "a rare name is drawn more often"
     assert not sampling_weights(names, kind, tiles=0.0)[90:].any()
+    kind[:20] = kind[60:70] = KINDS.index("segment")
+    weight = sampling_weights(names, kind, tiles=0.25, segments=0.5)
+    np.testing.assert_allclose([weight[:20].sum(), weight[60:70].sum()], [0.5 * 1.2 / 2.2, 0.5 / 2.2])
+    np.testing.assert_allclose([weight[90:].sum(), weight.sum()], [0.25, 1])
 
 
 def test_squares_are_a_fraction_of_the_batch_and_tiles_are_never_masked() -> None:

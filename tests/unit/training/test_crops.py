@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from egosplat.features.crops import fill_hull
 from training.small_models.crops import (
     KINDS,
     OWN_ARMS,
@@ -65,6 +66,27 @@ def test_crops_have_names_of_the_world_s_objects(folder: Path, crops: Crops) -> 
     assert {"wall", "television"} <= set(crops.names[whole])
     assert all("/" in name for name in crops.names[~whole])
     assert set(crops.world) == {SEED}
+
+
+def test_a_segment_is_the_hull_of_a_mask_and_named_after_what_it_covers_best(folder: Path) -> None:
+    world = read_world(folder)
+    labels = world.labels(world.subpart[0, 0])
+    television = world.names.index("television")
+    mask = labels[2] == television
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    corners = np.full(labels.shape, -1, np.int32)
+    # Two corners of it as one mask; and a mask that covers next to nothing of anything.
+    half = len(columns) // 2
+    corners[0][np.ix_(rows, columns[:half])] = np.where(mask[np.ix_(rows, columns[:half])], 7, -1)
+    corners[1][rows[0], columns[0]] = 8
+    made = folder.parent / "segments.npz"
+    cut_world(folder, made, lambda images: iter([corners] * len(images)))
+    crops = read_crops([made])
+    segments = crops.chosen(crops.kind == KINDS.index("segment"))
+    assert len(segments) == 1 and segments.names[0].split("/")[0] == "television"
+    assert segments.whole[0] == television and segments.area[0] == (corners[0] == 7).sum()
+    inside = segments.patches[0, ..., 3] > 127
+    assert (fill_hull(inside) == inside).mean() > 0.98
 
 
 def test_areas_and_shares_equal_those_of_the_image(folder: Path, crops: Crops) -> None:
