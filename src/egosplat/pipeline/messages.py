@@ -44,7 +44,7 @@ _REMOVED = {
     "budget": "set preset (docs/speed.md)",
     "transient.strategy": "3DGS's density control is the only strategy",
     "splats.strategy": "3DGS's density control is the only strategy (benchmarks/training/README.md)",
-    "splats.patience": "training always runs to its end: stopping early bought nothing (benchmarks/tradeoff/README.md)",
+    "splats.patience": "training always runs to its end: stopping early bought nothing",
     "splats.min_improvement": "training always runs to its end",
     "survey.max_moving_share": "survey.min_moving_share decides now",
     "survey.max_moving_probability": "survey.min_moving_share decides now: a share of the picture",

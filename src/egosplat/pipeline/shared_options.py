@@ -94,8 +94,7 @@ class ThresholdOptions(Options, section="masks"):
     """Mean probability from which an instance is transient. Lower masks more. The paper uses 0.02 for ADT and 0.1
     for HOI4D. The best value depends on transient_penalty, lr and iterations of the section transient. With their
     defaults 0.65 to 0.75 work equally well on synthetic apartments, with the ideal and the real camera; with the
-    true instances 0.45 to 0.8 (benchmarks/transient/README.md). Where segments tracks what moves, a mask starts a
-    track from six sevenths of it."""
+    true instances 0.45 to 0.8. Where segments tracks what moves, a mask starts a track from six sevenths of it."""
 
 
 class MaskSourceOptions(Options, section="segments"):
