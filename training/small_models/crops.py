@@ -190,8 +190,10 @@ def cut_crops(table: _Table, seed: int, segments: Iterator[NDArray[np.int32]] | 
         for frame in range(0, frames, _FRAME_STEP):
             rgb = np.asarray(table.rendered.rgb[clip, frame])
             labels = table.rendered.labels(table.rendered.subpart[clip, frame])
-            cut = [*_objects(table, rgb, labels, objects_rng), *_tiles(table, rgb, labels[2], tiles_rng)]
-            cut += _segments(table, rgb, labels, next(segments)) if segments else []
+            px = [np.bincount(image.ravel() + 1)[1:] for image in labels]
+            cut = [*_objects(table, rgb, labels, px, objects_rng)]
+            cut += _tiles(table, rgb, labels[2], px[2], tiles_rng)
+            cut += _segments(table, rgb, labels, px, next(segments)) if segments else []
             rows += [row | {"world": seed, "frame": clip * frames + frame} for row in cut]
     kinds = {
         "patches": np.uint8,
@@ -209,24 +211,29 @@ def cut_crops(table: _Table, seed: int, segments: Iterator[NDArray[np.int32]] | 
 
 
 def _objects(
-    table: _Table, rgb: NDArray[np.uint8], labels: NDArray[np.int32], rng: np.random.Generator
+    table: _Table,
+    rgb: NDArray[np.uint8],
+    labels: NDArray[np.int32],
+    px: Sequence[NDArray[np.int64]],
+    rng: np.random.Generator,
 ) -> Iterator[dict[str, object]]:
-    """Crops of the subparts, parts and wholes of an image; labels are (3, H, W)."""
-    whole_px = np.bincount(labels[2].ravel() + 1)[1:]
-    for level, image in zip(LEVELS, labels, strict=True):
-        counts = np.bincount(image.ravel() + 1)[1:]
+    """Crops of the subparts, parts and wholes of an image; labels are (3, H, W), px the pixels of each, by level."""
+    for level, image, counts in zip(LEVELS, labels, px, strict=True):
         for number in np.flatnonzero(counts >= _LEAST_PX[level]):
             if rng.random() < table.share_kept(level, number):
                 patch, side = cut_patch(rgb, image == number)
                 row = {"patches": patch, "kind": KINDS.index("object"), "area": counts[number], "side": side}
-                yield row | table.described(level, number, counts[number], whole_px)
+                yield row | table.described(level, number, counts[number], px[2])
 
 
 def _tiles(
-    table: _Table, rgb: NDArray[np.uint8], wholes: NDArray[np.int32], rng: np.random.Generator
+    table: _Table,
+    rgb: NDArray[np.uint8],
+    wholes: NDArray[np.int32],
+    whole_px: NDArray[np.int64],
+    rng: np.random.Generator,
 ) -> Iterator[dict[str, object]]:
     """Tiles around random pixels of the wholes of an image, if it is clear what they show; wholes are (H, W)."""
-    whole_px = np.bincount(wholes.ravel() + 1)[1:]
     for number in np.repeat(np.flatnonzero(whole_px >= _LEAST_PX["whole"]), _TILES_PER_WHOLE):
         middle = rng.choice(np.flatnonzero(wholes == number))
         side = draw_side(len(wholes), rng)
@@ -238,29 +245,32 @@ def _tiles(
 
 
 def _segments(
-    table: _Table, rgb: NDArray[np.uint8], labels: NDArray[np.int32], masks: NDArray[np.int32]
+    table: _Table,
+    rgb: NDArray[np.uint8],
+    labels: NDArray[np.int32],
+    px: Sequence[NDArray[np.int64]],
+    masks: NDArray[np.int32],
 ) -> Iterator[dict[str, object]]:
-    """Crops of the masks of an image, by their convex hulls; labels are (3, H, W), masks (L, H, W), -1 for none."""
-    whole_px = np.bincount(labels[2].ravel() + 1)[1:]
+    """Crops of the masks of an image, by their convex hulls; labels and px as in ``_objects``, masks (L, H, W), -1 for none."""
     for image in masks:
         for number in np.unique(image[image >= 0]):
             mask = image == number
-            level, shown, iou = _most_alike(table, labels, mask)
+            level, shown, iou = _most_alike(table, labels, px, mask)
             if iou >= _LEAST_IOU:
                 patch, side = cut_patch(rgb, fill_hull(mask))
                 row = {"patches": patch, "kind": KINDS.index("segment"), "area": mask.sum(), "side": side}
-                yield row | table.described(
-                    level, shown, int((labels[LEVELS.index(level)] == shown).sum()), whole_px
-                )
+                yield row | table.described(level, shown, int(px[LEVELS.index(level)][shown]), px[2])
 
 
-def _most_alike(table: _Table, labels: NDArray[np.int32], mask: NDArray[np.bool_]) -> tuple[str, int, float]:
+def _most_alike(
+    table: _Table, labels: NDArray[np.int32], px: Sequence[NDArray[np.int64]], mask: NDArray[np.bool_]
+) -> tuple[str, int, float]:
     """The level and number of what a mask covers best, and the IoU; of equal ones the whole."""
-    found = ("whole", -1, 0.0)
-    for level, image in reversed(list(zip(LEVELS, labels, strict=True))):
+    found, area = ("whole", -1, 0.0), mask.sum()
+    for level, image, counts in reversed(list(zip(LEVELS, labels, px, strict=True))):
         shared = np.bincount(image[mask] + 1)[1:]
         for number in np.flatnonzero(shared):
-            iou = shared[number] / (mask.sum() + (image == number).sum() - shared[number])
+            iou = shared[number] / (area + counts[number] - shared[number])
             if iou > found[2] and table.share_kept(level, number) > 0:
                 found = (level, int(number), float(iou))
     return found
