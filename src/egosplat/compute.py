@@ -22,11 +22,14 @@ class Compute:
     device: torch.device
     dtype: torch.dtype
 
+    def mixed(self) -> torch.autocast:
+        """Let models multiply in ``dtype`` in the block."""
+        return torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32)
+
     @contextlib.contextmanager
     def inference(self) -> Iterator[None]:
-        """Record no gradients in the block, and let models multiply in ``dtype``."""
-        mixed = self.dtype != torch.float32
-        with torch.inference_mode(), torch.autocast(self.device.type, self.dtype, enabled=mixed):
+        """``mixed``, and record no gradients in the block."""
+        with torch.inference_mode(), self.mixed():
             yield
 
 

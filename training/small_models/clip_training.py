@@ -169,9 +169,7 @@ class Trainer:
         texts = [*captions.texts, *CANONICAL, *colors, *words]
         views = views.contiguous(memory_format=torch.channels_last)
         # Without instructions for it, bfloat16 takes a processor ten times as long.
-        with torch.autocast(
-            self._compute.device.type, self._compute.dtype, enabled=self._compute.dtype != torch.float32
-        ):
+        with self._compute.mixed():
             images = self.model.encode_image(normalized(views), normalize=True).float()
             said = encode_short_text(self.model, self._tokens(texts)).float()
         count = len(captions.texts)
