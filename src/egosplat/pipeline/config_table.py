@@ -1,5 +1,6 @@
 """The reference of all configuration keys as a Markdown page, and as a JSON schema for editors."""
 
+import functools
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -82,6 +83,7 @@ def _tables(heading: str, reading: bool) -> list[str]:
     return parts
 
 
+@functools.cache
 def _sections() -> dict[str, tuple[type[Options], dict[str, dict[str, Any]]]]:
     """Options and JSON schemas of the keys, by section."""
     found = {name: (options, section_keys(name)) for name, options in section_options().items()}
