@@ -192,7 +192,7 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
 def preset_keys(name: str, folder: Path, format: str) -> Config:
     """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
     kept = _KEPT | _SCALED if PRESET_FILES[name] != name else _KEPT
-    values = of_format(resolve({"preset": PRESET_FILES[name]}, folder), format)
+    values = of_format(_resolved_preset(PRESET_FILES[name], folder), format)
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
     keys: Config = {}
     for section, key in _set_by_presets(folder):
@@ -202,6 +202,11 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
         for section in _OF_THE_PAPER:
             keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
     return keys
+
+
+@functools.cache
+def _resolved_preset(file: str, folder: Path) -> Config:
+    return resolve({"preset": file}, folder)
 
 
 @functools.cache
