@@ -12,11 +12,9 @@ from egosplat.rasterize.kernels.library import cpu_features
 AVX512 = "NumPy without AVX-512"
 LIMITS = {
     AVX512: {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR"},
-    "NumPy without AVX2, OpenBLAS of an early processor": {
+    "NumPy and OpenCV without AVX2 and IPP, OpenBLAS of an early processor": {
         "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
         "OPENBLAS_CORETYPE": "Nehalem",
-    },
-    "OpenCV without AVX2 and IPP": {
         "OPENCV_CPU_DISABLE": "AVX512-SKX,AVX512-ICL,AVX2,FMA3",
         "OPENCV_IPP": "disabled",
     },
