@@ -85,8 +85,14 @@ def halves() -> Gaussians:
 
 
 @pytest.fixture
-def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..., Path]:
-    """``word_scene(clip_hash=, inputs=, nudge=, origin=)``: a folder with all that queries and metrics need.
+def word_scene(tmp_path: Path, word_scene_in: Callable[..., Path]) -> Callable[..., Path]:
+    """``word_scene(clip_hash=, inputs=, nudge=, origin=)``: ``word_scene_in`` the test's folder."""
+    return partial(word_scene_in, tmp_path)
+
+
+@pytest.fixture(scope="session")
+def word_scene_in(halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..., Path]:
+    """``word_scene_in(folder, clip_hash=, inputs=, nudge=, origin=)``: the folder with all that queries and metrics need.
 
     Four frames of one view: 0 is trained on, 1 held out, 2 evaluated though trained on, 3 evaluated without a pose.
 
@@ -101,6 +107,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
     """
 
     def make(
+        folder: Path,
         clip_hash: str | None = None,
         inputs: dict[str, str] | None = None,
         nudge: float = 0.0,
@@ -109,7 +116,7 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
         corrections: Mapping[str, np.ndarray] | None = None,
         clip_model: str = "small",
     ) -> Path:
-        write = partial(put, tmp_path, origin=origin)
+        write = partial(put, folder, origin=origin)
         clip_hash = clip_hash or model_hash(CLIP, SMALL)
         picture, _, _ = render(halves, CAMERA, np.eye(4), RENDERING, sh_degree=0, background=None)
         photograph = (picture.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
@@ -179,6 +186,6 @@ def word_scene(tmp_path: Path, halves: Gaussians, couch_and_cup: torch.Tensor) -
             {"levels": level},
             made_from=["frames", "poses", "features", "splats"],
         )
-        return tmp_path
+        return folder
 
     return make

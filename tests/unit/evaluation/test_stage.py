@@ -30,23 +30,39 @@ NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 
 @pytest.fixture
 def scored(tmp_path):
-    """``scored(folder, **keys)``: what the stage writes."""
+    """``scored(folder, **keys)``: what the stage writes. One thing is absent, because the defaults' words take longer than all else."""
 
     def run(folder, method=None, told=None, **keys):
         paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
         output = tmp_path / "metrics.json"
-        options = stage.MetricsOptions(**keys)
+        options = stage.MetricsOptions(**{"negatives": ["basketball"]} | keys)
         stage.run(**paths, output=output, options=options, title="a/scene", method=method, **(told or {}))
         return json.loads(output.read_text())
 
     return run
 
 
-def test_a_method_and_what_stands_in_for_it_are_told(word_scene, scored):
+@pytest.fixture(scope="module")
+def written(word_scene_in, tmp_path_factory):
+    """The text of the metrics.json of ``word_scene`` under the defaults."""
+    folder = word_scene_in(tmp_path_factory.mktemp("usual"))
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
+    given = {"output": folder / "metrics.json", "options": stage.MetricsOptions()}
+    stage.run(**paths, **given, title="a/scene", method=None)
+    return given["output"].read_text()
+
+
+@pytest.fixture
+def usual(written):
+    """``scored(word_scene())``."""
+    return json.loads(written)
+
+
+def test_a_method_and_what_stands_in_for_it_are_told(word_scene, scored, usual):
     found = scored(word_scene(), method="LangSplat")
     Draft202012Validator(schema("metrics")).validate(found)
     assert found["method"] == "LangSplat" and found["stands_in"] == []
-    assert "method" not in scored(word_scene())
+    assert "method" not in usual
 
 
 def test_codes_from_tiles_are_scored_without_features(word_scene, tmp_path):
@@ -89,8 +105,8 @@ def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, scored, monk
     assert scored(word_scene())["scores"]["all"]["accuracy"] == 0.0
 
 
-def test_perfect_codes_score_perfectly(word_scene, scored):
-    found = scored(word_scene())
+def test_perfect_codes_score_perfectly(usual):
+    found = usual
     Draft202012Validator(schema("metrics")).validate(found)
     # Couch and cup, in the held-out frame and in the one that was trained on.
     assert [(one["frame"], one["category"]) for one in found["queries"]] == [
@@ -149,8 +165,8 @@ def test_alarms_of_all_artifacts_are_in_the_scores_and_at_the_end_of_the_log(wor
     assert [line.split(": ")[:2] for line in last] == [["alarm", key] for key in keys]
 
 
-def test_renders_are_scored_where_frames_are_held_out(word_scene, scored):
-    found = scored(word_scene())
+def test_renders_are_scored_where_frames_are_held_out(usual):
+    found = usual
     held_out, trained_on, without_pose = found["frames"]
     assert [frame["queries"] for frame in found["frames"]] == [2, 2, 0]
     assert not trained_on["rendering"] and not without_pose["rendering"]
@@ -162,9 +178,9 @@ def test_renders_are_scored_where_frames_are_held_out(word_scene, scored):
     assert found["rendering"]["dynamic"] == {"frames": 1, "psnr": dynamic["psnr"], "ssim": dynamic["ssim"]}
 
 
-def test_renders_without_corrections_are_scored_beside_those_with(word_scene, scored):
+def test_renders_without_corrections_are_scored_beside_those_with(word_scene, scored, usual):
     """Protects the second figure of held-out frames, which exists only where something was corrected."""
-    assert "rendering_without_corrections" not in scored(word_scene())
+    assert "rendering_without_corrections" not in usual
     black = np.zeros((1, 48, 48, 3), np.uint8)
     found = scored(word_scene(corrections={"held_out/render_given": black}))
     Draft202012Validator(schema("metrics")).validate(found)
@@ -181,8 +197,8 @@ def test_a_scene_without_evaluation_frames_has_no_scores(word_scene, scored):
     assert found["rendering"]["all"] == {"frames": 0, "psnr": None, "ssim": None}
 
 
-def test_counts_of_frames_instances_and_gaussians(word_scene, scored):
-    found = scored(word_scene())["counts"]
+def test_counts_of_frames_instances_and_gaussians(usual):
+    found = usual["counts"]
     evaluation = {"": 3, "_annotated": 3, "_asked": 2, "_trained_on": 1, "_without_pose": 1}
     expected = {f"evaluation_frames{name}": count for name, count in evaluation.items()}
     expected |= {"frames": 4, "training_frames": 2, "annotated_instances": 2, "transient_instances": None}
@@ -191,15 +207,15 @@ def test_counts_of_frames_instances_and_gaussians(word_scene, scored):
     assert found.items() >= expected.items()
 
 
-def test_only_an_external_method_may_omit_counts(word_scene, scored):
-    found, validator = scored(word_scene()), Draft202012Validator(schema("metrics"))
+def test_only_an_external_method_may_omit_counts(usual):
+    found, validator = usual, Draft202012Validator(schema("metrics"))
     del found["counts"]["gaussians"]
     assert not validator.is_valid(found)
     assert validator.is_valid(found | {"method": "another"})
 
 
-def test_provenance_names_inputs_options_and_versions(word_scene, scored):
-    found = scored(word_scene())
+def test_provenance_names_inputs_options_and_versions(usual):
+    found = usual
     assert set(found["artifacts"]) == {f"{name}.zarr" for name in NAMES}
     assert found["origin"] == "synthetic" and found["scene"] == "a/scene"
     assert found["models"]["clip_checkpoint"]["small"]
@@ -287,10 +303,9 @@ def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scen
     assert "cannot be read as JSON" in problem()
 
 
-def test_masks_of_classes_share_the_pixels_of_a_frame(word_scene, scored):
+def test_masks_of_classes_share_the_pixels_of_a_frame(word_scene, scored, usual):
     """Couch and cup fill one half each; what nobody labels would be wrong."""
-    folder = word_scene()
-    thresholded, found = scored(folder), scored(folder, masks="classes")
+    thresholded, found = usual, scored(word_scene(), masks="classes")
     Draft202012Validator(schema("metrics")).validate(found)
     assert "pixel_accuracy" not in thresholded and found["pixel_accuracy"] > 0.9
     assert found["scores"]["all"]["accuracy"] == thresholded["scores"]["all"]["accuracy"]
