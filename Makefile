@@ -28,7 +28,9 @@ FIRST := --index-url https://download.pytorch.org/whl/cpu torch torchvision
 else
 LATER := $(ALONE)
 endif
-PIP_INSTALL := $(BIN)/python -m pip install --quiet
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile
+# pip compiles 20,000 modules on one core. Packages hold a few that no Python compiles.
+COMPILE_ALL := $(BIN)/python -m compileall -qq -j $(CORES) .venv/lib || true
 
 .PHONY: install develop demo test numerics lint lock
 
@@ -43,6 +45,7 @@ $(INSTALLED): requirements.lock
 	$(PIP_INSTALL) --requirement .venv/first.txt
 	grep -E '^($(ALONE))==' requirements.lock > .venv/alone.txt
 	SAM2_BUILD_CUDA=0 $(PIP_INSTALL) --no-build-isolation --no-deps --requirement .venv/alone.txt
+	$(COMPILE_ALL)
 	touch $@
 
 develop: install $(DEVELOPED)
@@ -50,6 +53,7 @@ develop: install $(DEVELOPED)
 $(DEVELOPED): requirements-dev.lock $(INSTALLED)
 	grep -vE '^($(LATER))==' requirements-dev.lock > .venv/tools.txt
 	$(PIP_INSTALL) --requirement .venv/tools.txt
+	$(COMPILE_ALL)
 	touch $@
 
 # Without a compiler the file stays away, and each call tries again.
@@ -69,7 +73,9 @@ demo: install
 	@echo "  snakemake --cores $(CORES) results/adt/scene2/metrics.json              the next apartment, to its scores"
 
 # One process more than cores, because some tests wait for SLURM or a browser. One thread each. The longest files come first.
+# Compiled once, or each of the many processes compiles what it imports where PYTHONDONTWRITEBYTECODE is set.
 test: develop
+	$(BIN)/python -m compileall -q -j $(CORES) src benchmarks training || true
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $$(( $(CORES) + 1 )) --dist loadfile --no-loadscope-reorder
 
 numerics: develop

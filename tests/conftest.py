@@ -2,19 +2,19 @@
 
 import compileall
 import os
-import py_compile
 import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from filelock import FileLock
 
 from egosplat.progress import show_log
-from tests.support.warm_snakemake import run_snakemake
+from tests.support.warm import run_snakemake
 
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
@@ -22,6 +22,21 @@ REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "
 
 # Tests read what a user would see.
 show_log()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Keep the files of a folder that share what takes long to make on one process; else those of ``--dist loadfile``."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return next(filter(nodeid.startswith, TOGETHER), super()._split_scope(nodeid))
+
+    return Scheduling(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+TOGETHER = ("tests/unit/apartments/",)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -55,6 +70,9 @@ def real_data() -> Callable[[str], Path]:
 
 TINY = (ROOT / ".test/config/config.yaml").read_text(encoding="utf-8")
 """The settings of the smallest whole job."""
+
+FEW_SCENES = re.compile(r"dataset\t|adt\tscene[1267]\t|hoi4d\tscene1\t|lerf\tfigurines\t|3d_ovs\tbed\t")
+"""The rows of the table of scenes that its plans read: each row takes every plan some more time."""
 
 
 class Workdir:
@@ -150,13 +168,20 @@ def finished(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Workdi
 
 def _run_main_job(folder: Path) -> None:
     shutil.copytree(ROOT / "config", folder / "config")
-    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
-    # Every process of a copy would compile them again. By content, because a test may edit a file within a second.
-    compileall.compile_dir(
-        folder / "src", quiet=1, invalidation_mode=py_compile.PycInvalidationMode.CHECKED_HASH
-    )
+    lines = (ROOT / "config/scenes.tsv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (folder / "config/scenes.tsv").write_text("".join(filter(FEW_SCENES.match, lines)), encoding="utf-8")
+    # Every process of a copy would compile its code again. Nothing writes the copy's bytecode when a test edits a file.
+    compileall.compile_dir(ROOT / "src", quiet=1)
+    shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("*.egg-info"))
     (folder / "tiny.yaml").write_text(TINY)
     Workdir(folder).run(*Workdir.MAIN)
+
+
+@pytest.fixture(scope="session")
+def unchanged(finished: Workdir, tmp_path_factory: pytest.TempPathFactory) -> Workdir:
+    """A copy of the finished run for plans alone."""
+    copy = tmp_path_factory.mktemp("unchanged") / "copy"
+    return Workdir(Path(shutil.copytree(finished.folder, copy, symlinks=True)))
 
 
 @pytest.fixture

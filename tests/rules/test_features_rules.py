@@ -14,7 +14,7 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from tests.support.scenes import put_scene
 from tests.support.tiny_clip import CHECKPOINT, write_tiny_clip
-from tests.support.warm_snakemake import run_snakemake
+from tests.support.warm import run_snakemake
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"

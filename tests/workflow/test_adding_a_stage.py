@@ -90,6 +90,9 @@ def checkout(tmp_path: Path) -> Checkout:
         if (ROOT / name).is_file():
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tmp_path / name)
+    # Each of its processes would compile the code again.
+    for compiled in (ROOT / "src").rglob("__pycache__"):
+        shutil.copytree(compiled, tmp_path / compiled.relative_to(ROOT))
     (tmp_path / "recording").mkdir()
     header = "dataset\tscene\tformat\trecording\toptions\n"
     (tmp_path / "mine.tsv").write_text(f"{header}mine\tscene\tplain\trecording\t\n")

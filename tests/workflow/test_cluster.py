@@ -3,8 +3,6 @@
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +12,13 @@ from PIL import Image
 from benchmarks.robustness.scene import remove
 from egosplat.artifacts.check import check_tree
 from tests.support.waiting import wait_for
+from tests.support.warm import on_cluster, run_snakemake
 
 SCENE = Path("results/adt/scene1")
 METRICS = str(SCENE / "metrics.json")
 FRAMES = "results/mine/scene/frames.zarr"
 ROOT = Path(__file__).parents[2]
 PROFILE = ROOT / "workflow/profiles/slurm"
-IMPATIENT = ROOT / "tests/support/impatient_snakemake.py"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "training_s", "disk_mb"}
 """Keys of provenance that differ between equal runs."""
 
@@ -33,19 +31,21 @@ HERE = (
 
 
 @pytest.fixture
-def on_cluster(slurm, monkeypatch):
-    """Runs Snakemake in a working directory so that it submits to SLURM: what it said, and SLURM's jobs."""
+def submit(slurm, monkeypatch):
+    """Runs Snakemake in a working directory so that it submits to SLURM: what it said, and SLURM's jobs.
+
+    ``measured``: a job is a process of SLURM's own, whose memory SLURM sees.
+    """
     for name, value in slurm.environment.items():
         monkeypatch.setenv(name, value)
     before = set(slurm.states())
 
-    def submit(workdir, *arguments: str):
-        words = [sys.executable, IMPATIENT, *workdir.options("--profile", PROFILE, *HERE, *arguments)]
-        where = {"cwd": workdir.folder, "env": workdir.environment}
-        done = subprocess.run(words, **where, check=False, capture_output=True, text=True, timeout=1800)
+    def run(workdir, *arguments: str, measured: bool = False):
+        words = workdir.options("--profile", PROFILE, *HERE, *arguments)
+        done = run_snakemake(words, workdir.folder, workdir.environment | on_cluster(steps=not measured))
         return done, sorted(set(slurm.states()) - before, key=int)
 
-    return submit
+    return run
 
 
 # First what waits for SLURM alone, while another process makes the finished run that the last test needs.
@@ -84,16 +84,16 @@ def memory_of(slurm, jobs: list[str]) -> list[int]:
     return [int(slurm.asked_of(job)["MinMemoryNode"].rstrip("M")) for job in jobs]
 
 
-def test_a_job_that_is_killed_for_memory_is_submitted_again_with_more(slurm, on_cluster, greedy):
-    done, jobs = on_cluster(greedy, "--", FRAMES)
+def test_a_job_that_is_killed_for_memory_is_submitted_again_with_more(slurm, submit, greedy):
+    done, jobs = submit(greedy, "--", FRAMES, measured=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert list(map(slurm.end_of, jobs)) == ["FAILED", "COMPLETED"]
     first, second = memory_of(slurm, jobs)
     assert second == 2 * first
 
 
-def test_a_job_without_enough_memory_reports_it_and_leaves_nothing(slurm, on_cluster, greedy):
-    done, jobs = on_cluster(greedy, "--retries", "0", "--", FRAMES)
+def test_a_job_without_enough_memory_reports_it_and_leaves_nothing(slurm, submit, greedy):
+    done, jobs = submit(greedy, "--retries", "0", "--", FRAMES, measured=True)
     told = done.stdout + done.stderr
     assert done.returncode == 1, told
     assert list(map(slurm.end_of, jobs)) == ["FAILED"], told
@@ -101,7 +101,7 @@ def test_a_job_without_enough_memory_reports_it_and_leaves_nothing(slurm, on_clu
     assert not (greedy.folder / FRAMES).exists()
 
 
-def test_a_killed_snakemake_leaves_its_jobs_alone_and_then_goes_on(slurm, on_cluster, photographs, tmp_path):
+def test_a_killed_snakemake_leaves_its_jobs_alone_and_then_goes_on(slurm, submit, photographs, tmp_path):
     """Jobs continue after Snakemake is killed; a second Snakemake must not submit them again."""
     workdir = photographs("    import time\n    time.sleep(5)\n")
     words = ("--profile", PROFILE, *HERE, "--", FRAMES)
@@ -112,14 +112,14 @@ def test_a_killed_snakemake_leaves_its_jobs_alone_and_then_goes_on(slurm, on_clu
     snakemake.kill()
     snakemake.wait()
 
-    done, jobs = on_cluster(workdir, "--", FRAMES)
+    done, jobs = submit(workdir, "--", FRAMES)
     assert done.returncode != 0 and "Directory cannot be locked" in done.stdout + done.stderr
     assert jobs == [job]
     assert slurm.end_of(job) == "COMPLETED"
     assert not any(check_tree(workdir.folder / "results", lambda _: None).values())
 
     assert workdir.snakemake(*words[:2], "--unlock").returncode == 0
-    done, _ = on_cluster(workdir, "--", FRAMES)
+    done, _ = submit(workdir, "--", FRAMES)
     assert done.returncode == 0, done.stdout + done.stderr
     assert not any(check_tree(workdir.folder / "results", lambda _: None).values())
 
@@ -147,12 +147,12 @@ def rules_of(slurm, jobs: list[str]) -> list[str]:
     return [re.sub("^(rule|group)_|_wildcards_.*", "", comments[job]) for job in jobs]
 
 
-def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, on_cluster, finished, workdir):
+def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, submit, finished, workdir):
     folder = workdir.folder
     for made in ("logs", ".snakemake", *(path.relative_to(folder) for path in (folder / SCENE).iterdir())):
         if made != SCENE / "recording":
             remove(folder / made)
-    done, jobs = on_cluster(workdir, "--", METRICS)
+    done, jobs = submit(workdir, "--", METRICS)
     told = done.stdout + done.stderr
     assert done.returncode == 0, told
 

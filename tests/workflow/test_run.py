@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
-from tests.support.warm_stages import warm_stages
+from tests.support.warm import warm_stages
 from tests.unit.frames.conftest import write_video
 
 KEYS = (

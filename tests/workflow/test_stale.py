@@ -10,7 +10,6 @@ from PIL import Image
 from safetensors.torch import save_file
 
 from egosplat.transient.network import make_network
-from tests.conftest import Workdir
 from tests.unit.frames.conftest import grey_frames, write_video
 
 POSES = "results/adt/scene1/poses.zarr"
@@ -26,13 +25,6 @@ AFTER_SEGMENTS = {"segments", *AFTER_INSTANCES}
 AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT, *AFTER_INSTANCES}
 AFTER_GAUSSIANS = {*AFTER_TRANSIENT, *AFTER_INSTANCES}
 AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
-
-
-@pytest.fixture(scope="module")
-def unchanged(finished, tmp_path_factory) -> Workdir:
-    """A copy of the finished run for plans alone."""
-    copy = tmp_path_factory.mktemp("unchanged") / "copy"
-    return Workdir(Path(shutil.copytree(finished.folder, copy, symlinks=True)))
 
 
 def test_a_finished_run_has_nothing_to_do(workdir):

@@ -55,12 +55,12 @@ def planned(workdir, config: str) -> Counter[str]:
         ),
     ],
 )
-def test_points_share_what_they_have_in_common(workdir, config, expected):
-    assert planned(workdir, config) == expected
+def test_points_share_what_they_have_in_common(unchanged, config, expected):
+    assert planned(unchanged, config) == expected
 
 
-def test_the_paper_scaled_shares_pictures_and_poses(workdir):
-    found = planned(workdir, points(presets=["paper_scaled"]))
+def test_the_paper_scaled_shares_pictures_and_poses(unchanged):
+    found = planned(unchanged, points(presets=["paper_scaled"]))
     assert set(found).isdisjoint({"frames", "annotations", "poses"})
     assert found["segments"] == found["splats"] == found["metrics"] == 1
 

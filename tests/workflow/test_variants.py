@@ -21,17 +21,17 @@ VARIANT = f"{SCENE}/variants"
         ("occam/language.zarr", {"segments", "instances", "view_features", "features", "splats", "language"}),
     ],
 )
-def test_a_variant_makes_only_what_its_keys_change(workdir, target, expected):
-    assert workdir.stale(f"{VARIANT}/{target}") == expected
+def test_a_variant_makes_only_what_its_keys_change(unchanged, target, expected):
+    assert unchanged.stale(f"{VARIANT}/{target}") == expected
 
 
-def test_gags_places_its_prompts_on_gaussians_that_need_no_segments(workdir):
+def test_gags_places_its_prompts_on_gaussians_that_need_no_segments(unchanged):
     """With SAM2, which alone takes prompts. The points lie beside the geometry that all methods share."""
     config = "segments: {segmenter: sam2, track_moving: never}"
     masks = {"splats", "prompts", "segments"}
-    assert workdir.stale(f"{VARIANT}/gags/segments.zarr", config=config) == masks
-    assert workdir.stale(f"{VARIANT}/no_masks/prompts.zarr", config=config) == {"splats", "prompts"}
-    assert workdir.stale(f"{VARIANT}/each_frame/segments.zarr", config=config) == {"segments"}
+    assert unchanged.stale(f"{VARIANT}/gags/segments.zarr", config=config) == masks
+    assert unchanged.stale(f"{VARIANT}/no_masks/prompts.zarr", config=config) == {"splats", "prompts"}
+    assert unchanged.stale(f"{VARIANT}/each_frame/segments.zarr", config=config) == {"segments"}
 
 
 METHODS = {"langsplat": "LangSplat", "occam": "Occam's LGS"}
@@ -73,8 +73,8 @@ def test_a_user_variant_is_made_next_to_the_scene(workdir):
         ),
     ],
 )
-def test_an_invalid_target_is_reported_in_one_line(workdir, target, message):
-    done = workdir.snakemake("--dry-run", "--", f"{VARIANT}/{target}")
+def test_an_invalid_target_is_reported_in_one_line(unchanged, target, message):
+    done = unchanged.snakemake("--dry-run", "--", f"{VARIANT}/{target}")
     assert done.returncode != 0
     said = done.stdout + done.stderr
     assert message in said and "Traceback" not in said

@@ -16,7 +16,7 @@ from egosplat.rasterize.api import rasterization
 from egosplat.splats import stage as splats
 from tests.support.blobs import blobs
 from tests.support.pretended_gpu import DEVICE
-from tests.support.warm_snakemake import run_snakemake
+from tests.support.warm import run_snakemake
 
 
 def test_agreement_is_measured_on_the_device(gpu, monkeypatch):
