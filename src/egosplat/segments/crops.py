@@ -107,19 +107,13 @@ def _prompt_crop(
     points = grid_points(options.points_per_side)
     points = points[lie_in(points, torch.from_numpy(valid[place]))]
     encoded = encode(sam2, image[place])
-    bounds = _whole_and_small(crop, image.shape, options.min_area, coarse_side, encoded.sizes[0][0])
+    border = _inner_border(crop, image.shape, encoded.sizes[0][0]).to(sam2.compute.device)
+    bounds = _whole_and_small(crop, image.shape, options.min_area, coarse_side, border)
     return prompt(sam2, encoded, points, options, bounds)
 
 
-def _whole_and_small(
-    crop: Crop, shape: tuple[int, ...], min_area: float, coarse_side: int, side: int
-) -> Bounds:
-    """Bounds of a crop's masks: no border inside the frame cuts them off, and they are too small for the frame's logits.
-
-    Args:
-        min_area: smallest share of the frame.
-        coarse_side, side: of the logits of the frame and of the crop [cells].
-    """
+def _inner_border(crop: Crop, shape: tuple[int, ...], side: int) -> Tensor:
+    """(side, side) bool: the cells of a crop's logits at its borders inside the frame."""
     border = torch.zeros(side, side, dtype=torch.bool)
     for inside, cells in (
         (crop.top > 0, border[:_BORDER]),
@@ -128,6 +122,17 @@ def _whole_and_small(
         (crop.right < shape[1], border[:, -_BORDER:]),
     ):
         cells |= inside
+    return border
+
+
+def _whole_and_small(
+    crop: Crop, shape: tuple[int, ...], min_area: float, coarse_side: int, border: Tensor
+) -> Bounds:
+    """Bounds of a crop's masks: no border cuts them off, and the frame's ``coarse_side`` cells are too few for them.
+
+    Args:
+        min_area: smallest share of the frame.
+    """
     share = crop.share_of(shape)
     return Bounds(min_area / share, _COARSE_CELLS / (share * coarse_side**2), border)
 

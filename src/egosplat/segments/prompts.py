@@ -170,7 +170,7 @@ def _within(masks: Tensor, bounds: Bounds) -> Tensor:
     # Areas are compared on the small masks, relative to their size.
     cells, count = areas(masks), masks.shape[-2:].numel()
     fit = (cells >= max(1.0, bounds.least * count)) & (cells <= bounds.most * count)
-    return fit if bounds.border is None else fit & ~masks[:, bounds.border].any(1)
+    return fit if bounds.border is None else fit & ~(masks & bounds.border).flatten(1).any(1)
 
 
 def filter_masks(found: Candidates, options: SegmentsOptions) -> Candidates:

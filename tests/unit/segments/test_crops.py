@@ -23,8 +23,13 @@ def candidates(masks):
 
 def within(masks):
     """Which (N, 40, 40) masks of the crop at the frame's top left corner are used."""
-    bounds = crops._whole_and_small(Crop(0, 0, 32, 40), SHAPE, 0.0, 40, 40)
-    return prompts._within(torch.from_numpy(masks), bounds)
+    return prompts._within(torch.from_numpy(masks), bounds_of(40, 40))
+
+
+def bounds_of(coarse_side, side):
+    """Bounds of masks of the crop at the frame's top left corner."""
+    crop = Crop(0, 0, 32, 40)
+    return crops._whole_and_small(crop, SHAPE, 0.0, coarse_side, crops._inner_border(crop, SHAPE, side))
 
 
 @pytest.mark.parametrize("per_side", [1, 2, 3, 4])
@@ -97,7 +102,7 @@ def test_a_sample_of_cells_excludes_no_mask_that_is_used(sam2, monkeypatch):
     """Of discs of all sizes, it finds most that are too large or at a border inside the frame, and no other."""
     with sam2.compute.inference():
         decoder = PointDecoder.of(sam2, encode(sam2, np.zeros((64, 64, 3), np.uint8)))
-    bounds = crops._whole_and_small(Crop(0, 0, 32, 40), SHAPE, 0.0, 80, 64)
+    bounds = bounds_of(80, 64)
     x, y, radius = np.random.default_rng(0).random((3, 300, 1, 1)) * [[[[64]]], [[[64]]], [[[24]]]]
     masks = (np.arange(64) - x) ** 2 + (np.arange(64)[:, None] - y) ** 2 < radius**2
     parts = (
