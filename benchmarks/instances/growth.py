@@ -32,7 +32,7 @@ def made_up_masks(frames: int, gaussians: int, wrong: int) -> LiftedMasks:
     rng = np.random.default_rng(0)
     inner = rng.choice(np.arange(1, gaussians), INSTANCES - 1, replace=False)
     edges = np.sort(np.concatenate([[0], inner, [gaussians]]))
-    seen = np.zeros((frames, gaussians), np.float32)
+    seen, rows = np.zeros((frames, gaussians), np.float32), np.arange(frames)
     members: list[NDArray[np.int64]] = []
     frame = []
     for now in range(frames):
@@ -56,7 +56,7 @@ def made_up_masks(frames: int, gaussians: int, wrong: int) -> LiftedMasks:
     starts = np.concatenate([[0], np.cumsum([len(one) for one in members])])
     columns = np.concatenate(weights), np.concatenate(members).astype(np.int32), starts
     votes = sparse.csc_array(columns, (gaussians, len(members)))
-    return LiftedMasks(np.arange(len(members)), np.array(frame), np.arange(len(seen)), votes, seen)
+    return LiftedMasks(np.arange(len(members)), np.array(frame), rows, votes, sparse.csr_array(seen))
 
 
 def row_of(frames: int, gaussians: int, wrong: int) -> list[str]:

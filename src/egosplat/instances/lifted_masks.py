@@ -37,20 +37,25 @@ class LiftedMasks:
         frame: (V,) int64 place of the mask's frame among the T frames.
         row: (T,) int64 the frames.
         votes: (N, V) sparse float32, ``seen`` of each Gaussian whose center is inside the mask [px].
-        seen: (T, N) float32, compositing weight of each Gaussian in all pixels that count [px]; 0 where the pixel of its center
-            does not count or shows something else.
+        seen: (T, N) sparse float32, compositing weight of each Gaussian in all pixels that count [px]; none where the pixel of
+            its center does not count or shows something else.
     """
 
     instance: NDArray[np.int64]
     frame: NDArray[np.int64]
     row: NDArray[np.int64]
     votes: sparse.csc_array
-    seen: NDArray[np.float32]
+    seen: sparse.csr_array
 
     @property
     def weight(self) -> NDArray[np.float32]:
         """(N,) mean compositing weight of each Gaussian in the frames that see it [px]."""
-        return self.seen.sum(0) / np.maximum((self.seen >= LEAST_SEEN).sum(0), 1)
+        often = np.bincount(self.seen.indices[self.seen.data >= LEAST_SEEN], minlength=self.seen.shape[1])
+        return self.seen.sum(0) / np.maximum(often, 1)
+
+    def seen_at(self, place: int) -> NDArray[np.float32]:
+        """(N,) row of ``seen`` of one of the T frames."""
+        return self.seen[[place]].toarray()[0]
 
     def select(self, chosen: NDArray[np.bool_]) -> "LiftedMasks":
         """Select masks by (V,) bool."""
@@ -66,7 +71,7 @@ class LiftedMasks:
         """Gaussians of whose weight in the frame the mask holds at least the share ``inside``."""
         span = slice(self.votes.indptr[mask], self.votes.indptr[mask + 1])
         gaussian, weight = self.votes.indices[span], self.votes.data[span]
-        total = self.seen[self.frame[mask], gaussian]
+        total = self.seen_at(self.frame[mask])[gaussian]
         return gaussian[weight >= inside * np.maximum(total, LEAST_SEEN)]
 
 
@@ -94,8 +99,7 @@ def lift_masks(
         camera: at the working size.
         settings: render settings.
     """
-    seen = np.zeros((len(frames), gaussians.count), np.float32)
-    instance, frame, votes = [], [], []
+    instance, frame, votes, seen = [], [], [], []
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
         labels, counted = look(int(frames[place]))
         view = camera, camera_to_world[place], settings
@@ -105,11 +109,12 @@ def lift_masks(
         gaussian, found = centers.gaussian[shown], labels[:, row[shown], column[shown]]
         pixels = torch.from_numpy(counted).to(gaussians.means)[..., None]
         sums = sum_over_pixels(view_of(gaussians, *view), pixels)[:, 0]
-        seen[place, gaussian] = sums.cpu().numpy()[gaussian]
+        weight = sums.cpu().numpy()[gaussian]
+        seen.append(sparse.csr_array((weight, (np.zeros_like(gaussian), gaussian)), (1, gaussians.count)))
         ids = np.unique(found[found >= 0])
         level, held = np.nonzero(found >= 0)
         where = gaussian[held], np.searchsorted(ids, found[level, held])
-        votes.append(sparse.csc_array((seen[place, gaussian[held]], where), (gaussians.count, len(ids))))
+        votes.append(sparse.csc_array((weight[held], where), (gaussians.count, len(ids))))
         instance.append(ids)
         frame.append(np.full(len(ids), place))
     return LiftedMasks(
@@ -117,7 +122,7 @@ def lift_masks(
         np.concatenate(frame).astype(np.int64),
         frames,
         sparse.csc_array(sparse.hstack(votes, format="csc")),
-        seen,
+        sparse.csr_array(sparse.vstack(seen, format="csr")),
     )
 
 

@@ -65,7 +65,7 @@ def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions)
     count = int(run.max(initial=-1)) + 1
     some = np.random.default_rng(0).permutation(len(weight))[:SAMPLE]
     votes, seen = sparse.csr_array(masks.votes.T)[:, some], masks.seen[:, some]
-    first = np.full(count, len(seen))
+    first = np.full(count, seen.shape[0])
     np.minimum.at(first, run, masks.frame)
     thing, block = np.arange(count), first // FRAMES_A_BLOCK
     while count:
@@ -81,7 +81,7 @@ def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions)
 
 
 def _sum_masks(
-    votes: sparse.csr_array, seen: Floats, frame: Ints, group: Ints, members: Ints, inside: float
+    votes: sparse.csr_array, seen: sparse.csr_array, frame: Ints, group: Ints, members: Ints, inside: float
 ) -> Runs:
     """Sum the masks of the groups ``members``."""
     chosen = np.flatnonzero(np.isin(group, members))
@@ -89,10 +89,10 @@ def _sum_masks(
     ones = np.ones(len(chosen), np.float32)
     which = sparse.csr_array((ones, (row, chosen)), (len(members), len(group)))
     # A frame counts once for a group, even if several of its masks belong to it.
-    frames = sparse.csr_array((ones, (row, frame[chosen])), (len(members), len(seen)))
+    frames = sparse.csr_array((ones, (row, frame[chosen])), (len(members), seen.shape[0]))
     frames.sum_duplicates()
     frames.data[:] = 1.0
-    return Runs((which @ votes).toarray(), frames @ seen, inside)
+    return Runs((which @ votes).toarray(), (frames @ seen).toarray(), inside)
 
 
 def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:

@@ -36,7 +36,7 @@ def standing_tracks(
         mine = np.flatnonzero(masks.instance == one)
         some = mine[evenly_spaced(len(mine), MOST_MASKS)]
         frame = masks.frame[some]
-        runs = Runs(masks.votes[:, some].toarray().T, masks.seen[frame], keys.inside)
+        runs = Runs(masks.votes[:, some].toarray().T, masks.seen[frame].toarray(), keys.inside)
         apart = np.abs(time_s[frame][:, None] - time_s[frame]) >= APART_S
         alike = overlaps(runs, weight, COMMON)[np.triu(apart, 1)]
         alike = alike[~np.isnan(alike)]

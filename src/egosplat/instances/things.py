@@ -74,14 +74,14 @@ def cut_tracks(masks: LiftedMasks, keys: InstancesOptions) -> Ints:
             count += place == 0 or not _agree(masks, int(mine[place - 1]), int(mask), keys)
             run[mask] = count - 1
     # Numbered by first frame, as merging expects.
-    first = np.full(count, len(masks.seen))
+    first = np.full(count, masks.seen.shape[0])
     np.minimum.at(first, run, masks.frame)
     return np.argsort(np.argsort(first, kind="stable"), kind="stable")[run]
 
 
 def _agree(masks: LiftedMasks, one: int, other: int, keys: InstancesOptions) -> bool:
     """Whether two masks hold the same of what both frames have seen, and have seen enough in common."""
-    seen, also = masks.seen[masks.frame[one]], masks.seen[masks.frame[other]]
+    seen, also = masks.seen_at(masks.frame[one]), masks.seen_at(masks.frame[other])
     first, second = masks.members(one, keys.inside), masks.members(other, keys.inside)
     both = np.where(np.minimum(seen, also) >= LEAST_SEEN, np.minimum(seen, also), 0.0)
     shared = both[np.intersect1d(first, second, assume_unique=True)].sum()
@@ -100,7 +100,7 @@ def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> N
             continue
         whole = _holds(masks, mine, keys.inside)
         for mask in mine:
-            seen, members = masks.seen[masks.frame[mask]], masks.members(int(mask), keys.inside)
+            seen, members = masks.seen_at(masks.frame[mask]), masks.members(int(mask), keys.inside)
             shared = seen[members][whole[members]].sum()
             union = seen[members].sum() + seen[whole & (seen >= LEAST_SEEN)].sum() - shared
             dropped[mask] = shared < _DROP_IOU * union
@@ -143,6 +143,6 @@ def beliefs(masks: LiftedMasks, thing: Ints) -> sparse.csr_array:
     for name in range(count):
         span = slice(shares.indptr[name], shares.indptr[name + 1])
         frames = np.unique(masks.frame[thing == name])
-        seen = masks.seen[np.ix_(frames, shares.indices[span])].sum(0)
+        seen = masks.seen[frames].sum(0)[shares.indices[span]]
         shares.data[span] *= min(1.0, len(frames) / _SURE_FRAMES) / np.maximum(seen, LEAST_SEEN)
     return sparse.csr_array(shares)

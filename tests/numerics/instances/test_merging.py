@@ -25,11 +25,11 @@ def merged(masks, *, cut=False, **changes):
 @pytest.mark.parametrize("cut", [False, True])
 def test_nothing_seen(cut):
     masks = lifted([LEFT, LEFT, LEFT, RIGHT], [0, 1, 2, 2], [ALL] * 3, instance=[0, 0, 0, 1])
-    masks.seen[1] = 0.0
+    masks.seen.data[masks.seen.indptr[1] : masks.seen.indptr[2]] = 0.0
     masks.votes.data[masks.votes.indptr[1] : masks.votes.indptr[2]] = 0.0
     thing, held = merged(masks, cut=cut)
     assert [thing[0], thing[1], thing[3]] == [thing[2], -1, 1 - thing[2]] and np.isfinite(held).all()
-    masks.seen[:] = 0.0
+    masks.seen.data[:] = 0.0
     masks.votes.data[:] = 0.0
     thing, held = merged(masks, cut=cut)
     assert thing == [-1] * 4 and not held.any()
@@ -44,7 +44,7 @@ def test_nothing_seen(cut):
 def test_any_weight(measured, exponent):
     masks = lifted([LEFT, RIGHT] * 3, [0, 0, 1, 1, 2, 2], [ALL] * 3)
     size = np.float32(10.0**exponent)
-    masks.seen[:] *= size
+    masks.seen.data[:] *= size
     masks.votes.data[:] *= size
     thing, held = merged(masks)
     assert thing == ([0, 1] * 3 if size >= 1.0 else [-1] * 6)

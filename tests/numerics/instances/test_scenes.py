@@ -131,8 +131,8 @@ def test_gaussians_that_are_not_finite(measured, name, value):
     found = lift_masks(some, lambda frame: (labels, np.ones((SIZE, SIZE), bool)), *place)
     fewer = some.select(torch.arange(2 * count) % 2 == 1)
     expected = lift_masks(fewer, lambda frame: (labels, np.ones((SIZE, SIZE), bool)), *place)
-    assert not found.seen[:, ::2].any() and not found.votes[::2].nnz
-    measured(np.abs(found.seen[:, 1::2] - expected.seen).max())
+    assert not found.seen[:, ::2].nnz and not found.votes[::2].nnz
+    measured(np.abs((found.seen[:, 1::2] - expected.seen).toarray()).max())
     shown, alone = (
         render_things(geometry_, [beliefs(masks, np.arange(2))], CAMERA, np.eye(4), settings, (SIZE, SIZE))
         for geometry_, masks in ((some, found), (fewer, expected))

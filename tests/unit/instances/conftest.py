@@ -37,7 +37,9 @@ def lifted(
         weight[frame, members] = 1.0
     names = np.arange(len(held)) if instance is None else np.array(instance)
     rows = np.arange(len(seen))
-    return LiftedMasks(names, np.array(frames, np.int64), rows, sparse.csc_array(votes), weight)
+    return LiftedMasks(
+        names, np.array(frames, np.int64), rows, sparse.csc_array(votes), sparse.csr_array(weight)
+    )
 
 
 def truth_of_wall() -> np.ndarray:

@@ -37,7 +37,7 @@ def test_all_weight_goes_to_the_mask_at_the_center():
     votes, total = found.votes.toarray(), weights()
     np.testing.assert_allclose(votes[0], [total[0], 0, total[0]], rtol=1e-5)
     np.testing.assert_allclose(votes[1], [0, total[1], total[1]], rtol=1e-5)
-    np.testing.assert_allclose(found.seen[0, :2], total[:2], rtol=1e-5)
+    np.testing.assert_allclose(found.seen_at(0)[:2], total[:2], rtol=1e-5)
 
 
 def test_what_a_surface_hides_at_its_center_is_not_seen():

@@ -99,7 +99,7 @@ def test_a_single_wrong_mask_does_not_displace_what_many_frames_show():
 
 def test_gaussians_that_no_frame_has_seen_belong_to_nothing():
     masks = lifted([TABLE], [0], [ALL])
-    masks.seen[:] = 0.0
+    masks.seen.data[:] = 0.0
     masks.votes.data[:] = 1e-6
     assert things(masks) == [-1]
     assert np.isfinite(beliefs(masks, np.array([0])).toarray()).all()
