@@ -1,8 +1,8 @@
 """SAM2's masks of many points in one image, without computing for each point what all points share.
 
 SAM2's decoder copies the image for each point, attends to the copies, and enlarges them. Here the first block reads one
-image, attention from the image to the few tokens is one matrix product for scores and one for values, and features are
-enlarged pixel by pixel, as a linear layer each. The sums are SAM2's in another order, so results agree to rounding.
+image, projections of the image are applied to the few tokens that attend to it instead, and features are enlarged pixel
+by pixel, as a linear layer each. The sums are SAM2's in another order, so results agree to rounding.
 """
 
 import math
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from sam2.modeling.sam.mask_decoder import MaskDecoder
 from sam2.modeling.sam.transformer import Attention, TwoWayTransformer
 from torch import Tensor, nn
 
@@ -19,22 +18,40 @@ from egosplat.models.sam2_loader import Sam2
 
 
 @dataclass(frozen=True, eq=False)
-class PointDecoder:
-    """Decodes points in one image of (h, w) features; N is h * w.
+class Attended:
+    """P points after attention between them and the image.
 
     Attributes:
-        size: h and w.
-        image: (1, N, C) features with SAM2's embedding of "no memory" and "no mask".
-        positions: (1, N, C) positional encodings.
+        image: (P, N, C) features of the image as each point sees it.
+        weights: (P, 3, C/8) whose products with enlarged features are logits.
+        ious: (P, 3) predicted IoU of the masks.
+    """
+
+    image: Tensor
+    weights: Tensor
+    ious: Tensor
+
+    def take(self, points: Tensor) -> "Attended":
+        """Select points by (K,) indices."""
+        return Attended(self.image[points], self.weights[points], self.ious[points])
+
+
+@dataclass(frozen=True, eq=False)
+class PointDecoder:
+    """Decodes points in one image of (h, w) features; N is h * w. A mask has 4 x 4 cells in each of these N pixels.
+
+    Attributes:
+        image, positions: (N, C) features with SAM2's embedding of "no memory" and "no mask"; positional encodings.
         middle, fine: (N, 4, C/4) and (N, 4, 4, C/8) features of a pixel's 2 x 2 parts, and of the 2 x 2 parts of these.
+        cells: (4h, 4w) place of each cell of a mask among the N * 16 parts of the parts of pixels.
     """
 
     sam2: Sam2
-    size: tuple[int, int]
     image: Tensor
     positions: Tensor
     middle: Tensor
     fine: Tensor
+    cells: Tensor
 
     @staticmethod
     def of(sam2: Sam2, encoded: EncodedImage) -> "PointDecoder":
@@ -48,17 +65,19 @@ class PointDecoder:
         height, width = image.shape[-2:]
         middle = encoded.image(1)[0].unflatten(1, (height, 2)).unflatten(3, (width, 2))
         fine = encoded.image(0)[0].unflatten(1, (height, 2, 2)).unflatten(4, (width, 2, 2))
+        parts = torch.arange(16 * height * width, device=image.device)
+        parts = parts.unflatten(0, (height, width, 2, 2, 2, 2)).permute(0, 2, 4, 1, 3, 5)
         return PointDecoder(
             sam2,
-            (height, width),
             _rows(image),
             _rows(encoder.get_dense_pe()),
             middle.permute(1, 3, 2, 4, 0).reshape(height * width, 4, -1),
             fine.permute(1, 4, 2, 5, 3, 6, 0).reshape(height * width, 4, 4, -1),
+            parts.reshape(4 * height, 4 * width),
         )
 
-    def decode(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """(P, 3, 4h, 4w) logits and (P, 3) predicted IoU of the masks of single points.
+    def attend(self, points: Tensor) -> Attended:
+        """Let single points attend to the image, and it to them.
 
         Args:
             points: (P, 2) x, y in [0, 1], relative to the image's sides; each is foreground.
@@ -71,46 +90,57 @@ class PointDecoder:
         own = [decoder.obj_score_token.weight] if decoder.pred_obj_scores else []
         own = torch.cat([*own, decoder.iou_token.weight, decoder.mask_tokens.weight])
         tokens = torch.cat([own.expand(len(points), -1, -1), sparse], dim=1)
-        attended, image = _two_way(decoder.transformer, self.image, self.positions, tokens)
-        first = int(decoder.pred_obj_scores)
-        ious = decoder.iou_prediction_head(attended[:, first])
         # Mask 0 is for prompts that are not ambiguous; a point is.
-        chosen = range(1, decoder.num_mask_tokens)
-        weights = torch.stack(
-            [decoder.output_hypernetworks_mlps[mask](attended[:, first + 1 + mask]) for mask in chosen], dim=1
+        chosen, first = range(1, decoder.num_mask_tokens), int(decoder.pred_obj_scores)
+        read = [first, *(first + 1 + mask for mask in chosen)]
+        attended, image = _two_way(decoder.transformer, self.image, self.positions, tokens, read)
+        weights = [decoder.output_hypernetworks_mlps[mask](attended[:, mask]) for mask in chosen]
+        ious = decoder.iou_prediction_head(attended[:, 0])[:, 1:]
+        return Attended(image, torch.stack(weights, dim=1), ious)
+
+    def logits(self, attended: Attended) -> Tensor:
+        """(P, 3, 4h, 4w) logits of the masks."""
+        parts = self.parts(attended).flatten(2)
+        return parts.gather(2, self.cells.flatten().expand(*parts.shape[:2], -1)).unflatten(
+            2, self.cells.shape
         )
-        parts = torch.matmul(weights, self._enlarged(decoder, image).transpose(1, 2))
-        return self._arranged(parts), ious[:, 1:]
 
-    def _enlarged(self, decoder: MaskDecoder, image: Tensor) -> Tensor:
-        """(P, N, C) -> (P, N * 16, C/8): features of the parts of the parts of each pixel."""
-        twice, norm, activation, again, last = decoder.output_upscaling
-        middle = _parts(twice, image) + self.middle
+    def parts(self, attended: Attended, pixels: Tensor | slice = slice(None)) -> Tensor:
+        """(P, 3, K, 16) logits of the cells in K of the N pixels, in an order of their own (``by_part``)."""
+        twice, norm, activation, again, last = self.sam2.video_predictor.sam_mask_decoder.output_upscaling
+        middle = _parts(twice, attended.image[:, pixels], self.middle[pixels])
         middle = activation(F.layer_norm(middle, middle.shape[-1:], norm.weight, norm.bias, norm.eps))
-        return last(_parts(again, middle) + self.fine).flatten(1, 3)
+        fine = last(_parts(again, middle, self.fine[pixels]))
+        values = torch.matmul(attended.weights, fine.flatten(1, 3).transpose(1, 2))
+        return values.unflatten(2, (-1, 16))
 
-    def _arranged(self, parts: Tensor) -> Tensor:
-        """(P, K, N * 16) values of parts of parts -> (P, K, 4h, 4w)."""
-        height, width = self.size
-        by_part = parts.unflatten(2, (height, width, 2, 2, 2, 2))
-        return by_part.permute(0, 1, 2, 4, 6, 3, 5, 7).reshape(*parts.shape[:2], 4 * height, 4 * width)
+    def by_part(self, cells: Tensor) -> Tensor:
+        """(4h, 4w) values of cells -> (N, 16), in the order of ``parts``."""
+        values = torch.empty_like(cells.flatten())
+        values[self.cells.flatten()] = cells.flatten()
+        return values.unflatten(0, (-1, 16))
 
 
 def _rows(image: Tensor) -> Tensor:
-    """(1, C, h, w) -> (1, h * w, C)."""
-    return image.flatten(2).transpose(1, 2).contiguous()
+    """(1, C, h, w) -> (h * w, C)."""
+    return image[0].flatten(1).T.contiguous()
 
 
-def _parts(layer: nn.ConvTranspose2d, values: Tensor) -> Tensor:
-    """(..., C) -> (..., 4, D): a transposed convolution of 2 x 2 without overlap is a linear layer for each part."""
+def _parts(layer: nn.ConvTranspose2d, values: Tensor, more: Tensor) -> Tensor:
+    """(..., C) -> (..., 4, D): a transposed convolution of 2 x 2 without overlap is a linear layer for each part; plus ``more``."""
     weights = layer.weight.permute(2, 3, 1, 0).flatten(0, 2)
-    return F.linear(values, weights, layer.bias.repeat(4)).unflatten(-1, (4, -1))
+    # In place, because the largest tensors of the decoder are the dearest to allocate.
+    return F.linear(values, weights).float().unflatten(-1, (4, -1)).add_(more + layer.bias)
 
 
 def _two_way(
-    transformer: TwoWayTransformer, image: Tensor, positions: Tensor, tokens: Tensor
+    transformer: TwoWayTransformer, image: Tensor, positions: Tensor, tokens: Tensor, read: list[int]
 ) -> tuple[Tensor, Tensor]:
-    """Attention between the (P, T, C) tokens of each point and an image of (1, N, C): tokens and image afterwards."""
+    """Attention between the (P, T, C) tokens of each point and an image of (N, C).
+
+    Returns:
+        (P, R, C) the tokens to ``read``, and (P, N, C) images afterwards.
+    """
     queries = tokens
     for layer in transformer.layers:
         if layer.skip_first_layer_pe:
@@ -126,30 +156,44 @@ def _two_way(
         image = layer.norm4(
             image + _to_tokens(layer.cross_attn_image_to_token, placed, queries + tokens, queries)
         )
+    queries, tokens = queries[:, read], tokens[:, read]
     attention = transformer.final_attn_token_to_image
     queries = queries + _to_image(attention, queries + tokens, image + positions, image)
     return transformer.norm_final_attn(queries), image
 
 
 def _to_image(attention: Attention, queries: Tensor, keys: Tensor, values: Tensor) -> Tensor:
-    """Attention of (P, T, C) tokens to images, (P, N, C) each or (1, N, C) for all."""
-    if len(keys) == len(queries):
-        return attention(q=queries, k=keys, v=values)
-    return attention(q=queries.flatten(0, 1)[None], k=keys, v=values)[0].view_as(queries)
+    """Attention of (P, T, C) tokens to images, (P, N, C) each or (N, C) for all: (P, T, C)."""
+    if keys.ndim == 2:
+        return attention(q=queries.flatten(0, 1)[None], k=keys[None], v=values[None])[0].view_as(queries)
+    asking, _ = _folded(attention, attention.q_proj(queries), attention.k_proj)
+    # The bias of the keys changes all scores of a token alike, so their softmax not at all.
+    shares = torch.matmul(asking, keys.transpose(1, 2)).softmax(dim=2)
+    seen = torch.matmul(shares, values).unflatten(1, (attention.num_heads, -1))
+    weights = attention.v_proj.weight.unflatten(0, (attention.num_heads, -1))
+    found = torch.matmul(seen, weights.transpose(1, 2)).transpose(1, 2).flatten(2)
+    return attention.out_proj(found + attention.v_proj.bias)
 
 
 def _to_tokens(attention: Attention, queries: Tensor, keys: Tensor, values: Tensor) -> Tensor:
-    """Attention of images, (P, N, C) each or (1, N, C) for all, to few (P, T, C) tokens: (P, N, C).
-
-    The projections of the image are applied to the tokens instead: to their keys and values of each head.
-    """
-    heads, (points, count, _) = attention.num_heads, keys.shape
-    width = attention.internal_dim // heads
-    keys = attention.k_proj(keys).view(points, count, heads, width).transpose(1, 2) / math.sqrt(width)
-    values = attention.v_proj(values).view(points, count, heads, width).transpose(1, 2)
-    asking = torch.matmul(keys, attention.q_proj.weight.view(heads, width, -1)).flatten(1, 2)
-    bias = torch.matmul(keys, attention.q_proj.bias.view(heads, width, 1)).flatten(1, 2)
-    scores = torch.matmul(asking, queries.transpose(1, 2)) + bias
-    shares = scores.unflatten(1, (heads, count)).softmax(dim=2).flatten(1, 2)
-    giving = torch.matmul(values, attention.out_proj.weight.T.reshape(heads, width, -1)).flatten(1, 2)
+    """Attention of images, (P, N, C) each or (N, C) for all, to few (P, T, C) tokens: (P, N, C)."""
+    heads = attention.num_heads
+    asking, bias = _folded(attention, attention.k_proj(keys), attention.q_proj)
+    scores = torch.matmul(asking, queries.transpose(-2, -1)) + bias
+    shares = scores.unflatten(1, (heads, -1)).softmax(dim=2).flatten(1, 2)
+    values = attention.v_proj(values).unflatten(2, (heads, -1)).transpose(1, 2)
+    weights = attention.out_proj.weight.T.unflatten(0, (heads, -1))
+    giving = torch.matmul(values, weights).flatten(1, 2)
     return torch.matmul(shares.transpose(1, 2), giving) + attention.out_proj.bias
+
+
+def _folded(attention: Attention, tokens: Tensor, projection: nn.Linear) -> tuple[Tensor, Tensor]:
+    """Apply the projection of an image to (P, T, D) projected tokens instead, by head and scaled.
+
+    Returns:
+        (P, H * T, C) whose products with features of the image, plus (P, H * T, 1), are scores.
+    """
+    tokens = tokens.unflatten(2, (attention.num_heads, -1)).transpose(1, 2)
+    tokens = tokens / math.sqrt(tokens.shape[3])
+    weights, bias = (each.unflatten(0, (attention.num_heads, -1)) for each in projection.parameters())
+    return torch.matmul(tokens, weights).flatten(1, 2), torch.matmul(tokens, bias[..., None]).flatten(1, 2)

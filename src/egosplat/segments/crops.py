@@ -11,9 +11,9 @@ from torch import Tensor
 
 from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.nms import areas
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.prompts import (
+    Bounds,
     Candidates,
     drop_repeated,
     filter_masks,
@@ -81,15 +81,14 @@ def prompt_with_crops(
         Candidates; their logits have the size of the frame's, or the larger one of ``crops_per_side`` times the crops'.
     """
     crops = crops_of(*image.shape[:2], options.crops_per_side)
-    by_crop = [_prompt_crop(sam2, image, valid, crop, options) for crop in crops]
-    coarse_side, fine_side = (one[0].logits.shape[-1] for one in (found, by_crop[0]))
+    coarse_side = found[0].logits.shape[-1]
+    by_crop = [_prompt_crop(sam2, image, valid, crop, options, coarse_side) for crop in crops]
+    fine_side = by_crop[0][0].logits.shape[-1]
     canvas = max(coarse_side, options.crops_per_side * fine_side)
     merged = []
     for level, coarse in enumerate(found):
         fine = [
-            _to_canvas(
-                _whole_and_small(one[level], crop, image.shape, coarse_side), crop, image.shape, canvas
-            )
+            _to_canvas(one[level], crop, image.shape, canvas)
             for one, crop in zip(by_crop, crops, strict=True)
         ]
         merged.append(_merge(coarse, filter_masks(join(fine), options), canvas, options))
@@ -97,30 +96,45 @@ def prompt_with_crops(
 
 
 def _prompt_crop(
-    sam2: Sam2, image: NDArray[np.uint8], valid: NDArray[np.bool_], crop: Crop, options: SegmentsOptions
+    sam2: Sam2,
+    image: NDArray[np.uint8],
+    valid: NDArray[np.bool_],
+    crop: Crop,
+    options: SegmentsOptions,
+    coarse_side: int,
 ) -> list[Candidates]:
     place = slice(crop.top, crop.bottom), slice(crop.left, crop.right)
     points = grid_points(options.points_per_side)
     points = points[lie_in(points, torch.from_numpy(valid[place]))]
-    return prompt(sam2, encode(sam2, image[place]), points, options, frame_share=crop.share_of(image.shape))
+    encoded = encode(sam2, image[place])
+    border = _inner_border(crop, image.shape, encoded.sizes[0][0]).to(sam2.compute.device)
+    bounds = _whole_and_small(crop, image.shape, options.min_area, coarse_side, border)
+    return prompt(sam2, encoded, points, options, bounds)
 
 
-def _whole_and_small(found: Candidates, crop: Crop, shape: tuple[int, ...], coarse_side: int) -> Candidates:
-    """Drop masks that a border inside the frame cuts off, and those that the frame's ``coarse_side`` cells show, too."""
-    if len(found) == 0:
-        return found
-    masks = found.masks
-    cut = torch.zeros(len(found), dtype=torch.bool, device=masks.device)
-    for inside, border in (
-        (crop.top > 0, masks[:, :_BORDER]),
-        (crop.bottom < shape[0], masks[:, -_BORDER:]),
-        (crop.left > 0, masks[:, :, :_BORDER]),
-        (crop.right < shape[1], masks[:, :, -_BORDER:]),
+def _inner_border(crop: Crop, shape: tuple[int, ...], side: int) -> Tensor:
+    """(side, side) bool: the cells of a crop's logits at its borders inside the frame."""
+    border = torch.zeros(side, side, dtype=torch.bool)
+    for inside, cells in (
+        (crop.top > 0, border[:_BORDER]),
+        (crop.bottom < shape[0], border[-_BORDER:]),
+        (crop.left > 0, border[:, :_BORDER]),
+        (crop.right < shape[1], border[:, -_BORDER:]),
     ):
-        if inside:
-            cut |= border.flatten(1).any(1)
-    cells_of_frame = areas(masks) / masks[0].numel() * crop.share_of(shape) * coarse_side**2
-    return found.take(~cut & (cells_of_frame <= _COARSE_CELLS))
+        cells |= inside
+    return border
+
+
+def _whole_and_small(
+    crop: Crop, shape: tuple[int, ...], min_area: float, coarse_side: int, border: Tensor
+) -> Bounds:
+    """Bounds of a crop's masks: no border cuts them off, and the frame's ``coarse_side`` cells are too few for them.
+
+    Args:
+        min_area: smallest share of the frame.
+    """
+    share = crop.share_of(shape)
+    return Bounds(min_area / share, _COARSE_CELLS / (share * coarse_side**2), border)
 
 
 def _to_canvas(found: Candidates, crop: Crop, shape: tuple[int, ...], canvas: int) -> Candidates:

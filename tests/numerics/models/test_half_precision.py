@@ -51,7 +51,9 @@ def test_sam2(measured):
         found = []
         for sam2 in (exact, half):
             with sam2.compute.inference():
-                logits, ious = PointDecoder.of(sam2, encode(sam2, picture)).decode(points)
+                decoder = PointDecoder.of(sam2, encode(sam2, picture))
+                attended = decoder.attend(points)
+                logits, ious = decoder.logits(attended), attended.ious
             assert logits.isfinite().all() and ious.isfinite().all()
             found.append(logits.float() > 0)
         measured(float((found[0] != found[1]).float().mean()))

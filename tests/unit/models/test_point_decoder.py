@@ -5,17 +5,18 @@ import pytest
 import torch
 
 from egosplat.compute import choose_compute
-from egosplat.models.configs import SMALL_SAM2
+from egosplat.models.configs import SMALL, sam2_config_file
 from egosplat.models.image_encoder import encode
 from egosplat.models.point_decoder import PointDecoder
-from egosplat.models.sam2_loader import Sam2, build_predictor
+from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
 
 
-@pytest.fixture(scope="module")
-def sam2() -> Sam2:
-    """The small architecture with random weights, also where SAM2 begins with zeros."""
+@pytest.fixture(scope="module", params=[SMALL, "sam2.1_hiera_t"])
+def sam2(request) -> Sam2:
+    """The small and a published architecture with random weights, also where SAM2 begins with zeros."""
     torch.manual_seed(3)
-    predictor = build_predictor(SMALL_SAM2).eval().requires_grad_(False)
+    predictor = build_predictor(sam2_config_file(request.param)).eval().requires_grad_(False)
+    set_image_size(predictor, 128)
     for name, values in predictor.sam_mask_decoder.named_parameters():
         if name.endswith("bias"):
             torch.nn.init.normal_(values, std=0.2)
@@ -40,6 +41,12 @@ def decoded_by_sam2(sam2, encoded, points):
     )[:2]
 
 
+def decode(decoder, points):
+    """Logits and predicted IoU of all masks."""
+    attended = decoder.attend(points)
+    return decoder.logits(attended), attended.ious
+
+
 @pytest.mark.parametrize("points", [1, 2, 7])
 def test_masks_are_those_of_sam2(sam2, points):
     """One point is no special case, although its image need not be shared."""
@@ -48,12 +55,36 @@ def test_masks_are_those_of_sam2(sam2, points):
     places = torch.from_numpy(generator.random((points, 2), np.float32))
     with sam2.compute.inference():
         encoded = encode(sam2, image)
-        logits, ious = PointDecoder.of(sam2, encoded).decode(places)
+        logits, ious = decode(PointDecoder.of(sam2, encoded), places)
         expected, expected_ious = decoded_by_sam2(sam2, encoded, places)
-    assert logits.shape == expected.shape == (points, 3, 80, 80)
+    assert logits.shape == expected.shape == (points, 3, 32, 32)
     assert expected.std() > 1e-3, "a decoder without contrast would agree with anything"
     assert torch.allclose(logits, expected, atol=2e-5 * float(expected.abs().max()))
     assert torch.allclose(ious, expected_ious, atol=1e-5)
+
+
+def test_some_pixels_have_the_logits_that_all_give(sam2):
+    """The cells of single pixels, wherever ``by_part`` says that they are, and of points taken from others."""
+    image = np.random.default_rng(1).integers(0, 256, (48, 64, 3), np.uint8)
+    with sam2.compute.inference():
+        decoder = PointDecoder.of(sam2, encode(sam2, image))
+        attended = decoder.attend(torch.tensor([[0.2, 0.3], [0.7, 0.6], [0.1, 0.9]]))
+        masks, pixels = decoder.logits(attended), torch.tensor([0, 9, 63])
+        parts = decoder.parts(attended.take(torch.tensor([2])), pixels)
+        none = decoder.logits(attended.take(torch.zeros(0, dtype=torch.int64)))
+    expected = torch.stack([decoder.by_part(mask)[pixels] for mask in masks[2]])
+    assert torch.allclose(parts[0], expected, atol=1e-5 * float(masks.abs().max()))
+    assert none.shape == (0, 3, 32, 32)
+
+
+def test_cells_of_a_pixel_lie_side_by_side(sam2):
+    """Row 1 and column 2 of 8 pixels have the rows 4 to 7 and the columns 8 to 11 of 32 cells."""
+    with sam2.compute.inference():
+        decoder = PointDecoder.of(sam2, encode(sam2, np.zeros((8, 8, 3), np.uint8)))
+    cells = torch.zeros(32, 32, dtype=torch.bool)
+    cells[4:8, 8:12] = True
+    assert decoder.by_part(cells).all(1).nonzero()[:, 0].tolist() == [10]
+    assert int(decoder.by_part(cells).sum()) == 16
 
 
 def test_autocast_keeps_the_residuals(sam2):
@@ -64,7 +95,7 @@ def test_autocast_keeps_the_residuals(sam2):
         encoded = encode(sam2, image)
         exact, _ = decoded_by_sam2(sam2, encoded, points)
         with torch.autocast("cpu", torch.bfloat16):
-            own, _ = PointDecoder.of(sam2, encoded).decode(points)
+            own, _ = decode(PointDecoder.of(sam2, encoded), points)
             theirs, _ = decoded_by_sam2(sam2, encoded, points)
     error, their_error = ((masks.float() - exact).square().mean() for masks in (own, theirs))
     assert error <= 4 * their_error

@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from egosplat.models.image_encoder import encode
-from egosplat.segments import crops, single_frames
+from egosplat.models.point_decoder import Attended, PointDecoder
+from egosplat.segments import crops, prompts, single_frames
 from egosplat.segments.crops import Crop, crops_of
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import Candidates, prompt
@@ -18,6 +19,17 @@ def candidates(masks):
     """Candidates with logits 1 inside (N, M, M) masks and -1 outside, and equal scores."""
     logits = torch.as_tensor(masks).float() * 2 - 1
     return Candidates(logits, torch.full((len(logits),), 0.9), torch.full((len(logits),), 0.9))
+
+
+def within(masks):
+    """Which (N, 40, 40) masks of the crop at the frame's top left corner are used."""
+    return prompts._within(torch.from_numpy(masks), bounds_of(40, 40))
+
+
+def bounds_of(coarse_side, side):
+    """Bounds of masks of the crop at the frame's top left corner."""
+    crop = Crop(0, 0, 32, 40)
+    return crops._whole_and_small(crop, SHAPE, 0.0, coarse_side, crops._inner_border(crop, SHAPE, side))
 
 
 @pytest.mark.parametrize("per_side", [1, 2, 3, 4])
@@ -54,8 +66,7 @@ def test_masks_that_a_border_inside_the_frame_cuts_off_are_dropped():
     masks[0, :4, 10:14] = True  # the frame's top border
     masks[1, 10:14, -4:] = True  # an inner border
     masks[2, 20:24, 20:24] = True  # inside
-    kept = crops._whole_and_small(candidates(masks), Crop(0, 0, 32, 40), SHAPE, 40)
-    assert kept.masks.numpy().any(2).argmax(1).tolist() == [0, 20]
+    assert within(masks).tolist() == [True, False, True]
 
 
 def test_large_masks_come_from_the_whole_frame():
@@ -63,8 +74,7 @@ def test_large_masks_come_from_the_whole_frame():
     masks = np.zeros((2, 40, 40), bool)
     masks[0, 5:30, 5:30] = True
     masks[1, 5:10, 5:10] = True
-    kept = crops._whole_and_small(candidates(masks), Crop(0, 0, 32, 40), SHAPE, 40)
-    assert kept.masks.flatten(1).sum(1).tolist() == [25]
+    assert within(masks).tolist() == [False, True]
 
 
 def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
@@ -86,6 +96,41 @@ def test_crops_without_masks_leave_those_of_the_frame():
     none = candidates(np.zeros((0, 40, 40), bool))
     merged = crops._merge(candidates(coarse), none, 40, SegmentsOptions())
     assert len(merged) == 1 and merged.masks[0].float().mean() == pytest.approx(16 / 400, rel=0.2)
+
+
+def test_a_sample_of_cells_excludes_no_mask_that_is_used(sam2, monkeypatch):
+    """Of discs of all sizes, it finds most that are too large or at a border inside the frame, and no other."""
+    with sam2.compute.inference():
+        decoder = PointDecoder.of(sam2, encode(sam2, np.zeros((64, 64, 3), np.uint8)))
+    bounds = bounds_of(80, 64)
+    x, y, radius = np.random.default_rng(0).random((3, 300, 1, 1)) * [[[[64]]], [[[64]]], [[[24]]]]
+    masks = (np.arange(64) - x) ** 2 + (np.arange(64)[:, None] - y) ** 2 < radius**2
+    parts = (
+        torch.stack([decoder.by_part(mask) for mask in torch.from_numpy(masks)]).float().view(100, 3, -1, 16)
+    )
+    monkeypatch.setattr(PointDecoder, "parts", lambda _, attended, pixels: attended.image[:, :, pixels])
+    attended = Attended(parts, parts, parts)
+    excluded = prompts._Sample.of(decoder, bounds.border).exceeds(attended, bounds).flatten()
+    used = prompts._within(torch.from_numpy(masks), bounds)
+    assert not (excluded & used).any()
+    assert used.sum() > 30 and excluded.sum() > 0.5 * (~used).sum()
+
+
+def test_points_without_possible_masks_are_not_decoded_further(sam2, monkeypatch):
+    """A point of which no mask is good enough costs no logits."""
+    computed, logits = [], PointDecoder.logits
+
+    def recorded(decoder, attended):
+        computed.append(len(attended.ious))
+        return logits(decoder, attended)
+
+    monkeypatch.setattr(PointDecoder, "logits", recorded)
+    with sam2.compute.inference():
+        encoded = encode(sam2, np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8))
+        for least, count in ((-1.0, 4), (2.0, 0)):
+            monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(least, 0.0, 0.1, -1.0))
+            found = prompt(sam2, encoded, prompts.grid_points(2), SegmentsOptions())
+            assert computed.pop() == count and (max(map(len, found)) > 0) == (count > 0)
 
 
 def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypatch):
@@ -114,9 +159,9 @@ def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
     valid[:, :50] = True
     points = []
 
-    def recorded(sam2, encoded, given, options, frame_share=1.0):
+    def recorded(sam2, encoded, given, *about):
         points.append(given)
-        return prompt(sam2, encoded, given, options, frame_share)
+        return prompt(sam2, encoded, given, *about)
 
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "prompt", recorded)
@@ -136,9 +181,9 @@ def test_pixels_that_a_frame_leaves_out_are_not_prompted(sam2, monkeypatch):
     shown[0, :, :50] = True
     points = []
 
-    def recorded(sam2, encoded, given, options, frame_share=1.0):
+    def recorded(sam2, encoded, given, *about):
         points.append(len(given))
-        return prompt(sam2, encoded, given, options, frame_share)
+        return prompt(sam2, encoded, given, *about)
 
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "prompt", recorded)

@@ -248,7 +248,7 @@ def test_masks_do_not_depend_on_how_many_points_share_a_batch(sam2, images, monk
     with sam2.compute.inference():
         encoded = encode(sam2, images[0])
         found = prompt(sam2, encoded, grid_points(6), OPTIONS)
-        monkeypatch.setattr(prompting, "_POINTS_A_BATCH_ON_CPU", 36)
+        monkeypatch.setattr(prompting, "_PIXELS_A_BATCH_ON_CPU", 36 * 256)
         together = prompt(sam2, encoded, grid_points(6), OPTIONS)
     assert all(len(one) for one in found)
     for one, other in zip(found, together, strict=True):
