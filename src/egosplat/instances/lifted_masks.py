@@ -67,12 +67,11 @@ class LiftedMasks:
             self.seen,
         )
 
-    def members(self, mask: int, inside: float) -> NDArray[np.int32]:
-        """Gaussians of whose weight in the frame the mask holds at least the share ``inside``."""
+    def members(self, mask: int, seen: NDArray[np.float32], inside: float) -> NDArray[np.int32]:
+        """Gaussians of whose weight in the frame the mask holds at least the share ``inside``; ``seen_at`` of the frame."""
         span = slice(self.votes.indptr[mask], self.votes.indptr[mask + 1])
         gaussian, weight = self.votes.indices[span], self.votes.data[span]
-        total = self.seen_at(self.frame[mask])[gaussian]
-        return gaussian[weight >= inside * np.maximum(total, LEAST_SEEN)]
+        return gaussian[weight >= inside * np.maximum(seen[gaussian], LEAST_SEEN)]
 
 
 def holds(votes: NDArray[np.float32], seen: NDArray[np.float32], inside: float) -> NDArray[np.bool_]:

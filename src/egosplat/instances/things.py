@@ -82,7 +82,7 @@ def cut_tracks(masks: LiftedMasks, keys: InstancesOptions) -> Ints:
 def _agree(masks: LiftedMasks, one: int, other: int, keys: InstancesOptions) -> bool:
     """Whether two masks hold the same of what both frames have seen, and have seen enough in common."""
     seen, also = masks.seen_at(masks.frame[one]), masks.seen_at(masks.frame[other])
-    first, second = masks.members(one, keys.inside), masks.members(other, keys.inside)
+    first, second = masks.members(one, seen, keys.inside), masks.members(other, also, keys.inside)
     both = np.where(np.minimum(seen, also) >= LEAST_SEEN, np.minimum(seen, also), 0.0)
     shared = both[np.intersect1d(first, second, assume_unique=True)].sum()
     mine, its = both[first].sum(), both[second].sum()
@@ -100,7 +100,8 @@ def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> N
             continue
         whole = _holds(masks, mine, keys.inside)
         for mask in mine:
-            seen, members = masks.seen_at(masks.frame[mask]), masks.members(int(mask), keys.inside)
+            seen = masks.seen_at(masks.frame[mask])
+            members = masks.members(int(mask), seen, keys.inside)
             shared = seen[members][whole[members]].sum()
             union = seen[members].sum() + seen[whole & (seen >= LEAST_SEEN)].sum() - shared
             dropped[mask] = shared < _DROP_IOU * union
