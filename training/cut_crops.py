@@ -7,6 +7,7 @@ Existing crop files are kept, so the same command resumes an interrupted run.
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from egosplat.progress import show_log, track
@@ -29,15 +30,8 @@ def main() -> None:
     outputs = [args.output / f"{folder.name}.npz" for folder in folders]
     wanted = [pair for pair in zip(folders, outputs, strict=True) if not pair[1].exists()]
     with ProcessPoolExecutor(args.processes) as pool:
-        made = (
-            pool.map(
-                cut_world,
-                *zip(*wanted, strict=True),
-                [segment_images if args.segments else None] * len(wanted),
-            )
-            if wanted
-            else []
-        )
+        cut = partial(cut_world, segment=segment_images if args.segments else None)
+        made = pool.map(cut, *zip(*wanted, strict=True)) if wanted else []
         for _ in track(made, "cutting crops", total=len(wanted), unit="world"):
             pass
 

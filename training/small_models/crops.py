@@ -88,8 +88,10 @@ def cut_world(folder: Path, output: Path, segment: Segmenter | None = None) -> N
         if world.instances[instance].name == "Skeleton_W":
             wholes[whole] = OWN_ARMS
     table = _Table(rendered, levels, wholes, find_appearance(world.geometry))
-    used = rendered.rgb[:, ::_FRAME_STEP].reshape(-1, *rendered.rgb.shape[2:])
-    crops = cut_crops(table, world.seed, segment(used) if segment else None)
+    segments = None
+    if segment is not None:
+        segments = segment(rendered.rgb[:, ::_FRAME_STEP].reshape(-1, *rendered.rgb.shape[2:]))
+    crops = cut_crops(table, world.seed, segments)
     with atomic_file(output) as made, made.open("wb") as file:
         np.savez(file, **{one.name: getattr(crops, one.name) for one in fields(Crops)})
 
