@@ -22,13 +22,24 @@ _DIGEST_BYTES = 32
 EVERY_S = 60.0
 
 
+class UnusableState(Exception):
+    """A file holds no state to continue from; the text says why."""
+
+
 class Checkpoint:
     """The checkpoint of the artifact at ``output``."""
 
-    def __init__(self, output: Path, key: str, every_s: float | None = None) -> None:
-        """Take the hash of all that decides the result (``provenance.key_of``), and the time between checkpoints [s]."""
+    def __init__(self, output: Path, key: str, every_s: float | None = None, part: str = "") -> None:
+        """Set up, without reading or writing.
+
+        Args:
+            key: hash of all that decides the result (``provenance.key_of``).
+            every_s: time between checkpoints [s].
+            part: of the stage, if it has several checkpoints.
+        """
         # Next to the output and not in it, because the workflow deletes outputs before it makes them.
-        self.file = output.parent / f".{output.name}.checkpoint" / "state"
+        self._folder = output.parent / f".{output.name}.checkpoint"
+        self.file = self._folder / part / "state"
         self._key = key
         self._every_s = EVERY_S if every_s is None else every_s
         self._saved = time.monotonic()
@@ -36,27 +47,19 @@ class Checkpoint:
     def load(self) -> State | None:
         """The state to continue from, with tensors on the CPU; None if there is none with this key."""
         try:
-            content = self.file.read_bytes()
+            return read_state(self.file, self._key)
         except FileNotFoundError:
             return None
-        digest, body = content[:_DIGEST_BYTES], memoryview(content)[_DIGEST_BYTES:]
-        if hashlib.sha256(body).digest() != digest:
-            log(f"{self.file}: the checkpoint is damaged; the stage starts again")
+        except UnusableState as error:
+            log(f"{self.file}: {error}; the stage starts again")
             return None
-        # ``weights_only``: a checkpoint is data, and must not run code.
-        saved = torch.load(io.BytesIO(body), map_location="cpu", weights_only=True)
-        # Other options, inputs, code or library versions would give another result than a run from the beginning.
-        if saved["key"] != self._key:
-            log("the checkpoint has other options, inputs or code; the stage starts again")
-            return None
-        return saved["state"]
 
     def save_if_due(self, state: Callable[[], State]) -> None:
         """Write ``state()`` if the last checkpoint is ``every_s`` old. A failed write is only logged."""
         if time.monotonic() - self._saved < self._every_s:
             return
         try:
-            self._save(state())
+            write_state(self.file, self._key, state())
         # A full disk may have room again later; without a checkpoint, only a kill loses work.
         except OSError as error:
             log(f"warning: no checkpoint: {self.file}: {error.strerror}")
@@ -64,13 +67,29 @@ class Checkpoint:
         self._saved = time.monotonic()
 
     def remove(self) -> None:
-        """Remove the checkpoint and the scratch files of killed writers."""
-        shutil.rmtree(self.file.parent, ignore_errors=True)
+        """Remove the checkpoints of all parts, and the scratch files of killed writers."""
+        shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _save(self, state: State) -> None:
-        stream = io.BytesIO()
-        torch.save({"key": self._key, "state": state}, stream)
-        body = stream.getbuffer()
-        with atomic_file(self.file) as scratch, scratch.open("wb") as file:
-            file.write(hashlib.sha256(body).digest())
-            file.write(body)
+
+def read_state(file: Path, key: str) -> State:
+    """Read a state with tensors on the CPU (UnusableState: damaged, or of another key)."""
+    content = file.read_bytes()
+    digest, body = content[:_DIGEST_BYTES], memoryview(content)[_DIGEST_BYTES:]
+    if hashlib.sha256(body).digest() != digest:
+        raise UnusableState("is damaged")
+    # ``weights_only``: a state is data, and must not run code.
+    saved = torch.load(io.BytesIO(body), map_location="cpu", weights_only=True)
+    # Other options, inputs, code or library versions would give another result than a run from the beginning.
+    if saved["key"] != key:
+        raise UnusableState("has other options, inputs or code")
+    return saved["state"]
+
+
+def write_state(file: Path, key: str, state: State) -> None:
+    """Write a state, whole or not at all."""
+    stream = io.BytesIO()
+    torch.save({"key": key, "state": state}, stream)
+    body = stream.getbuffer()
+    with atomic_file(file) as scratch, scratch.open("wb") as out:
+        out.write(hashlib.sha256(body).digest())
+        out.write(body)

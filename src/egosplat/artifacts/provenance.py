@@ -4,7 +4,7 @@ import hashlib
 import json
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,9 @@ from egosplat.pipeline.stages import STAGES, code_of
 
 if TYPE_CHECKING:
     from egosplat.artifacts.reader import Artifact
+
+# Attributes of ``Provenance`` of which only ``cost`` tells.
+_CLOCKS = ("started", "started_cpu", "gathered")
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ class Provenance:
         created: UTC time at the start of the stage.
         started: time on the monotonic clock at the start [s].
         started_cpu: processor time that the process had used at the start [s].
+        gathered: costs of the jobs whose results the stage gathers.
     """
 
     stage: str
@@ -44,18 +48,25 @@ class Provenance:
     created: str
     started: float
     started_cpu: float
+    gathered: Sequence[Mapping[str, float | None]] = ()
 
     def record(self) -> dict[str, Any]:
         """Plain JSON values, with the machine, the commit, times and peak memory as of now."""
-        values = {key: value for key, value in asdict(self).items() if not key.startswith("started")}
-        cost = {
+        values = {key: value for key, value in asdict(self).items() if key not in _CLOCKS}
+        return values | {"machine": usage.machine()} | usage.checkout() | self.cost()
+
+    def cost(self) -> dict[str, float | None]:
+        """Time and peak memory as of now, with those of gathered jobs."""
+        now = {
             "wall_s": time.perf_counter() - self.started,
             "cpu_s": usage.cpu_seconds() - self.started_cpu,
             "peak_memory_mb": usage.peak_memory_mb(),
             "peak_gpu_memory_mb": usage.peak_gpu_memory_mb(),
         }
-        told = {key: None if value is None else round(value, 3) for key, value in cost.items()}
-        return values | {"machine": usage.machine()} | usage.checkout() | told
+        jobs = [now, *self.gathered]
+        known = {name: [job[name] for job in jobs if job[name] is not None] for name in now}
+        joined = {name: max if name.startswith("peak") else sum for name in now}
+        return {name: round(joined[name](few), 3) if few else None for name, few in known.items()}
 
 
 def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:

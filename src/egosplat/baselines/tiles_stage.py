@@ -1,7 +1,7 @@
 """Stage ``tiles``: encode the tiles of each training frame with OpenCLIP, at seven scales, as LERF does."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.frames import FRAMES, lies_on_its_side
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES, scale_name
+from egosplat.artifacts.work import Work, lie_within
 from egosplat.artifacts.writer import Writer, create
 from egosplat.baselines.options import TilesOptions
 from egosplat.baselines.tiles import Scale, pyramid
@@ -34,11 +34,20 @@ Halves = NDArray[np.float16]
 BATCH = 128
 
 
-def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: Path | None = None) -> None:
+def run(
+    frames_path: Path,
+    output: Path,
+    options: TilesOptions,
+    *,
+    survey_path: Path | None = None,
+    chunk: int | None = None,
+    gather: Sequence[Path] = (),
+) -> None:
     """Write the tiles of the training frames. A killed run resumes and gives identical features.
 
     Args:
         survey_path: excludes frames.
+        chunk, gather: as in ``Work``.
 
     Raises:
         UserError: an input or a model cannot be read, or no frame trains.
@@ -48,20 +57,23 @@ def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: 
     rows = np.flatnonzero(frames.read("train") & kept)
     if not len(rows):
         raise UserError(f"{frames_path}: no frame is for training; see frames.holdout")
-    clip = load_open_clip(options.clip_model, options.clip_checkpoint, options.device, options.precision)
     keys, models = options.as_dict(), [CLIP, *([SAM2] if options.regulariser == "sam2" else [])]
     used = {model.checkpoint_key: model_hash(model, keys) for model in models}
     record = provenance.begin_from("tiles", keys | by_survey, [frames], used)
     _, height, width, _ = frames.shape("rgb")
     scales, turned = pyramid(height, width), lies_on_its_side(frames)
-    checkpoint = Checkpoint(output, provenance.key_of(record))
-    saved = checkpoint.load()
-    done = [] if saved is None else [one.numpy() for one in saved["done"]]
-    if done:
-        log(f"encoding resumes after {len(done)} frames")
-    for row in track(rows[len(done) :], "encoding tiles"):
-        done.append(encode_tiles(clip, frames.row("rgb", row), scales, turned, BATCH))
-        checkpoint.save_if_due(lambda: {"done": [torch.from_numpy(one) for one in done]})
+
+    def encode_rows(rows: NDArray[np.integer]) -> Iterator[Tensor]:
+        clip = load_open_clip(options.clip_model, options.clip_checkpoint, options.device, options.precision)
+        for row in rows:
+            tiles = encode_tiles(clip, frames.row("rgb", row), scales, turned, BATCH)
+            yield torch.from_numpy(tiles)
+
+    work = Work(output, record, frames.shape("rgb")[0], chunk, gather)
+    found = work.results(lambda chunks: rows[lie_within(rows, chunks)], encode_rows, "encoding tiles")
+    if found is None:
+        return
+    done = [tiles.numpy() for tiles in found]
     small = options.clip_checkpoint == SMALL
     made_with = {"model": options.clip_model, "checkpoint": options.clip_checkpoint, "small": small}
     facts = {
@@ -69,7 +81,7 @@ def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: 
         "scales": [asdict(scale) for scale in scales],
         "regulariser": options.regulariser,
     }
-    with create(output, TILES, record) as artifact:
+    with create(output, TILES, replace(record, gathered=work.costs)) as artifact:
         artifact.put("frame", rows.astype(np.int32))
         _put_tiles(artifact, done, scales)
         if options.regulariser == "sam2":
@@ -77,7 +89,7 @@ def run(frames_path: Path, output: Path, options: TilesOptions, *, survey_path: 
             maps, facts["variance"] = image_maps(load_sam2(*given), lambda row: frames.row("rgb", row), rows)
             artifact.put("regulariser", maps)
         artifact.facts = facts
-    checkpoint.remove()
+    work.finish()
     lost = sum(int((~one.any(axis=1)).sum()) for one in done)
     without = f", {lost} without a feature" if lost else ""
     log(f"{sum(map(len, done)):,} tiles of {len(rows)} frames{without}")

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from scipy import ndimage
 
 from egosplat.artifacts.frames import lies_on_its_side
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.work import lie_within
 from egosplat.codes.vectors import unit, usable
 from egosplat.models.open_clip_loader import OpenClip, Preprocessing
 from egosplat.progress import track
@@ -142,7 +144,7 @@ Ints = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class InstanceViews:
-    """R views, sorted by instance, then frame.
+    """R views.
 
     Attributes:
         instance, frame, area: (R,) int32.
@@ -157,7 +159,17 @@ class InstanceViews:
     def __len__(self) -> int:
         return len(self.instance)
 
-    def chosen(self, which: NDArray) -> "InstanceViews":
+    @staticmethod
+    def of_table(table: Ints) -> "InstanceViews":
+        """Take the columns of a ``table``."""
+        return InstanceViews(*table.T[:3], table[:, 3:])
+
+    @property
+    def table(self) -> Ints:
+        """(R, 7) int32: instance, frame, area and box."""
+        return np.column_stack([self.instance, self.frame, self.area, self.box])
+
+    def chosen(self, which: NDArray | slice) -> "InstanceViews":
         """Select views by a mask or row indices."""
         return InstanceViews(self.instance[which], self.frame[which], self.area[which], self.box[which])
 
@@ -166,34 +178,52 @@ class InstanceViews:
         """(R,) row order by frame, then instance: the order of encoding."""
         return np.lexsort((self.instance, self.frame))
 
+    @property
+    def by_instance(self) -> NDArray[np.int64]:
+        """(R,) row order by instance, then frame: the order of the artifact."""
+        return np.lexsort((self.frame, self.instance))
+
+
+def join_views(parts: list[InstanceViews]) -> InstanceViews:
+    """Concatenate views."""
+    return InstanceViews.of_table(np.concatenate([np.zeros((0, 7), np.int32), *(one.table for one in parts)]))
+
 
 def find_views(
-    frames: Artifact, instances: Artifact, min_area: float, max_views: int | None
+    frames: Artifact, instances: Artifact, min_area: float, max_views: int | None, chunks: list[range]
 ) -> InstanceViews:
-    """Find the views to encode.
+    """Find the views to encode, sorted by instance, then frame.
 
     Args:
         min_area: smallest mask as a fraction of the image; at least one pixel.
         max_views: largest number of views per instance, evenly spaced; None for all.
+        chunks: the frames.
     """
     count = instances.shape("instances/level")[0]
     _, _, height, width = instances.shape("labels")
     # An instance without a pixel has no crop, even if ``min_area`` is 0.
     least = max(1.0, min_area * height * width)
     # Training frames only: evaluation frames must not influence the result.
-    chosen = np.flatnonzero(frames.read("train"))
-    found: list[Regions] = []
-    for frame in track(chosen, "finding instances"):
+    trained = np.flatnonzero(frames.read("train"))
+    found = []
+    for frame in track(trained[lie_within(trained, chunks)], "finding instances"):
         regions = find_regions(instances.row("labels", frame), count)
-        found.append(regions.chosen(regions.area >= least))
-    views = InstanceViews(
-        _joined([one.instance for one in found]),
-        np.repeat(chosen, [len(one.instance) for one in found]).astype(np.int32),
-        _joined([one.area for one in found]),
-        _joined([one.box for one in found]).reshape(-1, 4),
-    )
-    views = views.chosen(np.lexsort((views.frame, views.instance)))
+        regions = regions.chosen(regions.area >= least)
+        at = np.full_like(regions.instance, frame)
+        found.append(InstanceViews(regions.instance, at, regions.area, regions.box))
+    views = join_views(found)
+    views = views.chosen(views.by_instance)
     return views if max_views is None else views.chosen(spread(views.instance, max_views))
+
+
+def split_batches(views: InstanceViews, chunks: list[range], size: int) -> list[InstanceViews]:
+    """Split views in the order ``by_frame`` into batches of at most ``size``, none of which goes beyond a chunk."""
+    ends = np.searchsorted(views.frame, [chunk.stop for chunk in chunks])
+    return [
+        views.chosen(slice(begin, min(begin + size, end)))
+        for first, end in pairwise([0, *ends])
+        for begin in range(first, end, size)
+    ]
 
 
 def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
@@ -229,7 +259,3 @@ def cut_crops(
         crop = cut_crop(rgb, labels[level[instance]], instance, box, hull=hull)
         # CLIP is not invariant to rotation, and Aria's first generation films sideways (docs/method.md#upright).
         yield resize(np.rot90(crop, -1) if turned else crop, wanted.image_size, wanted.interpolation)
-
-
-def _joined(parts: list[Ints]) -> Ints:
-    return np.concatenate(parts) if parts else np.zeros(0, np.int32)

@@ -1,7 +1,7 @@
 """Stage ``view_features``: encode each instance with OpenCLIP in each frame that shows it."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES, lies_on_its_side
 from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.work import Chunks, Work
 from egosplat.artifacts.writer import create
 from egosplat.codes.vectors import usable
 from egosplat.errors import UserError
@@ -27,12 +28,14 @@ from egosplat.features.crops import (
     cut_crops,
     encode,
     find_views,
+    join_views,
+    split_batches,
 )
 from egosplat.features.options import ViewFeaturesOptions
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.configs import SMALL
 from egosplat.models.open_clip_loader import OpenClip, load_open_clip
-from egosplat.progress import log, track
+from egosplat.progress import log
 
 # Crops per OpenCLIP batch. The order of sums, and so the last digit, depends on it.
 BATCH = 64
@@ -45,23 +48,49 @@ class _Inputs:
     frames: Artifact
     instances: Artifact
     clip: OpenClip
-    hull: bool
+    options: ViewFeaturesOptions
+
+    def find_batches(self, chunks: Chunks) -> list[InstanceViews]:
+        """Find the views of chunks of frames, in batches in the order of encoding."""
+        options = self.options
+        views = find_views(self.frames, self.instances, options.min_area, options.max_views, chunks)
+        return split_batches(views.chosen(views.by_frame), chunks, BATCH)
+
+    def encode_batches(self, batches: list[InstanceViews]) -> Iterator[dict[str, Tensor]]:
+        """Yield the (B, 7) views of each batch and their (B, D) features, NaN where the model gives none."""
+        views, wanted = join_views(batches), self.clip.preprocessing
+        crops = cut_crops(self.frames, self.instances, views, wanted, hull=self.options.hull)
+        for batch in batches:
+            features = encode(self.clip, np.stack([*islice(crops, len(batch))]))
+            yield {"views": torch.from_numpy(batch.table), "features": torch.from_numpy(features)}
 
 
-def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeaturesOptions) -> None:
+def run(
+    frames_path: Path,
+    instances_path: Path,
+    output: Path,
+    options: ViewFeaturesOptions,
+    *,
+    chunk: int | None = None,
+    gather: Sequence[Path] = (),
+) -> None:
     """Write the view features of ``instances``.
 
     A killed run resumes from its last checkpoint and gives identical features.
 
+    Args:
+        chunk, gather: as in ``Work``.
+
     Raises:
-        UserError: the inputs do not belong together, the model cannot be loaded, or it gives no finite feature.
+        UserError: the inputs do not belong together, the model cannot be loaded, it gives no finite feature, or there
+            are chunks and a limit of views.
     """
+    if options.max_views is not None and (chunk or gather):
+        raise UserError("view_features.max_views chooses among all frames: give neither --chunk nor --gather")
     frames, instances = open_artifact(frames_path, FRAMES), open_artifact(instances_path, INSTANCES)
     check_made_from(instances, frames, axes=("frame", "height", "width"))
     used = (options.clip_model, options.clip_checkpoint)
-    inputs = _Inputs(
-        frames, instances, load_open_clip(*used, options.device, options.precision), options.hull
-    )
+    inputs = _Inputs(frames, instances, load_open_clip(*used, options.device, options.precision), options)
     model = _model_facts(inputs.clip, *used)
     record = provenance.begin_from(
         "view_features",
@@ -69,10 +98,14 @@ def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeat
         (frames, instances),
         {CLIP.checkpoint_key: model["hash"]},
     )
-    views = find_views(frames, instances, options.min_area, options.max_views)
     # The key holds the device and the precision, too: their features differ in the last bits.
-    checkpoint = Checkpoint(output, provenance.key_of(record, model))
-    features = _encoded(inputs, views, BATCH, checkpoint)
+    work = Work(output, record, frames.shape("rgb")[0], chunk, gather, model)
+    found = work.results(inputs.find_batches, inputs.encode_batches, "encoding crops", unit="step")
+    if found is None:
+        return
+    views = join_views([InstanceViews.of_table(one["views"].numpy()) for one in found])
+    empty = np.zeros((0, 0 if found else channels(inputs.clip)), np.float32)
+    features = np.concatenate([one["features"].numpy() for one in found] or [empty])
     good = _checked(features, options.clip_checkpoint)
     facts = {
         "levels": instances.facts["levels"],
@@ -80,10 +113,12 @@ def run(frames_path: Path, instances_path: Path, output: Path, options: ViewFeat
         "without_feature": int((~good).sum()),
         "turned": lies_on_its_side(frames),
     }
-    _write(output, record, views.chosen(good), features[good], instances.read("instances/level"), facts)
-    checkpoint.remove()
+    order = np.flatnonzero(good)[views.chosen(good).by_instance]
+    record = replace(record, gathered=work.costs)
+    _write(output, record, views.chosen(order), features[order], instances.read("instances/level"), facts)
+    work.finish()
     seen, count = len(np.unique(views.instance[good])), instances.shape("instances/level")[0]
-    log(f"{int(good.sum())} views of {seen} of {count} instances")
+    log(f"{len(order)} views of {seen} of {count} instances")
 
 
 def _model_facts(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:
@@ -96,31 +131,6 @@ def _model_facts(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:
         "device": clip.compute.device.type,
         "dtype": str(clip.compute.dtype).removeprefix("torch."),
     }
-
-
-def _encoded(inputs: _Inputs, views: InstanceViews, batch: int, checkpoint: Checkpoint) -> Features:
-    """(R, D) features in the order of the views; NaN where the model gives none."""
-    order = views.by_frame
-    saved = checkpoint.load()
-    done = [] if saved is None else [saved["features"].numpy()]
-    if start := sum(map(len, done)):
-        log(f"encoding resumes after crop {start} of {len(views)}")
-    left = views.chosen(order[start:])
-    for crops in track(_batches(inputs, left, batch), "encoding crops", -(-len(left) // batch), unit="step"):
-        done.append(encode(inputs.clip, crops))
-        checkpoint.save_if_due(lambda: {"features": torch.from_numpy(np.concatenate(done))})
-    features = np.empty((len(views), done[0].shape[1] if done else channels(inputs.clip)), np.float32)
-    if done:
-        features[order] = np.concatenate(done)
-    return features
-
-
-def _batches(inputs: _Inputs, views: InstanceViews, size: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield (B, H, W, 3) crops in the order of the views, ``size`` at a time, across frames."""
-    wanted = inputs.clip.preprocessing
-    crops = cut_crops(inputs.frames, inputs.instances, views, wanted, hull=inputs.hull)
-    while few := list(islice(crops, size)):
-        yield np.stack(few)
 
 
 def _checked(features: Features, checkpoint: str) -> NDArray[np.bool_]:

@@ -43,12 +43,18 @@ class LabelMaps:
         return len(self._frames)
 
     def __setitem__(self, frame: int, labels: Labels) -> None:
-        # Label maps have long runs of one value: level 1, the fastest, already reduces them to about 1 %.
-        self._frames[frame] = zlib.compress(np.ascontiguousarray(labels, dtype=np.int32).tobytes(), 1)
+        self._frames[frame] = pack(labels)
         self._changed.add(frame)
 
+    def leave_empty(self, frames: Iterable[int]) -> None:
+        """Let frames have no label."""
+        packed = pack(np.full(self._shape, -1, np.int32))
+        for frame in frames:
+            self._frames[frame] = packed
+            self._changed.add(frame)
+
     def __getitem__(self, frame: int) -> Labels:
-        return np.frombuffer(zlib.decompress(self._frames[frame]), dtype=np.int32).reshape(self._shape).copy()
+        return unpack(self._frames[frame], self._shape)
 
     def state_dict(self) -> LabelState:
         """Append the frames set since the last call to ``path``: start, length and CRC-32 of each frame in the file."""
@@ -79,6 +85,17 @@ class LabelMaps:
         if any(zlib.crc32(frames[frame]) != crc for frame, (_, _, crc) in places.items()):
             raise DamagedLabels(f"{self.path}: the checkpoint is damaged; the stage starts again")
         self._frames, self._places, self._changed = frames, places, set()
+
+
+def pack(labels: Labels) -> bytes:
+    """Compress label maps."""
+    # They have long runs of one value: level 1, the fastest, already reduces them to about 1 %.
+    return zlib.compress(np.ascontiguousarray(labels, dtype=np.int32).tobytes(), 1)
+
+
+def unpack(packed: bytes, shape: tuple[int, int, int]) -> Labels:
+    """Get back label maps of a shape."""
+    return np.frombuffer(zlib.decompress(packed), dtype=np.int32).reshape(shape).copy()
 
 
 def paint(

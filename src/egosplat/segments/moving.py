@@ -10,6 +10,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.transient import InstanceScores
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
@@ -65,13 +66,12 @@ class MovingTracker(Tracker):
         self._probability = probability
         self._training, self._prompted = frames, frozenset(prompted_frames(frames, options))
 
-    def moving_tracks(self, save: Callable[[], None]) -> Segmented:
-        """Track what is left of the video, merge duplicates, and drop tracks that are short or do not move after all.
+    def moving_tracks(self, checkpoint: Checkpoint | None = None) -> Segmented:
+        """Track as in ``run``, merge duplicates, and drop tracks that are short or do not move after all.
 
         The mean probability over all its pixels in the frames that may be prompted decides whether a track moves.
-        ``save`` is called after each frame.
         """
-        found = self.track_video(save)
+        found = self.run(checkpoint)
         final = finalize_instances(found, self._options.min_frames)
         moves = self._means(found.labels, final) >= self._options.threshold
         table = np.append(np.where(moves, np.cumsum(moves) - 1, -1), -1).astype(np.int32)[final.table]

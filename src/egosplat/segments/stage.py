@@ -1,6 +1,7 @@
 """Stage ``segments``: segment the frames at three levels and track the instances through the video."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from egosplat.artifacts.prompts import PROMPTS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.work import Work, lie_within
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
@@ -35,6 +37,8 @@ def run(
     survey_path: Path | None = None,
     transient_path: Path | None = None,
     prompts_path: Path | None = None,
+    chunk: int | None = None,
+    gather: Sequence[Path] = (),
 ) -> None:
     """Write the segments artifact of ``frames``.
 
@@ -42,36 +46,48 @@ def run(
 
     Args:
         survey_path: frames that the survey drops are skipped; all their labels are -1.
-        transient_path: where things move, if the prompting is ``each_frame``; None to track nothing.
+        transient_path: where things move, if the prompting is ``each_frame``; None to track nothing. A chunk needs none.
         prompts_path: required if the points of single frames are placed by depth; frames without points are not segmented.
+        chunk, gather: as in ``Work``, if the prompting is ``each_frame``.
 
     Raises:
-        UserError: the model cannot be loaded, the survey or transient.zarr is missing or of other frames, or no
-            instance is found.
+        UserError: the model cannot be loaded, the survey or transient.zarr is missing or of other frames, no instance
+            is found, or there are chunks of a video that is tracked.
     """
+    if not options.single_frames and (chunk or gather):
+        raise UserError(
+            "segments: only frames that SAM2 segments one by one make chunks; set segments.prompting to each_frame"
+        )
     frames = open_artifact(frames_path, FRAMES)
     kept, by_survey = kept_frames(frames, survey_path)
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
-    transient = _open_transient(transient_path, frames, options)
+    transient = None if chunk else _open_transient(transient_path, frames, options)
     placed = _PlacedPoints(prompts_path, frames) if options.by_depth else None
-    inputs = [one for one in (frames, transient, placed and placed.artifact) if one is not None]
-    made = provenance.begin_from("segments", options.as_dict() | by_survey, inputs, models)
     video = _Video(frames, np.flatnonzero(kept), transient, placed)
-    # The key makes the checkpoint of other inputs or options invalid.
-    checkpoint = Checkpoint(output, provenance.key_of(made))
+    of_frames = [frames, *([placed.artifact] if placed else [])]
+    about = "segments", options.as_dict() | by_survey
+    made = provenance.begin_from(*about, [*of_frames, *([transient] if transient else [])], models)
+    # Masks of single frames do not depend on what moves.
+    alone = provenance.begin_from(*about, of_frames, models)
+    work = Work(output, alone, len(kept), chunk, gather)
     if options.segmenter == "classical":
         segmented = segment_video(video.image, len(video.frame), video.valid, video.shown)
     else:
-        segmented = _track_with_sam2(video, options, checkpoint)
+        found = _segment_with_sam2(
+            video, options, work, Checkpoint(output, provenance.key_of(made), part="tracks")
+        )
+        if found is None:
+            return
+        segmented = found
     try:
-        with create(output, SEGMENTS, made) as artifact:
+        with create(output, SEGMENTS, replace(made, gathered=work.costs)) as artifact:
             _write(artifact, segmented, video, options)
             artifact.facts |= {"segmenter": options.segmenter, "single_frames": options.single_frames}
     except UserError:
-        checkpoint.remove()  # resuming would give the same error
+        work.finish()  # resuming would give the same error
         raise
-    checkpoint.remove()
+    work.finish()
 
 
 class _PlacedPoints:
@@ -152,11 +168,15 @@ def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOption
     return transient
 
 
-def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkpoint) -> Segmented:
+def _segment_with_sam2(
+    video: _Video, options: SegmentsOptions, work: Work, checkpoint: Checkpoint
+) -> Segmented | None:
+    """Segment the frames, or those of a chunk, and track; None for a chunk. ``checkpoint`` is that of tracking."""
     # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
-    from egosplat.segments.moving import MovingTracker
-    from egosplat.segments.single_frames import SingleFrames
+    from egosplat.segments.moving import MovingTracker, add_tracks
+    from egosplat.segments.prompts import prompted_frames
+    from egosplat.segments.single_frames import SingleFrames, join_frames
     from egosplat.segments.tracker import Tracker
 
     model = (options.sam2_config, options.sam2_checkpoint, options.device, options.precision)
@@ -164,9 +184,21 @@ def _track_with_sam2(video: _Video, options: SegmentsOptions, checkpoint: Checkp
     sam2, valid, shown = load_sam2(*model, side), video.valid, video.shown
     if not options.single_frames:
         return Tracker(sam2, video.image, len(video.frame), valid, options, shown).run(checkpoint)
-    about = (video.trained(), len(video.frame), valid, options)
-    movers = MovingTracker(sam2, video.image, video.probability, *about, shown) if video.transient else None
-    return SingleFrames(sam2, video.image, *about, movers, video.points, shown).run(checkpoint)
+    single = SingleFrames(sam2, video.image, valid, options, video.points, shown)
+    frames = np.array(prompted_frames(video.trained(), options), np.intp)
+    found = work.results(
+        lambda chunks: frames[lie_within(video.frame[frames], chunks)].tolist(),
+        lambda few: map(single.segment, few),
+        "segmenting frames",
+    )
+    if found is None:
+        return None
+    segmented = join_frames(found, frames.tolist(), len(video.frame), valid.shape)
+    if not video.transient:
+        return segmented
+    about = (video.trained(), len(video.frame), valid, options, shown)
+    movers = MovingTracker(sam2, video.image, video.probability, *about)
+    return add_tracks(segmented, movers.moving_tracks(checkpoint))
 
 
 def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -82,7 +81,7 @@ class Tracker:
         """Track the video in both directions, resuming from the checkpoint if it holds a state."""
         if checkpoint is None:
             return self.track_video(lambda: None)
-        self.keep_labels_in(checkpoint.file.with_name("labels"))
+        self._labels.path = checkpoint.file.with_name("labels")
         if (saved := checkpoint.load()) is not None:
             try:
                 self.load_state_dict(saved)
@@ -90,10 +89,6 @@ class Tracker:
             except DamagedLabels as error:
                 log(str(error))
         return self.track_video(lambda: checkpoint.save_if_due(self.state_dict))
-
-    def keep_labels_in(self, path: Path) -> None:
-        """Let checkpoints append labels to a file."""
-        self._labels.path = path
 
     def track_video(self, save: Callable[[], None]) -> Segmented:
         """Track what is left of the video in both directions; ``save`` is called after each frame."""

@@ -115,7 +115,7 @@ def test_a_killed_run_resumes_to_the_same_features(scene, run, clip_keys, capsys
     assert killed.returncode == -signal.SIGKILL and not (folder / "view_features.zarr").exists()
     capsys.readouterr()
     assert run(folder, batch=2).digest == expected
-    assert "encoding resumes after crop 6 of 10" in capsys.readouterr().err
+    assert "encoding crops resumes after 3 of 5 steps" in capsys.readouterr().err
     names = {"frames.zarr", "instances.zarr", "view_features.zarr", "unbroken.zarr"}
     assert {path.name for path in folder.iterdir()} == names
 
@@ -124,7 +124,7 @@ def test_progress_with_other_options_is_not_reused(scene, run, monkeypatch):
     folder = scene()
     expected = run(folder, "fresh.zarr", batch=2).digest
     monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
-    monkeypatch.setattr(stage.Checkpoint, "remove", lambda self: None)
+    monkeypatch.setattr("egosplat.artifacts.checkpoint.Checkpoint.remove", lambda self: None)
     run(folder, batch=1)
     assert (folder / ".view_features.zarr.checkpoint" / "state").exists()
     assert run(folder, batch=2).digest == expected

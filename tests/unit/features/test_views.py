@@ -11,13 +11,15 @@ from egosplat.models.open_clip_loader import Preprocessing
 
 WANTED = Preprocessing((11, 11), (0.5, 0.5, 0.5), (0.2, 0.2, 0.2), "bicubic", "squash")
 
+ALL = [range(5)]
+
 
 def artifacts(folder):
     return open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "instances.zarr", INSTANCES)
 
 
 def test_rows_go_by_instance_then_frame_and_leave_held_out_frames_out(scene):
-    views = find_views(*artifacts(scene()), min_area=0.0, max_views=None)
+    views = find_views(*artifacts(scene()), min_area=0.0, max_views=None, chunks=ALL)
     rows = list(zip(views.instance.tolist(), views.frame.tolist(), views.area.tolist(), strict=True))
     first = [(0, frame, 77) for frame in range(4)]
     assert rows == [*first, *((1, frame, 450) for frame in range(4)), (2, 2, 24), (3, 3, 1)]
@@ -27,12 +29,12 @@ def test_rows_go_by_instance_then_frame_and_leave_held_out_frames_out(scene):
 
 @pytest.mark.parametrize("min_area, instances", [(24 / 1600, {0, 1, 2}), (25 / 1600, {0, 1}), (1.0, set())])
 def test_small_masks_are_left_out(scene, min_area, instances):
-    views = find_views(*artifacts(scene()), min_area, None)
+    views = find_views(*artifacts(scene()), min_area, None, ALL)
     assert set(views.instance.tolist()) == instances and views.box.shape == (len(views), 4)
 
 
 def test_views_are_limited_to_max_views(scene):
-    views = find_views(*artifacts(scene()), 0.0, 2)
+    views = find_views(*artifacts(scene()), 0.0, 2, ALL)
     assert views.instance.tolist() == [0, 0, 1, 1, 2, 3] and views.frame.tolist() == [0, 2, 0, 2, 2, 3]
 
 
@@ -47,7 +49,7 @@ def test_views_are_spread_evenly(most):
 
 
 def test_without_training_frames_there_are_no_views(scene):
-    views = find_views(*artifacts(scene(train=np.zeros(5, bool))), 0.0, None)
+    views = find_views(*artifacts(scene(train=np.zeros(5, bool))), 0.0, None, ALL)
     assert len(views) == 0 and views.box.shape == (0, 4)
 
 
@@ -61,7 +63,7 @@ def test_without_training_frames_there_are_no_views(scene):
 )
 def test_crops_are_upright(scene, facts, turned):
     frames, instances = artifacts(scene(**facts))
-    views = find_views(frames, instances, 0.0, None)
+    views = find_views(frames, instances, 0.0, None, ALL)
     views = views.chosen(views.by_frame)
     crops = list(cut_crops(frames, instances, views, WANTED, hull=False))
     assert len(crops) == len(views)
@@ -72,7 +74,7 @@ def test_crops_are_upright(scene, facts, turned):
 
 def test_each_frame_is_read_once(scene, monkeypatch):
     frames, instances = artifacts(scene())
-    views = find_views(frames, instances, 0.0, None)
+    views = find_views(frames, instances, 0.0, None, ALL)
     read = []
     row = type(frames).row
     monkeypatch.setattr(

@@ -10,7 +10,7 @@ from egosplat.segments import crops, prompts, single_frames
 from egosplat.segments.crops import Crop, crops_of
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import Candidates, prompt
-from egosplat.segments.single_frames import SingleFrames
+from egosplat.segments.single_frames import SingleFrames, join_frames
 
 SHAPE = (48, 64, 3)
 
@@ -133,6 +133,10 @@ def test_points_without_possible_masks_are_not_decoded_further(sam2, monkeypatch
             assert computed.pop() == count and (max(map(len, found)) > 0) == (count > 0)
 
 
+def labels_of(single: SingleFrames, frame: int) -> np.ndarray:
+    return join_frames([single.segment(frame)], [0], 1, (96, 128)).labels[0]
+
+
 def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypatch):
     """Crops are prompted at the model's own side, and it has that side again afterwards."""
     image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
@@ -147,9 +151,9 @@ def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypat
     keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 2}
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.7, 0.1, 0.2))
     options = SegmentsOptions(**keys)
-    found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, np.ones((96, 128), bool), options).run()
+    found = labels_of(SingleFrames(sam2, lambda _: image, np.ones((96, 128), bool), options), 0)
     assert sides == [512, 256, 256, 256, 256] and sam2.video_predictor.image_size == 256
-    assert found.labels[0].shape == (3, 96, 128)
+    assert found.shape == (3, 96, 128)
 
 
 def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
@@ -168,10 +172,10 @@ def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
     keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 4}
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
     options = SegmentsOptions(**keys)
-    found = SingleFrames(sam2, lambda _: image, np.array([0]), 1, valid, options).run()
+    found = labels_of(SingleFrames(sam2, lambda _: image, valid, options), 0)
     assert [len(one) for one in points] == [8, 8, 0, 8, 0]
     assert float(points[0][:, 0].max()) == pytest.approx(0.375)
-    assert (found.labels[0][:, :, 50:] == -1).all() and (found.labels[0] >= 0).any()
+    assert (found[:, :, 50:] == -1).all() and (found >= 0).any()
 
 
 def test_pixels_that_a_frame_leaves_out_are_not_prompted(sam2, monkeypatch):
@@ -188,10 +192,10 @@ def test_pixels_that_a_frame_leaves_out_are_not_prompted(sam2, monkeypatch):
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "prompt", recorded)
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
-    options = SegmentsOptions(crops_per_side=2, image_size=512, points_per_side=4, key_frame_stride=1)
+    options = SegmentsOptions(crops_per_side=2, image_size=512, points_per_side=4)
     every = np.ones((96, 128), bool)
-    about = sam2, lambda _: image, np.arange(2), 2, every, options
-    found = SingleFrames(*about, shown=shown.__getitem__).run()
+    single = SingleFrames(sam2, lambda _: image, every, options, shown=shown.__getitem__)
+    found = [labels_of(single, frame) for frame in range(2)]
     assert points == [8, 8, 0, 8, 0] + 5 * [0]
-    assert (found.labels[0][:, :, 50:] == -1).all() and (found.labels[0] >= 0).any()
-    assert (found.labels[1] == -1).all()
+    assert (found[0][:, :, 50:] == -1).all() and (found[0] >= 0).any()
+    assert (found[1] == -1).all()

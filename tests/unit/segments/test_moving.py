@@ -1,12 +1,16 @@
 """Tracks of what moves beside masks of single frames: where they start, which labels win, resuming, the artifact."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.work import Work
 from egosplat.compute import choose_compute
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import Sam2
@@ -16,7 +20,6 @@ from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.moving import MovingTracker, add_tracks
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import Candidates
-from egosplat.segments.single_frames import SingleFrames
 from tests.support.scenes import put
 
 OPTIONS = SegmentsOptions(
@@ -66,14 +69,14 @@ def test_what_does_not_move_is_not_tracked_and_no_frame_is_encoded(sam2, images)
     """Moving pixels of frames that are not prompted count as little as no moving pixel."""
     for moves in (probability(), probability(1, 2, 4)):
         asked: list[int] = []
-        found = tracker(sam2, images, moves, asked=asked).moving_tracks(lambda: None)
+        found = tracker(sam2, images, moves, asked=asked).moving_tracks()
         assert found.instances == [] and asked == []
         assert all((found.labels[frame] == -1).all() for frame in range(FRAMES))
 
 
 def test_tracks_start_where_something_moves_and_go_both_ways(sam2, images):
     asked: list[int] = []
-    found = tracker(sam2, images, probability(2, 3, 4), asked=asked).moving_tracks(lambda: None)
+    found = tracker(sam2, images, probability(2, 3, 4), asked=asked).moving_tracks()
     assert found.instances and {one.first_frame for one in found.instances} == {3}
     assert all(one.moving for one in found.instances)
     assert [bool((found.labels[frame] >= 0).any()) for frame in range(FRAMES)] == [
@@ -101,7 +104,7 @@ def test_time_does_not_grow_with_tracks_times_frames(sam2, images, monkeypatch):
     options = OPTIONS.change(lost_track_stride=1)
     for ends in (True, False):
         monkeypatch.setattr(MovingTracker, "_LOST_TRACKS_END", ends)
-        found = tracker(sam2, images, moves, options).moving_tracks(lambda: None)
+        found = tracker(sam2, images, moves, options).moving_tracks()
         again = {found.instances[number].first_frame for number in np.unique(found.labels[3]) if number >= 0}
         assert again == ({3} if ends else {0, 3})
 
@@ -113,7 +116,7 @@ def test_tracks_that_do_not_move_after_all_are_dropped(sam2, images):
     for elsewhere, kept in ((0.72, True), (0.6, False)):
         moves[[1, 3, 4]] = elsewhere
         moves[2] = 1 - elsewhere
-        found = tracker(sam2, images, moves).moving_tracks(lambda: None)
+        found = tracker(sam2, images, moves).moving_tracks()
         assert bool(found.instances) == kept
         numbers = {number for frame in range(FRAMES) for number in np.unique(found.labels[frame])}
         assert numbers - {-1} == set(range(len(found.instances)))
@@ -158,35 +161,39 @@ def test_values_that_are_no_probability_and_invalid_pixels_do_not_move(sam2, ima
     assert not movers._search_area(0)[0].any()
 
 
-def both(sam2, images, moves, asked=None, reads=None) -> SingleFrames:
+def both(sam2, images, moves, folder, asked, reads=None) -> Segmented:
     """Masks of single frames, and tracks of what moves; killed after a number of ``reads``."""
 
     def read(frame: int) -> np.ndarray:
-        if reads is not None and len(asked) == reads:
+        if len(asked) == reads:
             raise KeyboardInterrupt
-        if asked is not None:
-            asked.append(frame)
+        asked.append(frame)
         return images[frame]
 
-    movers = MovingTracker(sam2, read, lambda frame: moves[frame], TRAINING, FRAMES, VALID, OPTIONS)
-    return SingleFrames(sam2, read, TRAINING, FRAMES, VALID, OPTIONS, movers)
+    video = SimpleNamespace(
+        frame=np.arange(FRAMES), valid=VALID, image=read, transient="yes", probability=moves.__getitem__,
+        shown=lambda _: VALID, trained=lambda: TRAINING, points=lambda _: None,
+    )  # fmt: skip
+    output, made = folder / "segments.zarr", begin("segments", {}, "real")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("egosplat.models.sam2_loader.load_sam2", lambda *_: sam2)
+        patch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
+        tracks = Checkpoint(output, "key", part="tracks")
+        return stage._segment_with_sam2(video, OPTIONS, Work(output, made, FRAMES), tracks)
 
 
 @pytest.mark.parametrize("reads", [1, 2, 3, 5])
 def test_a_killed_run_resumes_to_the_same_result(sam2, images, tmp_path, reads):
     """The run is killed among the single frames, between both parts, or in either direction of tracking."""
     moves, asked = probability(*range(FRAMES)), []
-    expected = both(sam2, images, moves, asked).run()
+    expected = both(sam2, images, moves, tmp_path / "whole", asked)
     assert asked[:4] == [*PROMPTED, 0, 1] and len(asked) > reads, "the kill comes before the end"
     assert any(one.moving for one in expected.instances) and not expected.instances[0].moving
 
-    def checkpoint() -> Checkpoint:
-        return Checkpoint(tmp_path / "segments.zarr", "key", 0.0)
-
     with pytest.raises(KeyboardInterrupt):
-        both(sam2, images, moves, [], reads).run(checkpoint())
+        both(sam2, images, moves, tmp_path, [], reads)
     again: list[int] = []
-    found = both(sam2, images, moves, again).run(checkpoint())
+    found = both(sam2, images, moves, tmp_path, again)
     assert again == asked[reads:], "finished frames are not read again"
     assert found.instances == expected.instances and found.notes == expected.notes
     for frame in range(FRAMES):
