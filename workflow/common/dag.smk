@@ -96,12 +96,36 @@ def learnt_paths(stage, wildcards):
 def decided_paths(stage, wildcards):
     """Get the paths of the optional inputs that the survey may decide, by stage."""
     names = dag.optional_inputs_of(stage, decided_config(wildcards))
-    learnt = learnt_paths(stage, wildcards)
+    other = {*learnt_paths(stage, wildcards)}
+    if is_chunk(wildcards):  # what moves is tracked by the job that gathers
+        other.add("transient")
     return {
         name: path_named(name, *names_of(wildcards))
         for name in names
-        if name not in learnt
+        if name not in other
     }
+
+
+def is_chunk(wildcards):
+    """Tell whether a job works on a chunk of the frames alone."""
+    return "chunk" in wildcards.keys()
+
+
+def chunk_files(stage):
+    """Get a function of the wildcards: the results of chunks that a job gathers; none where it does the work itself.
+
+    As with Snakemake's scattergather, whose number of parts is the same for all scenes; the survey knows the frames of each.
+    """
+
+    def paths(wildcards):
+        config = config_of(wildcards)
+        if is_chunk(wildcards) or not dag.is_surveyed(config):
+            return []
+        count = dag.count_chunks(stage, config, survey_named(*names_of(wildcards)))
+        folder = "results/{dataset}/{scene}/{variant}".format(**wildcards)
+        return [f"{folder}{stage}.{number}.chunk" for number in range(1, count + 1)]
+
+    return paths
 
 
 def inputs(stage):
@@ -124,6 +148,8 @@ def inputs(stage):
     if STAGES[stage].optional:
         found["learnt"] = lambda wildcards: [*learnt_paths(stage, wildcards).values()]
         found["decided"] = decided
+    if STAGES[stage].by_chunks:
+        found["chunks"] = chunk_files(stage)
     return found
 
 
@@ -142,7 +168,10 @@ def params(stage):
         if about.optional:
             paths |= decided_paths(stage, wildcards)
         values = {name: SCENE_VALUES[name](wildcards) for name in about.scene}
-        return dag.input_flags(paths | {n: v for n, v in values.items() if v})
+        values |= {"chunk": wildcards.get("chunk")}
+        flags = dag.input_flags(paths | {n: v for n, v in values.items() if v})
+        chunks = chunk_files(stage)(wildcards) if about.by_chunks else ()
+        return " ".join([flags, *(f"--gather {shlex.quote(path)}" for path in chunks)])
 
     found = {
         "arguments": arguments,

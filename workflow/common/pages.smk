@@ -18,8 +18,8 @@ def get_picture_flags(_):
 def get_story_files(wildcards):
     """Get the outputs that the story of a scene or variant tells of."""
     config = config_of(wildcards)
-    surveyed = bool(dag.decided_by_survey(config)) or dag.leaves_frames_out(config)
     annotated = is_recording_annotated(wildcards)
+    surveyed = dag.is_surveyed(config)
     stages = dag.story_stages(decided_config(wildcards), annotated, surveyed)
     return [path_named(stage, *names_of(wildcards)) for stage in stages]
 

@@ -15,14 +15,14 @@ from egosplat.pipeline import costs
 def memory(stage):
     """Get a function of a job: requested memory [MB]."""
     return lambda wildcards, input, attempt: costs.memory_mb(
-        stage, config_of(wildcards), input, attempt
+        stage, config_of(wildcards), input, attempt, is_chunk(wildcards)
     )
 
 
 def runtime(stage):
     """Get a function of a job: requested time [min]."""
     return lambda wildcards, input, attempt: costs.runtime_min(
-        stage, config_of(wildcards), input, attempt
+        stage, config_of(wildcards), input, attempt, is_chunk(wildcards)
     )
 
 

@@ -64,3 +64,4 @@ wildcard_constraints:
     dataset="[a-z0-9_]+",
     scene="[A-Za-z0-9_-]+",
     variant="(variants/[A-Za-z0-9_-]+/)?",
+    chunk="[0-9]+",

@@ -4,7 +4,7 @@ of frames, for methods that use no masks.
 
 REQUIRED INPUTS: frames.zarr, instances.zarr. Never annotations.zarr.
 OUTPUTS: view_features.zarr, features.zarr, tiles.zarr. While view_features and tiles run, .view_features.zarr.checkpoint and
-.tiles.zarr.checkpoint, from which a killed run resumes.
+.tiles.zarr.checkpoint, from which a killed run resumes. Of a long recording, {stage}.{chunk}.chunk, which the stage gathers; temporary.
 TOOLS: OpenCLIP, PyTorch; SAM2 for tiles.
 """
 
@@ -28,6 +28,15 @@ rule view_features:
         **params("view_features"),
     shell:
         "egosplat view-features {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
+
+
+use rule view_features as view_features_chunk with:
+    output:
+        temp("results/{dataset}/{scene}/{variant}view_features.{chunk}.chunk"),
+    log:
+        "logs/{dataset}/{scene}/{variant}view_features.{chunk}.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}view_features.{chunk}.tsv"
 
 
 rule features:
@@ -69,3 +78,12 @@ rule tiles:
         **params("tiles"),
     shell:
         "egosplat tiles {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
+
+
+use rule tiles as tiles_chunk with:
+    output:
+        temp("results/{dataset}/{scene}/{variant}tiles.{chunk}.chunk"),
+    log:
+        "logs/{dataset}/{scene}/{variant}tiles.{chunk}.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}tiles.{chunk}.tsv"

@@ -3,7 +3,8 @@ Masks at three levels, and the instances they show: tracked through the video, o
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: transient.zarr, if moving things are tracked;
 splats.zarr, if masks are prompted by depth or Gaussians are given; survey.json. Never annotations.zarr.
-OUTPUTS: segments.zarr, instances.zarr, prompts.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
+OUTPUTS: segments.zarr, instances.zarr, prompts.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes. Of a
+long recording, segments.{chunk}.chunk, which segments gathers; temporary.
 TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; egosplat's kernels.
 """
 
@@ -27,6 +28,15 @@ rule segments:
         **params("segments"),
     shell:
         "egosplat segments {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
+
+
+use rule segments as segments_chunk with:
+    output:
+        temp("results/{dataset}/{scene}/{variant}segments.{chunk}.chunk"),
+    log:
+        "logs/{dataset}/{scene}/{variant}segments.{chunk}.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}segments.{chunk}.tsv"
 
 
 rule prompts:

@@ -261,7 +261,8 @@ def stage_command(stage: str) -> click.Command:
         if stage in FILES:
             check_output(paths["output"], STAGES[stage].output, overwrite=paths.pop("overwrite"))
         run_stage(stage, options, **paths)
-        log_warnings(stage, paths["output"])
+        if paths.get("chunk") is None:
+            log_warnings(stage, paths["output"])
 
     about = {"callback": call, "params": path_flags(stage), "help": STAGES[stage].help}
     name, keys = stage.replace("_", "-"), stage_options(stage)

@@ -41,6 +41,22 @@ SCENE = {
 }
 
 
+# Flags of a stage whose frames jobs can share.
+CHUNKS = (
+    click.Option(
+        ["--chunk"],
+        type=click.IntRange(1),
+        help="Number of the chunk of frames to work on alone; the output is a file with its results.",
+    ),
+    click.Option(
+        ["--gather"],
+        type=ARTIFACT,
+        multiple=True,
+        help="Results of a chunk. Repeated for all chunks, in order, they take the place of the work.",
+    ),
+)
+
+
 class Json(click.ParamType):
     """A JSON value."""
 
@@ -159,4 +175,4 @@ def path_flags(stage: str) -> list[click.Parameter]:
         for name, text in path_help(about).items()
     ]
     overwrite = [click.Option(["--overwrite"], **OVERWRITE)] if stage in FILES else []
-    return [*paths, *overwrite, *(SCENE[name] for name in about.scene)]
+    return [*paths, *overwrite, *(CHUNKS if about.by_chunks else ()), *(SCENE[name] for name in about.scene)]

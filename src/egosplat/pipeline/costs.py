@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from egosplat.pipeline.chunks import CHUNK_FRAMES
 from egosplat.pipeline.config import Config, stage_values
 from egosplat.pipeline.dag import prompts_by_depth, segments_single_frames, takes_splat
 
@@ -151,6 +152,7 @@ class Sizes:
     Args:
         inputs: paths of the job's inputs; files that are no artifacts are ignored.
         frames: number of frames where no input has it.
+        chunk: whether the job works on a chunk of the frames alone.
 
     Raises:
         FileNotFoundError: (on access) the input with the size does not exist yet; ``filename`` is its path.
@@ -158,12 +160,19 @@ class Sizes:
     """
 
     def __init__(
-        self, stage: str, config: Config, inputs: Iterable[str] = (), frames: float | None = None
+        self,
+        stage: str,
+        config: Config,
+        inputs: Iterable[str] = (),
+        frames: float | None = None,
+        *,
+        chunk: bool = False,
     ) -> None:
         # The job that reads a recording has no input with its length.
         frames = UNREAD_FRAMES if frames is None and stage == "frames" else frames
-        self._stage, self._config, self._frames = stage, config, frames
+        self._stage, self._config, self._frames, self._chunk = stage, config, frames, chunk
         self._paths = {Path(path).stem: path for path in inputs if Path(path).suffix == ".zarr"}
+        self._gathers = any(path.endswith(".chunk") for path in inputs)
 
     def times(self, unit: str) -> float:
         """How many of a unit there are."""
@@ -174,7 +183,8 @@ class Sizes:
         """Frames of the scene, or of a synthetic recording."""
         if self._stage == "synthetic":
             return self._config["synthetic"]["seconds"] * self._config["synthetic"]["fps"]
-        return self._read("frames", self._frames)
+        frames = self._read("frames", self._frames)
+        return min(frames, CHUNK_FRAMES) if self._chunk else frames
 
     @property
     def megapixels(self) -> float:
@@ -201,6 +211,8 @@ class Sizes:
     @property
     def prompts(self) -> float:
         """Point prompts of SAM2 [thousands]. Depth asks for about 1,720 in a frame, a grid for as many in each crop, too."""
+        if self._gathers:
+            return 0
         keys = self._config["segments"]
         if prompts_by_depth(self._config):
             return self.searched * 1.72
@@ -309,15 +321,16 @@ def cost_of(stage: str, config: Config, sizes: Sizes) -> Cost:
     return COSTS[row]
 
 
-def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int) -> int:
+def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int, chunk: bool = False) -> int:
     """Memory to request, a multiple of 100 [MB]; raises as ``Sizes``.
 
     Args:
         stage: one with a row in ``COSTS``.
         inputs: paths of the job's inputs.
         attempt: from 1; attempt n requests n times as much.
+        chunk: as for ``Sizes``.
     """
-    sizes = Sizes(stage, config, inputs)
+    sizes = Sizes(stage, config, inputs, chunk=chunk)
     cost = cost_of(stage, config, sizes)
     held = {unit: mb * sizes.times(unit) for unit, mb in cost.mb.items()}
     if "video" in held:
@@ -327,9 +340,9 @@ def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int) -
     return attempt * 100 * math.ceil(needed / 100)
 
 
-def runtime_min(stage: str, config: Config, inputs: Iterable[str], attempt: int) -> int:
+def runtime_min(stage: str, config: Config, inputs: Iterable[str], attempt: int, chunk: bool = False) -> int:
     """Time to request, in whole minutes, a day at most; arguments and errors as for ``memory_mb``."""
-    expected = minutes(stage, config, Sizes(stage, config, inputs))
+    expected = minutes(stage, config, Sizes(stage, config, inputs, chunk=chunk))
     model = {"segments": "sam2_config", "view_features": "clip_model"}.get(stage)
     if model and config["models"][model] != _SMALL and gpus(stage, config):
         expected /= _GPU_SPEEDUP

@@ -4,6 +4,7 @@ import json
 import shlex
 from collections.abc import Iterable, Mapping
 
+from egosplat.pipeline.chunks import split_frames
 from egosplat.pipeline.config import DEPTH, Config, merge, stage_sections, stage_values
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
@@ -68,6 +69,11 @@ def decided_by_survey(config: Config) -> set[tuple[str, str]]:
     keys |= {("segments", "track_moving")} if tracks_what_moves(config) else set()
     keys |= set() if takes_splat(config) else {("camera", name) for name in CAMERA}
     return {(section, name) for section, name in keys if config[section][name] == AUTO}
+
+
+def is_surveyed(config: Config) -> bool:
+    """Whether the survey decides something."""
+    return bool(decided_by_survey(config)) or leaves_frames_out(config)
 
 
 def follows_survey(stage: str) -> bool:
@@ -139,6 +145,16 @@ def training_frames(stage: str, config: Config, survey: Survey) -> str:
     # In a static scene the Gaussians may train on all frames: another list of frames changes nothing.
     chosen = frames_of_gaussians(survey, decide(config, survey)["splats"]["masking"])
     return ALL_FRAMES if chosen is None else chosen[1]
+
+
+def count_chunks(stage: str, config: Config, survey: Survey) -> int:
+    """Count the chunks of frames on which jobs of a stage work; 0 if one job works on all."""
+    needs_all = {
+        "segments": not segments_single_frames(config),  # tracks go on from frame to frame
+        "view_features": config["view_features"]["max_views"] is not None,  # chosen among all frames, and few
+    }
+    chunks = split_frames(survey["poses"]["frames"])
+    return 0 if needs_all.get(stage) or len(chunks) == 1 else len(chunks)
 
 
 def options_json(stage: str, config: Config) -> str:

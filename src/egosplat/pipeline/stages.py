@@ -59,6 +59,7 @@ class Stage:
             pages, ``method``, the published method that a variant stands for, and what ``metrics.json`` tells of the
             configuration: ``preset``, and ``world_seed`` and ``camera`` of a synthetic apartment.
         modules: modules of which it loads one with ``load_module``.
+        by_chunks: whether jobs can work on chunks of its frames. ``run`` takes ``chunk`` and ``gather`` then, see ``Work``.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Stage:
     options: str = ""
     scene: tuple[str, ...] = ()
     modules: Choice | None = None
+    by_chunks: bool = False
 
 
 # Inputs that no stage writes under this name.
@@ -184,6 +186,7 @@ _STAGES = (
         inputs=("frames",),
         optional=_TRAINING_FRAMES | _MOVING | _PROMPTS,
         libraries=("numpy", "scipy", _OPENCV, "torch", "torchvision", "sam2", "zarr"),
+        by_chunks=True,
     ),
     Stage(
         "instances",
@@ -203,6 +206,7 @@ _STAGES = (
         output="view_features.zarr",
         inputs=("frames", "instances"),
         libraries=("numpy", "open_clip_torch", "pillow", "scipy", "torch", "zarr"),
+        by_chunks=True,
     ),
     Stage(
         "features",
@@ -241,6 +245,7 @@ _STAGES = (
         inputs=("frames",),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", "open_clip_torch", "pillow", "torch", "torchvision", "sam2", "zarr"),
+        by_chunks=True,
     ),
     Stage(
         "prompts",
