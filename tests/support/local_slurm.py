@@ -1,9 +1,10 @@
-"""A SLURM of one's own: controller, one node and authentication, all in a folder, for as long as a test lasts.
+"""A SLURM of one's own: controller, nodes and authentication, all in a folder, for as long as a test lasts.
 
 It needs no root and nothing in /etc, and disturbs no other SLURM on the machine. Debian has it as the packages slurmctld,
 slurmd, slurm-client and munge.
 """
 
+import contextlib
 import os
 import secrets
 import shutil
@@ -13,6 +14,8 @@ import time
 from pathlib import Path
 from typing import Self
 
+import psutil
+
 from tests.support.waiting import wait_for
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "srun", "squeue", "scontrol", "sinfo")
@@ -20,22 +23,21 @@ PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "srun", "squeue", "scontr
 CONF = """
 ClusterName=egosplat
 SlurmctldHost=localhost(127.0.0.1)
-SlurmctldPort={ports[0]}
-SlurmdPort={ports[1]}
+SlurmctldPort={port}
 SlurmUser={user}
 SlurmdUser={user}
 AuthType=auth/munge
-AuthInfo=socket={folder}/munge.socket
+AuthInfo=socket={folder}/munge.socket,cred_expire=5
 StateSaveLocation={folder}/state
-SlurmdSpoolDir={folder}/spool
+SlurmdSpoolDir={folder}/spool_%n
 SlurmctldPidFile={folder}/slurmctld.pid
-SlurmdPidFile={folder}/slurmd.pid
+SlurmdPidFile={folder}/slurmd_%n.pid
 SlurmctldLogFile={folder}/slurmctld.log
-SlurmdLogFile={folder}/slurmd.log
+SlurmdLogFile={folder}/slurmd_%n.log
 ProctrackType=proctrack/linuxproc
 TaskPlugin=task/none
 SelectType=select/cons_tres
-SelectTypeParameters=CR_Core_Memory
+SelectTypeParameters=CR_Core_Memory,CR_LLN
 JobAcctGatherType=jobacct_gather/linux
 JobAcctGatherFrequency=task=1
 JobAcctGatherParams=OverMemoryKill
@@ -44,14 +46,15 @@ SchedulerParameters=sched_interval=1,batch_sched_delay=0
 MinJobAge=86400
 ReturnToService=2
 GresTypes=gpu
-NodeName=localhost NodeHostname={host} NodeAddr=127.0.0.1 CPUs=16 RealMemory=100000 Gres=gpu:2
-PartitionName=main Nodes=localhost Default=YES MaxTime=INFINITE State=UP
+PartitionName=main Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 """
-"""The node is said to be large, whatever the machine is, so that no job has to wait for room; its GPUs are none."""
+
+NODE = "NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={port} CPUs=16 RealMemory=100000 Gres=gpu:2\n"
+"""A node is said to be large, whatever the machine is, so that no job has to wait for room; its GPUs are none."""
 
 GRES = """
-NodeName=localhost Name=gpu File=/dev/null
-NodeName=localhost Name=gpu File=/dev/zero
+NodeName={name} Name=gpu File=/dev/null
+NodeName={name} Name=gpu File=/dev/zero
 """
 
 START_S = 120.0
@@ -66,14 +69,17 @@ def missing_programs() -> list[str]:
 
 
 class LocalSlurm:
-    """Controller, node and authentication, running from ``with`` to its end.
+    """Controller, nodes and authentication, running from ``with`` to its end.
 
     Args:
         folder: to make, with a path of few characters: a socket's may have 107.
+        nodes: number of nodes, named node1 and so on.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, nodes: int = 1) -> None:
         self.folder = folder
+        self._nodes = [f"node{number}" for number in range(1, nodes + 1)]
+        self._daemons: dict[str, subprocess.Popen[bytes]] = {}
         self._running: list[subprocess.Popen[bytes]] = []
 
     @property
@@ -124,14 +130,33 @@ class LocalSlurm:
         text = self.ask("scontrol", "show", "job", job)
         return dict(word.partition("=")[::2] for word in text.split() if "=" in word)
 
+    def lose(self, node: str) -> None:
+        """Kill a node's daemon and all processes of its jobs, and tell the controller, as its time limit would."""
+        jobs = self.ask("squeue", "--nodelist", node, "--noheader", "--format=%i").split()
+        self._daemons[node].kill()
+        self.ask("scontrol", "update", f"nodename={node}", "state=down", "reason=lost")
+        steps = tuple(f"slurmstepd: [{job}." for job in jobs)
+        for process in psutil.process_iter():
+            with contextlib.suppress(psutil.Error):
+                about = process.environ()
+                mine = about.get("SLURM_CONF") == str(self.folder / "slurm.conf")
+                if process.name().startswith("slurmstepd") and process.cmdline()[0].startswith(steps):
+                    process.kill()
+                if mine and about.get("SLURMD_NODENAME") == node:
+                    process.kill()
+
     def _configure(self) -> None:
-        for name in ("state", "spool", "bin"):
+        for name in ("state", "bin", *(f"spool_{node}" for node in self._nodes)):
             (self.folder / name).mkdir(parents=True)
         host = socket.gethostname().partition(".")[0]
         user = subprocess.run(["id", "-un"], capture_output=True, text=True, check=True).stdout.strip()
-        conf = CONF.format(folder=self.folder, host=host, user=user, ports=_free_ports(2))
+        port, *ports = _free_ports(1 + len(self._nodes))
+        nodes = [
+            NODE.format(name=name, host=host, port=own) for name, own in zip(self._nodes, ports, strict=True)
+        ]
+        conf = CONF.format(folder=self.folder, user=user, port=port) + "".join(nodes)
         (self.folder / "slurm.conf").write_text(conf)
-        (self.folder / "gres.conf").write_text(GRES)
+        (self.folder / "gres.conf").write_text("".join(GRES.format(name=name) for name in self._nodes))
         (self.folder / "munge.key").write_bytes(secrets.token_bytes(128))
         (self.folder / "munge.key").chmod(0o600)
         # Within a job Snakemake takes away what begins with SLURM_; elsewhere the configuration is in /etc.
@@ -148,20 +173,20 @@ class LocalSlurm:
         )
         self._wait(lambda: (at / "munge.socket").exists(), "munged")
         self._run("slurmctld", "-D", "-f", str(conf))
-        self._run("slurmd", "-D", "-N", "localhost", "-f", str(conf))
+        for node in self._nodes:
+            self._daemons[node] = self._run("slurmd", "-D", "-N", node, "-f", str(conf))
         self._wait(self._idle, "slurmctld and slurmd")
 
-    def _run(self, name: str, *arguments: str) -> None:
-        with (self.folder / f"{name}.out").open("wb") as out:
-            self._running.append(
-                subprocess.Popen(
-                    [_found(name), *arguments], stdout=out, stderr=out, env=os.environ | self.environment
-                )
-            )
+    def _run(self, name: str, *arguments: str) -> "subprocess.Popen[bytes]":
+        with (self.folder / f"{name}.out").open("ab") as out:
+            words = [_found(name), *arguments]
+            process = subprocess.Popen(words, stdout=out, stderr=out, env=os.environ | self.environment)
+        self._running.append(process)
+        return process
 
     def _idle(self) -> bool:
         try:
-            return self.ask("sinfo", "--noheader", "--format=%T").strip() == "idle"
+            return self.ask("sinfo", "--noheader", "--format=%T").split() == ["idle"]
         except subprocess.SubprocessError:
             return False
 

@@ -12,12 +12,12 @@ from tests.support.local_slurm import LocalSlurm, missing_programs
 
 @pytest.fixture(scope="module")
 def slurm() -> Iterator[LocalSlurm]:
-    """Run a local SLURM for the tests of a module; they are skipped if SLURM is not installed."""
+    """Run a local SLURM of two nodes for the tests of a module; they are skipped if SLURM is not installed."""
     if absent := missing_programs():
         pytest.skip(
             f"no SLURM here: {', '.join(absent)} not found; Debian's packages are slurmctld, slurmd, slurm-client, munge"
         )
-    with tempfile.TemporaryDirectory(prefix="slurm") as folder, LocalSlurm(Path(folder)) as running:
+    with tempfile.TemporaryDirectory(prefix="slurm") as folder, LocalSlurm(Path(folder), nodes=2) as running:
         yield running
 
 

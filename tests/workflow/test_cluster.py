@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,10 @@ from PIL import Image
 
 from benchmarks.robustness.scene import remove
 from egosplat.artifacts.check import check_tree
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.tiles import TILES as TILES_SCHEMA
+from egosplat.baselines import tiles_stage
+from egosplat.baselines.options import TilesOptions
 from tests.support.waiting import wait_for
 from tests.support.warm import on_cluster, run_snakemake
 
@@ -168,3 +173,42 @@ def test_the_main_job_runs_on_the_cluster_to_the_same_scores(slurm, submit, fini
     assert by_rule["splats"]["TresPerJob"] == "gres:gpu:1" and "TresPerJob" not in by_rule["poses"]
     assert scores(folder) == scores(finished.folder)
     assert not any(check_tree(folder / "results", lambda _: None).values())
+
+
+TILES = SCENE / "tiles.zarr"
+WAITS = """        import time
+        if chunk == 2 and not Path("lost").exists():
+            while len([*output.parent.glob("tiles.*.chunk")]) < 2:
+                time.sleep(0.1)
+            Path("waits").write_text(os.environ["SLURM_JOB_ID"])
+            time.sleep(600)
+"""
+"""The job of the second chunk waits for the others to end, and then for its node to be lost."""
+
+
+def test_a_lost_node_loses_its_own_chunk_alone(slurm, submit, workdir):
+    """The last test: the node does not come back."""
+    folder = workdir.folder
+    tiny = (folder / "tiny.yaml").read_text()
+    (folder / "tiny.yaml").write_text(tiny.replace("masking: refined", "masking: auto"))
+    workdir.edit("pipeline/chunks.py", "CHUNK_FRAMES = 500", "CHUNK_FRAMES = 4")
+    workdir.edit(
+        "baselines/tiles_stage.py", "        for row in rows:\n", WAITS + "        for row in rows:\n"
+    )
+    workdir.edit("baselines/tiles_stage.py", "\nfrom pathlib", "\nimport os\nfrom pathlib")
+    with ThreadPoolExecutor() as pool:
+        run = pool.submit(submit, workdir, "--", str(TILES))
+        lost = wait_for(lambda: (folder / "waits").exists() and (folder / "waits").read_text())
+        (folder / "lost").touch()
+        slurm.lose(slurm.asked_of(lost)["NodeList"])
+        done, jobs = run.result()
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert sorted(rules_of(slurm, jobs)) == ["survey", "tiles", *3 * ["tiles_chunk"]]
+    assert set(map(slurm.end_of, jobs)) == {"COMPLETED"}
+    assert [job for job in jobs if slurm.asked_of(job)["Restarts"] != "0"] == [lost]
+    made = open_artifact(folder / TILES, TILES_SCHEMA)
+    tiles_stage.run(
+        folder / SCENE / "frames.zarr", folder / "whole.zarr", TilesOptions(**made.provenance["options"])
+    )
+    assert made.digest == open_artifact(folder / "whole.zarr", TILES_SCHEMA).digest
+    assert not [*(folder / SCENE).glob("*.chunk")]

@@ -84,6 +84,20 @@ def test_batches_and_kills_change_nothing(scene, run, monkeypatch):
         np.testing.assert_allclose(other.read(name), whole.read(name), atol=2e-3)
 
 
+def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatch):
+    """The last chunk has no frame to train on."""
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 2)
+    folder = scene()
+    whole = run(folder, "whole.zarr", regulariser="sam2")
+    options = stage.TilesOptions(**KEYS | clip_keys | {"regulariser": "sam2"})
+    files = [folder / f"tiles.{number}.chunk" for number in (1, 2, 3)]
+    for number, file in enumerate(files, 1):
+        stage.run(folder / "frames.zarr", file, options, chunk=number)
+    stage.run(folder / "frames.zarr", folder / "tiles.zarr", options, gather=files)
+    gathered = verify(folder / "tiles.zarr", SCHEMAS)
+    assert gathered.digest == whole.digest and gathered.facts == whole.facts
+
+
 def test_sam2_s_map_is_kept_as_standardised_components(scene, run):
     tiles = run(scene(), regulariser="sam2")
     maps = tiles.read("regulariser").astype(np.float64)

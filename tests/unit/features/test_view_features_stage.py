@@ -81,6 +81,25 @@ def test_batches_run_across_frames_and_change_nothing(scene, run, batch):
     np.testing.assert_allclose(run(folder, "other.zarr", batch=batch).read("feature"), expected, atol=1e-5)
 
 
+def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatch):
+    """Batches of two end with a chunk of three frames, in one job as well."""
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 3)
+    folder = scene()
+    whole = run(folder, "whole.zarr", batch=2)
+    paths, options = (
+        [folder / "frames.zarr", folder / "instances.zarr"],
+        stage.ViewFeaturesOptions(**KEYS | clip_keys),
+    )
+    files = [folder / f"view_features.{number}.chunk" for number in (1, 2)]
+    for number, file in enumerate(files, 1):
+        stage.run(*paths, file, options, chunk=number)
+    stage.run(*paths, folder / "view_features.zarr", options, gather=files)
+    gathered = verify(folder / "view_features.zarr", SCHEMAS)
+    assert gathered.digest == whole.digest and gathered.facts == whole.facts
+    with pytest.raises(UserError, match=r"view_features\.max_views"):
+        stage.run(*paths, files[0], options.change(max_views=1), chunk=1)
+
+
 KILLED = """
 import os, signal, sys
 from pathlib import Path

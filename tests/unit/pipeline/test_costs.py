@@ -178,6 +178,19 @@ def test_a_further_attempt_requests_a_multiple(tmp_path):
         assert request("splats", defaults(), inputs, 3) == 3 * request("splats", defaults(), inputs, 1)
 
 
+@pytest.mark.parametrize("stage", ["segments", "view_features"])
+def test_a_job_of_a_chunk_requests_what_its_frames_take(tmp_path, stage):
+    long, chunk = scene(tmp_path / "long", frames=36_000), scene(tmp_path / "chunk", frames=500)
+    for request in (memory_mb, runtime_min):
+        assert request(stage, defaults(), long, 1, chunk=True) == request(stage, defaults(), chunk, 1)
+
+
+def test_a_job_that_gathers_masks_does_not_prompt(tmp_path):
+    inputs = scene(tmp_path, frames=3600)
+    gathers = runtime_min("segments", defaults(), [*inputs, "segments.1.chunk"], 1)
+    assert gathers < runtime_min("segments", defaults(), inputs, 1) / 2
+
+
 def test_requests_for_poses_depend_on_their_method(tmp_path):
     """A trajectory is read in 270 MiB; COLMAP, also where the recording has none, takes gigabytes."""
     with_trajectory, without = scene(tmp_path / "a", device=[[1.0]]), scene(tmp_path / "b", device=None)

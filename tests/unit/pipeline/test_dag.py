@@ -9,6 +9,7 @@ from egosplat.pipeline.config import defaults, merge, section_keys, validate
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     decide,
+    count_chunks,
     decided_by_survey,
     default_pages,
     follows_survey,
@@ -212,6 +213,23 @@ def test_gaussians_train_on_no_blurred_frame_where_nothing_is_masked():
     """Protects the parameter that reruns splats when another frame counts as blurred."""
     blurred = [training_frames("splats", BASE, survey("none", frames)) for frames in ([1], [1, 3])]
     assert len({*blurred, ALL_FRAMES, "of-kept-frames"}) == 4
+
+
+@pytest.mark.parametrize(
+    "stage, keys, frames, expected",
+    [
+        ("segments", {}, 500, 0),
+        ("segments", {}, 501, 2),
+        ("segments", {"segments": {"prompting": "key_frames"}}, 501, 0),
+        ("segments", {"segments": {"segmenter": "classical"}}, 501, 0),
+        ("view_features", {}, 36_000, 72),
+        ("view_features", {"view_features": {"max_views": 20}}, 36_000, 0),
+        ("tiles", {}, 1001, 3),
+    ],
+)
+def test_a_long_recording_has_chunks_where_a_stage_treats_frames_apart(stage, keys, frames, expected):
+    found = survey("none") | {"poses": {"frames": frames}}
+    assert count_chunks(stage, merge(BASE, keys), found) == expected
 
 
 def test_options_are_json_in_order_of_their_names():

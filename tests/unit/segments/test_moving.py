@@ -264,6 +264,31 @@ def test_the_square_that_moves_is_tracked_and_the_still_one_is_not(scene, tmp_pa
     assert segments.facts["key_frames"] == [0] and "frames_per_instance" not in segments.facts
 
 
+def test_jobs_of_chunks_give_the_same_artifact(scene, tmp_path, monkeypatch):
+    """They need not know what moves; the job that gathers their masks tracks it."""
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 3)
+    options = SegmentsOptions(
+        key_frame_stride=2,
+        threshold=0.6,
+        min_frames=2,
+        points_per_side=4,
+        crops_per_side=1,
+        track_moving="always",
+    )
+    stage.run(scene[0], tmp_path / "segments.zarr", options, transient_path=scene[1])
+    files = [tmp_path / f"segments.{number}.chunk" for number in (1, 2)]
+    for number, file in enumerate(files, 1):
+        stage.run(scene[0], file, options, chunk=number)
+    stage.run(scene[0], tmp_path / "gathered.zarr", options, transient_path=scene[1], gather=files)
+    whole, gathered = (
+        open_artifact(tmp_path / f"{name}.zarr", SEGMENTS) for name in ("segments", "gathered")
+    )
+    assert gathered.digest == whole.digest and gathered.facts == whole.facts
+    assert gathered.provenance["inputs"] == whole.provenance["inputs"] and whole.facts["key_frames"] == [0, 2]
+    with pytest.raises(UserError, match=r"segments\.prompting"):
+        stage.run(scene[0], files[0], options.change(prompting="key_frames"), chunk=1)
+
+
 def test_without_the_transient_network_nothing_is_tracked(scene, tmp_path):
     """Protects the values of track_moving by hand."""
     always = SegmentsOptions(track_moving="always")
