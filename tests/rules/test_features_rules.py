@@ -21,6 +21,12 @@ SCENE = "results/mine/scene"
 BOTH = {"view_features", "features"}
 FILES = ("common/start", "common/scenes", "common/dag", "common/resources", "rules/features")
 SNAKEFILE = "".join(f'include: "{name}.smk"\n' for name in FILES)
+UNSURVEYED = (
+    "survey.min_view_change_deg=0 survey.blur_limit=0 splats.masking=none segments.track_moving=never "
+    "camera.refine_poses=off camera.compensate_exposure=off"
+)
+"""Options of a scene without a survey, which would need poses."""
+
 SIZE, FRAME_COUNT = 32, 6
 
 
@@ -57,7 +63,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Work:
     shutil.copytree(ROOT / "config" / "presets", folder / "config" / "presets")
     (folder / "workflow" / "Snakefile").write_text(SNAKEFILE)
     header = "dataset\tscene\tformat\trecording\toptions\n"
-    (folder / "config" / "scenes.tsv").write_text(f"{header}mine\tscene\tplain\trecording\t\n")
+    (folder / "config" / "scenes.tsv").write_text(f"{header}mine\tscene\tplain\trecording\t{UNSURVEYED}\n")
     (folder / "recording").mkdir()
     (folder / "model").mkdir()
     made = Work(folder, write_tiny_clip(folder / "model") / CHECKPOINT)

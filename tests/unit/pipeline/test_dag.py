@@ -8,8 +8,8 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge, section_keys, validate
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
-    decide,
     count_chunks,
+    decide,
     decided_by_survey,
     default_pages,
     follows_survey,
