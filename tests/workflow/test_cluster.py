@@ -16,6 +16,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES as TILES_SCHEMA
 from egosplat.baselines import tiles_stage
 from egosplat.baselines.options import TilesOptions
+from tests.support.local_slurm import UNDER_WAY
 from tests.support.waiting import wait_for
 from tests.support.warm import on_cluster, run_snakemake
 
@@ -199,6 +200,7 @@ def test_a_lost_node_loses_its_own_chunk_alone(slurm, submit, workdir):
     with ThreadPoolExecutor() as pool:
         run = pool.submit(submit, workdir, "--", str(TILES))
         lost = wait_for(lambda: (folder / "waits").exists() and (folder / "waits").read_text())
+        wait_for(lambda: [job for job, state in slurm.states().items() if state in UNDER_WAY] == [lost])
         (folder / "lost").touch()
         slurm.lose(slurm.asked_of(lost)["NodeList"])
         done, jobs = run.result()
