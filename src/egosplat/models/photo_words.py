@@ -49,6 +49,8 @@ class PhotoWords(nn.Module):
 
     def encode_image(self, pictures: Tensor) -> Tensor:
         """(N, C) float32 square roots of the classes' probabilities, of (N, 3, H, W) pictures."""
+        # With the channels of a pixel side by side, convolutions take two thirds of the time on a processor.
+        pictures = pictures.to(memory_format=torch.channels_last)
         return self.classifier(pictures).float().softmax(dim=-1).sqrt()
 
     def encode_text(self, tokens: Tensor) -> Tensor:
@@ -86,4 +88,4 @@ def read_classifier(path: Path) -> nn.Module:
     given = read_tensors(path)
     names = model.state_dict().keys()
     load_weights(model, dict(zip(names, given.values(), strict=False)), path, CLIP)
-    return model
+    return model.to(memory_format=torch.channels_last)
