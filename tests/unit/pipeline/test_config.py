@@ -42,7 +42,10 @@ def test_every_key_has_a_description_and_a_default():
 @pytest.mark.parametrize("stage", STAGES)
 def test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options(stage):
     """No drift between the table of stages and the function of a stage."""
-    about, arguments = STAGES[stage], inspect.signature(import_module(STAGES[stage].module).run).parameters
+    about, named = STAGES[stage], inspect.signature(import_module(STAGES[stage].module).run).parameters
+    chunks = {"chunk": None, "gather": ()} if about.by_chunks else {}
+    assert chunks == {name: named[name].default for name in ("chunk", "gather") if name in named}
+    arguments = {name: argument for name, argument in named.items() if name not in chunks}
     options = config.stage_options(stage)
     paths = {name if name == "output" else f"{name}_path" for name in path_help(about)}
     assert set(arguments) == {*paths, *about.scene, *(("options",) if options else ())}
