@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.segments.options import SegmentsOptions
-from egosplat.segments.single_frames import SingleFrames
+from egosplat.segments.single_frames import SingleFrames, join_frames
 
 
 def segment_images(images: NDArray[np.uint8]) -> Iterator[NDArray[np.int32]]:
@@ -17,8 +17,10 @@ def segment_images(images: NDArray[np.uint8]) -> Iterator[NDArray[np.int32]]:
         (L, H, W) int32 masks at each level, numbered across all images; -1 for none.
     """
     # Crops of the image find smaller things, and take four fifths of the time.
-    options = SegmentsOptions(key_frame_stride=1, track_moving="never", crops_per_side=1, device="cpu")
+    options = SegmentsOptions(track_moving="never", crops_per_side=1, device="cpu")
     sam2 = load_sam2(options.sam2_config, options.sam2_checkpoint, options.device, options.precision, None)
     valid = np.ones(images.shape[1:3], bool)
-    found = SingleFrames(sam2, images.__getitem__, np.arange(len(images)), len(images), valid, options).run()
-    return (found.labels[frame] for frame in range(len(images)))
+    frames = SingleFrames(sam2, images.__getitem__, valid, options)
+    every = range(len(images))
+    found = join_frames([*map(frames.segment, every)], every, len(images), valid.shape)
+    return (found.labels[frame] for frame in every)
