@@ -34,10 +34,12 @@ TRAINING = np.array([0, 1, 3, 4])
 PROMPTED = [0, 3]
 
 
-@pytest.fixture(autouse=True)
-def all_masks(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def all_masks():
     """No mask is dropped for its quality."""
-    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -172,11 +174,17 @@ def both(sam2, images, moves, asked=None, reads=None) -> SingleFrames:
     return SingleFrames(sam2, read, TRAINING, FRAMES, VALID, OPTIONS, movers)
 
 
+@pytest.fixture(scope="module")
+def uninterrupted(sam2, images, all_masks) -> tuple[Segmented, list[int]]:
+    """What a run finds in which every frame moves, and the frames that it reads."""
+    asked: list[int] = []
+    return both(sam2, images, probability(*range(FRAMES)), asked).run(), asked
+
+
 @pytest.mark.parametrize("reads", [1, 2, 3, 5])
-def test_a_killed_run_resumes_to_the_same_result(sam2, images, tmp_path, reads):
+def test_a_killed_run_resumes_to_the_same_result(sam2, images, uninterrupted, tmp_path, reads):
     """The run is killed among the single frames, between both parts, or in either direction of tracking."""
-    moves, asked = probability(*range(FRAMES)), []
-    expected = both(sam2, images, moves, asked).run()
+    moves, (expected, asked) = probability(*range(FRAMES)), uninterrupted
     assert asked[:4] == [*PROMPTED, 0, 1] and len(asked) > reads, "the kill comes before the end"
     assert any(one.moving for one in expected.instances) and not expected.instances[0].moving
 
