@@ -14,7 +14,7 @@ import pytest
 from filelock import FileLock
 
 from egosplat.progress import show_log
-from tests.support.warm import run_snakemake
+from tests.support.warm import run_snakemake, share_servers
 
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
@@ -22,6 +22,12 @@ REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "
 
 # Tests read what a user would see.
 show_log()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Each process of a test run would import PyTorch and Snakemake once more for its stages."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        share_servers()
 
 
 @pytest.hookimpl(optionalhook=True)
