@@ -1,12 +1,13 @@
 """Fixtures of all tests: real recordings, and working directories in which the workflow runs."""
 
 import compileall
+import gc
 import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from filelock import FileLock
 
 from egosplat.progress import show_log
-from tests.support.warm import run_snakemake
+from tests.support.warm import run_snakemake, share_servers
 
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
@@ -22,6 +23,22 @@ REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "
 
 # Tests read what a user would see.
 show_log()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Each process of a test run would import PyTorch and Snakemake once more for its stages."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        share_servers()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Look for no garbage among imports and tests, which stay: that is a sixth of the collection's time in each process."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 @pytest.hookimpl(optionalhook=True)

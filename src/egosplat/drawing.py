@@ -3,7 +3,6 @@
 Titles are wrapped and names are moved when a figure is written: sizes of texts and images are known only after its layout.
 """
 
-import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -15,8 +14,6 @@ from numpy.typing import NDArray
 
 matplotlib.use("Agg")
 matplotlib.rcParams["text.parse_math"] = False  # a name may hold dollars
-# It takes an image of a subfigure for a sign of an old matplotlib, and says so in the log.
-logging.getLogger("adjustText").setLevel(logging.ERROR)
 
 from adjustText import adjust_text
 from matplotlib import pyplot as plt
@@ -183,7 +180,10 @@ def _place_names(axes: Axes) -> None:
         name.remove()
     # A name may stay on its own place, and no lines lead there that could cross.
     free = {"avoid_self": False, "prevent_crossings": False}
+    # It would draw the page for each image, to know sizes that are known here.
+    vars(axes.figure)["draw_without_rendering"] = lambda: None
     adjust_text(fitting, ax=axes, expand=_ROOM, iter_lim=_STEPS, **free)
+    del vars(axes.figure)["draw_without_rendering"]
     kept: list[Bbox] = []
     for name in fitting:
         box = name.get_window_extent()

@@ -89,6 +89,9 @@ def test_a_method_that_learns_from_tiles_is_scored_without_instances(workdir):
     for name in ("segments", "instances", "view_features", "features"):
         shutil.rmtree(workdir.folder / SCENE / f"{name}.zarr")
     rules = (
+        "frames",
+        "poses",
+        "annotations",
         "tiles",
         "splats",
         "language",
@@ -98,7 +101,9 @@ def test_a_method_that_learns_from_tiles_is_scored_without_instances(workdir):
         "language_sheet",
         "story",
     )
+    # Two of five frames are left for training: each has 881 tiles.
     config = """
+frames: {end_s: 2.5}
 splats: {masking: none}
 language: {method: field, iterations: 10, pixels: 50}
 """

@@ -44,6 +44,9 @@ SET_BY_THE_COMMAND = {"OMP_WAIT_POLICY": "passive", "HF_HUB_DISABLE_TELEMETRY": 
 STAGES, JOBS, STEPS = "BASH_FUNC_egosplat%%", "EGOSPLAT_TESTS_JOBS", "EGOSPLAT_TESTS_STEPS"
 """Variables: bash calls the function of a program's name before the program; commands for Python on a cluster (``on_cluster``)."""
 
+SERVERS = "EGOSPLAT_TESTS_SERVERS"
+"""Variable: the servers' names by program, where the processes of a test run share them."""
+
 COLD = "cold"
 """In place of a server's name: the stages of a job are not warm."""
 
@@ -93,9 +96,16 @@ def _function(name: str) -> str:
     return f'() {{ {_client(name)} "$@"; }}'
 
 
+def share_servers() -> None:
+    """Start a server of each program for the processes of a test run that this one starts. It imports at its first call."""
+    os.environ[SERVERS] = json.dumps({program: _server(program) for program in PRELOADED})
+
+
 @cache
 def _server(program: str) -> str:
-    """Start the process that forks, one for each process of a test run; the name of its socket. It ends with this process."""
+    """The name of a socket: the shared server's, or that of a process that forks, which starts here and ends with this one."""
+    if SERVERS in os.environ:
+        return json.loads(os.environ[SERVERS])[program]
     name = f"egosplat-tests-{secrets.token_hex(8)}"
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(f"\0{name}")

@@ -1,12 +1,13 @@
 """Tests of the measure of phrases that were not taught."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.open_vocabulary import __main__ as open_vocabulary
-from benchmarks.open_vocabulary import answering
+from benchmarks.open_vocabulary import answering, colors
 from benchmarks.open_vocabulary.answering import Answered, answer_scene
 from benchmarks.open_vocabulary.colors import color_shares, is_doubtful, main_color
 from benchmarks.open_vocabulary.phrases import (
@@ -87,10 +88,11 @@ def test_a_color_that_another_thing_has_in_part_is_not_asked(stripes):
     assert {one.color for one in found if one.targets != WORDS} == {"white"}
 
 
-def test_colors_of_an_apartment_are_those_of_its_surfaces():
-    """Shares of what is seen, and what is seen of nothing has none; other keys make other things, which is said."""
+def test_colors_of_an_apartment_are_those_of_its_surfaces(monkeypatch):
+    """Shares of what is seen, and what is seen of nothing has none; keys that make other things are named."""
     film = {"seed": 5, "seconds": 4.0, "objects": 16, "motion": 0.0, "world": "usual"}
     made = make_world(**film)
+    monkeypatch.setattr(colors, "make_world", lambda **keys: made if film == keys else None)
     instances = [
         Instance(one.instance_id, one.name, one.category, one.motion_type, one.instance_type)
         for one in made.instances
@@ -99,8 +101,8 @@ def test_colors_of_an_apartment_are_those_of_its_surfaces():
     seen = ~np.isnan(found).any(axis=1)
     assert seen.sum() > 8 and found[seen].sum(axis=1) == pytest.approx(1.0, abs=1e-5)
     assert sum(main_color(one) is not None for one in found) > 8
-    with pytest.raises(UserError, match="synthetic.seed = 6"):
-        color_shares(film | {"seed": 6}, instances)
+    with pytest.raises(UserError, match="synthetic.seed = 5 makes no Sofa_99"):
+        color_shares(film, [*instances, replace(instances[0], name="Sofa_99")])
 
 
 def test_phrases_are_scored_as_the_benchmark_scores(word_scene, monkeypatch):

@@ -15,11 +15,16 @@ from egosplat.report.sheets import instances_sheet
 from tests.unit.instances.conftest import COLORS, FRAMES, LEFT, RIGHT, SIZE, options
 
 
-def draw(folder, name, source):
-    """Pixels of the page of a source."""
+def find(folder, name, source):
+    """Instances of a source, in an artifact of this name; what it was made from."""
     inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments")]
     stage.run(*inputs, folder / f"{name}.zarr", options(source=source))
-    page = folder / f"{name}.png"
+    return inputs
+
+
+def draw(folder, name, source):
+    """Pixels of the page of a source."""
+    inputs, page = find(folder, name, source), folder / f"{name}.png"
     instances_sheet.run(*inputs, folder / f"{name}.zarr", page, title="adt/scene1")
     return cv2.imread(str(page))
 
@@ -37,7 +42,7 @@ def test_the_view_from_above_is_there_if_masks_were_merged(scene):
 def test_crops_show_the_mask_that_holds_most_of_an_instance_and_the_instance(scene, truth):
     """Above, the mask of the same square of the wall in its frame; below, the merged square."""
     folder = scene(**{"instances/first_frame": np.arange(FRAMES) // 2 * 2})
-    draw(folder, "merged", "masks")
+    find(folder, "merged", "masks")
     kinds = {"frames": FRAMES_SCHEMA, "segments": SEGMENTS, "merged": INSTANCES}
     frames, segments, instances = (
         open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()
@@ -64,7 +69,7 @@ def test_crops_show_the_mask_that_holds_most_of_an_instance_and_the_instance(sce
 def test_the_most_changed_instance_is_shown_beside_the_largest(scene):
     """Of two squares with the same number of Gaussians, and a larger one, that whose masks were cut."""
     folder = scene(**{"instances/first_frame": np.arange(FRAMES) // 2 * 2})
-    draw(folder, "merged", "masks")
+    find(folder, "merged", "masks")
     segments = open_artifact(folder / "segments.zarr", SEGMENTS)
     instances = open_artifact(folder / "merged.zarr", INSTANCES)
     kept = instances_sheet.shown_in(segments, instances)

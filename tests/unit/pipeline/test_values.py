@@ -59,6 +59,9 @@ def scene_config(preset: str, models: str, format: str) -> dict:
     scene = of_format(resolve({"preset": preset, "models": {"set": models}}, PRESETS), format)
     return with_points(scene, PRESETS, format) if preset == "balanced" else scene
 
+# Defaults that a measurement moved.
+MOVED = {"masks": {"stands_out": (0.5, 0.35)}}
+
 
 def now(name: str) -> dict:
     """The values of each stage in a row of the file, today."""
@@ -83,6 +86,8 @@ def test_stages_get_the_values_they_got(preset):
                 assert expected.pop(key) == value, (name, stage, key)
             for key in LATER.get(stage, ()):
                 del found[stage][key]
+            for key, (old, new) in MOVED.get(stage, {}).items():
+                expected[key] = new if expected[key] == old else expected[key]
             if "paper_scaled" in name:
                 # It takes the readings that come with the paper's models, too.
                 readings = {

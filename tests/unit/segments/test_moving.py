@@ -37,10 +37,12 @@ TRAINING = np.array([0, 1, 3, 4])
 PROMPTED = [0, 3]
 
 
-@pytest.fixture(autouse=True)
-def all_masks(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def all_masks():
     """No mask is dropped for its quality."""
-    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -182,11 +184,17 @@ def both(sam2, images, moves, folder, asked, reads=None) -> Segmented:
         return stage._segment_with_sam2(video, OPTIONS, Work(output, made, FRAMES), tracks)
 
 
+@pytest.fixture(scope="module")
+def uninterrupted(sam2, images, all_masks, tmp_path_factory) -> tuple[Segmented, list[int]]:
+    """What a run finds in which every frame moves, and the frames that it reads."""
+    asked: list[int] = []
+    return both(sam2, images, probability(*range(FRAMES)), tmp_path_factory.mktemp("whole"), asked), asked
+
+
 @pytest.mark.parametrize("reads", [1, 2, 3, 5])
-def test_a_killed_run_resumes_to_the_same_result(sam2, images, tmp_path, reads):
+def test_a_killed_run_resumes_to_the_same_result(sam2, images, uninterrupted, tmp_path, reads):
     """The run is killed among the single frames, between both parts, or in either direction of tracking."""
-    moves, asked = probability(*range(FRAMES)), []
-    expected = both(sam2, images, moves, tmp_path / "whole", asked)
+    moves, (expected, asked) = probability(*range(FRAMES)), uninterrupted
     assert asked[:4] == [*PROMPTED, 0, 1] and len(asked) > reads, "the kill comes before the end"
     assert any(one.moving for one in expected.instances) and not expected.instances[0].moving
 
