@@ -1,7 +1,7 @@
 """Answer queries in one view: render relevancy maps of the queries and read them (docs/method.md#query-views).
 
-Where the codes of single Gaussians mean something, each Gaussian is compared with the queries and its relevancies are
-rendered. Else codes are rendered, and each pixel is compared.
+Where the codes of single Gaussians mean something, each Gaussian is compared with the queries, its relevancies are rendered,
+and a mask is what Gaussians of a large relevancy fill. Else codes are rendered, and each pixel is compared.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,12 +17,27 @@ from egosplat.artifacts.language import GAUSSIANS
 from egosplat.codes.decoder import Decoder
 from egosplat.codes.rendering import render_codes
 from egosplat.gaussians.render import render
+from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Array, Camera, transform
-from egosplat.query.maps import Found, Map, Mask, find_in_maps
+from egosplat.query.maps import (
+    PLATEAU,
+    Found,
+    Map,
+    Mask,
+    Peak,
+    Segmentation,
+    find_in_maps,
+    find_peak,
+    majority,
+)
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
+from egosplat.rasterize.view import composite
+
+# A pixel belongs to a thing if the thing's Gaussians make up more than this share of it.
+HALF = 0.5
 
 # Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
 _MAPS_AT_ONCE = 2**27
@@ -135,7 +150,7 @@ class Asker:
             chosen = [self.texts.phrases.index(phrase) for phrase in batch.phrases]
             rendered = replace(self.scene, code=self.own[..., chosen])
             view = view_of(rendered, camera, camera_to_world, valid, resolution)
-            yield from answer_from_relevancies(view, batch.phrases, self.options)
+            yield from answer_from_relevancies(rendered, view, batch.phrases, self.options)
 
 
 @torch.inference_mode()
@@ -172,12 +187,13 @@ def answer_from_codes(
 
 
 def answer_from_relevancies(
-    view: View, phrases: Sequence[str], options: QueryOptions
+    scene: QueryScene, view: View, phrases: Sequence[str], options: QueryOptions
 ) -> Iterator[ViewAnswer]:
-    """Answer queries in order from their rendered relevancies.
+    """Answer queries in order from the relevancies of Gaussians (docs/method.md#query-masks).
 
     Args:
-        view: its ``codes`` are relevancies, one channel for each query.
+        scene: its ``code`` are relevancies, one channel for each query.
+        view: rendered from it.
         phrases: the queries.
         options: how to read relevancy.
 
@@ -185,17 +201,50 @@ def answer_from_relevancies(
         ValueError: shapes do not agree.
     """
     _check(view)
-    yield from _answers(view, _seen(view, options.min_coverage), phrases, view.codes.movedim(-1, 0), options)
+    maps = _levels(_seen(view, options.min_coverage), view.codes.movedim(-1, 0))
+    peaks = [peak for levels in maps if (peak := find_peak(levels, _valid(view), options)) is not None]
+    # What is visible is so for every query.
+    filled = _filled(scene, view, peaks) if peaks else ()
+    outlines = [_outline(peak, share, options) for peak, share in zip(peaks, filled, strict=True)]
+    for phrase, found in zip(phrases, outlines or [None] * len(phrases), strict=True):
+        yield _answer(phrase, found, view)
+
+
+@torch.inference_mode()
+def _filled(scene: QueryScene, view: View, peaks: Sequence[Peak]) -> NDArray[np.float32]:
+    """(Q, h, w) share of what covers each pixel, at the level of each query's location, that is above its threshold."""
+    levels = torch.tensor([peak.location.level for peak in peaks])
+    # A blend of equal relevancies differs from them by rounding, which must not decide.
+    threshold = torch.tensor([peak.threshold + PLATEAU for peak in peaks]).to(scene.code)
+    own = torch.stack([scene.code[:, level, query] for query, level in enumerate(levels)], dim=1)
+    share = scene.share[:, levels.to(scene.share.device)]
+    small = view.camera.scaled_to(*reversed(view.depth.shape))
+    seen = gaussians_in(scene.gaussians, small, view.camera_to_world, scene.settings)
+    image, _ = composite(seen, share * (own > threshold))
+    whole = view.coverage[levels.to(view.coverage.device)]
+    return (image.movedim(-1, 0) / whole.clamp(min=1e-6)).cpu().numpy()
+
+
+def _outline(peak: Peak, filled: Map, options: QueryOptions) -> Found:
+    height, width = peak.shown.shape
+    mask = (cv2.resize(filled, (width, height)) > HALF) & peak.shown
+    smooth = majority(mask, options.majority_px(max(mask.shape))) & peak.shown
+    return Found(peak.location, Segmentation(peak.location.level, smooth), peak.relevancy)
 
 
 def _answers(
     view: View, seen: Tensor, phrases: Sequence[str], maps: Tensor, options: QueryOptions
 ) -> Iterator[ViewAnswer]:
     """Answer queries from (Q, L, h, w) relevancies that count where (L, h, w) ``seen`` is true."""
-    valid, visible = _valid(view), seen.cpu().numpy()
-    for phrase, query_maps in zip(phrases, maps, strict=True):
-        levels = np.where(visible, query_maps.cpu().numpy(), np.float32(np.nan))
-        yield _answer(phrase, find_in_maps(levels, valid, options), view)
+    for phrase, levels in zip(phrases, _levels(seen, maps), strict=True):
+        yield _answer(phrase, find_in_maps(levels, _valid(view), options), view)
+
+
+def _levels(seen: Tensor, maps: Tensor) -> Iterator[Map]:
+    """(L, h, w) relevancy of each of Q queries, NaN where ``seen`` is false."""
+    visible = seen.cpu().numpy()
+    for query_maps in maps:
+        yield np.where(visible, query_maps.cpu().numpy(), np.float32(np.nan))
 
 
 def _answer(phrase: str, found: Found | None, view: View) -> ViewAnswer:

@@ -59,6 +59,23 @@ class Found:
     relevancy: Map
 
 
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """Location of one query in one image, and which relevancy matches it.
+
+    Attributes:
+        location: as in ``Found``.
+        relevancy: as in ``Found``.
+        shown: (H, W) bool pixels with a visible code at the location's level.
+        threshold: relevancy above which something at this level belongs to the answer.
+    """
+
+    location: Location
+    relevancy: Map
+    shown: Mask
+    threshold: float
+
+
 def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
     """Localize and segment a query from its maps of all levels, as LangSplat does (docs/method.md#query-levels).
 
@@ -73,6 +90,32 @@ def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
     Raises:
         ValueError: the maps do not have three axes.
     """
+    raw, filtered, shown = _read(maps, valid, options)
+    location, side = localize(filtered, shown), options.majority_px(max(valid.shape))
+    mask = segment(raw, filtered, shown, options.segmentation_threshold, side)
+    if location is None or mask is None:
+        return None
+    relevancy = np.where(shown[location.level], raw[location.level], np.float32(0.0))
+    return Found(location, mask, relevancy)
+
+
+def find_peak(maps: Map, valid: Mask, options: QueryOptions) -> Peak | None:
+    """Localize a query as ``find_in_maps`` does; arguments, ``None`` and errors as there.
+
+    The threshold lies between the least and the largest relevancy of the level as that of ``segment``.
+    """
+    raw, filtered, shown = _read(maps, valid, options)
+    location = localize(filtered, shown)
+    if location is None:
+        return None
+    values, seen = raw[location.level], shown[location.level]
+    lowest, top = values[seen].min(), values[seen].max()
+    threshold = float(lowest + options.segmentation_threshold * (top - lowest))
+    return Peak(location, np.where(seen, values, np.float32(0.0)), seen, threshold)
+
+
+def _read(maps: Map, valid: Mask, options: QueryOptions) -> tuple[Map, Map, Mask]:
+    """(L, H, W) raw and smoothed relevancy, and pixels that may answer, see ``find_in_maps``."""
     if maps.ndim != 3:
         raise ValueError(f"maps {maps.shape} are not (level, height, width)")
     # Not INTER_NEAREST, which does not keep pixel centers in place.
@@ -81,14 +124,8 @@ def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
     shown = valid & np.stack([_resize(one.astype(np.uint8), valid.shape, nearest) > 0 for one in seen])
     filled = (fill_unseen(*level) for level in zip(maps, seen, strict=True))
     raw = np.stack([_resize(level, valid.shape, cv2.INTER_LINEAR) for level in filled])
-    longer = max(valid.shape)
-    filtered = np.stack([box_filter(level, options.box_filter_px(longer)) for level in raw])
-    location = localize(filtered, shown)
-    mask = segment(raw, filtered, shown, options.segmentation_threshold, options.majority_px(longer))
-    if location is None or mask is None:
-        return None
-    relevancy = np.where(shown[location.level], raw[location.level], np.float32(0.0))
-    return Found(location, mask, relevancy)
+    side = options.box_filter_px(max(valid.shape))
+    return raw, np.stack([box_filter(level, side) for level in raw]), shown
 
 
 def _resize(values: NDArray, size: tuple[int, int], interpolation: int) -> NDArray:

@@ -21,8 +21,8 @@ class MapOptions(Options, section="query"):
     less."""
 
     segmentation_threshold: Annotated[float, Field(ge=0, lt=1), READING] = 0.7
-    """Relevancy above which a pixel belongs to the mask, after scaling the frame's relevancy to 0..1. LangSplat
-    uses 0.7 (docs/method.md#segmentation-threshold). Higher makes smaller masks."""
+    """Relevancy above which a pixel, or a Gaussian of lifted codes, belongs to the mask, after scaling the frame's
+    relevancy to 0..1. LangSplat uses 0.7 (docs/method.md#segmentation-threshold). Higher makes smaller masks."""
 
     majority_filter: Annotated[Share, READING] = 0.005
     """Side of the majority filter on masks, as a fraction of the frame's longer side; 0 is none. LangSplat's 7

@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Array, Camera
-from egosplat.query.answer import ask
+from egosplat.query.answer import HALF, ask
 from egosplat.query.maps import Map, Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.rasterize.view import composite
-
-# A pixel belongs to a thing if the thing's Gaussians make up more than this share of it.
-HALF = 0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,11 +104,12 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
 class MasksOptions(ThresholdOptions):
     """Selection of transient instances, by the network's mean probability over all their pixels. Masks that are merged in 3D stand still; only tracks can be transient."""
 
-    stands_out: Annotated[Share, READING] = 0.5
+    stands_out: Annotated[Share, READING] = 0.35
     """Least share of a transient instance's pixels that stand out from the temporary Gaussians at the end of the
     warm-up, when they are trained on all pixels: a squared difference of more than 3.5 medians of the frame
     (docs/method.md#stands-out). It drops static things that the network calls transient. 0 asks for none, as in the
-    paper. Larger masks less; in five synthetic apartments 0.4 to 0.55 work equally well."""
+    paper. Larger masks less: of an apartment where arms are always in view, 0.5 masks a quarter of the moving pixels
+    and 0.35 two thirds (docs/method.md#still-arms); in others 0.3 to 0.55 work equally well."""
 
     pixel_probability: Annotated[Share, READING] = 0.5
     """Probability from which a pixel of a transient instance is masked in a frame. It leaves out parts of wrong

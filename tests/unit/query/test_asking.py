@@ -10,12 +10,14 @@ from egosplat.artifacts.language import GAUSSIANS, PIXELS
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Camera
 from egosplat.query import answer as module
-from egosplat.query.answer import Asker, ask, view_of
-from egosplat.query.options import LANGSPLAT
+from egosplat.query.answer import Asker, ViewAnswer, ask, view_of
+from egosplat.query.options import LANGSPLAT, QueryOptions
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
+from egosplat.rasterize.view import composite
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
@@ -110,3 +112,60 @@ def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch):
     for one, other in zip(together, alone, strict=True):
         assert one.score == pytest.approx(other.score, abs=1e-6) and one.pixel == other.pixel
     assert not list(asker.ask([], CAMERA, np.eye(4), None))
+
+
+@pytest.fixture
+def layered() -> QueryScene:
+    """A thing at 2 m before a wall at 4 m, both wide and soft; level 0 knows only the wall, level 1 both."""
+    gaussians = Gaussians(
+        torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 4.0]]),
+        torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(2, 1),
+        torch.tensor([[0.3] * 3, [8.0, 8.0, 0.1]]).log(),
+        torch.full((2,), 4.0),
+        torch.zeros(2, 1, 3),
+        torch.zeros(2, 0),
+    )
+    code = torch.stack([torch.eye(4)[[1, 1]], torch.eye(4)[:2]], dim=1)
+    share = torch.tensor([[0.0, 1.0], [1.0, 1.0]])
+    return QueryScene(gaussians, SETTINGS, CAMERA, 0, code, share, IDENTITY, GAUSSIANS)
+
+
+def ask_both(scene: QueryScene, options: QueryOptions) -> list[ViewAnswer]:
+    texts = Texts(("thing", "wall"), torch.eye(4)[:2], torch.eye(4)[2:3])
+    return list(ask(scene, texts, CAMERA, np.eye(4), None, options))
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.3, 0.7, 0.99])
+def test_a_mask_is_what_the_matching_gaussians_fill_by_half(layered, threshold):
+    """Wherever the threshold lies, as no Gaussian's relevancy lies between those of the thing and of the wall."""
+    options = LANGSPLAT.change(box_filter=0.0, segmentation_threshold=threshold)
+    thing, _ = ask_both(layered, options)
+    seen = gaussians_in(layered.gaussians, CAMERA, np.eye(4), SETTINGS)
+    image, covered = composite(seen, torch.eye(2))
+    filled = (image[..., 0] / covered).numpy()
+    assert (filled > 0.5).sum() > (filled > 0.7).sum() + 20
+    np.testing.assert_array_equal(thing.mask, filled > 0.5)
+    assert (thing.level, thing.mask_level) == (1, 1)
+
+
+def test_equal_relevancies_have_no_mask(layered):
+    """A blend of equal values differs from them by rounding."""
+    layered.code[:] = torch.tensor([0.6, 0.8, 0.0, 0.0])
+    for answer in ask_both(layered, LANGSPLAT.change(segmentation_threshold=0.0)):
+        assert answer.score > 0.5 and not answer.mask.any()
+
+
+def test_a_gaussian_counts_in_a_mask_by_its_share(layered):
+    options = LANGSPLAT.change(box_filter=0.0)
+    whole, _ = ask_both(layered, options)
+    layered.share[0, 1] = 0.2
+    part, _ = ask_both(layered, options)
+    assert 0 < part.mask.sum() < whole.mask.sum() and not (part.mask & ~whole.mask).any()
+
+
+def test_a_view_of_nothing_has_no_answer(layered):
+    behind = np.diag([-1.0, 1.0, -1.0, 1.0])
+    texts = Texts(("thing", "wall"), torch.eye(4)[:2], torch.eye(4)[2:3])
+    for answer in ask(layered, texts, CAMERA, behind, None, LANGSPLAT):
+        assert (answer.score, answer.level, answer.pixel, answer.mask_level) == (0.0, None, None, None)
+        assert not answer.mask.any()

@@ -7,7 +7,7 @@ import torch
 from egosplat.codes.decoder import Decoder
 from egosplat.geometry import Camera
 from egosplat.query.answer import View, answer_from_codes
-from egosplat.query.maps import find_in_maps
+from egosplat.query.maps import find_in_maps, find_peak
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.text import Texts
@@ -60,6 +60,21 @@ def test_scaled_and_shifted_maps_say_the_same():
     assert (first.segmentation.mask != second.segmentation.mask).mean() < 0.01
 
 
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.7])
+def test_a_threshold_lies_between_the_least_and_the_largest_relevancy_of_its_level(share):
+    maps = np.full((2, SIZE, SIZE), 0.5, np.float32)
+    maps[1, 10:30, 10:30], maps[1, :5], maps[0, 0, 0] = 0.9, 0.1, np.nan
+    found = find_peak(maps, ALL, OPTIONS.change(segmentation_threshold=share))
+    assert vars(found.location) == vars(find_in_maps(maps, ALL, OPTIONS).location)
+    assert found.location.level == 1 and found.shown.all()
+    assert found.threshold == pytest.approx(0.1 + 0.8 * share)
+    # What is hidden, or not valid, moves nothing.
+    maps[1, :5] = np.nan
+    hidden = find_peak(maps, ALL, OPTIONS.change(segmentation_threshold=share))
+    assert hidden.threshold == pytest.approx(0.5 + 0.4 * share)
+    assert not hidden.shown[:5].any() and not hidden.relevancy[:5].any() and hidden.shown[5:].all()
+
+
 def test_there_is_no_answer_outside_of_what_is_valid():
     valid = ALL.copy()
     valid[:, SIZE // 2 :] = False
@@ -75,6 +90,7 @@ def test_there_is_no_answer_outside_of_what_is_valid():
 
 
 def test_nothing_is_found_where_every_value_is_nan():
-    assert find_in_maps(np.full((2, SIZE, SIZE), np.nan, np.float32), ALL, OPTIONS) is None
-    with pytest.raises(ValueError, match="maps"):
-        find_in_maps(np.zeros((SIZE, SIZE), np.float32), ALL, OPTIONS)
+    for find in (find_in_maps, find_peak):
+        assert find(np.full((2, SIZE, SIZE), np.nan, np.float32), ALL, OPTIONS) is None
+        with pytest.raises(ValueError, match="maps"):
+            find(np.zeros((SIZE, SIZE), np.float32), ALL, OPTIONS)

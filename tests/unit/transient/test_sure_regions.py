@@ -129,8 +129,9 @@ def test_an_instance_that_the_network_is_wrong_about_is_not_masked(scene):
 def test_a_track_that_looks_static_is_not_masked(scene):
     poster = np.stack([square(8, 8)] * FRAME_COUNT)
     half = poster & (np.arange(SIZE) < 12)
+    third = poster & (np.arange(SIZE) < 11)
     made = instances(poster, moving=True, masks=1)
-    for stands_out, expected in ((poster, True), (half, False)):
+    for stands_out, expected in ((poster, True), (half, True), (third, False)):
         found = masked(scene, poster, made, {"max_share": 1.0}, stands_out=stands_out)
         assert found.read("refined").any() == expected and not found.facts["withheld"]
 
