@@ -84,6 +84,15 @@ def test_a_static_scene_has_neither_network_nor_masks(work):
     assert ("frames", "splats") in pairs
 
 
+def test_a_static_scene_trains_gaussians_once(surveyed, work):
+    """Masks of single frames are merged on those of splats; where something moves, splats follows the instances."""
+    frames = "segments: {segmenter: sam2, prompting: each_frame}\n"
+    assert made(work, STATIC, SURVEY) == {"survey"}
+    for scene, config, on_splats in ((work, STATIC, True), (surveyed, AUTO, False)):
+        pairs = edges(scene, config + frames, METRICS)
+        assert (("splats", "instances") in pairs, ("masks", "splats") in pairs) == (on_splats, not on_splats)
+
+
 def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
     assert made(work, STATIC, METRICS) >= {"survey", *SPLATS_ON}
     again = STATIC.replace("1.0}", "0.5}")

@@ -39,8 +39,8 @@ _MODEL = (
     "on photographs"
 )
 _MERGING = (
-    "Check the poses, and instances.png; raise instances.iterations, which preset draft lowers, or set segments.prompting to key_frames, "
-    "which tracks in 2D"
+    "Check the poses, and instances.png; raise splats.iterations, which presets draft and fast lower (instances.iterations where "
+    "something moves), or set segments.prompting to key_frames, which tracks in 2D"
 )
 _TRACKS = (
     "Tracks switch between objects, or OpenCLIP does not know them. Check crops.png, and use another "

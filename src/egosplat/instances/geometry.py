@@ -1,5 +1,6 @@
-"""Temporary Gaussians that masks are merged on."""
+"""Gaussians that masks are merged on: those of the scene, or temporary ones."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.splats import camera_poses
 from egosplat.compute import single_thread
 from egosplat.gaussians.camera_options import chosen_corrections, make_corrections
 from egosplat.gaussians.corrections import applied, corrected_poses
@@ -87,10 +89,11 @@ def train_geometry(
 def given_geometry(
     frames: Artifact, poses: Artifact, splats: Artifact, training: Mask, keys: InstancesOptions
 ) -> tuple[Gaussians, Views, NDArray[np.float64]]:
-    """The Gaussians that another program trained, with views and poses; arguments and result as ``train_geometry``."""
+    """The scene's Gaussians, with the views and poses of their training; arguments and result as ``train_geometry``."""
     device = training_device(keys.backend)
     views = read_views(frames, poses, training, device, resolution=keys.resolution)
-    return read_gaussians(splats).to(device), views, poses.read("camera_to_world")
+    cameras = camera_poses(poses, splats)
+    return read_gaussians(splats).to(device), replace(views, camera_to_world=cameras[views.frame]), cameras
 
 
 def nearest_pixels(size: tuple[int, int], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -126,7 +126,7 @@ def lift_masks(
 
 
 class MaskLifter:
-    """Lifts masks of segments.zarr onto temporary Gaussians, from the training views at the working size."""
+    """Lifts masks of segments.zarr onto Gaussians, from the training views at the working size."""
 
     def __init__(
         self,
@@ -140,7 +140,7 @@ class MaskLifter:
         """Set up.
 
         Args:
-            gaussians: temporary Gaussians.
+            gaussians: those that masks are merged on.
             views: training views at the working size.
             segments: segments artifact.
             valid: (H, W) bool, pixels that show the scene.

@@ -17,11 +17,12 @@ class InstancesOptions(CameraOptions, BackendOptions, SeedOptions, NearPlaneOpti
     consecutive masks disagree, then merged. auto: masks if segments.prompting is each_frame, else tracks."""
 
     resolution: Annotated[int, Field(ge=32)] = 256
-    """Longer side in pixels at which masks are lifted onto temporary Gaussians and rendered. Larger keeps finer
+    """Longer side in pixels at which masks are lifted onto Gaussians and rendered. Larger keeps finer
     outlines; time grows with its square."""
 
     iterations: Count = 1000
-    """Training length of the temporary Gaussians. Sharper surfaces give instances sharper outlines
+    """Training length of temporary Gaussians, which masks are merged on where something is tracked or masked
+    (docs/method.md#merged-on). Sharper surfaces give instances sharper outlines
     (benchmarks/instances/README.md)."""
 
     inside: Annotated[float, Field(le=1, gt=0)] = 0.5

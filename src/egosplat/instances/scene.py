@@ -29,7 +29,7 @@ class Scene:
     """K things on N Gaussians.
 
     Attributes:
-        gaussians: temporary Gaussians.
+        gaussians: those that masks are merged on.
         weight: (N,) float32, mean compositing weight of each in the frames that see it [px].
         beliefs: by level, (N, K_l) share of each Gaussian's weight in the masks of each thing of the level.
         level: (K,) int8 level of each thing; the things of a level follow each other.

@@ -50,7 +50,7 @@ def run(
         frames_path, poses_path, segments_path, output: paths.
         options: of the stage.
         survey_path: path of the survey, which excludes frames and decides keys that are ``auto``.
-        splats_path: path of Gaussians that another program trained; None: temporary ones are trained.
+        splats_path: path of the scene's Gaussians; None: temporary ones are trained.
 
     Raises:
         UserError: the inputs do not belong together, no training frame has a pose, or no mask is left.
@@ -61,11 +61,14 @@ def run(
     check_made_from(segments, frames, axes=("frame", "height", "width"))
     options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
-    given = () if splats_path is None else (open_artifact(splats_path, SPLATS),)
-    for splats in given:
+    splats = None if splats_path is None else open_artifact(splats_path, SPLATS)
+    # Not an input that all must share: variants that train other Gaussians keep the instances.
+    merged_on = {}
+    if splats is not None:
         check_made_from(splats, frames, poses)
+        merged_on = {"splats": splats.digest}
     record = provenance.begin_from(
-        "instances", options.as_dict() | by_survey, (frames, poses, segments, *given)
+        "instances", options.as_dict() | by_survey | merged_on, (frames, poses, segments)
     )
     if options.source == AUTO:
         # Masks of single frames are no tracks.
@@ -76,8 +79,8 @@ def run(
     flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
     training = split_views(*flags).training
     key = provenance.key_of(record)
-    if given:
-        gaussians, views, cameras = given_geometry(frames, poses, given[0], training, options)
+    if splats is not None:
+        gaussians, views, cameras = given_geometry(frames, poses, splats, training, options)
     else:
         gaussians, views, cameras = train_geometry(frames, poses, training, options, output, key)
     valid = frames.read("valid")

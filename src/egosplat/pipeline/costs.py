@@ -9,7 +9,13 @@ from typing import Any, NamedTuple
 
 from egosplat.pipeline.chunks import CHUNK_FRAMES
 from egosplat.pipeline.config import Config, stage_values
-from egosplat.pipeline.dag import prompts_by_depth, segments_single_frames, takes_splat
+from egosplat.pipeline.dag import (
+    merges_masks,
+    merges_on_splats,
+    prompts_by_depth,
+    segments_single_frames,
+    takes_splat,
+)
 
 # Levels of instances.
 _LEVELS = 3
@@ -262,8 +268,9 @@ class Sizes:
 
     @property
     def iterations(self) -> float:
-        """Training iterations of the stage [thousands]; tracks are not merged, so they need none."""
-        if self._stage == "instances" and not merges_masks(self._config):
+        """Training iterations of the stage [thousands]; instances need none for tracks or on the scene's Gaussians."""
+        own = merges_masks(self._config) and not merges_on_splats(self._config)
+        if self._stage == "instances" and not own:
             return 0
         return self._config[self._stage]["iterations"] / 1000
 
@@ -364,9 +371,3 @@ def gpus(stage: str, config: Config) -> int:
         return 0
     values = stage_values(stage, config)
     return int(any(values.get(key) in _ON_GPU for key in ("device", "backend")))
-
-
-def merges_masks(config: Config) -> bool:
-    """Whether masks are merged into instances; else each track, or mask of a frame, is one."""
-    source = config["instances"]["source"]
-    return segments_single_frames(config) if source == "auto" else source != "tracks"

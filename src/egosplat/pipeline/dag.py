@@ -59,8 +59,24 @@ def tracks_what_moves(config: Config) -> bool:
 
 
 def takes_splat(config: Config) -> bool:
-    """Whether another program trained the scene's Gaussians. Masks are merged on them, and no camera is corrected."""
+    """Whether another program trained the scene's Gaussians. No camera is corrected."""
     return config["splats"]["source"] is not None
+
+
+def merges_masks(config: Config) -> bool:
+    """Whether masks are merged into instances; else each track, or mask of a frame, is one."""
+    source = config["instances"]["source"]
+    return segments_single_frames(config) if source == AUTO else source != "tracks"
+
+
+def merges_on_splats(config: Config) -> bool:
+    """Whether masks are merged on the scene's Gaussians: another program's, or those trained where nothing is tracked or masked.
+
+    Elsewhere the Gaussians need the instances first, or show what moves in several places; temporary ones are trained.
+    """
+    keys = config["splats"]
+    still = segments_single_frames(config) and not tracks_what_moves(config) and keys["masking"] == "none"
+    return merges_masks(config) and (takes_splat(config) or (still and keys["language"] == "after"))
 
 
 def decided_by_survey(config: Config) -> set[tuple[str, str]]:
@@ -100,7 +116,9 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     sections = {section for section, _ in decided_by_survey(config)}
     masked = "splats" in sections and "masks" in STAGES[stage].optional
     corrected = "camera" in sections and "camera" in stage_sections(stage)
-    by_survey = masked or corrected or (stage == "segments" and stage in sections)
+    tracked = stage in ("segments", "instances") and "segments" in sections
+    merged = stage == "instances" and "splats" in sections
+    by_survey = masked or corrected or tracked or merged
     return (*found, "survey") if by_survey and "survey" not in found else found
 
 
@@ -112,7 +130,7 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
         return (*views, *moving, *(("prompts",) if prompts_by_depth(config) else ()))
     if stage == "splats" and takes_splat(config):
         return ()
-    given = ("splats",) if stage == "instances" and takes_splat(config) else ()
+    given = ("splats",) if stage == "instances" and merges_on_splats(config) else ()
     wanted = views + given + _MASKS[config["splats"]["masking"]]
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.reader import verify
+from egosplat.artifacts.lineage import lineage
+from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.instances.lifted_masks import lift_masks
@@ -211,25 +213,56 @@ def test_pixels_that_a_frame_leaves_out_neither_vote_nor_get_a_label(scene, trut
     assert found.facts["pixels_without_instance"] < 0.05
 
 
-def test_masks_are_merged_on_given_gaussians(scene, truth):
-    """Those of another program are neither trained nor changed, and no key of training matters."""
-    folder = scene()
+@pytest.fixture
+def splats():
+    """Arrays of Gaussians that cover the wall."""
     wall = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 60), np.linspace(-1, 1, 40)), -1).reshape(-1, 2)
     means = np.column_stack([wall, np.full(len(wall), DISTANCE)]).astype(np.float32)
-    arrays = {
+    return {
         "means": means,
         "quats": np.tile(np.float32([1, 0, 0, 0]), (len(means), 1)),
         "log_scales": np.full((len(means), 3), np.log(0.025), np.float32),
         "logit_opacities": np.full(len(means), 4, np.float32),
         "sh": np.zeros((len(means), 1, 3), np.float32),
     }
-    put(folder, "splats", arrays, made_from=["frames", "poses"])
+
+
+def test_masks_are_merged_on_given_gaussians(scene, truth, splats):
+    """They are neither trained nor changed, and no key of training matters. Other Gaussians of the scene may be asked with the instances."""
+    folder = scene()
+    put(folder, "splats", splats, made_from=["frames", "poses"])
     paths = [folder / f"{name}.zarr" for name in ("frames", "poses", "segments", "instances")]
     found = {}
     for iterations in (1, 20):
         stage.run(*paths, options(iterations=iterations), splats_path=folder / "splats.zarr")
         found[iterations] = verify(folder / "instances.zarr", SCHEMAS)
-    assert found[1].digest == found[20].digest and np.array_equal(found[20].read("gaussians/xyz"), means)
+    assert found[1].digest == found[20].digest and np.array_equal(
+        found[20].read("gaussians/xyz"), splats["means"]
+    )
     labels = found[20].read("labels")[:, 1]
     assert max((labels == truth).mean(), (labels == 1 - truth).mean()) > 0.95
-    assert "splats.zarr" in found[20].provenance["inputs"]
+    made = found[20].provenance
+    assert made["options"]["splats"] == open_artifact(folder / "splats.zarr", SPLATS).digest
+    assert "splats.zarr" not in made["inputs"] and lineage([found[20]]).lost == ()
+
+
+def test_masks_are_merged_with_the_poses_of_the_given_gaussians(scene, splats, monkeypatch):
+    folder, seen = scene(), {}
+    moved = verify(folder / "poses.zarr", SCHEMAS).read("camera_to_world").copy()
+    moved[:, 0, 3] += 1e-3
+    corrections = {
+        "camera_to_world": moved,
+        "source": np.ones(FRAMES, np.int8),
+        "shift": np.zeros((FRAMES, 3)),
+        "turn": np.zeros(FRAMES),
+        "gain": np.ones((FRAMES, 3)),
+    }
+    arrays = splats | {f"corrections/{name}": values for name, values in corrections.items()}
+    put(folder, "splats", arrays, made_from=["frames", "poses"])
+    given = stage.given_geometry
+    monkeypatch.setattr(stage, "given_geometry", lambda *all_: seen.setdefault("found", given(*all_)))
+    paths = [folder / f"{name}.zarr" for name in ("frames", "poses", "segments", "instances")]
+    stage.run(*paths, options(), splats_path=folder / "splats.zarr")
+    _, views, cameras = seen["found"]
+    np.testing.assert_array_equal(cameras, moved)
+    np.testing.assert_array_equal(views.camera_to_world, moved[views.frame])

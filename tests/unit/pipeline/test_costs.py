@@ -171,6 +171,17 @@ def test_keys_that_lengthen_a_job_raise_its_time(stage, section, key, more):
     assert minutes(stage, config, Sizes(stage, config, frames=120)) > before
 
 
+def test_masks_that_are_merged_on_the_scenes_gaussians_need_no_training_before():
+    still = merge(defaults(), {"segments": {"track_moving": "never"}, "splats": {"masking": "none"}})
+    longer = merge(still, {"instances": {"iterations": 3000}})
+    expected = [minutes("instances", one, Sizes("instances", one, frames=120)) for one in (still, longer)]
+    assert (
+        expected[0]
+        == expected[1]
+        < minutes("instances", defaults(), Sizes("instances", defaults(), frames=120))
+    )
+
+
 def test_a_further_attempt_requests_a_multiple(tmp_path):
     """A job that was killed for memory or time must not request the same again."""
     inputs = scene(tmp_path)

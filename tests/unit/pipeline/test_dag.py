@@ -16,6 +16,7 @@ from egosplat.pipeline.dag import (
     input_flags,
     inputs_of,
     leaves_frames_out,
+    merges_on_splats,
     optional_inputs_of,
     options_json,
     stages_behind,
@@ -287,6 +288,38 @@ def test_gaussians_of_another_program_stand_before_what_is_merged_on_them(maskin
     assert not reaches("metrics", config, config) and {"instances", "splats"} <= set(order)
     assert training_frames("splats", config, survey("refined")) == ALL_FRAMES
     assert "splats" not in inputs_of("instances", BASE)
+
+
+@pytest.mark.parametrize(
+    "keys, masking, on_splats",
+    [
+        ({}, "none", True),
+        ({"splats": {"masking": "none"}}, "none", True),
+        ({"segments": {"track_moving": "never"}}, "none", True),
+        ({}, "refined", False),
+        # Variants without masks share the instances of their scene.
+        ({"splats": {"masking": "none"}}, "refined", False),
+        ({"splats": {"masking": "initial"}}, "none", False),
+        ({"splats": {"masking": "refined"}}, "none", False),
+        ({"splats": {"language": "joint"}}, "none", False),
+        ({"segments": {"track_moving": "always"}}, "none", False),
+        ({"segments": {"prompting": "key_frames"}}, "none", False),
+        ({"segments": {"prompting": "key_frames"}, "instances": {"source": "both"}}, "none", False),
+        ({"instances": {"source": "tracks"}}, "none", False),
+    ],
+)
+def test_masks_are_merged_on_the_scenes_gaussians_where_nothing_is_tracked_or_masked(
+    keys, masking, on_splats
+):
+    """Gaussians are trained once there. Before the survey has decided, instances wait for it; the graph has no cycle."""
+    undecided = merge(SINGLE_FRAMES, keys)
+    assert "splats" not in inputs_of("instances", undecided) and "survey" in inputs_of(
+        "instances", merge(undecided, {"splats": {"masking": "auto"}})
+    )
+    config = decide(undecided, survey(masking))
+    assert ("splats" in inputs_of("instances", config)) == merges_on_splats(config) == on_splats
+    assert {"instances", "splats"} <= set(stages_behind(["metrics"], config))
+    assert not reaches("metrics", config, config)
 
 
 def test_no_survey_corrects_the_camera_of_trained_gaussians():

@@ -59,6 +59,7 @@ def scene_config(preset: str, models: str, format: str) -> dict:
     scene = of_format(resolve({"preset": preset, "models": {"set": models}}, PRESETS), format)
     return with_points(scene, PRESETS, format) if preset == "balanced" else scene
 
+
 # Defaults that a measurement moved.
 MOVED = {"masks": {"stands_out": (0.5, 0.35)}}
 
@@ -98,6 +99,9 @@ def test_stages_get_the_values_they_got(preset):
                 _check_filters(expected, found[stage])
             if stage == "instances":
                 assert found[stage].pop("backend") == "auto", "it had no key for what it did"
+                if expected["iterations"] == 150:  # preset draft, which needs no temporary Gaussians any more
+                    assert found[stage]["iterations"] == 1000
+                    expected["iterations"] = 1000
             if name.endswith("seed-1") and stage == "instances":
                 assert found[stage].pop("seed") == 1
                 expected.pop("seed")

@@ -84,6 +84,11 @@ def test_variants_without_masks_share_the_segments_of_a_scene_in_which_something
     assert reaches("segments", scene, merge(scene, {"segments": {"track_moving": "never"}}))
 
 
+@pytest.mark.parametrize("keys", [{"iterations": 5}, {"masking": "none"}, {"masking": "initial"}])
+def test_variants_with_other_gaussians_share_the_instances_that_a_survey_may_put_on_the_scenes(keys):
+    assert "splats" in reached(splats=keys) and "instances" not in reached(splats=keys)
+
+
 def test_transient_keys_reach_splats_if_the_survey_decides():
     changed = merge(ALL_FRAMES, {"transient": {"transient_penalty": 0.1}})
     assert reaches("splats", ALL_FRAMES, changed) and not reaches("survey", ALL_FRAMES, changed)
