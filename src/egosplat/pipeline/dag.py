@@ -116,8 +116,8 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     sections = {section for section, _ in decided_by_survey(config)}
     masked = "splats" in sections and "masks" in STAGES[stage].optional
     corrected = "camera" in sections and "camera" in stage_sections(stage)
-    tracked = stage in ("segments", "instances") and "segments" in sections
-    merged = stage == "instances" and "splats" in sections
+    tracked = stage == "segments" and "segments" in sections
+    merged = stage == "instances" and merges_masks(config) and not sections.isdisjoint({"splats", "segments"})
     by_survey = masked or corrected or tracked or merged
     return (*found, "survey") if by_survey and "survey" not in found else found
 

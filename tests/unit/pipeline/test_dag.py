@@ -16,6 +16,7 @@ from egosplat.pipeline.dag import (
     input_flags,
     inputs_of,
     leaves_frames_out,
+    merges_masks,
     merges_on_splats,
     optional_inputs_of,
     options_json,
@@ -313,9 +314,9 @@ def test_masks_are_merged_on_the_scenes_gaussians_where_nothing_is_tracked_or_ma
 ):
     """Gaussians are trained once there. Before the survey has decided, instances wait for it; the graph has no cycle."""
     undecided = merge(SINGLE_FRAMES, keys)
-    assert "splats" not in inputs_of("instances", undecided) and "survey" in inputs_of(
-        "instances", merge(undecided, {"splats": {"masking": "auto"}})
-    )
+    assert "splats" not in inputs_of("instances", undecided)
+    waits = "survey" in inputs_of("instances", merge(undecided, {"splats": {"masking": "auto"}}))
+    assert waits == merges_masks(undecided)
     config = decide(undecided, survey(masking))
     assert ("splats" in inputs_of("instances", config)) == merges_on_splats(config) == on_splats
     assert {"instances", "splats"} <= set(stages_behind(["metrics"], config))
