@@ -91,7 +91,9 @@ class Work:
         for path in self._gather:
             try:
                 states.append(read_state(path, self._key))
-            except (OSError, UnusableState) as error:
+            except OSError as error:
+                raise UserError(f"--gather {path}: {error.strerror}; run the job of this chunk") from None
+            except UnusableState as error:
                 raise UserError(f"{path}: {error}; remove it, and run the same again") from None
         numbers = [one["chunk"] for one in states]
         if numbers != [*range(1, len(self._chunks) + 1)]:
