@@ -37,7 +37,7 @@ from egosplat.query.text import Texts
 from egosplat.rasterize.view import composite
 
 # A pixel belongs to a thing if the thing's Gaussians make up more than this share of it.
-HALF = 0.5
+_HALF = 0.5
 
 # Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
 _MAPS_AT_ONCE = 2**27
@@ -225,9 +225,13 @@ def _filled(scene: QueryScene, view: View, peaks: Sequence[Peak]) -> NDArray[np.
     return (image.movedim(-1, 0) / whole.clamp(min=1e-6)).cpu().numpy()
 
 
+def filled_mask(filled: Map, shown: Mask) -> Mask:
+    """(H, W) pixels among the ``shown`` of which a thing makes up more than half, from its (h, w) share of each."""
+    return (cv2.resize(filled, shown.shape[::-1]) > _HALF) & shown
+
+
 def _outline(peak: Peak, filled: Map, options: QueryOptions) -> Found:
-    height, width = peak.shown.shape
-    mask = (cv2.resize(filled, (width, height)) > HALF) & peak.shown
+    mask = filled_mask(filled, peak.shown)
     smooth = majority(mask, options.majority_px(max(mask.shape))) & peak.shown
     return Found(peak.location, Segmentation(peak.location.level, smooth), peak.relevancy)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Array, Camera
-from egosplat.query.answer import HALF, ask
+from egosplat.query.answer import ask, filled_mask
 from egosplat.query.maps import Map, Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene, rendering_camera
@@ -51,14 +51,13 @@ def view_thing(
         valid: (H, W) bool pixels that show the scene, or None for all.
         options: ``resolution``, ``min_coverage`` and ``temperature`` are used.
     """
-    size = camera.width, camera.height
     small = rendering_camera(camera, options.resolution)
-    inside = np.ones(size[::-1], bool) if valid is None else valid
+    inside = np.ones((camera.height, camera.width), bool) if valid is None else valid
     # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
     members[torch.from_numpy(thing).to(members.device)] = 1.0
     filled, _ = composite(view_of(scene.gaussians, small, camera_to_world, scene.settings), members)
-    mask = (cv2.resize(filled[..., 0].cpu().numpy(), size) > HALF) & inside
+    mask = filled_mask(filled[..., 0].cpu().numpy(), inside)
     kept = slice(level, level + 1)
     of_level = replace(scene, code=scene.code[:, kept], share=scene.share[:, kept])
     [answer] = ask(of_level, texts, camera, camera_to_world, valid, options)
