@@ -49,7 +49,7 @@ def test_a_quick_start_imports_nothing_heavy(code, heavy):
     assert not heavy & imported_by(code)
 
 
-@pytest.mark.parametrize("module", ["segments.nms", "transient.network", "viewing.words"])
+@pytest.mark.parametrize("module", ["segments.nms", "transient.network"])
 def test_libraries_of_models_come_without_the_compiler_of_torch(module):
     """It takes twice as long to import as the libraries, and nothing here compiles."""
     assert not {"torch._dynamo", "torch._dynamo.utils"} & imported_by(f"import egosplat.{module}")
@@ -70,14 +70,20 @@ assert torch.compiler.disable.__module__ == "torch.compiler"
     assert "torch._dynamo" in imported_by(code)
 
 
-def test_open_clip_does_not_import_transformers(tmp_path):
-    """A package with weights brings it along; its import takes seconds."""
+def test_open_clip_imports_neither_transformers_nor_timm_before_it_needs_it(tmp_path):
+    """A package with weights brings transformers along. The import of each takes long."""
     (tmp_path / "transformers.py").write_text("raise RuntimeError('was imported')")
     code = f"""
 import sys
 sys.path.insert(0, {str(tmp_path)!r})
-import egosplat.viewing.words
-assert "transformers" not in sys.modules
+from egosplat.models.open_clip_loader import build_model
+vision = {{"layers": 1, "width": 64, "patch_size": 32, "image_size": 32}}
+text = {{"context_length": 8, "vocab_size": 64, "width": 64, "heads": 1, "layers": 1}}
+build_model("own", {{"embed_dim": 8, "vision_cfg": vision, "text_cfg": text}})
+assert not {{"transformers", "timm", "torch._dynamo"}} & {{*sys.modules}}
+vision = {{"timm_model_name": "resnet18", "image_size": 32}}
+model = build_model("of timm", {{"embed_dim": 8, "vision_cfg": vision, "text_cfg": text}})
+assert type(model.visual.trunk).__module__ == "timm.models.resnet" and "transformers" not in sys.modules
 """
     assert "open_clip.hf_model" in imported_by(code)
 

@@ -14,7 +14,7 @@ from egosplat.files import read_json, read_user_text
 from egosplat.models.checkpoints import CLIP, find_checkpoint
 from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, PHOTOS, clip_folder
 from egosplat.models.weights import load_weights, read_tensors
-from egosplat.models.without_compiler import without_compiler
+from egosplat.models.without_compiler import import_open_clip
 
 if TYPE_CHECKING:
     from open_clip import SimpleTokenizer
@@ -133,10 +133,7 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
         UserError: the folder's ``open_clip_config.json`` is damaged, or the model needs the Hugging Face hub.
     """
     if folder is None:
-        with without_compiler():
-            from open_clip import get_model_config
-
-        description = {"model_cfg": get_model_config(model)}
+        description = {"model_cfg": import_open_clip().get_model_config(model)}
     else:
         description = _read_json(folder / CLIP_CONFIG)
     vision, text = (description["model_cfg"][part] for part in ("vision_cfg", "text_cfg"))
@@ -155,9 +152,7 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
 
 def build_model(model: str, description: dict[str, Any]) -> nn.Module:
     """Build the module that ``model_cfg`` describes, with random weights, on the CPU; UserError if it is invalid."""
-    with without_compiler():
-        import open_clip
-
+    open_clip = import_open_clip(timm=bool(description["vision_cfg"].get("timm_model_name")))
     # As open_clip.create_model chooses the class.
     arguments = {key: value for key, value in description.items() if key != "custom_text"}
     kind = open_clip.CLIP

@@ -16,7 +16,7 @@ from egosplat.models.configs import PHOTOS, SENTENCES
 from egosplat.models.open_clip_loader import OpenClip, Preprocessing
 from egosplat.models.sentences import SentenceEncoder, WordPieces, read_sentence_encoder
 from egosplat.models.weights import load_weights, read_tensors
-from egosplat.models.without_compiler import without_compiler
+from egosplat.models.without_compiler import import_open_clip, without_compiler
 
 # What stands before a phrase and the name of a class; OpenAI's first template.
 PROMPT = "a photo of a"
@@ -76,10 +76,9 @@ class PhotoWords(nn.Module):
 def load_photo_words(device: str, precision: str) -> OpenClip:
     """Build the model from the two packages; UserError if one is missing or damaged, or the device is missing."""
     compute, weights = choose_compute(device, precision), find_checkpoint(CLIP, PHOTOS)
-    with without_compiler():
-        from open_clip.zero_shot_metadata import IMAGENET_CLASSNAMES
+    names = import_open_clip().IMAGENET_CLASSNAMES
     tokenizer, sentences = read_sentence_encoder(SENTENCES.find(), PROMPT)
-    model = PhotoWords(read_classifier(weights), sentences, tokenizer, IMAGENET_CLASSNAMES)
+    model = PhotoWords(read_classifier(weights), sentences, tokenizer, names)
     model = model.to(compute.device).eval().requires_grad_(False)
     return OpenClip(model, INPUT, tokenizer, compute, tokenizer)
 

@@ -6,13 +6,10 @@ import numpy as np
 import torch
 
 from egosplat.models.open_clip_loader import OpenClip
-from egosplat.models.without_compiler import without_compiler
+from egosplat.models.without_compiler import import_open_clip
 from egosplat.query.text import encode_phrases
 from egosplat.query.vocabulary import words_to_try
 from egosplat.viewing.container import Arrays, Facts
-
-with without_compiler():
-    import open_clip
 
 # Numbers of the largest text tower that is put on the page, 4 MB in half precision. The small OpenCLIP has 204,160; that
 # of ViT-B-16 has 63 million.
@@ -37,7 +34,11 @@ def pack_words(clip: OpenClip, canonical: tuple[str, ...]) -> tuple[Arrays, Fact
 def _tower(clip: OpenClip) -> tuple[Arrays, Facts | None]:
     """Weights and tokenizer of a text tower that ``source/text.js`` computes; None for one that is too large or differs."""
     model = clip.model
-    if not isinstance(model, open_clip.CLIP) or model.text_pool_type != "argmax" or not _is_plain(model):
+    if (
+        not isinstance(model, import_open_clip().CLIP)
+        or model.text_pool_type != "argmax"
+        or not _is_plain(model)
+    ):
         return {}, None
     named = {name: values for name, values in model.state_dict().items() if not name.startswith("visual.")}
     weights = {f"text/{name}": _half(values) for name, values in named.items() if values.ndim}
