@@ -1,8 +1,10 @@
 """A recording is the same on every processor, whatever instruction set the libraries choose."""
 
+import io
 import os
 import subprocess
 import sys
+from contextlib import redirect_stdout
 
 import pytest
 
@@ -52,7 +54,9 @@ def recording(limit: dict[str, str]) -> str:
 
 @pytest.fixture(scope="module")
 def unlimited() -> str:
-    return recording({})
+    with redirect_stdout(io.StringIO()) as said:
+        exec(DIGEST, {})
+    return said.getvalue().strip()
 
 
 @pytest.mark.parametrize("name", LIMITS)
