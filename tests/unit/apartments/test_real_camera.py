@@ -10,8 +10,8 @@ import pytest
 
 from egosplat.pipeline.config import defaults, section_keys
 from egosplat.pipeline.options import describe
-from egosplat_apartments.adt_format.adt import write_sequence
 from egosplat_apartments import stage
+from egosplat_apartments.adt_format.adt import write_sequence
 from egosplat_apartments.camera.effects import IDEAL, REAL, Effects, make_effects
 from egosplat_apartments.camera.lens import make_lens
 from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world, run
