@@ -83,14 +83,21 @@ def empty_grid(page: FigureBase, rows: int, columns: int) -> NDArray[np.object_]
     """(rows, columns) places for images, without axes."""
     grid = page.subplots(rows, columns, squeeze=False)
     for axes in grid.flat:
-        axes.set_axis_off()
+        hide_axes(axes)
     return grid
+
+
+def hide_axes(axes: Axes) -> None:
+    """Leave an image's ticks out; Matplotlib would still lay them out each time that it places a title."""
+    axes.set_axis_off()
+    axes.xaxis.set_visible(False)
+    axes.yaxis.set_visible(False)
 
 
 def show(cell: Axes, picture: NDArray, title: str, fontsize: int = 9, **style: Any) -> AxesImage:
     """Draw an image below its title, without axes; ``style`` as for ``Axes.imshow``."""
     cell.set_title(title, fontsize=fontsize)
-    cell.set_axis_off()
+    hide_axes(cell)
     return cell.imshow(picture, **style)
 
 
@@ -131,13 +138,21 @@ def arrange_texts(figure: Figure) -> None:
 
     A name for which there is no room is dropped, the later one first.
     """
-    figure.draw_without_rendering()
-    wrapped = [wrap_text(text, room) for text, room in _titles(figure)]
     named = [axes for axes in figure.get_axes() if any(text.get_gid() == NAME for text in axes.texts)]
+    _lay_out(figure, named)
+    wrapped = [wrap_text(text, room) for text, room in _titles(figure)]
     if any(wrapped) and named:
-        figure.draw_without_rendering()
+        _lay_out(figure, named)
     for axes in named:
         _place_names(axes)
+
+
+def _lay_out(figure: Figure, named: Sequence[Axes]) -> None:
+    """Find the places of the axes; where names are placed inside images, those of the images, too."""
+    if named:
+        figure.draw_without_rendering()
+    elif engine := figure.get_layout_engine():
+        engine.execute(figure)
 
 
 def _titles(figure: Figure) -> Iterator[tuple[Text, float]]:
@@ -202,7 +217,8 @@ def save_figure(figure: Figure, output: Path) -> None:
     figure.set_dpi(DPI)
     arrange_texts(figure)
     with atomic_file(output) as scratch:
-        figure.savefig(scratch, dpi=DPI, format="png", metadata={"Software": "egosplat"})
+        # savefig would draw once more before, to lay out what is laid out here.
+        figure.canvas.print_png(scratch, metadata={"Software": "egosplat"})
     plt.close(figure)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from egosplat.drawing import draw_heat, draw_mask, plt, save_figure
+from egosplat.drawing import draw_heat, draw_mask, hide_axes, plt, save_figure
 from egosplat.query.command import NOTHING, DrawnAnswer
 
 # Height of an image [inches].
@@ -37,7 +37,7 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
 def _draw(cells: NDArray[np.object_], drawn: DrawnAnswer) -> None:
     place, heat, mask = cells
     for axes in cells:
-        axes.set_axis_off()
+        hide_axes(axes)
     answer, view = drawn.answer, drawn.view
     where = f", {drawn.where}" if drawn.where else ""
     caption = f'"{answer.phrase}": {answer.grade}{where}'

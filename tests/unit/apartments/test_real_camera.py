@@ -10,6 +10,7 @@ import pytest
 
 from egosplat.pipeline.config import defaults, section_keys
 from egosplat.pipeline.options import describe
+from egosplat_apartments import stage
 from egosplat_apartments.adt_format.adt import write_sequence
 from egosplat_apartments.camera.effects import IDEAL, REAL, Effects, make_effects
 from egosplat_apartments.camera.lens import make_lens
@@ -25,9 +26,13 @@ def effects_of(**changes):
 
 
 @pytest.fixture(scope="module")
-def film():
+def world():
+    return make_world(seed=8, seconds=3.0, objects=16, motion=0.5)
+
+
+@pytest.fixture(scope="module")
+def film(world):
     """``film(effects)``: the recording of one small world, and its frames."""
-    world = make_world(seed=8, seconds=3.0, objects=16, motion=0.5)
     renderer = make_renderer(world, make_lens(64))
 
     @functools.cache
@@ -174,8 +179,10 @@ def test_frames_say_how_they_were_exposed(real):
     assert np.log2(factors.max() / factors.min()) <= 1.0 + 1e-6
 
 
-def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, tmp_path):
+def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, world, tmp_path, monkeypatch):
     """poses.trajectory ground_truth reads exact poses, closed_loop those of an estimate."""
+    asked = {"seed": 8, "seconds": 3.0, "objects": 16, "motion": 0.5, "world": "usual"}
+    monkeypatch.setattr(stage, "make_world", lambda **keys: world if keys == asked else None)
     options = SyntheticOptions(**defaults()["synthetic"] | TINY | {"camera": "real"})
     run(tmp_path / "real", options)
     same_name = replace(ideal[0], name="synthetic_apartment_seed8")

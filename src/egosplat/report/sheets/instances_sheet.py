@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.drawing import ground_axes, plt, show
+from egosplat.drawing import ground_axes, hide_axes, plt, show
 from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import sheet
 
@@ -57,7 +57,7 @@ def run(frames: Artifact, poses: Artifact, segments: Artifact, instances: Artifa
         _draw_from_above(grid[: 1 + len(levels), -1], poses, instances, colors)
     for place, instance in enumerate(cropped):
         rows = grid[1 + len(levels) + 2 * place :][:2]
-        rows[0, -1].set_axis_off(), rows[1, -1].set_axis_off()
+        hide_axes(rows[0, -1]), hide_axes(rows[1, -1])
         draw_merged_crops(rows[:, :-1], frames, segments, instances, instance, seen)
     return figure, _summary(instances)
 
@@ -81,7 +81,7 @@ def _draw_from_above(
     low, high = np.percentile(xyz, [1, 99], axis=0)
     floor = np.percentile(height, 1)
     inside = ((xyz >= low) & (xyz <= high)).all(axis=1) & (height < floor + BELOW * (camera - floor))
-    cells[0].set_axis_off()
+    hide_axes(cells[0])
     for level, name in enumerate(instances.facts["levels"]):
         drawn = np.flatnonzero(inside & (owner[:, level] >= 0))
         drawn = drawn[np.argsort(height[drawn], kind="stable")]
@@ -176,7 +176,7 @@ def draw_merged_crops(
     Above, the mask of segments.zarr that holds most of the instance; below, the instance.
     """
     for cell in cells.flat:
-        cell.set_axis_off()
+        hide_axes(cell)
     merged = int(instances.read("instances/masks")[instance])
     count_of_masks = "1 mask" if merged == 1 else f"{merged} masks"
     chosen = [*shown.get(instance, ())]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import AS_GIVEN, FITTED
-from egosplat.drawing import empty_grid, ground_axes, label_log_axis, middles_of_parts, plt, show
+from egosplat.drawing import empty_grid, ground_axes, hide_axes, label_log_axis, middles_of_parts, plt, show
 from egosplat.gaussians.evaluation import Scores
 from egosplat.report.sheets.sheet import sheet
 
@@ -82,7 +82,7 @@ def _draw_curves(axes: NDArray[np.object_], splats: Artifact) -> None:
     above, middle, below = axes
     if not len(iteration):  # Gaussians of another program
         for one in axes:
-            one.set_axis_off()
+            hide_axes(one)
         return
     above.semilogy(iteration, splats.read("curve/loss"), color="0.75", linewidth=0.8)
     above.semilogy(iteration, _smoothed(splats.read("curve/loss")), color="tab:blue")
