@@ -150,7 +150,9 @@ def too_few_message(
             f". A second model registers {len(second)} ({format_ranges(second)}): the two share too few views"
         )
     wider = "set poses.matching=exhaustive" if strategy == "sequential" else ""
-    larger = f"set frames.resolution={_FEW_PIXELS}, as {side} px show few details" if side < _FEW_PIXELS else ""
+    larger = (
+        f"set frames.resolution={_FEW_PIXELS}, as {side} px show few details" if side < _FEW_PIXELS else ""
+    )
     advice = [
         larger,
         "add views in between (a smaller frames.stride)",
