@@ -21,6 +21,9 @@ _DIGEST_BYTES = 32
 # Wall time between two checkpoints [s]: a killed stage loses a minute.
 EVERY_S = 60.0
 
+# A write that takes longer [s] is waited for as many times longer, so that checkpoints take a twentieth of the time at most.
+SLOW_S = EVERY_S / 20
+
 
 class UnusableState(Exception):
     """A file holds no state to continue from; the text says why."""
@@ -41,7 +44,7 @@ class Checkpoint:
         self._folder = output.parent / f".{output.name}.checkpoint"
         self.file = self._folder / part / "state"
         self._key = key
-        self._every_s = EVERY_S if every_s is None else every_s
+        self._wait_s = self._every_s = EVERY_S if every_s is None else every_s
         self._saved = time.monotonic()
 
     def load(self) -> State | None:
@@ -55,8 +58,9 @@ class Checkpoint:
             return None
 
     def save_if_due(self, state: Callable[[], State]) -> None:
-        """Write ``state()`` if the last checkpoint is ``every_s`` old. A failed write is only logged."""
-        if time.monotonic() - self._saved < self._every_s:
+        """Write ``state()`` if the last checkpoint is ``every_s`` old, see also ``SLOW_S``. A failed write is only logged."""
+        begun = time.monotonic()
+        if begun - self._saved < self._wait_s:
             return
         try:
             write_state(self.file, self._key, state())
@@ -65,6 +69,7 @@ class Checkpoint:
             log(f"warning: no checkpoint: {self.file}: {error.strerror}")
         # Counted from the end of the write, so that a slow disk does not take all the time.
         self._saved = time.monotonic()
+        self._wait_s = self._every_s * max(1.0, (self._saved - begun) / SLOW_S)
 
     def remove(self) -> None:
         """Remove the checkpoints of all parts, and the scratch files of killed writers."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+import egosplat.artifacts.checkpoint as checkpoint_module
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.provenance import begin, key_of
 
@@ -50,6 +51,23 @@ def test_checkpoint_waits_for_its_interval(tmp_path):
         lambda: pytest.fail("asked for the state")
     )
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("write_s, saves", [(1.0, 9), (6.0, 5), (60.0, 1)])
+def test_a_slow_write_is_repeated_less_often(tmp_path, monkeypatch, write_s, saves):
+    clock, written = [0.0], []
+    monkeypatch.setattr(checkpoint_module.time, "monotonic", lambda: clock[0])
+
+    def write(file, key, saved) -> None:
+        written.append(saved)
+        clock[0] += write_s
+
+    monkeypatch.setattr(checkpoint_module, "write_state", write)
+    checkpoint = Checkpoint(tmp_path / "splats.zarr", "key")
+    while clock[0] < 600.0:
+        clock[0] += 1.0
+        checkpoint.save_if_due(state)
+    assert len(written) == saves
 
 
 def test_a_full_disk_does_not_end_training(tmp_path, capsys, monkeypatch):
