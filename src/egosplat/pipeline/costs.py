@@ -43,10 +43,10 @@ _TIME_MARGIN, _START_MIN, _DAY_MIN = 10, 10, 1440
 _GPU_SPEEDUP = 150
 
 _ON_GPU = {"auto", "cuda"}
-_SMALL = "small"
+_SMALL, _PHOTOS = "small", "photos"
 
 # Channels of features by models.clip_model; others have about 512.
-_CHANNELS = {_SMALL: 128, "photos": 1000}
+_CHANNELS = {_SMALL: 128, _PHOTOS: 1000}
 
 
 class Cost(NamedTuple):
@@ -92,6 +92,7 @@ COSTS: dict[str, Cost] = {
     ),
     "view_features": Cost(730, {"features": 16.1, "megapixels": 38}, {"frames": 0.0011}),
     "view_features_published": Cost(2020, {"features": 16.1, "megapixels": 38}, {"frames": 0.5}),
+    "view_features_photos": Cost(1080, {"features": 16.1, "megapixels": 38}, {"frames": 0.05}),
     "features": Cost(760, {"features": 53.2}, {"features": 0.5}),
     "transient": Cost(
         1000,
@@ -323,6 +324,8 @@ def cost_of(stage: str, config: Config, sizes: Sizes) -> Cost:
     elif stage == "language" and config["splats"]["language"] != "joint":
         method = f"language_{config['language']['method']}"
         row = _LIKE.get(method, method)
+    elif row == "view_features" and models["clip_model"] == _PHOTOS:
+        row += "_photos"
     elif row in ("view_features", "metrics") and models["clip_model"] != _SMALL:
         row += "_published"
     return COSTS[row]

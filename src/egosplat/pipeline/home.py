@@ -14,6 +14,9 @@ _SHIPPED = _PACKAGE / "shipped"
 # Relative to a folder with a workflow of its own, which Snakemake finds by itself.
 SNAKEFILE = Path("workflow/Snakefile")
 
+# Where Snakemake looks for the workflow of a project.
+_SNAKEFILES = ("Snakefile", "snakefile", SNAKEFILE)
+
 # Where the workflow puts results, which its targets name from the folder of the workflow.
 _RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
 
@@ -22,22 +25,34 @@ _CONFIG, _PRESETS, _SCENES = Path("config/config.yaml"), Path("config/presets"),
 
 def snakefile() -> Path:
     """Get the path of the Snakefile: that of the working directory, else of ``_home``."""
-    return SNAKEFILE if SNAKEFILE.is_file() else _home() / SNAKEFILE
+    return _here_or_home(SNAKEFILE)
 
 
 def config_file() -> Path:
     """Get the configuration that is read first: that of the working directory, else of ``_home``."""
-    return _CONFIG if _CONFIG.exists() else _home() / _CONFIG
+    return _here_or_home(_CONFIG)
 
 
 def presets_folder() -> Path:
     """Get the folder of the presets: that of the working directory, else of ``_home``."""
-    return _PRESETS if _PRESETS.is_dir() else _home() / _PRESETS
+    return _here_or_home(_PRESETS)
 
 
 def scenes_table(named: Path) -> Path:
     """Get the table of scenes that a configuration names; for the default name without a file, that of ``_home``."""
-    return _home() / _SCENES if named == _SCENES and not named.exists() else named
+    return _here_or_home(named) if named == _SCENES else named
+
+
+def _here_or_home(path: Path) -> Path:
+    """A file of the working directory, unless a Snakemake project of its own lives there; else that of ``_home``."""
+    is_other = any(Path(name).is_file() for name in _SNAKEFILES) and not has_workflow(Path())
+    return path if path.exists() and not is_other else _home() / path
+
+
+def has_workflow(folder: Path) -> bool:
+    """Whether a folder has egosplat's workflow, and not that of another project."""
+    path = folder / SNAKEFILE
+    return path.is_file() and "egosplat" in path.read_text(errors="replace")
 
 
 def how_to_reinstall() -> str:
@@ -56,8 +71,7 @@ def _home() -> Path:
 
 def snakemake_in(folder: Path) -> str:
     """The command ``snakemake`` in a folder; without a workflow of its own, with the one that comes with egosplat."""
-    has_workflow = (folder / SNAKEFILE).is_file()
-    return "snakemake" if has_workflow else 'snakemake --snakefile "$(egosplat snakefile)"'
+    return "snakemake" if has_workflow(folder) else 'snakemake --snakefile "$(egosplat snakefile)"'
 
 
 def make_command(path: Path, flag: str = "") -> str:
@@ -69,7 +83,7 @@ def make_command(path: Path, flag: str = "") -> str:
     if root.resolve() == Path.cwd():
         return f"{snakemake_in(root)} --cores 2 {flag}{target}"
     # Results may lie apart from the workflow, by Snakemake's option --directory.
-    if SNAKEFILE.is_file() and not (root / SNAKEFILE).is_file():
+    if has_workflow(Path()) and not has_workflow(root):
         return f"snakemake --cores 2 {flag}--directory {shlex.quote(str(root))} {target}"
     return f"cd {shlex.quote(str(root))} && {snakemake_in(root)} --cores 2 {flag}{target}"
 

@@ -62,8 +62,10 @@ class Source:
 
 
 def name_of(given: Path) -> str:
-    """Make the name of a scene from that of its file or folder."""
+    """Make the name of a scene from that of its file or folder; of a recording of Aria glasses, its folder."""
     path = Path(os.path.abspath(given))
+    # Files of Aria's recordings have the same name.
+    path = path.parent if path.name in ADT_VIDEOS else path
     stem = path.name if path.is_dir() else path.stem
     return re.sub("[^A-Za-z0-9_-]+", "_", stem).strip("_")[:60] or "scene"
 

@@ -144,6 +144,8 @@ class Steps:
             return []
         self._surveyed = "survey" in self._left
         more = ", or more: the survey decides" if self._surveyed else ""
+        if self._forecast.count is None:
+            return [f"{count} steps{more}; how long they take is said when the frames are counted"]
         return [
             f"{count} steps{more}; about {duration(self.remaining_s())} on processors as busy as these are"
         ]

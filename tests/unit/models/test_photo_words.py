@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from egosplat.errors import UserError
 from egosplat.features.crops import channels, encode
@@ -13,7 +14,7 @@ from egosplat.models.checkpoints import CLIP, MISSING, find_checkpoint, model_ha
 from egosplat.models.configs import PHOTO_WEIGHTS, SENTENCES, clip_config_files
 from egosplat.models.needed import find_needed, listing
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.models.photo_words import read_classifier
+from egosplat.models.photo_words import fold_norms, read_classifier
 from egosplat.pipeline.config import defaults
 from egosplat.pipeline.model_sets import choose_set
 from egosplat.query.text import encode_phrases, untaught_words
@@ -153,6 +154,22 @@ def test_another_architecture_than_the_package_s_is_an_error(tmp_path):
     torch.save({"conv": torch.zeros(3, 3), "head": torch.zeros(1)}, path)
     with pytest.raises(UserError, match=f"{path}: has another architecture"):
         read_classifier(path)
+
+
+def test_folded_normalizations_change_features_by_rounding_alone():
+    model = nn.Sequential(nn.Conv2d(3, 4, 3, bias=False), nn.BatchNorm2d(4), nn.ReLU(), nn.Conv2d(4, 2, 1))
+    model[1].running_mean.normal_(generator=torch.manual_seed(0))
+    model[1].running_var.uniform_(0.5, 2)
+    pictures = torch.rand(2, 3, 8, 8)
+    with torch.no_grad():
+        before = model.eval()(pictures)
+        after = fold_norms(model)(pictures)
+    assert not any(isinstance(part, nn.BatchNorm2d) for part in model.modules())
+    torch.testing.assert_close(after, before)
+
+
+def test_no_normalization_is_left_in_the_classifier(clip):
+    assert not any(isinstance(part, nn.BatchNorm2d) for part in clip.model.classifier.modules())
 
 
 def test_the_hash_covers_both_weights_and_the_names_of_the_classes():

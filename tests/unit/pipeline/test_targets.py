@@ -90,7 +90,7 @@ def test_a_result_is_made_from_any_working_directory(place, command, tmp_path, m
     """A folder without a workflow takes the one that comes with egosplat; Snakemake finds a folder's own."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine/workflow").mkdir(parents=True)
-    (tmp_path / "mine/workflow/Snakefile").touch()
+    (tmp_path / "mine/workflow/Snakefile").write_text("# egosplat")
     command = command.format(here=tmp_path)
     assert make_command(Path(place.format(here=tmp_path))) == command
 

@@ -191,6 +191,13 @@ def test_exhaustive_matching_is_advised_for_sequential_matching_only(strategy, a
     assert ("poses.matching=exhaustive" in too_few_message({0, 1, 2}, [], 9, 0.5, strategy)) == advised
 
 
+@pytest.mark.parametrize("side, advised", [(256, True), (512, False)])
+def test_larger_frames_are_advised_for_small_ones_only(side, advised):
+    text = too_few_message({0, 1, 2}, [], 9, 0.5, "exhaustive", side)
+    assert ("\nSet frames.resolution=512, as 256 px" in text) == advised
+    assert "frames.stride" in text
+
+
 def test_a_second_model_is_reported_with_its_frames():
     text = too_few_message(set(range(5)), [{5, 6, 7}, {6, 7, 8, 9, 11}], 12, 0.5, "exhaustive")
     assert "not registered (indices from 0): 5 to 11" in text

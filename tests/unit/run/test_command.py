@@ -1,6 +1,7 @@
 """The command line of ``egosplat run``, and the call of Snakemake."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from click.testing import CliRunner
 from egosplat.cli import cli
 from egosplat.cli.scenes import spread
 from egosplat.errors import UserError
-from egosplat.pipeline.home import snakefile
+from egosplat.pipeline.home import config_file, make_command, snakefile
 from egosplat.run import command
 from egosplat.run.command import make_scene
 from tests.unit.run.conftest import write_pictures
@@ -58,12 +59,23 @@ def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
 
 def test_the_workflow_of_the_working_directory_is_taken_first(calls, tmp_path):
     Path("workflow").mkdir()
-    Path("workflow/Snakefile").touch()
+    shutil.copy(ROOT / "workflow/Snakefile", "workflow")
     Path("config").mkdir()
     Path("config/presets").symlink_to(ROOT / "config/presets")
     assert snakefile() == Path("workflow/Snakefile")
     make_scene(tmp_path / "photos", name="kitchen")
     assert "--snakefile" not in calls[0] and calls[0][-1] == "results/mine/kitchen/scene.html"
+
+
+@pytest.mark.parametrize("place", ["Snakefile", "workflow/Snakefile"])
+def test_the_project_of_another_workflow_is_left_alone(calls, tmp_path, place):
+    for path, text in ((place, "rule all:\n"), ("config/config.yaml", "samples: [a]\n")):
+        Path(path).parent.mkdir(exist_ok=True)
+        Path(path).write_text(text)
+    make_scene(tmp_path / "photos")
+    assert calls[0][1:3] == ["--snakefile", str(ROOT / "workflow/Snakefile")]
+    assert config_file() == ROOT / "config/config.yaml"
+    assert make_command(Path("results/mine/photos/scene.html")).startswith("snakemake --snakefile ")
 
 
 def test_what_to_ask_is_told(calls, tmp_path):

@@ -113,7 +113,13 @@ def test_an_encrypted_archive_is_named(recording, tmp_path):
 
 @pytest.mark.parametrize(
     "given, name",
-    [("kitchen.mp4", "kitchen"), ("My Küche (1).mp4", "My_K_che_1"), ("a.b.zip", "a_b"), ("...", "scene")],
+    [
+        ("kitchen.mp4", "kitchen"),
+        ("My Küche (1).mp4", "My_K_che_1"),
+        ("a.b.zip", "a_b"),
+        ("...", "scene"),
+        ("walk/video.vrs", "walk"),
+    ],
 )
 def test_a_scene_has_the_name_of_its_file(given, name):
     assert name_of(Path(given)) == name

@@ -16,6 +16,9 @@ MIN_IMAGES = 3
 # A model with fewer points is noise, not a scene.
 MIN_POINTS = 50
 
+# Frames whose longer side is shorter have few features: 16 photographs and a video of 70 frames got half as many poses [px].
+_FEW_PIXELS = 512
+
 _SECONDS_BETWEEN_LINES = 5.0
 
 
@@ -91,7 +94,8 @@ def choose_model(
     if len(registered) < min_registered * frames:
         if matches.with_parallax == 0:
             raise UserError(_no_model_message(matches))
-        raise UserError(too_few_message(registered, others, frames, min_registered, matches.strategy))
+        side = max(max(camera.width, camera.height) for camera in joined.model.cameras.values())
+        raise UserError(too_few_message(registered, others, frames, min_registered, matches.strategy, side))
     for line in model_lines(joined.parts, registered, others, joined.reasons, frames):
         log(f"COLMAP: {line}")
     return joined
@@ -127,9 +131,14 @@ def frames_of_model(model: pycolmap.Reconstruction, project: Project) -> set[int
 
 
 def too_few_message(
-    registered: set[int], others: list[set[int]], frames: int, min_registered: float, strategy: str
+    registered: set[int],
+    others: list[set[int]],
+    frames: int,
+    min_registered: float,
+    strategy: str,
+    side: int = _FEW_PIXELS,
 ) -> str:
-    """The error of a largest model with the frames ``registered``, beside models of other frames; it advises."""
+    """The error of a largest model with the frames ``registered`` of a longer side [px], beside others; it advises."""
     lost = format_ranges(set(range(frames)) - registered)
     problem = (
         f"COLMAP registers {len(registered)} of {frames} frames, and poses.min_registered requires "
@@ -141,14 +150,19 @@ def too_few_message(
             f". A second model registers {len(second)} ({format_ranges(second)}): the two share too few views"
         )
     wider = "set poses.matching=exhaustive" if strategy == "sequential" else ""
+    larger = (
+        f"set frames.resolution={_FEW_PIXELS}, as {side} px show few details" if side < _FEW_PIXELS else ""
+    )
     advice = [
-        "Add views in between (a smaller frames.stride)",
+        larger,
+        "add views in between (a smaller frames.stride)",
         "take the part that shows one place (frames.start_s, frames.end_s)",
         "remove blurred and blank frames",
         wider,
         accept_advice(len(registered), frames),
     ]
-    return f"{problem}\n{', or '.join(filter(None, advice))}"
+    advised = ", or ".join(filter(None, advice))
+    return f"{problem}\n{advised[0].upper()}{advised[1:]}"
 
 
 def _no_model_message(matches: MatchingResult) -> str:
