@@ -89,6 +89,8 @@ def test_stages_get_the_values_they_got(preset):
                 del found[stage][key]
             for key, (old, new) in MOVED.get(stage, {}).items():
                 expected[key] = new if expected[key] == old else expected[key]
+            if stage == "frames" and "draft" in name and " plain " in name and expected["resolution"] == 256:
+                expected["resolution"] = 512  # preset draft, in which COLMAP oriented too few pictures
             if "paper_scaled" in name:
                 # It takes the readings that come with the paper's models, too.
                 readings = {
