@@ -145,7 +145,9 @@ def prepare(scan: Path, every: int) -> Path:
 def _merged(scan: Path, splits: Sequence[Path]) -> dict[str, Any]:
     """One document of OpenGaussian's two, whose pictures are named without their ending."""
     documents = [read_json(path) for path in splits]
-    frames = [frame for one in documents for frame in one["frames"]]
+    frames = [frame for one in documents for frame in one.get("frames", [])]
+    if not all(isinstance(frame.get("file_path"), str) for frame in frames):
+        raise UserError(f"{splits[0]}: a frame has no file_path; prepare the scan again")
     for frame in frames:
         path = scan / frame["file_path"]
         ending = next((ending for ending in (".jpg", ".png", "") if Path(f"{path}{ending}").is_file()), None)
@@ -164,10 +166,10 @@ def _exported(scan: Path, every: int) -> dict[str, Any]:
             f"{scan}: has no color/*.jpg with intrinsic/intrinsic_color.txt; export the .sens file"
         )
     width, height = Image.open(pictures[0]).size
-    matrix = np.loadtxt(intrinsic)
+    matrix = _matrix(intrinsic)
     if not 0.25 < matrix[0, 2] / width < 0.75:
         raise UserError(f"{intrinsic}: is not that of pictures of {width} x {height}, as color/ has them")
-    poses = {path: np.loadtxt(scan / "pose" / f"{path.stem}.txt") for path in pictures[::every]}
+    poses = {path: _matrix(scan / "pose" / f"{path.stem}.txt") for path in pictures[::every]}
     frames = [
         {"file_path": f"color/{path.name}", "transform_matrix": (pose @ _OPENGL).tolist()}
         for path, pose in poses.items()
@@ -175,6 +177,16 @@ def _exported(scan: Path, every: int) -> dict[str, Any]:
     ]
     numbers = {"fl_x": matrix[0, 0], "fl_y": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
     return {"camera_model": "PINHOLE", "w": width, "h": height, **numbers, "frames": frames}
+
+
+def _matrix(path: Path) -> NDArray[np.float64]:
+    try:
+        found = np.loadtxt(path, ndmin=2)
+    except (OSError, ValueError):
+        found = np.empty(0)
+    if found.shape != (4, 4):
+        raise UserError(f"{path}: is no matrix of 4 rows of 4 numbers; export the .sens file again")
+    return found
 
 
 def _cells(scores: Sequence[tuple[float, float]]) -> list[str]:

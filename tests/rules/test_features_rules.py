@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
 BOTH = {"view_features", "features"}
 FILES = ("common/start", "common/scenes", "common/dag", "common/resources", "rules/features")
-SNAKEFILE = "".join(f'include: "{name}.smk"\n' for name in FILES)
+SNAKEFILE = "# Two rules of egosplat.\n" + "".join(f'include: "{name}.smk"\n' for name in FILES)
 UNSURVEYED = (
     "survey.min_view_change_deg=0 survey.blur_limit=0 splats.masking=none segments.track_moving=never "
     "camera.refine_poses=off camera.compensate_exposure=off"

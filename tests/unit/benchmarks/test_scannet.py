@@ -85,6 +85,9 @@ def test_both_splits_of_opengaussian_are_taken(tmp_path):
     "spoil, told",
     [
         (lambda scan: (scan / "intrinsic/intrinsic_color.txt").unlink(), "intrinsic_color.txt"),
+        (lambda scan: (scan / "pose/2.txt").unlink(), r"pose/2\.txt"),
+        (lambda scan: (scan / "pose/2.txt").write_text("1 2 3"), r"pose/2\.txt"),
+        (lambda scan: (scan / "transforms_test.json").write_text('{"frames": [{}]}'), "file_path"),
         (lambda scan: Image.new("RGB", (300, 200)).save(scan / "color/0.jpg"), "300 x 200"),
         (lambda scan: (scan / "transforms.json").write_text("{}"), "transforms.json"),
         (
@@ -94,7 +97,15 @@ def test_both_splits_of_opengaussian_are_taken(tmp_path):
             "color/77",
         ),
     ],
-    ids=["no camera", "camera of another size", "prepared", "no picture"],
+    ids=[
+        "no camera",
+        "no pose",
+        "damaged pose",
+        "no name",
+        "camera of another size",
+        "prepared",
+        "no picture",
+    ],
 )
 def test_a_scan_that_cannot_be_prepared(tmp_path, spoil, told):
     scan = export_scan(tmp_path / "scan")
