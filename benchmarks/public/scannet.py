@@ -25,6 +25,7 @@ from benchmarks.common import command, markdown
 from egosplat.calibration.ply import read_vertices
 from egosplat.codes.decoder import decode
 from egosplat.errors import UserError
+from egosplat.evaluation.scores import iou
 from egosplat.files import read_json, write_text
 from egosplat.query.finished_scene import Scene
 from egosplat.query.opening import open_scene
@@ -79,10 +80,10 @@ def score(truth: Labels, found: Labels) -> Score:
     truth, found = truth[truth > 0], found[truth > 0]
     if not len(truth):
         raise UserError("no vertex has a label of the classes that are asked")
-    right = [((truth == one) & (found == one)).sum() for one in np.unique(truth)]
-    either = [((truth == one) | (found == one)).sum() for one in np.unique(truth)]
-    own = [(truth == one).sum() for one in np.unique(truth)]
-    return Score(float(np.mean(np.divide(right, either))), float(np.mean(np.divide(right, own))))
+    masks = [(found == one, truth == one) for one in np.unique(truth)]
+    ious = [iou(answer, own, None) for answer, own in masks]
+    accuracies = [answer[own].mean() for answer, own in masks]
+    return Score(float(np.mean(ious)), float(np.mean(accuracies)))
 
 
 def read_labels(path: Path) -> tuple[NDArray[np.float64], Labels]:
