@@ -66,7 +66,12 @@ def time_call(call: Callable[..., T], *arguments: Any) -> tuple[T, float]:
 
 
 def cpu_seconds_of(words: Sequence[str], folder: Path, **environment: str) -> float:
-    """Processor time of a command and of the processes that it waits for [s].
+    """Processor time of a command and of the processes that it waits for [s]; as ``usage_of``."""
+    return usage_of(words, folder, **environment)[0]
+
+
+def usage_of(words: Sequence[str], folder: Path, **environment: str) -> tuple[float, float]:
+    """Processor time of a command and of the processes that it waits for [s], and the peak memory of the largest [MiB].
 
     Raises:
         UserError: it failed; the message holds the end of its output.
@@ -80,7 +85,7 @@ def cpu_seconds_of(words: Sequence[str], folder: Path, **environment: str) -> fl
         if process.returncode != 0:
             output.seek(0)
             raise UserError(f"{shlex.join(words)} failed in {folder}:\n{output.read()[-1000:]}")
-    return usage.ru_utime + usage.ru_stime
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
 
 
 def output_of(module: str, *arguments: object, **environment: str) -> str:

@@ -9,6 +9,7 @@ from benchmarks.common import ROOT
 
 # Commands beside the topics' own.
 MORE = (
+    "growth.masks",
     "instances.broken_tracks",
     "instances.growth",
     "language.blends",

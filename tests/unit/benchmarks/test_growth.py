@@ -1,0 +1,54 @@
+"""Tests of the growth of stages: the exponent, the rows, the expected exponents."""
+
+import pytest
+
+from benchmarks.growth.__main__ import FIXED, LEFT_OUT, configuration, growth, row
+from egosplat.pipeline.costs import COSTS, Sizes, cost_of
+from egosplat.pipeline.stages import STAGES
+
+# Units of the expected time that grow with the frames.
+OF_FRAMES = {"video", "frames", "searched", "prompts", "features"}
+
+
+@pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
+def test_what_a_command_takes_at_its_start_does_not_count(exponent):
+    assert growth([7.0 + size**exponent for size in (5, 50, 500)], 2.0) == pytest.approx(exponent)
+
+
+def test_a_small_increase_has_no_growth():
+    assert growth([3.0, 3.1, 5.0], 2.0) is None
+
+
+def test_a_row_names_a_growth_of_time_or_memory_above_its_law():
+    linear, square = [(3.0, 300.0), (4.0, 300.0), (14.0, 300.0)], [(3.0, 300.0), (4.0, 310.0), (104.0, 310.0)]
+    assert row("splats", linear, 1) == [
+        "`splats`",
+        "3.0",
+        "4.0",
+        "14.0",
+        "1.0",
+        "300",
+        "300",
+        "300",
+        "-",
+        "1",
+    ]
+    assert row("splats", linear, 0)[-1] == "0, **worse**"
+    assert row("splats", square, 1)[4:] == ["2.0", "300", "310", "310", "-", "1, **worse**"]
+    assert (
+        row("splats", [(3.0, memory) for _, memory in linear[:2]] + [(3.0, 900.0)], 1)[-1] == "1, **worse**"
+    )
+
+
+def test_the_laws_of_frames_are_those_by_which_the_workflow_requests_time():
+    config, known = configuration(), set(COSTS) | {name for name in STAGES if name.endswith("sheet")}
+    units = {
+        name: {
+            unit
+            for product in cost_of(name, config, Sizes(name, config)).minutes
+            for unit in product.split("*")
+        }
+        for name in STAGES
+        if name in known and name not in LEFT_OUT
+    }
+    assert {name for name, grow in units.items() if not grow & OF_FRAMES} == set(FIXED) & set(units)
