@@ -15,7 +15,7 @@ import pytest
 from filelock import FileLock
 
 from egosplat.progress import show_log
-from tests.support.warm import run_snakemake, share_servers
+from tests.support.warm import leave_flushing, run_snakemake, share_servers
 
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
@@ -23,6 +23,7 @@ REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "
 
 # Tests read what a user would see.
 show_log()
+leave_flushing()
 
 
 def pytest_configure(config: pytest.Config) -> None:
