@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import pytest
 from filelock import FileLock
 
 from egosplat.progress import show_log
-from tests.support.warm import run_snakemake, share_servers
+from tests.support.warm import leave_flushing, run_snakemake, share_servers
 
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
@@ -23,6 +24,7 @@ REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "
 
 # Tests read what a user would see.
 show_log()
+leave_flushing()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -163,12 +165,29 @@ class Workdir:
         assert found or "Nothing to be done" in output, output
         return found
 
+    def own_code(self) -> Path:
+        """The folder of its own copy of the code, which is made when it is first asked for."""
+        if self.code != (own := self.folder / "src"):
+            self.code = Path(shutil.copytree(self.code, own))
+        return own
+
     def edit(self, module: str, old: str, new: str) -> None:
-        """Replace text in the copied code; ``module`` is a path below the package egosplat."""
-        path = self.code / "egosplat" / module
+        """Replace text in its own code; ``module`` is a path below the package egosplat."""
+        path = self.own_code() / "egosplat" / module
         text = path.read_text()
         assert old in text, f"{module} lacks {old!r}"
         path.write_text(text.replace(old, new, 1))
+
+    @contextmanager
+    def edited(self, module: str, old: str, new: str) -> Iterator[None]:
+        """``edit``, until the block ends."""
+        path = self.own_code() / "egosplat" / module
+        before = path.read_bytes()
+        self.edit(module, old, new)
+        try:
+            yield
+        finally:
+            path.write_bytes(before)
 
 
 @pytest.fixture(scope="session")
@@ -202,14 +221,21 @@ def _run_main_job(folder: Path) -> None:
 @pytest.fixture(scope="session")
 def unchanged(finished: Workdir, tmp_path_factory: pytest.TempPathFactory) -> Workdir:
     """A copy of the finished run for plans alone."""
-    copy = tmp_path_factory.mktemp("unchanged") / "copy"
-    return Workdir(Path(shutil.copytree(finished.folder, copy, symlinks=True)))
+    return _copied(finished, tmp_path_factory.mktemp("unchanged"))
 
 
 @pytest.fixture
 def workdir(finished: Workdir, tmp_path: Path) -> Workdir:
     """A private copy of the finished run."""
-    return Workdir(Path(shutil.copytree(finished.folder, tmp_path / "copy", symlinks=True)))
+    return _copied(finished, tmp_path)
+
+
+def _copied(finished: Workdir, folder: Path) -> Workdir:
+    """A copy without the code, which is three quarters of the files and most tests leave as it is."""
+    own = shutil.ignore_patterns("src", "finished")
+    return Workdir(
+        Path(shutil.copytree(finished.folder, folder / "copy", symlinks=True, ignore=own)), finished.code
+    )
 
 
 @pytest.fixture

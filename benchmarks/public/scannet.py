@@ -27,6 +27,7 @@ from egosplat.codes.decoder import decode
 from egosplat.errors import UserError
 from egosplat.evaluation.scores import iou
 from egosplat.files import read_json, write_text
+from egosplat.geometry import OPENGL_AXES
 from egosplat.query.finished_scene import Scene
 from egosplat.query.opening import open_scene
 
@@ -54,9 +55,6 @@ PRINTED = (
     ("OpenGaussian, run again (its issue 32)", (22.19, 31.56), (23.13, 32.77), (29.77, 40.23)),
     ("OpenGaussian, run again (the same)", (25.3, 36.9), (27.5, 39.5), (34.0, 47.4)),
 )
-
-# Camera axes of OpenCV (x right, y down, z forward) to those of OpenGL.
-_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -172,7 +170,7 @@ def _exported(scan: Path, every: int) -> dict[str, Any]:
         raise UserError(f"{intrinsic}: is not that of pictures of {width} x {height}, as color/ has them")
     poses = {path: _matrix(scan / "pose" / f"{path.stem}.txt") for path in pictures[::every]}
     frames = [
-        {"file_path": f"color/{path.name}", "transform_matrix": (pose @ _OPENGL).tolist()}
+        {"file_path": f"color/{path.name}", "transform_matrix": (pose * OPENGL_AXES).tolist()}
         for path, pose in poses.items()
         if np.isfinite(pose).all()
     ]

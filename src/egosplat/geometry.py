@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 # Added to projectaria-tools' image coordinates (pixel center at the integer) to get this package's.
 ARIA_PIXEL_OFFSET = 0.5
 
+# A pose times this turns OpenCV's camera axes into OpenGL's (x right, y up, z backward), and back.
+OPENGL_AXES = np.array([1.0, -1.0, -1.0, 1.0])
+
 
 @dataclass(frozen=True)
 class Camera:

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
 from egosplat.image_quality import WINDOW_RADIUS, mean_ssim, psnr, ssim_map
 
@@ -28,12 +27,16 @@ def ssim(render: torch.Tensor, photograph: torch.Tensor, valid: torch.Tensor) ->
 
 
 def test_psnr_is_torchmetrics():
+    from torchmetrics.functional.image import peak_signal_noise_ratio
+
     render, photograph = picture(0), picture(1)
     expected = peak_signal_noise_ratio(planar(render), planar(photograph), data_range=1.0)
     assert psnr(render, photograph, EVERYWHERE) == pytest.approx(float(expected), abs=1e-6)
 
 
 def test_ssim_is_torchmetrics_where_windows_are_whole():
+    from torchmetrics.functional.image import structural_similarity_index_measure
+
     render, photograph = picture(0), picture(1)
     _, full = structural_similarity_index_measure(
         planar(render), planar(photograph), data_range=1.0, return_full_image=True

@@ -17,12 +17,17 @@ MODELS = {
 }
 
 
-def imported_by(code: str) -> set[str]:
-    """The modules that a program imports."""
+def imported_lines(code: str) -> list[str]:
+    """What a program prints that imports modules, and these at its end."""
     words = [sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules)"]
     environment = os.environ | {"PYTHONPATH": str(SOURCES)}
     done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
-    return set(done.stdout.split())
+    return done.stdout.splitlines()
+
+
+def imported_by(code: str) -> set[str]:
+    """The modules that a program imports."""
+    return set(" ".join(imported_lines(code)).split())
 
 
 @pytest.mark.parametrize(
@@ -49,15 +54,7 @@ def test_a_quick_start_imports_nothing_heavy(code, heavy):
     assert not heavy & imported_by(code)
 
 
-@pytest.mark.parametrize("module", ["segments.nms", "transient.network", "viewing.words"])
-def test_libraries_of_models_come_without_the_compiler_of_torch(module):
-    """It takes twice as long to import as the libraries, and nothing here compiles."""
-    assert not {"torch._dynamo", "torch._dynamo.utils"} & imported_by(f"import egosplat.{module}")
-
-
-def test_the_compiler_of_torch_can_be_imported_later():
-    """Its parts are its own, and it still excludes functions from compilation."""
-    code = """
+WITH_THE_COMPILER = """
 from egosplat.models.without_compiler import without_compiler
 import torch
 with without_compiler():
@@ -67,24 +64,59 @@ from torch._dynamo.utils import is_compile_supported
 assert is_compile_supported.__module__ == "torch._dynamo.utils"
 assert torch.compiler.disable.__module__ == "torch.compiler"
 """
-    assert "torch._dynamo" in imported_by(code)
-
-
-def test_open_clip_does_not_import_transformers(tmp_path):
-    """A package with weights brings it along; its import takes seconds."""
-    (tmp_path / "transformers.py").write_text("raise RuntimeError('was imported')")
-    code = f"""
-import sys
-sys.path.insert(0, {str(tmp_path)!r})
-import egosplat.viewing.words
+WITHOUT_TRANSFORMERS = """
+import tempfile
+from pathlib import Path
+with tempfile.TemporaryDirectory() as folder:
+    (Path(folder) / "transformers.py").write_text("raise RuntimeError('was imported')")
+    sys.path.insert(0, folder)
+    import egosplat.viewing.words
 assert "transformers" not in sys.modules
 """
-    assert "open_clip.hf_model" in imported_by(code)
+MODULES = {
+    name: f"import egosplat.{name}"
+    for name in ("segments.nms", "transient.network", "viewing.words", "query.command")
+}
 
 
-def test_the_words_of_a_query_need_no_matplotlib():
+@pytest.fixture(scope="module")
+def imported_after_torch() -> dict[str, set[str]]:
+    """The modules of several programs that import torch, each in its own copy of one process that has done so."""
+    programs = MODULES | {"compiler": WITH_THE_COMPILER, "transformers": WITHOUT_TRANSFORMERS}
+    code = f"""
+import os, torch
+for name, program in {programs}.items():
+    sys.stdout.flush()
+    if os.fork() == 0:
+        exec(program)
+        print(name, *sys.modules, flush=True)
+        os._exit(0)
+    os.wait()
+os._exit(0)"""
+    lines = map(str.split, imported_lines(code))
+    return {name: set(modules) for name, *modules in lines}
+
+
+@pytest.mark.parametrize("module", ["segments.nms", "transient.network", "viewing.words"])
+def test_libraries_of_models_come_without_the_compiler_of_torch(imported_after_torch, module):
+    """It takes twice as long to import as the libraries, and nothing here compiles."""
+    found = imported_after_torch[module]
+    assert f"egosplat.{module}" in found and not {"torch._dynamo", "torch._dynamo.utils"} & found
+
+
+def test_the_compiler_of_torch_can_be_imported_later(imported_after_torch):
+    """Its parts are its own, and it still excludes functions from compilation."""
+    assert "torch._dynamo" in imported_after_torch["compiler"]
+
+
+def test_open_clip_does_not_import_transformers(imported_after_torch):
+    """A package with weights brings it along; its import takes seconds."""
+    assert "open_clip.hf_model" in imported_after_torch["transformers"]
+
+
+def test_the_words_of_a_query_need_no_matplotlib(imported_after_torch):
     """The answer is printed before the library of the picture is imported."""
-    assert "matplotlib" not in imported_by("import egosplat.query.command")
+    assert "matplotlib" not in imported_after_torch["query.command"]
 
 
 def test_reading_frames_never_imports_annotation_code():

@@ -224,3 +224,21 @@ def test_a_mark_of_byte_order_is_no_part_of_a_text(tmp_path):
 
 def test_the_home_of_nobody_stays_a_path():
     assert expand_home("~nobody-of-this-name/x") == Path("~nobody-of-this-name/x")
+
+
+def test_what_is_written_is_on_the_disk_before_it_has_its_name(monkeypatch, tmp_path):
+    """Else a power failure may leave empty files under the name of a whole artifact."""
+    flushed = set()
+
+    def flush(handle: int) -> None:
+        assert not any(name.exists() and name.stat().st_ino not in flushed for name in names)
+        flushed.add(os.fstat(handle).st_ino)
+
+    names = (tmp_path / "one.zarr", tmp_path / "one.json")
+    monkeypatch.setattr(os, "fsync", flush)
+    with atomic_directory(names[0]) as scratch:
+        (scratch / "array").mkdir()
+        (scratch / "array/0").write_text("values")
+    with atomic_file(names[1]) as scratch:
+        scratch.write_text("{}")
+    assert {path.stat().st_ino for path in tmp_path.rglob("*")} <= flushed

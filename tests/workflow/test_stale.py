@@ -113,9 +113,9 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
         ("transient/network.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_TRANSIENT),
     ],
 )
-def test_edited_code_reruns_the_stages_that_execute_it(workdir, module, old, new, expected):
-    workdir.edit(module, old, new)
-    assert workdir.stale(*workdir.MAIN) == expected
+def test_edited_code_reruns_the_stages_that_execute_it(unchanged, module, old, new, expected):
+    with unchanged.edited(module, old, new):
+        assert unchanged.stale(*unchanged.MAIN) == expected
 
 
 # Edits that show in no result, or that another format or method alone executes.
@@ -204,7 +204,7 @@ def test_files_of_a_hoi4d_sequence_rerun_the_stages_that_read_them(one_scene, tm
     ],
 )
 def test_another_checkpoint_reruns_the_stages_that_load_it(workdir, model, expected):
-    with (workdir.code / "egosplat/models" / model).open("ab") as file:
+    with (workdir.own_code() / "egosplat/models" / model).open("ab") as file:
         file.write(b" ")
     assert workdir.stale(*workdir.MAIN) == expected
 
@@ -226,8 +226,8 @@ def test_other_encoder_weights_rerun_transient(workdir):
 
 
 def test_a_new_room_reruns_nothing(workdir):
-    (workdir.folder / "src/egosplat/another").mkdir()
-    (workdir.folder / "src/egosplat/another/__init__.py").write_text("# a comment\n")
+    (workdir.own_code() / "egosplat/another").mkdir()
+    (workdir.own_code() / "egosplat/another/__init__.py").write_text("# a comment\n")
     assert workdir.stale(*workdir.MAIN) == set()
 
 
@@ -244,7 +244,7 @@ def test_a_lost_artifact_is_made_again_when_it_is_asked_for(workdir):
 
 
 def test_touching_sources_and_moving_the_checkout_reruns_nothing(workdir):
-    for file in (workdir.folder / "src").rglob("*.py"):
+    for file in workdir.own_code().rglob("*.py"):
         file.touch()
     (workdir.folder / "config/config.yaml").touch()
     assert workdir.stale(*workdir.MAIN) == set()

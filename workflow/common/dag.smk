@@ -60,11 +60,24 @@ def path_named(stage, dataset, scene, variant):
     return artifact_path(stage, find_scene(scenes, dataset, scene), variant)
 
 
+@cache
+def survey_folder(dataset, scene, variant):
+    """Get the folder, below the scene's, of the survey of a scene or variant."""
+    return artifact_folder("survey", find_scene(scenes, dataset, scene), variant)
+
+
+@cache
+def survey_at(path, written):
+    """Read a survey that was written at a time [ns]."""
+    return read_survey(Path(path))
+
+
 def survey_named(dataset, scene, variant):
     """Read the survey of a scene or variant. Snakemake makes it first and then evaluates the rules again."""
-    folder = artifact_folder("survey", find_scene(scenes, dataset, scene), variant)
+    folder = survey_folder(dataset, scene, variant)
     checkpoints.survey.get(dataset=dataset, scene=scene, variant=folder)
-    return read_survey(Path(path_named("survey", dataset, scene, variant)))
+    path = path_named("survey", dataset, scene, variant)
+    return survey_at(path, os.stat(path).st_mtime_ns if os.path.exists(path) else None)
 
 
 def decided_config(wildcards):

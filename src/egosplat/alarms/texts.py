@@ -40,7 +40,7 @@ _MODEL = (
 )
 _MERGING = (
     "Check the poses, and instances.png; raise splats.iterations, which presets draft and fast lower (instances.iterations where "
-    "something moves), or set segments.prompting to key_frames, which tracks in 2D"
+    "something moves; neither changes a given splat), or set segments.prompting to key_frames, which tracks in 2D"
 )
 _TRACKS = (
     "Tracks switch between objects, or OpenCLIP does not know them. Check crops.png, and use another "

@@ -16,7 +16,7 @@ from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.geometry import ARIA_PIXEL_OFFSET, is_rigid
+from egosplat.geometry import ARIA_PIXEL_OFFSET, OPENGL_AXES, is_rigid
 
 _PERSPECTIVE = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 _FISHEYE, _ARIA = "OPENCV_FISHEYE", "FISHEYE624"
@@ -41,8 +41,6 @@ _REFUSED = (
 )
 # pycolmap counts pixels in 32 bits.
 _MAX_SIDE = 2**31
-# Camera axes of OpenGL (x right, y up, z backward) to those of OpenCV.
-_OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
 
 
 def read_transforms(path: Path, width: int, height: int) -> Contents:
@@ -77,7 +75,7 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
         lenses=lenses,
         lens_of=np.array([lenses.index(camera) for camera in cameras], np.int64),
         names=names,
-        camera_to_world=np.stack(poses) * _OPENGL,
+        camera_to_world=np.stack(poses) * OPENGL_AXES,
         points=points,
         point_rgb=colors,
         point_views=np.zeros(len(points), np.int64),

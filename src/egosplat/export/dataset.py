@@ -18,11 +18,8 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.export.ply import ply_bytes, point_columns
 from egosplat.files import atomic_directory
-from egosplat.geometry import Camera, invert
+from egosplat.geometry import OPENGL_AXES, Camera, invert
 from egosplat.progress import log, track
-
-# OpenCV camera axes to those of OpenGL (x right, y up, z backward).
-_OPENGL = np.array([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +100,7 @@ def write_nerfstudio(data: DataSet, folder: Path) -> None:
             {
                 "file_path": f"images/{data.image(index)}",
                 **({"mask_path": f"masks/{data.image(index)}"} if masks else {}),
-                "transform_matrix": (pose * _OPENGL).tolist(),
+                "transform_matrix": (pose * OPENGL_AXES).tolist(),
             }
             for index, pose in enumerate(data.camera_to_world)
         ],

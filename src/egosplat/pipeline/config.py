@@ -1,6 +1,5 @@
 """The configuration: defaults, preset, user's keys and scene's keys, checked against the options of all stages."""
 
-import copy
 import functools
 import pkgutil
 from collections.abc import Iterable, Mapping
@@ -160,7 +159,7 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     if set_of(settings) in (None, AUTO):
         _check_automatic(settings)
     # A variant of the user stands beside the default ones, and replaces one of its name.
-    settings["variants"] = {**copy.deepcopy(VARIANTS), **asked["variants"]}
+    settings["variants"] = {**VARIANTS, **asked["variants"]}
     resolved = validate(merge(DEFAULTS.get(set_of(settings), {}), settings), f"preset {path.name}")
     # Keys of a format are checked in the whole: a value may be valid by itself and not with the others.
     for name in resolved["formats"]:
@@ -215,11 +214,11 @@ def _without(keys: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
-    """Merge ``above`` over ``below``, section by section."""
-    merged = copy.deepcopy(dict(below))
+    """Merge ``above`` over ``below``, section by section; what is not merged is shared, so nobody may edit it in place."""
+    merged = dict(below)
     for key, value in above.items():
         both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
-        merged[key] = merge(merged[key], value) if both else copy.deepcopy(value)
+        merged[key] = merge(merged[key], value) if both else value
     return merged
 
 

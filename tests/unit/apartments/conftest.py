@@ -1,15 +1,14 @@
-"""Fixtures: one furnished apartment, and one recording of it with people at work."""
+"""Fixtures: one furnished apartment with a recording of people at work in it, and a smaller world."""
 
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
 
 from egosplat_apartments.adt_format.sequence import Frame, Sequence
 from egosplat_apartments.camera.lens import make_lens
 from egosplat_apartments.camera.render import Renderer
 from egosplat_apartments.stage import make_renderer, record_world
-from egosplat_apartments.world.apartment import Apartment, make_apartment
+from egosplat_apartments.world.apartment import Apartment
 from egosplat_apartments.world.world import World, make_world
 
 SIZE, FPS, SECONDS, OBJECTS = 192, 2.5, 16.0, 24
@@ -26,13 +25,22 @@ class Recorded:
 
 
 @pytest.fixture(scope="session")
-def apartment() -> Apartment:
-    return make_apartment(np.random.default_rng(11), OBJECTS)
-
-
-@pytest.fixture(scope="session")
 def recorded() -> Recorded:
     world = make_world(seed=5, seconds=SECONDS, objects=OBJECTS, motion=0.6)
     renderer = make_renderer(world, make_lens(SIZE))
     sequence = record_world(world, renderer, name="busy", fps=FPS, seconds=SECONDS)
     return Recorded(world, renderer, sequence, list(sequence.frames()))
+
+
+@pytest.fixture(scope="session")
+def apartment(recorded: Recorded) -> Apartment:
+    return recorded.world.apartment
+
+
+SMALL_WORLD = {"seed": 8, "seconds": 3.0, "objects": 16, "motion": 0.5}
+
+
+@pytest.fixture(scope="session")
+def small_world() -> World:
+    """With as few objects as there can be."""
+    return make_world(**SMALL_WORLD)

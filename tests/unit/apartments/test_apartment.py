@@ -11,7 +11,7 @@ from egosplat_apartments.camera.lighting import face_normals
 from egosplat_apartments.camera.raycasting import Body, body_scene, build_geometry
 from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
 from egosplat_apartments.objects.model import boxes_touch
-from egosplat_apartments.world.apartment import make_apartment
+from tests.unit.apartments.conftest import OBJECTS, SMALL_WORLD
 
 DIRECTIONS = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
@@ -52,15 +52,10 @@ def as_geometry(apartment):
     )
 
 
-@pytest.fixture(scope="module")
-def fewest():
-    """An apartment with as few objects as there can be."""
-    return make_apartment(np.random.default_rng(1), 16)
-
-
-@pytest.mark.parametrize("objects", [16, 40])
-def test_number_of_labeled_objects_is_as_configured(objects, fewest):
-    home = fewest if objects == 16 else make_apartment(np.random.default_rng(3), objects)
+@pytest.mark.parametrize("objects", [SMALL_WORLD["objects"], OBJECTS])
+def test_number_of_labeled_objects_is_as_configured(objects, apartment, small_world):
+    """tests/unit/apartments/test_busy.py has 44."""
+    home = apartment if objects == OBJECTS else small_world.apartment
     instances = home.instances
     assert len(instances) == objects + 1
     assert [one.category for one in instances].count("shelter") == 1
@@ -85,23 +80,20 @@ def test_category_uids_equal_those_of_adts_sample(real_data):
     assert {name: known[name] for name in CATEGORY_UIDS if name in known}.items() <= CATEGORY_UIDS.items()
 
 
-def test_different_seeds_give_different_apartments(apartment, recorded, fewest):
-    homes = [apartment, recorded.world.apartment, fewest]
-    for one, other in itertools.combinations(homes, 2):
-        assert abs(one.room.width - other.room.width) + abs(one.room.depth - other.room.depth) > 0.01
-        assert {kind.category for kind in one.instances} != {kind.category for kind in other.instances}
-        assert not {kind.instance_id for kind in one.instances} & {
-            kind.instance_id for kind in other.instances
-        }
-        # Every apartment has a couch; its place and its cover differ.
-        couches = [
-            next(thing for thing in home.things if thing.kind.category == "couch") for home in (one, other)
-        ]
-        assert np.linalg.norm(couches[0].pose[:3, 3] - couches[1].pose[:3, 3]) > 0.3
-        colors = [couch.model.parts[3].texture.pixels.mean(axis=(0, 1)) for couch in couches]
-        assert np.abs(colors[0] - colors[1]).max() > 8
-        walls = [next(part for part in home.shell if part.name == "wall 0") for home in (one, other)]
-        assert np.abs(walls[0].texture.pixels.astype(float) - walls[1].texture.pixels).mean() > 8
+def test_different_seeds_give_different_apartments(apartment, small_world):
+    one, other = apartment, small_world.apartment
+    assert abs(one.room.width - other.room.width) + abs(one.room.depth - other.room.depth) > 0.01
+    assert {kind.category for kind in one.instances} != {kind.category for kind in other.instances}
+    assert not {kind.instance_id for kind in one.instances} & {kind.instance_id for kind in other.instances}
+    # Every apartment has a couch; its place and its cover differ.
+    couches = [
+        next(thing for thing in home.things if thing.kind.category == "couch") for home in (one, other)
+    ]
+    assert np.linalg.norm(couches[0].pose[:3, 3] - couches[1].pose[:3, 3]) > 0.3
+    colors = [couch.model.parts[3].texture.pixels.mean(axis=(0, 1)) for couch in couches]
+    assert np.abs(colors[0] - colors[1]).max() > 8
+    walls = [next(part for part in home.shell if part.name == "wall 0") for home in (one, other)]
+    assert np.abs(walls[0].texture.pixels.astype(float) - walls[1].texture.pixels).mean() > 8
 
 
 def test_objects_do_not_intersect(apartment):

@@ -15,9 +15,9 @@ from egosplat_apartments.adt_format.adt import write_sequence
 from egosplat_apartments.camera.effects import IDEAL, REAL, Effects, make_effects
 from egosplat_apartments.camera.lens import make_lens
 from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world, run
-from egosplat_apartments.world.world import make_world
+from tests.unit.apartments.conftest import SMALL_WORLD
 
-TINY = {"seed": 8, "size": 64, "fps": 2.0, "seconds": 3.0, "objects": 16, "motion": 0.5}
+TINY = SMALL_WORLD | {"size": 64, "fps": 2.0}
 
 
 def effects_of(**changes):
@@ -26,18 +26,13 @@ def effects_of(**changes):
 
 
 @pytest.fixture(scope="module")
-def world():
-    return make_world(seed=8, seconds=3.0, objects=16, motion=0.5)
-
-
-@pytest.fixture(scope="module")
-def film(world):
+def film(small_world):
     """``film(effects)``: the recording of one small world, and its frames."""
-    renderer = make_renderer(world, make_lens(64))
+    renderer = make_renderer(small_world, make_lens(64))
 
     @functools.cache
     def make(effects=IDEAL):
-        sequence = record_world(world, renderer, name="tiny", fps=2.0, seconds=3.0, effects=effects)
+        sequence = record_world(small_world, renderer, name="tiny", fps=2.0, seconds=3.0, effects=effects)
         return sequence, list(sequence.frames())
 
     return make
@@ -179,10 +174,10 @@ def test_frames_say_how_they_were_exposed(real):
     assert np.log2(factors.max() / factors.min()) <= 1.0 + 1e-6
 
 
-def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, world, tmp_path, monkeypatch):
+def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, small_world, tmp_path, monkeypatch):
     """poses.trajectory ground_truth reads exact poses, closed_loop those of an estimate."""
-    asked = {"seed": 8, "seconds": 3.0, "objects": 16, "motion": 0.5, "world": "usual"}
-    monkeypatch.setattr(stage, "make_world", lambda **keys: world if keys == asked else None)
+    asked = SMALL_WORLD | {"world": "usual"}
+    monkeypatch.setattr(stage, "make_world", lambda **keys: small_world if keys == asked else None)
     options = SyntheticOptions(**defaults()["synthetic"] | TINY | {"camera": "real"})
     run(tmp_path / "real", options)
     same_name = replace(ideal[0], name="synthetic_apartment_seed8")

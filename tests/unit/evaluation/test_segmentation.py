@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import torch
-from torchmetrics.functional.classification import binary_jaccard_index
 
 from egosplat.evaluation.scores import iou
 
@@ -23,6 +22,8 @@ def test_iou_agrees_with_a_hand_computed_value(predicted, expected):
 
 
 def test_iou_agrees_with_torchmetrics():
+    from torchmetrics.functional.classification import binary_jaccard_index
+
     one, other = np.random.default_rng(0).random((2, 20, 20)) > 0.4
     expected = binary_jaccard_index(torch.from_numpy(one).int(), torch.from_numpy(other).int())
     assert iou(one, other, None) == pytest.approx(float(expected), abs=1e-6)

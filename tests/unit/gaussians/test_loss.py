@@ -3,7 +3,6 @@
 import pytest
 import torch
 from torch import Tensor
-from torchmetrics.functional.image import structural_similarity_index_measure
 
 from egosplat.gaussians import loss
 from egosplat.gaussians.loss import l1_ssim, l2, torch_l1_ssim
@@ -19,6 +18,8 @@ def pictures(height: int = 30, width: int = 26, dtype: torch.dtype = torch.float
 
 
 def test_ssim_is_torchmetrics_within_the_picture() -> None:
+    from torchmetrics.functional.image import structural_similarity_index_measure
+
     # At the border torchmetrics mirrors the picture, where 3DGS has zeros.
     render, target = pictures()
     images = [picture.detach().permute(2, 0, 1)[None] for picture in (render, target)]

@@ -17,7 +17,7 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.compute import choose_compute
 from egosplat.features import view_features_stage
-from egosplat.models.open_clip_loader import build_model, load_open_clip, read_description
+from egosplat.models.open_clip_loader import OpenClip, build_model, load_open_clip, read_description
 from egosplat.pipeline.config import Config, resolve, stage_values
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.published import CATALOGUE, ENCODER, LIBRARIES, named_model
@@ -66,16 +66,27 @@ def configured(cache: Path, precision: str, **models: str) -> Config:
     )
 
 
+def with_two_blocks(*arguments: str) -> OpenClip:
+    """Load OpenCLIP whole; run two blocks of each transformer.
+
+    All blocks are alike, and in bfloat16 a processor without instructions for it needs a second for each.
+    """
+    clip = load_open_clip(*arguments)
+    for transformer in (clip.model.visual.transformer, clip.model.transformer):
+        del transformer.resblocks[2:]
+    return clip
+
+
 @pytest.mark.parametrize("architecture", SAM2)
 def test_sam2_segments_and_tracks(cache, tmp_path, architecture, monkeypatch):
     """The whole stage: prompts, masks, memory, both directions, merging."""
     saved(cache, architecture)
     monkeypatch.setitem(MASK_FILTERS, "published", EVERY_MASK)
-    rng = np.random.default_rng(0)
-    rgb = np.kron(rng.integers(0, 256, (3, 8, 8, 3), np.uint8), np.ones((1, 8, 8, 1), np.uint8))
-    frames = put(tmp_path, "frames", {"rgb": rgb, "valid": np.ones((64, 64), bool)}, {"upright": True})
     # The smallest runs each way; the rest of the code is the same for all, and slow where a processor has no bfloat16.
     smallest = architecture == SAM2[0]
+    count, rng = 3 if smallest else 2, np.random.default_rng(0)
+    rgb = np.kron(rng.integers(0, 256, (count, 8, 8, 3), np.uint8), np.ones((1, 8, 8, 1), np.uint8))
+    frames = put(tmp_path, "frames", {"rgb": rgb, "valid": np.ones((64, 64), bool)}, {"upright": True})
     for precision in PRECISIONS if smallest else PRECISIONS[:1]:
         values = stage_values("segments", configured(cache, precision, sam2_config=architecture))
         assert Path(values["sam2_checkpoint"]).parent == cache
@@ -86,13 +97,14 @@ def test_sam2_segments_and_tracks(cache, tmp_path, architecture, monkeypatch):
             segments_stage.run(frames, output, options=SegmentsOptions(**options))
             found = verify(output, SCHEMAS)
             labels = found.read("labels")
-            assert labels.shape == (3, 3, 64, 64) and labels.max() >= 0
+            assert labels.shape == (count, 3, 64, 64) and labels.max() >= 0
             assert np.isfinite(found.read("instances/predicted_iou")).all()
 
 
-def test_open_clip_encodes_views_and_phrases(cache, tmp_path):
+def test_open_clip_encodes_views(cache, tmp_path, monkeypatch):
     """The whole stage view_features with the paper's model, in both precisions."""
     saved(cache, "ViT-B-16")
+    monkeypatch.setattr(view_features_stage, "load_open_clip", with_two_blocks)
     rgb = np.random.default_rng(0).integers(0, 256, (2, 48, 48, 3), np.uint8)
     labels = np.full((2, 2, 48, 48), -1, np.int32)
     labels[0, 0, 4:30, 4:40] = 0
@@ -112,11 +124,7 @@ def test_open_clip_encodes_views_and_phrases(cache, tmp_path):
 
 @pytest.mark.parametrize("architecture", sorted(WIDTHS))
 def test_every_open_clip_loads_and_encodes(cache, architecture):
-    """One picture and one phrase in both precisions; loaded once, and from half precision, to save time.
-
-    Two blocks of the vision model take the picture: all blocks are alike, and in bfloat16 a processor without instructions for
-    it needs a second for each.
-    """
+    """One picture and one phrase in both precisions; loaded once, and from half precision, to save time."""
     with torch.device("meta"):
         shapes = build_model(architecture, read_description(architecture, None)["model_cfg"]).state_dict()
     weights = {name: torch.full(one.shape, 0.01, dtype=torch.float16) for name, one in shapes.items()}
@@ -124,8 +132,7 @@ def test_every_open_clip_loads_and_encodes(cache, architecture):
     weights["visual.conv1.weight"].normal_(std=0.02)
     torch.save(weights, cache / named_model(architecture).file)
     models = configured(cache, "float32", clip_model=architecture)["models"]
-    clip = load_open_clip(models["clip_model"], models["clip_checkpoint"], "cpu", "float32")
-    del clip.model.visual.transformer.resblocks[2:]
+    clip = with_two_blocks(models["clip_model"], models["clip_checkpoint"], "cpu", "float32")
     picture = torch.rand(1, 3, *clip.preprocessing.image_size)
     for precision in PRECISIONS:
         same = replace(clip, compute=choose_compute("cpu", precision))

@@ -79,7 +79,7 @@ def test_the_page_is_written_as_one_picture(tmp_path, frames, instances, every_o
 @pytest.mark.parametrize("norm", NORMS)
 def test_the_number_above_a_crop_decides_whether_it_is_struck_out(tmp_path, drawn, norm):
     """A view with 0.39 was struck out while one with 0.31 stayed: the number was another than the one decided on."""
-    run(*scene(tmp_path, 11, 6, 4, norm), tmp_path / "crops.png", title="a scene")
+    run(*scene(tmp_path, 11, 3, 4, norm), tmp_path / "crops.png", title="a scene")
     (figure,) = drawn
     struck: dict[int, list[float]] = {True: [], False: []}
     for strip in figure.subfigs:

@@ -44,11 +44,19 @@ class CodeColors:
     mean: NDArray[np.float64]
     axes: NDArray[np.float64]
 
+    def of(self, codes: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(..., 3) colors of (..., C) codes, not clipped: the color of a mean of codes is the mean of their colors."""
+        return 0.5 + (codes - self.mean) @ self.axes.T
+
     def paint(self, codes: NDArray[np.float32], coverage: NDArray[np.float32]) -> NDArray[np.float64]:
         """(..., 3) colors in [0, 1] of (..., C) codes, blended with gray where the (...) coverage is below 1."""
-        colors = np.clip(0.5 + (codes - self.mean) @ self.axes.T, 0.0, 1.0)
-        share = np.clip(coverage, 0.0, 1.0)[..., None]
-        return share * colors + (1 - share) * UNKNOWN
+        return blend(self.of(codes), coverage)
+
+
+def blend(colors: NDArray[np.floating], coverage: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(..., 3) colors, clipped to [0, 1], blended with gray where the (...) coverage is below 1."""
+    share = np.clip(coverage, 0.0, 1.0)[..., None]
+    return share * np.clip(colors, 0.0, 1.0) + (1 - share) * UNKNOWN
 
 
 @sheet(warned=("language",))
@@ -85,14 +93,15 @@ def _draw_views(
 ) -> None:
     """Draw a column for each frame of ``poses``, which has its (4, 4) camera_to_world."""
     code, share = language.read("code"), language.read("share")
-    on_device = [torch.from_numpy(one).to(scene.gaussians.means.device) for one in (code, share)]
-    colors = principal_colors(code, share)
+    # Three numbers of a Gaussian are rendered in place of its code.
+    colors = principal_colors(code, share).of(code).astype(np.float32)
+    on_device = [torch.from_numpy(one).to(scene.gaussians.means.device) for one in (colors, share)]
     for column, (frame, pose) in enumerate(poses.items()):
         show(grid[0, column], scene.picture(camera, pose), f"as in frame {frame}")
         rendered = render_codes(scene.gaussians, *on_device, camera, pose, scene.settings)
         for row, name in enumerate(language.facts["levels"]):
             coverage = rendered.coverage[row].cpu().numpy()
-            picture = colors.paint(rendered.codes[row].cpu().numpy(), coverage)
+            picture = blend(rendered.codes[row].cpu().numpy(), coverage)
             show(grid[1 + row, column], picture, f"{name}: {coverage.mean():.0%} covered by codes")
 
 

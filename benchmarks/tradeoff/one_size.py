@@ -1,0 +1,80 @@
+"""PSNR of presets at one picture size: held-out renders and photographs of each, averaged to the smallest preset's pixels.
+
+    python -m benchmarks.tradeoff.one_size ledger/0.2.0-names-COMMIT/results/ledger/apartment* --variants draft,fast
+
+Presets read pictures of different sizes, and a smaller picture has less detail to miss: their own PSNR is not comparable.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from benchmarks.common import command, markdown, scene_folders
+from egosplat.artifacts.locating import locate
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
+from egosplat.evaluation.rendering import regions
+from egosplat.image_quality import psnr
+
+Picture = NDArray[np.uint8]
+
+
+def evaluation_of(folder: Path) -> Evaluation:
+    """The evaluation frames of a scene or variant."""
+    names = ("frames", "poses", "annotations", "splats")
+    frames, poses, annotations, splats = (
+        open_artifact(path, SCHEMAS[name]) for name, path in zip(names, locate(folder, *names), strict=True)
+    )
+    return read_evaluation(frames, poses, annotations, splats)
+
+
+def shrunk(picture: Picture, side: int) -> Picture:
+    """A square (H, H, 3) uint8 picture whose pixels are means of areas, (side, side, 3)."""
+    return cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA)
+
+
+def mean_psnr(one: Evaluation, smallest: Evaluation) -> float:
+    """Mean PSNR [dB] of the static pixels of the held-out frames, at the size and in the regions of ``smallest``."""
+    side, found = smallest.camera.width, []
+    for frame, place in zip(one.frames, smallest.frames, strict=True):
+        if frame.held_out is None or not place.annotated:
+            continue
+        static = regions(smallest.map_of(place), smallest.instances, smallest.valid)["static"]
+        pictures = (
+            one.splats.row("held_out/render", frame.held_out),
+            one.frames_artifact.row("rgb", frame.index),
+        )
+        render, photograph = (torch.from_numpy(shrunk(picture, side)) for picture in pictures)
+        found.append(psnr(render, photograph, torch.from_numpy(static)))
+    return float(np.mean(found))
+
+
+def rows_of(folder: Path, variants: Sequence[str]) -> list[float]:
+    """The PSNR of a scene and of its variants, at the size of the smallest [dB]."""
+    every = [evaluation_of(folder / "variants" / name if name else folder) for name in ("", *variants)]
+    smallest = min(every, key=lambda one: one.camera.width)
+    return [mean_psnr(one, smallest) for one in every]
+
+
+@command(__doc__)
+@scene_folders
+@click.option("--variants", required=True, help="Comma-separated names of variants.")
+def main(folders: tuple[Path, ...], variants: str) -> None:
+    """Print the table."""
+    names = variants.split(",")
+    found = np.array([rows_of(folder, names) for folder in folders])
+    rows = [
+        [name, f"{own.mean():.2f}", f"{own.min():.2f} to {own.max():.2f}"]
+        for name, own in zip(("the scene", *names), found.T, strict=True)
+    ]
+    click.echo(markdown(("preset", "static PSNR at one size [dB]", "scenes"), rows))
+
+
+if __name__ == "__main__":
+    main()
