@@ -34,15 +34,15 @@ LEFT_OUT = ("method_metrics", "tiles")
 # Stages that should take the same time for any number of frames (egosplat.pipeline.costs).
 FIXED = ("annotations", "poses", "transient", "splats", "metrics", *PAGES)
 
-# Stages that read instances.
-OF_THINGS = ("instances", "view_features", "features", "masks", "language", "metrics", "instances_sheet")
-OF_THINGS += ("crops_sheet", "queries_sheet", "scene_page")
+# Stages that read instances, or what is made of them.
+OF_THINGS = ("instances", "view_features", "features", "masks", "splats", "language", "metrics")
+OF_THINGS += ("crops_sheet", "instances_sheet", "transient_sheet", "queries_sheet", "scene_page")
 
 # What the table of scenes tells a stage.
 OF_SCENE = {"frames": ("--format", "adt"), "metrics": ("--title", "growth/apartment")}
 
-# Smaller increases are noise [CPU-s, MiB]. A growth above the law by no more than the margin is none.
-LEAST, MARGIN = (2.0, 100.0), 0.2
+# Noise of an increase [CPU-s, MiB]; a growth above the law by no more than the margin is none.
+NOISE, MARGIN = (1.0, 50.0), 0.2
 
 Used = tuple[float, float]
 
@@ -74,19 +74,19 @@ def run(stage: str, folder: Path, config: Config, output: str = "") -> Used:
     return use(target, stage.replace("_", "-"), *words, *OF_SCENE.get(stage, ()))
 
 
-def growth(values: Iterable[float], least: float) -> float | None:
-    """Exponent of the increase between three sizes; None if that is too small to tell."""
+def growth(values: Iterable[float], noise: float) -> float | None:
+    """Exponent of the increase between three sizes, the smaller at least the noise; None if the larger is below twice that."""
     small, middle, large = values
-    if large - middle < least:
+    if large - middle < 2 * noise:
         return None
-    return math.log10((large - middle) / max(middle - small, least / 100))
+    return math.log10((large - middle) / max(middle - small, noise))
 
 
 def row(name: str, used: Iterable[Used], law: int = 1) -> list[str]:
     """A row: time and memory at each size with their growth, the law, and whether a growth is worse."""
     cells, worse = [f"`{name}`"], False
-    for values, least, digits in zip(zip(*used, strict=True), LEAST, (1, 0), strict=True):
-        grown = growth(values, least)
+    for values, noise, digits in zip(zip(*used, strict=True), NOISE, (1, 0), strict=True):
+        grown = growth(values, noise)
         worse |= grown is not None and grown > law + MARGIN
         cells += [*(f"{value:.{digits}f}" for value in values), "-" if grown is None else f"{grown:.1f}"]
     return [*cells, f"{law}, **worse**" if worse else f"{law}"]

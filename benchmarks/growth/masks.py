@@ -3,7 +3,7 @@
     python -m benchmarks.growth.masks SCENE FOLDER CELLS
 
 A pixel belongs to the cell whose center is nearest to the surface that it shows. FOLDER gets segments.zarr, and links to what SCENE has of
-stages that read no instances.
+the stages before.
 """
 
 from pathlib import Path
@@ -30,10 +30,10 @@ from egosplat.segments.options import LEVELS
 def main(scene: Path, folder: Path, cells: int) -> None:
     """Write the masks."""
     folder.mkdir()
-    for name in ("frames", "annotations", "poses", "transient", "splats"):
+    for name in ("frames", "annotations", "poses", "transient"):
         (folder / f"{name}.zarr").symlink_to(scene / f"{name}.zarr")
     frames, poses, splats = (
-        open_any(folder / f"{name}.zarr", SCHEMAS) for name in ("frames", "poses", "splats")
+        open_any(scene / f"{name}.zarr", SCHEMAS) for name in ("frames", "poses", "splats")
     )
     gaussians, settings = read_gaussians(splats), read_render_settings(splats, "auto")
     chosen = np.random.default_rng(0).choice(gaussians.count, cells, replace=False)

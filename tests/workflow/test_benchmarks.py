@@ -5,6 +5,7 @@ import re
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -16,6 +17,8 @@ from benchmarks.robustness import __main__ as robustness
 from benchmarks.robustness.scene import ARTIFACTS, Scene
 from benchmarks.rows import read_rows, stamp
 from benchmarks.survey.__main__ import survey_of
+from egosplat.artifacts.reader import open_any
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import title_of
 from tests.support.tables import cells
@@ -269,3 +272,13 @@ def test_true_instances(scene):
     rows = by_column(said)
     assert [row["supervision"] for row in rows] == ["view", "average"]
     assert {row["queries"] for row in rows} == {str(recorded(scene)["scores"]["all"]["count"])}
+
+
+def test_every_frame_of_the_growth_shows_masks_of_its_cells(scene, tmp_path):
+    run("growth.masks", scene, tmp_path / "cells", 4)
+    segments = open_any(tmp_path / "cells" / "segments.zarr", SCHEMAS)
+    first, level = segments.read("instances/first_frame"), segments.read("instances/level")
+    assert 1 <= np.bincount(first).max() <= 4
+    assert (level == 2).all()
+    for frame in range(segments.shape("labels")[0]):
+        assert set(np.unique(segments.row("labels", frame))) - {-1} == set(np.flatnonzero(first == frame))
