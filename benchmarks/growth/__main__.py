@@ -34,9 +34,8 @@ LEFT_OUT = ("method_metrics", "tiles")
 # Stages that should take the same time for any number of frames (egosplat.pipeline.costs).
 FIXED = ("annotations", "poses", "transient", "splats", "metrics", *PAGES)
 
-# Stages that read instances, or what is made of them.
+# Stages that read instances, or what is made of them; pages draw few of them.
 OF_THINGS = ("instances", "view_features", "features", "masks", "splats", "language", "metrics")
-OF_THINGS += ("crops_sheet", "instances_sheet", "transient_sheet", "queries_sheet", "scene_page")
 
 # What the table of scenes tells a stage.
 OF_SCENE = {"frames": ("--format", "adt"), "metrics": ("--title", "growth/apartment")}
