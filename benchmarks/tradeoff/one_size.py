@@ -27,11 +27,15 @@ Picture = NDArray[np.uint8]
 
 def evaluation_of(folder: Path) -> Evaluation:
     """The evaluation frames of a scene or variant."""
-    names = ("frames", "poses", "annotations", "splats")
-    frames, poses, annotations, splats = (
-        open_artifact(path, SCHEMAS[name]) for name, path in zip(names, locate(folder, *names), strict=True)
-    )
-    return read_evaluation(frames, poses, annotations, splats)
+    frames, poses, splats = locate(folder, "frames", "poses", "splats")
+    # A variant that reads the scene's frames has the scene's annotations.
+    paths = {
+        "frames": frames,
+        "poses": poses,
+        "annotations": frames.with_name("annotations.zarr"),
+        "splats": splats,
+    }
+    return read_evaluation(*(open_artifact(path, SCHEMAS[name]) for name, path in paths.items()))
 
 
 def shrunk(picture: Picture, side: int) -> Picture:
