@@ -29,9 +29,10 @@ from egosplat.segments.options import LEVELS
 @click.argument("cells", type=int)
 def main(scene: Path, folder: Path, cells: int) -> None:
     """Write the masks."""
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     for name in ("frames", "annotations", "poses", "transient"):
-        (folder / f"{name}.zarr").symlink_to(scene / f"{name}.zarr")
+        if not (link := folder / f"{name}.zarr").is_symlink():
+            link.symlink_to(scene / f"{name}.zarr")
     frames, poses, splats = (
         open_any(scene / f"{name}.zarr", SCHEMAS) for name in ("frames", "poses", "splats")
     )
@@ -44,10 +45,8 @@ def main(scene: Path, folder: Path, cells: int) -> None:
         for frame, pose in enumerate(poses.read("camera_to_world")):
             sums, opacity = composite(view_of(gaussians, camera, pose, settings), gaussians.means)
             _, cell = centers.query((sums / opacity.clamp(min=1e-6)[..., None]).numpy())
-            shown, labels = (
-                valid & (opacity.numpy() > 0.5),
-                np.full((len(LEVELS), *valid.shape), -1, np.int32),
-            )
+            shown = valid & (opacity.numpy() > 0.5)
+            labels = np.full((len(LEVELS), *valid.shape), -1, np.int32)
             labels[-1][shown] = first[-1] + np.unique(cell[shown], return_inverse=True)[1]
             first.append(max(first[-1], int(labels.max()) + 1))
             artifact.put_row("labels", frame, labels)

@@ -9,20 +9,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
-import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, scene_folders
+from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.rendering import regions
 from egosplat.image_quality import psnr
-
-Picture = NDArray[np.uint8]
+from egosplat.images import resize_image
+from egosplat.pipeline.variants import variant_folder
 
 
 def evaluation_of(folder: Path) -> Evaluation:
@@ -38,30 +37,26 @@ def evaluation_of(folder: Path) -> Evaluation:
     return read_evaluation(*(open_artifact(path, SCHEMAS[name]) for name, path in paths.items()))
 
 
-def shrunk(picture: Picture, side: int) -> Picture:
-    """A square (H, H, 3) uint8 picture whose pixels are means of areas, (side, side, 3)."""
-    return cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA)
-
-
 def mean_psnr(one: Evaluation, smallest: Evaluation) -> float:
     """Mean PSNR [dB] of the static pixels of the held-out frames, at the size and in the regions of ``smallest``."""
-    side, found = smallest.camera.width, []
+    size, found = (smallest.camera.width, smallest.camera.height), []
     for frame, place in zip(one.frames, smallest.frames, strict=True):
         if frame.held_out is None or not place.annotated:
             continue
-        static = regions(smallest.map_of(place), smallest.instances, smallest.valid)["static"]
+        shown = shown_pixels(smallest.frames_artifact, place.index, smallest.valid)
+        static = regions(smallest.map_of(place), smallest.instances, shown)["static"]
         pictures = (
             one.splats.row("held_out/render", frame.held_out),
             one.frames_artifact.row("rgb", frame.index),
         )
-        render, photograph = (torch.from_numpy(shrunk(picture, side)) for picture in pictures)
+        render, photograph = (torch.from_numpy(resize_image(picture, *size)) for picture in pictures)
         found.append(psnr(render, photograph, torch.from_numpy(static)))
     return float(np.mean(found))
 
 
 def rows_of(folder: Path, variants: Sequence[str]) -> list[float]:
     """The PSNR of a scene and of its variants, at the size of the smallest [dB]."""
-    every = [evaluation_of(folder / "variants" / name if name else folder) for name in ("", *variants)]
+    every = [evaluation_of(folder / variant_folder(name)) for name in (None, *variants)]
     smallest = min(every, key=lambda one: one.camera.width)
     return [mean_psnr(one, smallest) for one in every]
 
