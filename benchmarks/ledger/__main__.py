@@ -30,7 +30,7 @@ from egosplat.pipeline.variants import variant_folder
 # Variant of each setting, None for the scene's own: one that the workflow knows, or one of CONFIGURATION.
 SETTINGS: dict[str, str | None] = {
     FULL: None,
-    **{name: name for name in ("draft", "fast", "occam", "baseline")},
+    **{name: name for name in ("draft", "occam", "baseline")},
 }
 
 # What --release adds.

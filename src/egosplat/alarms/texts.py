@@ -35,11 +35,11 @@ class Text:
 
 _EMPTY = "{value:.1%} of the pixels belong to no instance"
 _MODEL = (
-    "raise segments.points_per_side, which presets draft and fast lower, and set models.set to published, for a SAM2 trained "
+    "raise segments.points_per_side, which preset draft lowers, and set models.set to published, for a SAM2 trained "
     "on photographs"
 )
 _MERGING = (
-    "Check the poses, and instances.png; raise splats.iterations, which presets draft and fast lower (instances.iterations where "
+    "Check the poses, and instances.png; raise splats.iterations, which preset draft lowers (instances.iterations where "
     "something moves; neither changes a given splat), or set segments.prompting to key_frames, which tracks in 2D"
 )
 _TRACKS = (
@@ -206,7 +206,7 @@ TEXTS: dict[str, Text] = {
         "photographs of a desk",
         "the mean PSNR of held-out frames is {value:.2f} dB",
         "Check splats.png and the poses. Where camera.refine_poses or camera.compensate_exposure is off, as in presets draft "
-        "and paper, set it to on; raise splats.iterations and splats.max_gaussians, which presets draft and fast lower",
+        "and paper, set it to on; raise splats.iterations and splats.max_gaussians, which preset draft lowers",
     ),
     "splats.pose_correction": Text(
         "largest correction of a pose, as an angle in radians: of the rotation, or of the translation at the scene's median "

@@ -182,7 +182,7 @@ CONFIGFILE = click.option(
     "--configfile", multiple=True, type=ARTIFACT, help="Overrides config/config.yaml. May be repeated."
 )
 CONFIG = click.option(
-    "--config", multiple=True, metavar="KEY=VALUE", help="Overrides all files, as in preset=fast."
+    "--config", multiple=True, metavar="KEY=VALUE", help="Overrides all files, as in preset=draft."
 )
 
 

@@ -66,7 +66,7 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
 
     Args:
         files: of ``--configfile``; later ones override earlier ones, all override config/config.yaml.
-        options: of ``--config``, as ``preset=fast``, ``run={device: cpu}`` or ``run.device=cpu``; they
+        options: of ``--config``, as ``preset=draft``, ``run={device: cpu}`` or ``run.device=cpu``; they
             override the files.
 
     Raises:
@@ -97,7 +97,7 @@ def _parsed(option: str) -> Config:
     names = key.split(".")  # run.device=cpu is short for run={device: cpu}
     if not (equals and all(names)) or (content is None and value != "null"):
         raise UserError(
-            f"--config {option[:80]}: not of the form KEY=VALUE, as in preset=fast or splats.iterations=5"
+            f"--config {option[:80]}: not of the form KEY=VALUE, as in preset=draft or splats.iterations=5"
         )
     for name in reversed(names):
         content = {name: content}

@@ -98,7 +98,7 @@ PROTOCOLS: dict[str, dict[str, dict[str, Any]]] = {
 class GeneralOptions(Options):
     """Keys that are in no section."""
 
-    preset: Literal["draft", "fast", "balanced", "accurate", "paper"] = "balanced"
+    preset: Literal["draft", "balanced", "accurate", "paper"] = "balanced"
     """Trade of speed against accuracy: a file in config/presets. Its values replace the defaults here; keys set in
     the configuration replace its values."""
 
@@ -172,9 +172,12 @@ class TradeoffOptions(Options, section="tradeoff"):
     )
     """Scenes of the joint page, as dataset/scene."""
 
-    presets: Annotated[
-        tuple[Literal["draft", "fast", "balanced", "accurate", "paper_scaled"], ...], UNIQUE
-    ] = ("draft", "fast", "balanced", "accurate", "paper_scaled")
+    presets: Annotated[tuple[Literal["draft", "balanced", "accurate", "paper_scaled"], ...], UNIQUE] = (
+        "draft",
+        "balanced",
+        "accurate",
+        "paper_scaled",
+    )
     """Presets to compare, with the scene's recording and models. paper_scaled is the preset paper at the scene's
     own resolution and focal length."""
 

@@ -39,9 +39,13 @@ _LIMITS = {
     "maxLength": "at most {} letters",
 }
 
-# Removed keys, with their replacement.
+_NO_GAIN = "no gain over draft was shown in five times its time: take draft or balanced (docs/speed.md)"
+
+# Removed keys, and values of keys, with their replacement.
 _REMOVED = {
     "budget": "set preset (docs/speed.md)",
+    "preset: fast": _NO_GAIN,
+    "tradeoff.presets: fast": _NO_GAIN,
     "transient.strategy": "3DGS's density control is the only strategy",
     "splats.strategy": "3DGS's density control is the only strategy (benchmarks/training/README.md)",
     "splats.patience": "training always runs to its end: stopping early bought nothing",
@@ -138,8 +142,14 @@ def _refusal(error: ValidationError, given: Mapping[Any, Any], options: type[Opt
             break
         names = _option(part, "object").get("propertyNames", {})
         path, (part, value) = [*path, step], inner
-    cause = first.get("ctx", {}).get("error")
-    return not_allowed(".".join(map(str, path)), value, str(cause) if cause else allowed(part, value))
+    cause, reason = first.get("ctx", {}).get("error"), why_removed(f"{path[0]}: {value}")
+    why = f"it was removed; {reason}" if reason else str(cause) if cause else allowed(part, value)
+    return not_allowed(".".join(map(str, path)), value, why)
+
+
+def why_removed(what: str) -> str | None:
+    """Say why a key, or a value as in ``preset: fast``, was removed, and what to set; None for all others."""
+    return _REMOVED.get(what)
 
 
 def not_allowed(key: str, value: object, why: str) -> str:
@@ -159,7 +169,7 @@ def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence
     name, colon, value = text.partition(":")
     full = f"{section}.{text}" if section else text
     last = section.rpartition(".")[2]
-    if advice := _REMOVED.get(f"{last}.{text}" if section else text):
+    if advice := why_removed(f"{last}.{text}" if section else text):
         return f"key '{full}' was removed; {advice}"
     if new := _RENAMED.get(f"{last}.{text}"):
         return f"key '{full}' was renamed; write {new!r}"

@@ -12,6 +12,7 @@ from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.messages import why_removed
 from egosplat.pipeline.model_sets import DEFAULTS, choose_set, locate_checkpoints, set_of
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.published import PUBLISHED
@@ -28,7 +29,7 @@ METHOD = "method"
 NAMED = 8
 
 # Preset file by name of the variant.
-PRESET_FILES = {name: name for name in ("draft", "fast", "balanced", "accurate")} | {"paper_scaled": "paper"}
+PRESET_FILES = {name: name for name in ("draft", "balanced", "accurate")} | {"paper_scaled": "paper"}
 
 # Sections and keys that define frames and queries. Scores with different values cannot be compared.
 QUESTIONS = {
@@ -154,6 +155,8 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
                 f"variant {name}: circular inheritance {' -> '.join([*above, one])}. Fix its key {EXTENDS!r}"
             )
         if one not in variants:
+            if reason := why_removed(f"preset: {one}"):
+                raise UserError(f"{where}: variant {one!r} was removed with its preset; {reason}")
             more = [f"{len(variants) - NAMED} more"] if len(variants) > NAMED else []
             raise UserError(
                 f"{where}: no variant {one!r}. Add it to the configuration key 'variants', "

@@ -26,7 +26,7 @@ def test_defaults_hold_without_a_file(folder):
 def test_options_override_files_and_later_files_earlier_ones(folder):
     """The order of precedence is that of Snakemake."""
     (folder / "config").mkdir()
-    (folder / "config/config.yaml").write_text("preset: fast\nsplats: {iterations: 1}\nrun: {seed: 1}\n")
+    (folder / "config/config.yaml").write_text("preset: draft\nsplats: {iterations: 1}\nrun: {seed: 1}\n")
     for name, seed in (("a", 2), ("b", 3)):
         (folder / f"{name}.yaml").write_text(f"run: {{seed: {seed}}}\nsplats: {{max_points: {seed}}}")
     files = [folder / "a.yaml", folder / "b.yaml"]
@@ -47,7 +47,7 @@ def test_presets_of_the_working_directory_come_first(folder):
     assert read_configuration([], [])[0]["splats"]["iterations"] == 77
 
 
-@pytest.mark.parametrize("option", ["fast", "=fast", "preset=", "models={a: [", ".a=1", "splats.=1"])
+@pytest.mark.parametrize("option", ["draft", "=draft", "preset=", "models={a: [", ".a=1", "splats.=1"])
 def test_a_malformed_option_is_an_error(folder, option):
     """The message shows the form."""
     with pytest.raises(UserError, match="KEY=VALUE"):

@@ -354,8 +354,8 @@ def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, ca
     status, text = run(monkeypatch, capsys)
     assert status == 0 and text.endswith("Nothing is missing.\n") and "\x1b" not in text
     (folder / "more.yaml").write_text("models: {sam2_checkpoint: /nowhere.pt}")
-    status, text = run(monkeypatch, capsys, "--configfile", "more.yaml", "--config", "preset=fast")
-    assert status == 1 and "missing  SAM2 " in text and "preset fast" in text
+    status, text = run(monkeypatch, capsys, "--configfile", "more.yaml", "--config", "preset=draft")
+    assert status == 1 and "missing  SAM2 " in text and "preset draft" in text
 
 
 def test_the_shipped_presets_are_examined(monkeypatch):

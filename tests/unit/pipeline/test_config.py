@@ -114,7 +114,7 @@ def test_the_shipped_configuration_sets_no_stage_key():
 
 def test_a_benchmark_has_its_protocol_and_the_user_s_key_wins():
     """Over a key of the preset for all scenes; LangSplat's 30 and 7 px are of pictures 986 px wide."""
-    chosen = {"preset": "fast", "models": {"set": "published"}}
+    chosen = {"preset": "draft", "models": {"set": "published"}}
     found = config.of_format(config.resolve(chosen, PRESETS), "lerf")
     assert (found["frames"]["resolution"], found["frames"]["holdout"]) == (986, False)
     query = recorded_options(config.stage_values("metrics", found))
@@ -206,7 +206,9 @@ def test_the_schema_for_editors_allows_the_presets_and_refuses_unknown_keys():
         ({"query": {"min_coverage": 1.0}}, "query.min_coverage = 1.0 .* less than 1"),
         ({"query": {"canonical": []}}, "query.canonical .* 1"),
         ({"query": {"canonical": [3]}}, "query.canonical.0 = 3 .* text"),
-        ({"preset": "fastest"}, "preset = 'fastest' .* draft, fast, balanced, accurate, paper .*'fast'"),
+        ({"preset": "drafty"}, "preset = 'drafty' .* draft, balanced, accurate, paper .*'draft'"),
+        ({"preset": "fast"}, "^configuration: preset = 'fast' .* removed; .* take draft or balanced"),
+        ({"tradeoff": {"presets": ["draft", "fast"]}}, "tradeoff.presets.1 = 'fast' .* draft or balanced"),
         ({"data_root": {"adt": 3}}, "data_root.adt = 3 .* text or null"),
         ({"data_root": {"adt": ""}}, "data_root.adt = '' .* empty"),
     ],
@@ -219,17 +221,17 @@ def test_invalid_values_are_named_by_key(user, message):
 
 
 def test_unreadable_files_are_named(tmp_path):
-    (tmp_path / "fast.yaml").write_text("frames: [")
-    with pytest.raises(UserError, match="fast.yaml.*YAML"):
-        config.resolve({"preset": "fast"}, tmp_path)
-    (tmp_path / "fast.yaml").write_text("- 1")
+    (tmp_path / "draft.yaml").write_text("frames: [")
+    with pytest.raises(UserError, match="draft.yaml.*YAML"):
+        config.resolve({"preset": "draft"}, tmp_path)
+    (tmp_path / "draft.yaml").write_text("- 1")
     with pytest.raises(UserError, match="list"):
-        config.resolve({"preset": "fast"}, tmp_path)
+        config.resolve({"preset": "draft"}, tmp_path)
     with pytest.raises(UserError, match="paper.yaml"):
         config.resolve({"preset": "paper"}, tmp_path)
-    (tmp_path / "fast.yaml").write_text("frames: {focl: 3}")
-    with pytest.raises(UserError, match="fast.yaml: .*'frames.focl'.* 'focal'"):
-        config.resolve({"preset": "fast"}, tmp_path)
+    (tmp_path / "draft.yaml").write_text("frames: {focl: 3}")
+    with pytest.raises(UserError, match="draft.yaml: .*'frames.focl'.* 'focal'"):
+        config.resolve({"preset": "draft"}, tmp_path)
 
 
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"

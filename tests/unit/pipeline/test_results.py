@@ -80,4 +80,4 @@ def test_what_is_asked_for_is_grouped_by_scene_and_variant(scenes):
     (one,) = asked_results(scenes, targets, lambda preset: scenes)
     assert one.goals == ("metrics.json", "splats.png") and one.config["features"]["dims"] == 4
     assert str(one.path_of("features")) == "results/adt/one/variants/v/features.zarr"
-    assert one.with_preset("fast")["features"]["dims"] == 4
+    assert one.with_preset("draft")["features"]["dims"] == 4

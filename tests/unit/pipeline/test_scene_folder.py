@@ -16,12 +16,12 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A working directory with a scene of which frames and poses are made, its variant fast and a README.md."""
+    """A working directory with a scene of which frames and poses are made, its variant draft and a README.md."""
     monkeypatch.chdir(tmp_path)
     for name in ("frames", "poses"):
         (tmp_path / SCENE / f"{name}.zarr").mkdir(parents=True)
     (tmp_path / SCENE / "frames.zarr/zarr.json").touch()
-    (tmp_path / SCENE / "variants/fast/splats.zarr").mkdir(parents=True)
+    (tmp_path / SCENE / "variants/draft/splats.zarr").mkdir(parents=True)
     (tmp_path / "README.md").touch()
     (tmp_path / "photos").mkdir()
     return tmp_path
@@ -46,10 +46,10 @@ def folder(tmp_path, monkeypatch):
         ),
         (f"{SCENE}/frames.zarr", "is a single artifact; give the folder of its scene, results/adt/scene1"),
         (
-            f"{SCENE}/variants/fast",
-            f"lacks features.zarr, language.zarr. Make the variant: {ANYWHERE} --cores 2 {SCENE}/variants/fast/metrics",
+            f"{SCENE}/variants/draft",
+            f"lacks features.zarr, language.zarr. Make the variant: {ANYWHERE} --cores 2 {SCENE}/variants/draft/metrics",
         ),
-        (f"{SCENE}/variants/draft", "does not exist. Make the variant: "),
+        (f"{SCENE}/variants/accurate", "does not exist. Make the variant: "),
         (f"{SCENE}/variants/w", "does not exist. "),
     ],
 )
@@ -70,8 +70,8 @@ def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):
         ("results/hoi4d/scene1", "no recording at"),
         ("results/adt/scene10", "Make the scene: snakemake --cores 2 results/adt/scene10/metrics.json"),
         (
-            "results/adt/scene10/variants/fast",
-            "Make the variant: snakemake --cores 2 results/adt/scene10/variants/fast/me",
+            "results/adt/scene10/variants/draft",
+            "Make the variant: snakemake --cores 2 results/adt/scene10/variants/draft/me",
         ),
     ],
 )
@@ -98,7 +98,7 @@ def test_a_variant_may_share_everything(folder):
 
 
 @pytest.mark.parametrize(
-    "place, title", [(SCENE, "adt/scene1"), (f"{SCENE}/variants/fast", "adt/scene1, fast")]
+    "place, title", [(SCENE, "adt/scene1"), (f"{SCENE}/variants/draft", "adt/scene1, draft")]
 )
 def test_titles_name_the_scene_and_the_variant(folder, place, title):
     assert title_of(folder / place) == title

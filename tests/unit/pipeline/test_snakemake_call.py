@@ -45,6 +45,6 @@ def test_a_dry_run(words):
 
 def test_values_of_options_are_no_targets():
     """Protects the messages about targets: a path after --config or --forcerun is no target."""
-    words = ["--cores", "2", "--forcerun", "results/a/b/c.zarr", "--config", "preset=fast"]
+    words = ["--cores", "2", "--forcerun", "results/a/b/c.zarr", "--config", "preset=draft"]
     words += ["--", "results/a/b/d.zarr", "all"]
     assert read_call(words).targets == ("results/a/b/d.zarr", "all")

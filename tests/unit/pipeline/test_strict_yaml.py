@@ -7,7 +7,7 @@ from egosplat.pipeline.config import read_yaml
 from egosplat.pipeline.strict_yaml import load_yaml
 
 TWICE = [
-    ("preset: fast\nframes: {}\npreset: paper\n", "line 3, column 1: .*'preset' .* line 1"),
+    ("preset: draft\nframes: {}\npreset: paper\n", "line 3, column 1: .*'preset' .* line 1"),
     ("splats:\n  iterations: 5\n  seed: 1\n  iterations: 6\n", "line 4, column 3: .*'iterations' .* line 2"),
     ("frames: {stride: 1, stride: 2}\n", "line 1, column 21: .*'stride' .* line 1"),
     ("frames: {stride: 1}\n\nframes: {focal: 400}\n", "line 3, column 1: .*'frames' .* line 1"),

@@ -46,11 +46,11 @@ def test_names_are_safe_and_unique():
 
 def test_a_setting_equal_to_the_scene_is_the_scene():
     dims = defaults()["features"]["dims"]
-    config = scene(presets=["balanced", "fast"], seeds=[1, 2], features__dims=[8, dims])
-    own, fast, narrow = points_of(config, "adt/scene1")
+    config = scene(presets=["balanced", "draft"], seeds=[1, 2], features__dims=[8, dims])
+    own, draft, narrow = points_of(config, "adt/scene1")
     assert own.variants == [None, "seed-1", "seed-2"]
     assert own.settings == [Setting("features.dims", dims), Setting("preset", "balanced")]
-    assert fast.variants == ["fast", "fast-seed-1", "fast-seed-2"]
+    assert draft.variants == ["draft", "draft-seed-1", "draft-seed-2"]
     assert narrow.settings == [Setting("features.dims", 8)]
 
 
@@ -111,7 +111,7 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
 
 
 @pytest.mark.parametrize("name", ["draft", "balanced"])
-@pytest.mark.parametrize("below", ["draft", "fast", "balanced", "accurate", "paper"])
+@pytest.mark.parametrize("below", ["draft", "balanced", "accurate", "paper"])
 def test_presets_replace_the_scenes_own_preset(name, below):
     left_to_the_scene = {"formats", "segments", "transient", "frames", "models", "synthetic", "metrics"}
     base = resolve({"preset": below}, PRESETS)

@@ -47,8 +47,8 @@ def test_what_a_rule_makes_is_taken(word):
         ("results/adt/scene1/Metrics.json", "did you mean results/adt/scene1/metrics.json?"),
         ("results/adt/scene1/metric.json", "did you mean results/adt/scene1/metrics.json?"),
         (
-            "results/adt/scene2/variants/fast/contactsheet.png",
-            "results/adt/scene2/variants/fast/contact_sheet.png?",
+            "results/adt/scene2/variants/draft/contactsheet.png",
+            "results/adt/scene2/variants/draft/contact_sheet.png?",
         ),
         ("results/benchmark/table.html", "did you mean results/benchmark/tables.html?"),
         ("results/adt/scene1", "did you mean results/adt/scene1/metrics.json?"),

@@ -146,10 +146,12 @@ def test_a_variant_shares_artifacts_with_its_parents(name, expected):
     "variants, name, message",
     [
         ({}, "mine", "no variant 'mine'.*take one of: baseline"),
+        ({}, "fast", "adt/scene1: variant 'fast' was removed .* take draft or balanced"),
+        ({"mine": {"extends": "fast"}}, "mine", "variant 'fast' was removed"),
         ({"mine": {"splats": {"masking": "all"}}}, "mine", r"variant mine: splats\.masking = 'all'"),
         ({"mine": {"splat": {"masking": "none"}}}, "mine", "did you mean 'splats'"),
         ({"mine": {"synthetic": {"seed": 9}}}, "mine", "leave out the section synthetic"),
-        ({"mine": {"preset": "fast"}}, "mine", "a variant cannot change preset"),
+        ({"mine": {"preset": "draft"}}, "mine", "a variant cannot change preset"),
         ({"mine": {"data_root": {"adt": "/x"}}}, "mine", "a variant cannot change data_root"),
         (
             {"mine": {"formats": {"adt": {"frames": {"stride": 2}}}}},
