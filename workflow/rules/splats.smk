@@ -49,3 +49,23 @@ rule language:
         **params("language"),
     shell:
         "egosplat language {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
+
+
+rule carries:
+    """Find what is carried from where to where, from the tracks of what moves."""
+    input:
+        **inputs("carries"),
+    output:
+        directory("results/{dataset}/{scene}/{variant}carries.zarr"),
+    log:
+        "logs/{dataset}/{scene}/{variant}carries.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}carries.tsv"
+    threads: 8
+    resources:
+        mem_mb=memory("carries"),
+        runtime=runtime("carries"),
+    params:
+        **params("carries"),
+    shell:
+        "egosplat carries {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

@@ -1,6 +1,7 @@
 """The schemas of all kinds of artifacts."""
 
 from egosplat.artifacts.annotations import ANNOTATIONS
+from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
@@ -28,6 +29,7 @@ _ALL = (
     SPLATS,
     TILES,
     PROMPTS,
+    CARRIES,
     LANGUAGE,
 )
 # Every kind of artifact, by name.

@@ -57,6 +57,24 @@ CHUNKS = (
 )
 
 
+class Time(click.ParamType):
+    """A time of a recording in seconds, or in minutes and seconds."""
+
+    name = "min:s"
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
+        """Convert "1:05" or "65" to 65.0."""
+        minutes, _, seconds = str(value).rpartition(":")
+        try:
+            found = 60 * int(minutes or 0) + float(seconds)
+        except ValueError:
+            found = -1.0
+        if not 0 <= found < float("inf"):
+            told = f"{str(value)[:40]!r} is no time; give seconds, as 65, or minutes and seconds, as 1:05"
+            self.fail(told, parameter, context)
+        return found
+
+
 class Json(click.ParamType):
     """A JSON value."""
 

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import click
 
-from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand
+from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, Time
 from egosplat.export.formats import FORMATS, plan_export
 from egosplat.files import check_output
 from egosplat.pipeline.general_options import GeneralOptions
@@ -64,13 +64,14 @@ def ask(
     frame: int | None = None,
     pose: Path | None = None,
     most: int = MOST,
+    at: float | None = None,
 ) -> None:
     """Print the answers of a scene, and draw them; arguments as the flags of ``query``."""
     from egosplat.query.command import run
     from egosplat.query.opening import open_scene
 
     scene = open_scene(folder, options)
-    for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output):
+    for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output, at):
         click.echo(part)
 
 
@@ -86,7 +87,9 @@ def query_command() -> click.Command:
     frame = "Search only this frame. [default: the whole scene]"
     pose = 'Search only this view: JSON file, {"camera_to_world": 4 rows of 4}.'
     most = "Largest number of matches listed for the whole scene."
+    at = "Tell where carried things were at this time of the recording, as 1:05 or 65 [s]."
     flags = [
+        click.Option(["--at"], type=Time(), help=at),
         click.Option(["--frame"], type=click.IntRange(min=0), help=frame),
         click.Option(["--pose"], type=ARTIFACT, help=pose),
         click.Option(["--most"], type=click.IntRange(min=1), default=MOST, show_default=True, help=most),

@@ -135,7 +135,7 @@ COSTS: dict[str, Cost] = {
 # Stages, or values of language.method, that take what another takes.
 _LIKE = {
     **dict.fromkeys(("contact_sheet", "instances_sheet", "crops_sheet", "splats_sheet"), "sheet"),
-    **dict.fromkeys(("transient_sheet", "language_sheet"), "sheet_of_renders"),
+    **dict.fromkeys(("transient_sheet", "language_sheet", "carries"), "sheet_of_renders"),
     "language_lifted": "language",
     "language_projected": "language_center",
     "language_quantized": "language_sparse",

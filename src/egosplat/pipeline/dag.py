@@ -116,7 +116,7 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     sections = {section for section, _ in decided_by_survey(config)}
     masked = "splats" in sections and "masks" in STAGES[stage].optional
     corrected = "camera" in sections and "camera" in stage_sections(stage)
-    tracked = stage == "segments" and "segments" in sections
+    tracked = "segments" in sections and (stage == "segments" or "carries" in STAGES[stage].optional)
     merged = stage == "instances" and merges_masks(config) and not sections.isdisjoint({"splats", "segments"})
     by_survey = masked or corrected or tracked or merged
     return (*found, "survey") if by_survey and "survey" not in found else found
@@ -131,7 +131,8 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     if stage == "splats" and takes_splat(config):
         return ()
     given = ("splats",) if stage == "instances" and merges_on_splats(config) else ()
-    wanted = views + given + _MASKS[config["splats"]["masking"]]
+    carried = ("carries",) if tracks_what_moves(config) else ()
+    wanted = views + given + _MASKS[config["splats"]["masking"]] + carried
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 
 

@@ -91,6 +91,7 @@ _LEARNT_FROM = {
     **dict.fromkeys(("instances", "features"), "unless language.method is field or quantized"),
     "tiles": "if language.method is field or quantized",
 }
+_CARRIED = {"carries": "if what moves is tracked"}
 _OPENCV = "opencv-contrib-python-headless"
 _SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
@@ -281,6 +282,15 @@ _STAGES = (
         ),
     ),
     Stage(
+        "carries",
+        "egosplat.carries.stage",
+        "Find what is carried from where to where.",
+        options="egosplat.carries.options:CarriesOptions",
+        output="carries.zarr",
+        inputs=("frames", "poses", "instances", "view_features", "splats"),
+        libraries=("numpy", _OPENCV, "torch", "zarr"),
+    ),
+    Stage(
         "metrics",
         "egosplat.evaluation.stage",
         "Query every annotated category, and score the answers.",
@@ -365,6 +375,7 @@ _STAGES = (
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
+        optional=_CARRIED,
         libraries=("open_clip_torch", _OPENCV, "torch"),
         scene=("title",),
     ),

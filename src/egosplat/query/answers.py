@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
+from egosplat.query.history import Carried, Place, place_at
 from egosplat.query.maps import Map, Mask
 
 
@@ -70,6 +71,7 @@ class Answer:
         untaught: words of the query that the OpenCLIP checkpoint was not trained on.
         things: things in 3D of this grade, by decreasing score; empty if refused, or if one view was asked.
         candidates: the best things, two at least if there are, whether they fit or not.
+        history: when what the query means was carried, and from where to where, in the order of time.
         view: what was found in the view that was asked; None if refused, if the view shows nothing, or without a view.
     """
 
@@ -81,7 +83,12 @@ class Answer:
     untaught: tuple[str, ...] = ()
     things: tuple[FoundThing, ...] = ()
     candidates: tuple[FoundThing, ...] = ()
+    history: tuple[Carried, ...] = ()
     view: FoundView | None = None
+
+    def at(self, second: float) -> Place | None:
+        """Where it was at a time [s since the first frame], by its history; None if it was not carried."""
+        return place_at(self.history, second)
 
     @property
     def rating(self) -> float:

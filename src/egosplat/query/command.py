@@ -11,6 +11,7 @@ from egosplat.progress import track
 from egosplat.query.answers import Answer, FoundView
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import Grading, grading_by_score
+from egosplat.query.history import Place, clock
 from egosplat.query.text import clean_phrase
 from egosplat.query.viewpoint import Viewpoint
 
@@ -40,7 +41,12 @@ class DrawnAnswer:
 
 
 def run(
-    scene: Scene, phrases: Sequence[str], viewpoint: Viewpoint | None, most: int, output: Path
+    scene: Scene,
+    phrases: Sequence[str],
+    viewpoint: Viewpoint | None,
+    most: int,
+    output: Path,
+    at: float | None = None,
 ) -> Iterator[str]:
     """Answer queries in a table, then in a picture.
 
@@ -49,9 +55,10 @@ def run(
         viewpoint: the view to query; None for the whole scene.
         most: maximum number of things in an answer of the whole scene.
         output: picture to write.
+        at: tell where things that were carried were at this time [s since the first frame].
 
     Yields:
-        The table as soon as it is known, then a line about the picture once it is drawn.
+        The table as soon as it is known, a table of what was carried if there is any, then a line about the picture once it is drawn.
 
     Raises:
         UserError: as ``Scene.ask``.
@@ -67,6 +74,8 @@ def run(
     table = _scene_table if viewpoint is None else _view_table
     columns, rows, drawn = table(scene, answers, grading)
     yield f"{title}\n{answers_table(columns, rows)}"
+    if carried := _carried_table(drawn, scene.unit, at):
+        yield f"\n{carried}"
 
     # Here, because matplotlib takes as long to import as a query to answer.
     from egosplat.query.sheet import draw_answers
@@ -121,6 +130,35 @@ def _scene_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
         )
         for number, thing in enumerate(answer.things)
     ]
+
+
+def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str:
+    """When what was asked for was carried, or where it was at a time; empty if nothing of it was carried."""
+    answers = [one for one in answers if one.history]
+    if not answers:
+        return ""
+    if at is not None:
+        rows = [(one.phrase, *_place_cells(one.at(at))) for one in answers]
+        return answers_table(("carried thing", f"at {clock(at)} [{unit}]", "for how long [min:s]"), rows)
+    columns = ("carried thing", "carried [min:s]", f"from [{unit}]", f"to [{unit}]", "frame")
+    rows = [
+        (
+            answer.phrase if number == 0 else "",
+            one.told,
+            _numbers(one.start),
+            _numbers(one.end),
+            str(one.frame),
+        )
+        for answer in answers
+        for number, one in enumerate(answer.history)
+    ]
+    return answers_table(columns, rows)
+
+
+def _place_cells(place: Place | None) -> tuple[str, str]:
+    if place is None:
+        return _ABSENT, _ABSENT
+    return _ABSENT if place.position is None else _numbers(place.position), place.told
 
 
 def _refused_row(answer: Answer, grading: Grading) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.models.suitability import notice_of_artifacts
+from egosplat.pipeline.home import shared_with
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.answer import Asker, ViewAnswer, ask
 from egosplat.query.answers import Answer, FoundThing, FoundView
@@ -34,6 +35,7 @@ from egosplat.query.grades.calibration import (
     grading_of,
 )
 from egosplat.query.grades.evidence import measure_evidence
+from egosplat.query.history import Carried, Histories
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
 from egosplat.query.options import AskingOptions, QueryOptions
@@ -166,6 +168,22 @@ class Scene:
         return found
 
     @cached_property
+    def seconds(self) -> Array:
+        """(F,) float64 time of each frame since the first [s]."""
+        times = self.artifact("frames").read("timestamp_ns")
+        return (times - times[0]) / 1e9
+
+    @cached_property
+    def histories(self) -> Histories | None:
+        """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
+        paths = [place / "carries.zarr" for place in (self.folder, *shared_with(self.folder))]
+        made = [one for one in self.given if one.schema.name == "carries"]
+        made += [open_artifact(path, SCHEMAS["carries"]) for path in paths if path.exists()]
+        digest = self.artifact("splats").digest
+        found = next((one for one in made if one.provenance["inputs"].get("splats.zarr") == digest), None)
+        return None if found is None else Histories(found, self.seconds)
+
+    @cached_property
     def trained(self) -> QueryScene:
         """The Gaussians with their codes, on the device of the renderer."""
         if not self.checked:
@@ -245,7 +263,13 @@ class Scene:
         if viewpoint is None:
             # The evidence for the best thing needs the next one.
             things = ask_scene(self.index, texts, options, max(2, most))
-            return (self._answer_of_scene(found, most, options) for found in things)
+            return (
+                replace(
+                    self._answer_of_scene(found, most, options),
+                    history=self._history(texts.of([found.phrase]), options),
+                )
+                for found in things
+            )
         place = self.camera, viewpoint.camera_to_world, viewpoint.valid
         seen = ask(self.trained, texts, *place, options)
         return (self._answer_of_view(one, options) for one in seen)
@@ -369,6 +393,11 @@ class Scene:
         return Answer(
             found.phrase, grade, best.score, best.probability, refusal, untaught, things, candidates
         )
+
+    def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
+        if self.histories is None or untaught_words(self.clip, query.phrases[0]):
+            return ()
+        return self.histories.of(query, self._words, options.temperature)
 
     def _candidates(
         self, found: SceneAnswer, calibration: Calibration | None, options: QueryOptions

@@ -1,0 +1,83 @@
+"""Where carried things lie, and from when until when, in a synthetic recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from egosplat.frames.adt_annotations import read_instances
+from egosplat.geometry import Array
+
+# Shorter rests are not counted [s].
+LEAST_S = 2.0
+
+_SIDES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A thing at one place.
+
+    Attributes:
+        name, category: of the thing; ``uid`` its number in the recording.
+        from_s, until_s: seconds since the first frame.
+        object_to_world: (4, 4) float64.
+        low, high: (3,) float64 corners of its box in its own axes [m].
+    """
+
+    name: str
+    category: str
+    uid: int
+    from_s: float
+    until_s: float
+    object_to_world: Array
+    low: Array
+    high: Array
+
+    def distances(self, points: Array) -> Array:
+        """(N,) distance of (N, 3) points in the world from the box [m]; 0 inside."""
+        rotation, center = self.object_to_world[:3, :3], self.object_to_world[:3, 3]
+        own = (points - center) @ rotation
+        return np.linalg.norm(np.maximum(np.maximum(self.low - own, own - self.high), 0.0), axis=-1)
+
+    def iou(self, first_s: float, last_s: float) -> float:
+        """IoU of this rest and another interval of time."""
+        both = min(last_s, self.until_s) - max(first_s, self.from_s)
+        return max(both, 0.0) / (max(last_s, self.until_s) - min(first_s, self.from_s))
+
+
+def read_rests(recording: Path, timestamp_ns: NDArray[np.int64]) -> list[Rest]:
+    """Read the rests of a recording; ``timestamp_ns`` (F,) of its frames."""
+    names = {one.id: one for one in read_instances(recording / "instances.json")}
+    poses = pd.read_csv(recording / "scene_objects.csv").sort_values(["object_uid", "timestamp[ns]"])
+    boxes = pd.read_csv(recording / "3d_bounding_box.csv").drop_duplicates("object_uid").set_index("object_uid")
+    rests = pd.read_csv(recording / "truth" / "rests.tsv", sep="\t")
+    found = []
+    for row in rests.to_dict("records"):
+        times = np.array([row["from[ns]"], row["until[ns]"]])
+        from_s, until_s = np.clip(times, timestamp_ns[0], timestamp_ns[-1]) - timestamp_ns[0]
+        if until_s - from_s < LEAST_S * 1e9:
+            continue
+        one, uid = names[row["object_uid"]], row["object_uid"]
+        pose = _pose_at(poses[poses.object_uid == uid], int(times.mean()))
+        sides = ([boxes.loc[uid, f"p_local_obj_{axis}{end}[m]"] for axis in _SIDES] for end in ("min", "max"))
+        low, high = map(np.array, sides)
+        found.append(Rest(one.name, one.category, uid, from_s / 1e9, until_s / 1e9, pose, low, high))
+    return found
+
+
+def _pose_at(rows: pd.DataFrame, time: int) -> Array:
+    row = rows[rows["timestamp[ns]"] <= time].iloc[-1]
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_quat([row[f"q_wo_{axis}"] for axis in (*_SIDES, "w")]).as_matrix()
+    pose[:3, 3] = [row[f"t_wo_{axis}[m]"] for axis in _SIDES]
+    return pose
+
+
+def others(rests: Sequence[Rest], one: Rest) -> list[Rest]:
+    """The rests of things of the same category."""
+    return [each for each in rests if each.category == one.category]

@@ -1,0 +1,176 @@
+"""Find carries among the sightings of tracks: a thing leaves a place, moves, and lies still again (docs/method.md#carries)."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.carries.sightings import Ints, Sightings
+from egosplat.geometry import Array
+
+# A track that no frame shows for longer than this begins anew [s].
+_GAP_S = 0.7
+
+# Carries of fewer frames are chance.
+_LEAST_FRAMES = 4
+
+# A track whose median mask has a larger share of its pixels at the picture's edge is the wearer's arm or body.
+_MOST_EDGE = 0.01
+
+# A track slips to another thing where it jumps farther: in the world by this many sizes, and before the camera by this angle [rad].
+_JUMP_SIZES, _JUMP_ANGLE = 2.0, 0.25
+
+# Half of the window in which a thing at rest stays at its place, and the shortest rest between two carries [s].
+_STILL_S, _REST_S = 0.4, 1.0
+
+# Distance within which a thing is at one place: this share of its size, and of its depth, which the Gaussians tell no better.
+_OF_SIZE, _OF_DEPTH = 0.25, 0.04
+
+# A carried thing goes farther from where it was than this many of its sizes.
+_FAR = 2.0
+
+# A mask shows the same as a larger one that covers this share of it on average, in the frames of the shorter carry.
+_COVERED = 0.5
+
+# Frames of rest before and after a carry that tell the place.
+_TELLING = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Carry:
+    """A thing on its way.
+
+    Attributes:
+        seen: sightings of the track that shows most of it, in the order of time, with those of the rests before and after.
+        moving: (S,) bool, which of these are on the way.
+        others: tracks that show the same thing or parts of it.
+    """
+
+    seen: Sightings
+    moving: NDArray[np.bool_]
+    others: tuple[int, ...] = ()
+
+    @property
+    def track(self) -> int:
+        """Number of the instance."""
+        return int(self.seen.track[0])
+
+    @property
+    def first(self) -> int:
+        """The frame in which it leaves its place."""
+        return int(self.seen.frame[self.moving][0])
+
+    @property
+    def last(self) -> int:
+        """The frame from which it lies still again, or the last that shows it."""
+        return int(self.seen.frame[self.moving][-1])
+
+    @property
+    def start(self) -> Array:
+        """(3,) where it lay before [m]."""
+        return self._place(~self.moving & (self.seen.frame < self.first), slice(-_TELLING, None), 0)
+
+    @property
+    def end(self) -> Array:
+        """(3,) where it is put down [m]."""
+        return self._place(~self.moving & (self.seen.frame > self.last), slice(None, _TELLING), -1)
+
+    @property
+    def size(self) -> float:
+        """Median size [m]."""
+        return float(np.median(self.seen.size))
+
+    def _place(self, rest: NDArray[np.bool_], telling: slice, otherwise: int) -> Array:
+        """The median of the frames of rest that tell a place; without any, the first or the last center of the way."""
+        centers = self.seen.center[rest][telling]
+        return np.median(centers, axis=0) if len(centers) else self.seen.center[self.moving][otherwise]
+
+
+def find_carries(seen: Sightings, seconds: Array) -> list[Carry]:
+    """Find the carries of a recording, in the order of time.
+
+    Args:
+        seen: sightings of all tracks of what moves.
+        seconds: (F,) float64 time of each frame [s].
+    """
+    found = [carry for run in _runs(seen, seconds) for carry in _carries(run, seconds)]
+    # The longest first: it stands for all that show the same.
+    found.sort(key=lambda one: (-len(one.seen.frame), -float(np.median(one.seen.area)), one.track))
+    kept: list[Carry] = []
+    for carry in found:
+        same = next((place for place, one in enumerate(kept) if _same(one, carry)), None)
+        if same is None:
+            kept.append(carry)
+        else:
+            one = kept[same]
+            kept[same] = Carry(one.seen, one.moving, (*one.others, carry.track))
+    return sorted(kept, key=lambda one: (one.first, one.track))
+
+
+def _runs(seen: Sightings, seconds: Array) -> Iterator[Sightings]:
+    """Stretches of a track without a gap or a jump, but those of the wearer's arms."""
+    for number in np.unique(seen.track).tolist():
+        mine = np.flatnonzero(seen.track == number)
+        mine = mine[np.argsort(seen.frame[mine], kind="stable")]
+        gaps = np.diff(seconds[seen.frame[mine]]) > _GAP_S
+        for part in np.split(mine, np.flatnonzero(gaps | _jumps(seen.take(mine))) + 1):
+            if len(part) >= _LEAST_FRAMES and np.median(seen.edge[part]) <= _MOST_EDGE:
+                yield seen.take(part)
+
+
+def _jumps(run: Sightings) -> NDArray[np.bool_]:
+    """(S - 1,) bool: whether the next sighting is elsewhere. What the wearer carries moves little before the camera, a still thing in the world."""
+    far = np.linalg.norm(np.diff(run.center, axis=0), axis=1) > _JUMP_SIZES * np.maximum(
+        run.size[:-1], run.size[1:]
+    )
+    # The depth of what is held is not known: Gaussians show what is behind it.
+    ray = run.local / np.linalg.norm(run.local, axis=1, keepdims=True)
+    return far & (np.linalg.norm(np.diff(ray, axis=0), axis=1) > _JUMP_ANGLE)
+
+
+def _carries(run: Sightings, seconds: Array) -> Iterator[Carry]:
+    """The ways of a run, between rests."""
+    time = seconds[run.frame]
+    moving = _moving(run, time)
+    for begin, end in _stretches(~moving):
+        if time[end - 1] - time[begin] < _REST_S and 0 < begin and end < len(moving):
+            moving[begin:end] = True
+    ways = _stretches(moving)
+    for number, (begin, end) in enumerate(ways):
+        after = ways[number - 1][1] if number else 0
+        before = ways[number + 1][0] if number + 1 < len(ways) else len(moving)
+        part = np.arange(after, before)
+        carry = Carry(run.take(part), (part >= begin) & (part < end))
+        far = np.linalg.norm(carry.seen.center[carry.moving] - carry.start, axis=1).max()
+        far = max(far, np.linalg.norm(carry.end - carry.start))
+        if end - begin >= _LEAST_FRAMES - 1 and far > _FAR * carry.size:
+            yield carry
+
+
+def _moving(run: Sightings, time: Array) -> NDArray[np.bool_]:
+    """(S,) bool: sightings around which the thing does not stay at one place."""
+    tolerance = _OF_SIZE * run.size + _OF_DEPTH * run.depth
+    found = np.zeros(len(time), bool)
+    for place, now in enumerate(time):
+        near = run.center[np.abs(time - now) <= _STILL_S]
+        away = np.linalg.norm(near - np.median(near, axis=0), axis=1)
+        found[place] = away.max() > tolerance[place]
+    return found
+
+
+def _stretches(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Begin and end of each stretch of true values."""
+    steps = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
+    return list(zip(steps[::2].tolist(), steps[1::2].tolist(), strict=True))
+
+
+def _same(one: Carry, other: Carry) -> bool:
+    """Whether the masks of the shorter carry lie in those of the longer one, or these in them, while it moves."""
+    frames: Ints = np.intersect1d(one.seen.frame, other.seen.frame[other.moving])
+    if len(frames) < max(1, _COVERED * other.moving.sum()) or one.track == other.track:
+        return False
+    inside = one.seen.inside
+    pairs = (other.track, one.track), (one.track, other.track)
+    shares = [max(inside.get((frame, *pair), 0.0) for pair in pairs) for frame in frames.tolist()]
+    return float(np.mean(shares)) >= _COVERED

@@ -1,0 +1,140 @@
+"""Where the tracks of what moves are in each frame: lifted onto the surface that the Gaussians show."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.geometry import Array, Camera, transform
+from egosplat.progress import track
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+# Pixels this near to the border of what the camera shows belong to its edge, as a share of the longer side.
+_EDGE = 0.01
+
+# Masks are compared at this size [px].
+_COMPARED = 128
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """S masks of tracks, by frame and track.
+
+    Attributes:
+        frame, track: (S,) int64.
+        area: (S,) int64 pixels.
+        edge: (S,) float64 share of the pixels at the edge of what the camera shows.
+        center: (S, 3) float64 the mask's middle, at the median depth of its pixels, in the world [m].
+        local: (S, 3) float64 the same point in the camera's axes [m].
+        size: (S,) float64 side of a square as large as the mask, at that depth [m].
+        box: (S, 4) int32 x0, y0, x1, y1 around the mask, the ends exclusive [px].
+        inside: share of the smaller of two masks of a frame that the other covers, by (frame, smaller track, larger track).
+    """
+
+    frame: Ints
+    track: Ints
+    area: Ints
+    edge: Array
+    center: Array
+    local: Array
+    size: Array
+    box: NDArray[np.int32]
+    inside: dict[tuple[int, int, int], float]
+
+    @property
+    def depth(self) -> Array:
+        """(S,) depth along the camera's axis [m]."""
+        return self.local[:, 2]
+
+    def take(self, chosen: NDArray) -> "Sightings":
+        """Select sightings; ``inside`` stays whole."""
+        names = ("frame", "track", "area", "edge", "center", "local", "size", "box")
+        return Sightings(**{name: getattr(self, name)[chosen] for name in names}, inside=self.inside)
+
+
+def see_tracks(
+    frames: Ints,
+    labels: Callable[[int], NDArray[np.int32]],
+    is_track: Bools,
+    depth: Callable[[int], Array],
+    camera: Camera,
+    camera_to_world: Array,
+    valid: Bools,
+) -> Sightings:
+    """Find each track in the frames that show it.
+
+    Args:
+        frames: frames with a pose.
+        labels: returns the (L, H, W) labels of a frame.
+        is_track: (N,) bool, the instances that are tracks.
+        depth: returns the (h, w) depth of a frame, at any size; it is asked for if a track is there.
+        camera: of the frames.
+        camera_to_world: (F, 4, 4) float64.
+        valid: (H, W) bool pixels that show the scene.
+    """
+    radius = max(1, round(_EDGE * max(valid.shape)))
+    kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    edge = valid & (cv2.erode(valid.astype(np.uint8), kernel, borderValue=0) == 0)
+    rows, inside = [], {}
+    for frame in track(frames.tolist(), "looking at what moves", unit="frame"):
+        found = labels(frame)
+        numbers = np.unique(found[found >= 0])
+        numbers = numbers[is_track[numbers]]
+        if not len(numbers):
+            continue
+        masks, surface = [(found == one).any(axis=0) for one in numbers], depth(frame)
+        for one, mask in zip(numbers.tolist(), masks, strict=True):
+            seen = _see(mask, surface, edge, camera, camera_to_world[frame])
+            if seen is not None:
+                rows.append((frame, one, *seen))
+        inside |= _nested(frame, numbers, masks)
+    return _sightings(rows, inside)
+
+
+def _see(mask: Bools, surface: Array, edge: Bools, camera: Camera, pose: Array) -> tuple | None:
+    """Area, share at the edge, center, local, size and box of a mask; None without depth."""
+    row, column = np.nonzero(mask)
+    scale = np.array(surface.shape) / mask.shape
+    z = surface[(row * scale[0]).astype(int), (column * scale[1]).astype(int)]
+    z = z[np.isfinite(z) & (z > 0)]
+    if not len(z):
+        return None
+    depth = float(np.median(z))
+    x, y = column.mean() + 0.5, row.mean() + 0.5
+    local = np.array([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0]) * depth
+    size = np.sqrt(len(row) / (camera.fx * camera.fy)) * depth
+    box = (column.min(), row.min(), column.max() + 1, row.max() + 1)
+    return len(row), edge[row, column].mean(), transform(pose, local), local, size, box
+
+
+def _nested(frame: int, numbers: Ints, masks: list[Bools]) -> dict[tuple[int, int, int], float]:
+    """What share of each smaller mask lies in a larger one."""
+    step = max(1, max(masks[0].shape) // _COMPARED)
+    flat = np.stack([mask[::step, ::step].ravel() for mask in masks]).astype(np.float32)
+    common, area = flat @ flat.T, flat.sum(axis=1)
+    found = {}
+    for small, large in np.argwhere(common > 0).tolist():
+        if small != large and (area[small], small) < (area[large], large):
+            pair = frame, int(numbers[small]), int(numbers[large])
+            found[pair] = float(common[small, large] / area[small])
+    return found
+
+
+def _sightings(rows: list[tuple], inside: dict[tuple[int, int, int], float]) -> Sightings:
+    columns = list(zip(*rows, strict=True)) if rows else [()] * 8
+    frame, number, area, edge, center, local, size, box = columns
+    return Sightings(
+        frame=np.array(frame, np.int64),
+        track=np.array(number, np.int64),
+        area=np.array(area, np.int64),
+        edge=np.array(edge, np.float64),
+        center=np.array(center, np.float64).reshape(-1, 3),
+        local=np.array(local, np.float64).reshape(-1, 3),
+        size=np.array(size, np.float64),
+        box=np.array(box, np.int32).reshape(-1, 4),
+        inside=inside,
+    )

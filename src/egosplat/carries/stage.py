@@ -1,0 +1,120 @@
+"""Stage ``carries``: what is carried from where to where, from the tracks of what moves (docs/method.md#carries)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from egosplat.artifacts import provenance
+from egosplat.artifacts.carries import CARRIES
+from egosplat.artifacts.consistency import check_made_from
+from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.instances import INSTANCES, is_track
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.writer import create
+from egosplat.carries.finding import Carry, find_carries
+from egosplat.carries.options import CarriesOptions
+from egosplat.carries.sightings import see_tracks
+from egosplat.gaussians.device import training_device
+from egosplat.gaussians.io import read_gaussians, read_render_settings
+from egosplat.gaussians.render import render
+from egosplat.geometry import Array, Camera, known_poses
+from egosplat.images import shrunk_size
+from egosplat.progress import log
+
+# Longer side of the renders that give the depth [px]: a place needs no finer surface.
+_SIDE = 256
+
+
+def run(
+    frames_path: Path,
+    poses_path: Path,
+    instances_path: Path,
+    view_features_path: Path,
+    splats_path: Path,
+    output: Path,
+    options: CarriesOptions,
+) -> None:
+    """Write the carries of a recording; none where nothing is tracked.
+
+    Raises:
+        UserError: the inputs do not belong together, or the backend cannot run.
+    """
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    instances, splats = open_artifact(instances_path, INSTANCES), open_artifact(splats_path, SPLATS)
+    views = open_artifact(view_features_path, VIEW_FEATURES)
+    check_made_from(poses, frames, axes=("frame",))
+    check_made_from(instances, frames, axes=("frame", "height", "width"))
+    check_made_from(splats, frames, poses)
+    check_made_from(views, frames, instances)
+    inputs = [frames, poses, instances, views, splats]
+    record = provenance.begin_from("carries", options.as_dict(), inputs)
+    times = frames.read("timestamp_ns")
+    camera_to_world = camera_poses(poses, splats)
+    seen = see_tracks(
+        known_poses(camera_to_world),
+        lambda frame: instances.row("labels", frame),
+        is_track(instances),
+        _Depths(splats, camera_to_world, options.backend).of,
+        Camera(**splats.facts["camera"]),
+        camera_to_world,
+        frames.read("valid"),
+    )
+    found = find_carries(seen, (times - times[:1]) / 1e9)
+    log(f"{len(found)} carries in {len(np.unique(seen.track))} tracks of what moves")
+    with create(output, CARRIES, record) as artifact:
+        for name, values in _columns(found, views).items():
+            artifact.put(name, values)
+        artifact.facts = {"tracks": len(np.unique(seen.track))}
+
+
+class _Depths:
+    """The depth of each frame, as the scene's Gaussians show it."""
+
+    def __init__(self, splats: Artifact, camera_to_world: Array, backend: str) -> None:
+        self._gaussians = read_gaussians(splats).to(training_device(backend))
+        self._settings = read_render_settings(splats, backend)
+        camera = Camera(**splats.facts["camera"])
+        self._camera = camera.scaled_to(*shrunk_size(camera.width, camera.height, _SIDE))
+        self._poses = camera_to_world
+
+    @torch.inference_mode()
+    def of(self, frame: int) -> Array:
+        """(h, w) float64 expected camera z [m]; 0 where the frame is empty."""
+        view = self._gaussians, self._camera, self._poses[frame], self._settings
+        depth, _, _ = render(*view, sh_degree=0, background=None, render_mode="ED")
+        return depth[..., 0].double().cpu().numpy()
+
+
+def _columns(found: Sequence[Carry], views: Artifact) -> dict[str, NDArray]:
+    best = [int(np.argmax(one.seen.area)) for one in found]
+    pairs = list(zip(found, best, strict=True))
+    return {
+        "instance": np.array([one.track for one in found], np.int32),
+        "first_frame": np.array([one.first for one in found], np.int64),
+        "last_frame": np.array([one.last for one in found], np.int64),
+        "start": np.array([one.start for one in found], np.float64).reshape(-1, 3),
+        "end": np.array([one.end for one in found], np.float64).reshape(-1, 3),
+        "size": np.array([one.size for one in found], np.float64),
+        "best_frame": np.array([one.seen.frame[place] for one, place in pairs], np.int64),
+        "box": np.array([one.seen.box[place] for one, place in pairs], np.int32).reshape(-1, 4),
+        "feature": _features(found, views),
+    }
+
+
+def _features(found: Sequence[Carry], views: Artifact) -> NDArray[np.float32]:
+    """(C, D) mean feature of the views of each carry, of unit norm; zeros without views."""
+    instance, frame = views.read("instance"), views.read("frame")
+    features = np.zeros((len(found), views.shape("feature")[1]), np.float32)
+    for number, one in enumerate(found):
+        shown = np.isin(instance, [one.track, *one.others]) & np.isin(frame, one.seen.frame)
+        total = np.sum([views.row("feature", row) for row in np.flatnonzero(shown)], axis=0, dtype=np.float64)
+        norm = float(np.linalg.norm(total))
+        if norm > 0:
+            features[number] = total / norm
+    return features
