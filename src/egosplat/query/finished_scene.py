@@ -35,7 +35,8 @@ from egosplat.query.grades.calibration import (
     grading_of,
 )
 from egosplat.query.grades.evidence import measure_evidence
-from egosplat.query.history import Carried, Histories
+from egosplat.query.histories import Histories
+from egosplat.query.history import Carried
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
 from egosplat.query.options import AskingOptions, QueryOptions

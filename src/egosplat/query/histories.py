@@ -1,0 +1,73 @@
+"""What was carried from where to where, as an answer to words (docs/method.md#carries)."""
+
+import torch
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.geometry import Array
+from egosplat.query.grades.evidence import SYNONYM
+from egosplat.query.history import Carried
+from egosplat.query.relevancy import relevancy
+from egosplat.query.text import Texts
+
+# Two carries show one thing if they share this part of the shorter one's time.
+_TOGETHER = 0.5
+
+
+class Histories:
+    """The carries of a scene, ready to be asked.
+
+    Attributes:
+        every: all carries, in the order of time, with score 0.
+    """
+
+    def __init__(self, carries: Artifact, seconds: Array) -> None:
+        """Read carries.zarr; ``seconds`` (F,) time of each frame since the first."""
+        names = ("first_frame", "last_frame", "start", "end", "best_frame", "box")
+        first, last, start, end, best, box = map(carries.read, names)
+        self._features = torch.from_numpy(carries.read("feature"))
+        self.every = tuple(
+            Carried(
+                0.0,
+                float(seconds[first[row]]),
+                float(seconds[last[row]]),
+                start[row],
+                end[row],
+                int(best[row]),
+                tuple(box[row].tolist()),
+            )
+            for row in range(len(first))
+        )
+
+    def of(self, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
+        """Find the carries of what a query means, in the order of time.
+
+        A carry is one of them if no word with another meaning fits its views better, and the query fits better than every
+        canonical phrase. Of those at the same time, the best one stays.
+
+        Args:
+            query: one phrase.
+            words: names of things, which compete with it.
+            temperature: as in ``relevancy``.
+        """
+        if not self.every:
+            return ()
+        own = query.queries[0]
+        others = words.queries[words.queries @ own < SYNONYM]
+        fits = self._features @ own
+        best = fits > (self._features @ others.T).amax(dim=1) if len(others) else torch.ones_like(fits) > 0
+        scores = relevancy(self._features, query.queries, query.canonical, temperature)[:, 0]
+        found = [
+            Carried(**vars(one) | {"score": float(score)})
+            for one, score, named in zip(self.every, scores, best, strict=True)
+            if named and score > 0.5
+        ]
+        kept: list[Carried] = []
+        for one in sorted(found, key=lambda one: -one.score):
+            if not any(_together(one, other) for other in kept):
+                kept.append(one)
+        return tuple(sorted(kept, key=lambda one: one.from_s))
+
+
+def _together(one: Carried, other: Carried) -> bool:
+    both = min(one.until_s, other.until_s) - max(one.from_s, other.from_s)
+    return both >= _TOGETHER * min(one.until_s - one.from_s, other.until_s - other.from_s)

@@ -1,0 +1,145 @@
+"""Carries among sightings: places, times, rests between, slips, arms, parts of one thing."""
+
+import numpy as np
+import pytest
+
+from egosplat.carries.finding import find_carries
+from egosplat.carries.sightings import Sightings
+
+# Frames a second, and the size of the thing [m].
+RATE, SIZE = 5, 0.2
+HERE, THERE, BACK = np.array([0.0, 0.0, 2.0]), np.array([1.5, 0.0, 2.0]), np.array([0.0, 1.2, 2.0])
+
+
+def way(*legs):
+    """(S, 3) centers: each leg is a place and the number of frames there, with 10 frames of way in between."""
+    parts = [np.tile(legs[0][0], (legs[0][1], 1))]
+    for (place, _), (following, count) in zip(legs, legs[1:], strict=False):
+        steps = np.linspace(0, 1, 12)[1:-1, None]
+        parts += [place + steps * (following - place), np.tile(following, (count, 1))]
+    return np.concatenate(parts)
+
+
+def sightings(*tracks, inside=None, edge=0.0, size=SIZE):
+    """Sightings of tracks, each (first frame, (S, 3) centers); the camera stands still at the origin."""
+    rows = [
+        (begin + place, number, center)
+        for number, (begin, centers) in enumerate(tracks)
+        for place, center in enumerate(centers)
+    ]
+    rows.sort(key=lambda one: one[:2])
+    frame, track, center = (np.array(column) for column in zip(*rows, strict=True))
+    count = len(rows)
+    return Sightings(
+        frame=frame,
+        track=track,
+        area=np.full(count, 400),
+        edge=np.full(count, edge),
+        center=center,
+        local=center,
+        size=np.full(count, size),
+        box=np.zeros((count, 4), np.int32),
+        inside=inside or {},
+    )
+
+
+def found(*tracks, seconds=None, **more):
+    seen = sightings(*tracks, **more)
+    return find_carries(seen, np.arange(200) / RATE if seconds is None else seconds)
+
+
+def test_a_carry_has_two_places_and_two_times():
+    [one] = found((10, way((HERE, 10), (THERE, 10))))
+    np.testing.assert_allclose([one.start, one.end], [HERE, THERE], atol=0.01)
+    # It moves in frames 20 to 29; the window reaches two frames beyond.
+    assert abs(one.first - 20) <= 2 and abs(one.last - 29) <= 2
+    assert one.size == pytest.approx(SIZE) and one.track == 0
+
+
+def test_a_rest_of_a_second_separates_two_carries():
+    first, second = found((0, way((HERE, 8), (THERE, 9), (BACK, 8))))
+    np.testing.assert_allclose([first.end, second.start], [THERE, THERE], atol=0.05)
+    np.testing.assert_allclose(second.end, BACK, atol=0.01)
+    assert first.last < second.first
+    [whole] = found((0, way((HERE, 8), (THERE, 2), (BACK, 8))))
+    np.testing.assert_allclose([whole.start, whole.end], [HERE, BACK], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    "centers",
+    [
+        np.tile(HERE, (30, 1)),
+        # The depth of a still thing varies with the view.
+        HERE + 0.05 * np.sin(np.arange(30))[:, None] * np.array([0, 0, 1.0]),
+        # It is shifted by less than two of its sizes.
+        way((HERE, 10), (HERE + [0.3, 0, 0], 10)),
+        # Too few frames show it.
+        way((HERE, 10), (THERE, 10))[14:17],
+    ],
+)
+def test_what_stays_is_not_carried(centers):
+    assert found((0, centers)) == []
+
+
+def test_a_thing_that_never_rests_has_the_places_where_it_is_first_and_last_seen():
+    [one] = found((0, way((HERE, 1), (THERE, 1))))
+    np.testing.assert_allclose(one.start, HERE, atol=0.15)
+    np.testing.assert_allclose(one.end, THERE, atol=0.15)
+
+
+def test_a_track_that_slips_to_another_thing_is_cut():
+    """No carry leads from the place of one thing to that of the other."""
+    jump = np.concatenate([np.tile(HERE, (10, 1)), np.tile(THERE, (10, 1))])
+    assert found((0, jump)) == []
+
+
+def test_what_the_wearer_holds_does_not_slip():
+    """The depth behind it jumps, and it stays before the camera."""
+    centers = np.concatenate(
+        [np.tile(HERE, (10, 1)), np.linspace(HERE, THERE, 5)[1:-1], np.tile(THERE, (10, 1))]
+    )
+    seen = sightings((0, 2 * centers))
+    seconds = np.arange(len(centers)) / RATE
+    assert find_carries(seen, seconds) == [], "each step is a slip"
+    [one] = find_carries(Sightings(**vars(seen) | {"local": np.tile(HERE, (len(centers), 1))}), seconds)
+    np.testing.assert_allclose([one.start, one.end], [2 * HERE, 2 * THERE], atol=0.01)
+
+
+def test_a_gap_begins_anew():
+    """After a second without a mask, the track may show another thing."""
+    part = way((HERE, 10), (THERE, 10))
+    assert found((0, part[:12]), (30, part[18:])) == []
+
+
+def test_arms_at_the_edge_of_the_picture_are_no_things():
+    assert found((0, way((HERE, 10), (THERE, 10))), edge=0.03) == []
+
+
+def test_parts_of_one_thing_are_one_carry():
+    """The mask of a part lies in that of the whole; the longer track stands for both."""
+    centers = way((HERE, 10), (THERE, 10))
+    nested = {(frame, 1, 0): 0.9 for frame in range(40)}
+    [one] = found((0, centers), (4, centers[4:24]), inside=nested)
+    assert one.track == 0 and one.others == (1,)
+    apart = {(frame, 1, 0): 0.2 for frame in range(40)}
+    assert len(found((0, centers), (4, centers[4:24]), inside=apart)) == 2
+
+
+def test_two_things_that_change_places_stay_two():
+    one, other = found((0, way((HERE, 10), (THERE, 10))), (0, way((THERE, 10), (HERE, 10))))
+    assert {one.track, other.track} == {0, 1}
+    np.testing.assert_allclose([one.start, one.end], [other.end, other.start], atol=0.01)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_lengths_are_relative(scale):
+    """A scene in another unit has the same carries."""
+    [one] = found((0, scale * way((HERE, 10), (THERE, 10))), size=scale * SIZE)
+    np.testing.assert_allclose(one.end, scale * THERE, rtol=0.02)
+
+
+def test_no_sighting_and_frames_at_one_time_give_no_carry():
+    nothing = sightings((0, np.zeros((1, 3)))).take(np.zeros(0, int))
+    assert find_carries(nothing, np.zeros(0)) == []
+    # All frames at the same time: everything is near everything.
+    assert len(found((0, way((HERE, 10), (THERE, 10))), seconds=np.zeros(200))) <= 1
