@@ -1,5 +1,7 @@
 """Carries among sightings: places, times, rests between, slips, arms, parts of one thing."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ HERE, THERE, BACK = np.array([0.0, 0.0, 2.0]), np.array([1.5, 0.0, 2.0]), np.arr
 def way(*legs):
     """(S, 3) centers: each leg is a place and the number of frames there, with 10 frames of way in between."""
     parts = [np.tile(legs[0][0], (legs[0][1], 1))]
-    for (place, _), (following, count) in zip(legs, legs[1:], strict=False):
+    for (place, _), (following, count) in itertools.pairwise(legs):
         steps = np.linspace(0, 1, 12)[1:-1, None]
         parts += [place + steps * (following - place), np.tile(following, (count, 1))]
     return np.concatenate(parts)
@@ -96,7 +98,7 @@ def test_a_track_that_slips_to_another_thing_is_cut():
 def test_what_the_wearer_holds_does_not_slip():
     """The depth behind it jumps, and it stays before the camera."""
     centers = np.concatenate(
-        [np.tile(HERE, (10, 1)), np.linspace(HERE, THERE, 5)[1:-1], np.tile(THERE, (10, 1))]
+        [np.tile(HERE, (10, 1)), np.linspace(HERE, THERE, 3)[1:-1], np.tile(THERE, (10, 1))]
     )
     seen = sightings((0, 2 * centers))
     seconds = np.arange(len(centers)) / RATE
