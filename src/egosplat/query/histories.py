@@ -10,7 +10,7 @@ from egosplat.query.relevancy import relevancy
 from egosplat.query.text import Texts
 
 # Two carries show one thing if they share this part of the shorter one's time.
-_TOGETHER = 0.5
+TOGETHER = 0.5
 
 
 class Histories:
@@ -18,13 +18,14 @@ class Histories:
 
     Attributes:
         every: all carries, in the order of time, with score 0.
+        features: (C, D) float32 of unit norm, of each; zeros without one.
     """
 
     def __init__(self, carries: Artifact, seconds: Array) -> None:
         """Read carries.zarr; ``seconds`` (F,) time of each frame since the first."""
         names = ("first_frame", "last_frame", "start", "end", "best_frame", "box")
         first, last, start, end, best, box = map(carries.read, names)
-        self._features = torch.from_numpy(carries.read("feature"))
+        self.features = torch.from_numpy(carries.read("feature"))
         self.every = tuple(
             Carried(
                 0.0,
@@ -53,9 +54,9 @@ class Histories:
             return ()
         own = query.queries[0]
         others = words.queries[words.queries @ own < SYNONYM]
-        fits = self._features @ own
-        best = fits > (self._features @ others.T).amax(dim=1) if len(others) else torch.ones_like(fits) > 0
-        scores = relevancy(self._features, query.queries, query.canonical, temperature)[:, 0]
+        fits = self.features @ own
+        best = fits > (self.features @ others.T).amax(dim=1) if len(others) else torch.ones_like(fits) > 0
+        scores = relevancy(self.features, query.queries, query.canonical, temperature)[:, 0]
         found = [
             Carried(**vars(one) | {"score": float(score)})
             for one, score, named in zip(self.every, scores, best, strict=True)
@@ -70,4 +71,4 @@ class Histories:
 
 def _together(one: Carried, other: Carried) -> bool:
     both = min(one.until_s, other.until_s) - max(one.from_s, other.from_s)
-    return both >= _TOGETHER * min(one.until_s - one.from_s, other.until_s - other.from_s)
+    return both >= TOGETHER * min(one.until_s - one.from_s, other.until_s - other.from_s)

@@ -12,6 +12,7 @@ SCRIPTS = (
     "scene",
     "text",
     "answer",
+    "carried",
     "camera",
     "cameras",
     "renderer",

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
@@ -22,6 +23,7 @@ from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.grades.evidence import SYNONYM
+from egosplat.query.histories import TOGETHER, Histories
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
@@ -38,7 +40,7 @@ from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.record import record_of
 from egosplat.viewing.words import pack_words
 
-SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE)
+SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, CARRIES)
 
 # Largest number of pictures, their longer side [px] and the quality of WebP.
 PICTURES, SIDE, QUALITY = 40, 256, 60
@@ -55,21 +57,22 @@ def run(
     options: ScenePageOptions,
     *,
     title: str,
+    carries_path: Path | None = None,
 ) -> None:
-    """Write the page of a scene, whole or not at all.
+    """Write the page of a scene, whole or not at all; with what is carried, if its path is given.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or no frame
             has a pose.
     """
-    paths = (frames_path, poses_path, instances_path, features_path, splats_path, language_path)
-    text, facts = make_page(paths, options, title)
+    paths = [frames_path, poses_path, instances_path, features_path, splats_path, language_path]
+    text, facts = make_page([*paths, carries_path] if carries_path else paths, options, title)
     write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
 
 
 def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> tuple[str, Facts]:
-    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, with its facts; raises as ``run``."""
+    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, the last of which may lack; with its facts. Raises as ``run``."""
     scene = scene_of(map(open_artifact, paths, SCHEMAS), options)
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
@@ -90,7 +93,8 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
         pack_visibility(index.surface.shares[:, kept], index.frame),
         (pack_instances(scene.artifact("instances"), thinned.means.cpu().numpy()), {}),
         pack_words(clip, options.canonical),
-        pack_frames(scene.artifact("frames"), scene.poses),
+        pack_frames(scene.artifact("frames"), scene.poses, scene.seconds),
+        pack_carries(scene.histories),
     ]
     facts, arrays = _about(scene, options), {}
     for more_arrays, more_facts in packed:
@@ -124,15 +128,34 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
         "levels": list(scene.levels),
         "query": {name: getattr(options, name) for name in keys}
         | {"calibration": calibration and asdict(calibration)}
-        | {"nearest": NEAREST, "reach": REACH, "least": LEAST_GAUSSIANS, "same": SAME, "synonym": SYNONYM},
+        | {
+            "nearest": NEAREST,
+            "reach": REACH,
+            "least": LEAST_GAUSSIANS,
+            "same": SAME,
+            "synonym": SYNONYM,
+            "together": TOGETHER,
+        },
     }
 
 
-def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts]:
+def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
+    """Pack ``carried_vectors`` (C, D) float16, features of what is carried, and when it is and from where to where."""
+    every = () if histories is None else histories.every
+    facts = [
+        {"from": one.from_s, "until": one.until_s, "start": one.start.tolist(), "end": one.end.tolist()}
+        for one in every
+    ]
+    arrays = {"carried_vectors": histories.features.numpy().astype(np.float16)} if histories and every else {}
+    return arrays, {"carries": facts}
+
+
+def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tuple[Arrays, Facts]:
     """Pack ``poses`` (P, 3, 4) float32 of all frames that have one, and ``pictures`` uint8, WebP files of some in a row.
 
     Args:
         camera_to_world: (F, 4, 4) float64, NaN without a pose.
+        seconds: (F,) float64 time of each frame since the first.
     """
     posed = known_poses(camera_to_world)
     shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()
@@ -141,9 +164,8 @@ def pack_frames(frames: Artifact, camera_to_world: Array) -> tuple[Arrays, Facts
         "poses": camera_to_world[posed, :3].astype(np.float32),
         "pictures": np.concatenate(files) if files else np.zeros(0, np.uint8),
     }
-    seconds = (frames.read("timestamp_ns")[posed] - frames.read("timestamp_ns")[posed[:1]]) / 1e9
     return arrays, {
         "frames": posed.tolist(),
-        "seconds": np.round(seconds, 2).tolist(),
+        "seconds": np.round(seconds[posed], 2).tolist(),
         "pictures": [{"frame": frame, "bytes": len(file)} for frame, file in zip(shown, files, strict=True)],
     }

@@ -226,6 +226,7 @@ class Page {
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
     this.mark = fitting.length ? { point: best.center, text: this.markOf(phrase, best) } : null;
+    this.tellHistory(phrase, historyOf(this.scene, vector));
     this.show({ relevancy, level: best?.level ?? this.showing.level, instances: false });
     const { min_score, calibration } = this.scene.facts.query;
     const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
@@ -263,6 +264,35 @@ class Page {
     if ($("answer").textContent !== this.told + outside) $("answer").textContent = this.told + outside;
   }
 
+  // The carries of the answer, in a list and on the time line; the ring goes to where the thing was.
+  tellHistory(phrase, history) {
+    const { seconds } = this.scene.facts, [first, last] = [seconds[0], seconds[seconds.length - 1]];
+    this.history = history.length ? { phrase, history } : null;
+    const share = (second) => `${(100 * (second - first)) / Math.max(last - first, 1e-9)}%`;
+    $("carried").replaceChildren(...history.map(({ from, until }) => {
+      const bar = element("i", "");
+      bar.style.left = share(from);
+      bar.style.width = `calc(${share(first + until - from)} + 3px)`;
+      return bar;
+    }));
+    $("history").replaceChildren(...history.map((carry) => {
+      const item = element("li", ""), button = element("button", `\u2192 Carried ${minutes(carry.from)} to ${minutes(carry.until)}`, { type: "button" });
+      button.append(element("small", `from ${place(carry.start)} to ${place(carry.end)} ${this.scene.facts.unit}`));
+      button.onclick = () => (this.stop(), this.showFrame(Math.max(0, seconds.findIndex((second) => second >= carry.until))));
+      item.append(button);
+      return item;
+    }));
+    this.followHistory();
+  }
+
+  followHistory() {
+    if (!this.history) return;
+    const { phrase, history } = this.history, { point, told } = placeAt(history, this.scene.facts.seconds[Number($("frame").value)]);
+    this.mark = point && { point, text: `${shortened(phrase)} ${told}` };
+    this.sought = point;
+    this.placeMarks();
+  }
+
   thingItem(thing, phrase) {
     const { facts } = this.scene, button = element("button", `\u2192 Go there: ${gradeOf(this.scene, thing.rating)} ${this.rating(thing.rating)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
     const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
@@ -292,6 +322,7 @@ class Page {
   clear() {
     this.questions++;
     this.mark = this.sought = null;
+    this.tellHistory("", []);
     $("heat").hidden = true;
     $("answer").textContent = "";
     $("things").replaceChildren();
@@ -395,6 +426,7 @@ class Page {
     const { facts } = this.scene, frame = facts.frames[row];
     $("frame").value = String(row);
     $("clock").textContent = `${facts.seconds[row].toFixed(1)} s, frame ${frame}`;
+    this.followHistory();
     const nearest = facts.pictures.reduce((best, one, place) => (Math.abs(one.frame - frame) < Math.abs(facts.pictures[best].frame - frame) ? place : best), 0);
     $("picture").src = this.urls[nearest];
     $("photograph").querySelector("img").src = this.urls[nearest];

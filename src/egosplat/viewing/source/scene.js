@@ -20,6 +20,8 @@ function buildScene({ facts, arrays }) {
     channels: arrays.palette.shape[2],
     wordVectors: split(values("word_vectors"), facts.words.length, arrays.word_vectors.shape[1]),
     canonical: split(values("canonical_vectors"), ...arrays.canonical_vectors.shape),
+    carries: facts.carries,
+    carriedVectors: arrays.carried_vectors ? split(values("carried_vectors"), ...arrays.carried_vectors.shape) : [],
     poses: values("poses"),
     pictures: values("pictures"),
     arrays,
