@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from egosplat.artifacts.locating import locate
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.viewing.command import locate_for_page
 from egosplat.viewing.options import ScenePageOptions
 
 
@@ -15,5 +15,5 @@ def write_page(folder: Path, output: Path, options: ScenePageOptions, title: str
         UserError: an artifact is missing, damaged or does not belong to the others.
     """
     stage = STAGES["scene_page"]
-    paths = dict(zip(stage.inputs, locate(folder, *stage.inputs), strict=True))
+    paths = {path.stem: path for path in locate_for_page(folder)}
     run_stage(stage.name, options, **paths, output=output, title=title or title_of(folder))

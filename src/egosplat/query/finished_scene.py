@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.lineage import Lineage, lineage
+from egosplat.artifacts.locating import locate_carries
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
@@ -21,7 +22,6 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.models.suitability import notice_of_artifacts
-from egosplat.pipeline.home import shared_with
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.answer import Asker, ViewAnswer, ask
 from egosplat.query.answers import Answer, FoundThing, FoundView
@@ -177,12 +177,8 @@ class Scene:
     @cached_property
     def histories(self) -> Histories | None:
         """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
-        paths = [place / "carries.zarr" for place in (self.folder, *shared_with(self.folder))]
-        made = [one for one in self.given if one.schema.name == "carries"]
-        made += [open_artifact(path, SCHEMAS["carries"]) for path in paths if path.exists()]
-        digest = self.artifact("splats").digest
-        found = next((one for one in made if one.provenance["inputs"].get("splats.zarr") == digest), None)
-        return None if found is None else Histories(found, self.seconds)
+        path = locate_carries(self.folder, self.artifact("splats"))
+        return None if path is None else Histories(open_artifact(path, SCHEMAS["carries"]), self.seconds)
 
     @cached_property
     def trained(self) -> QueryScene:

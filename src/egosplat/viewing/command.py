@@ -5,7 +5,7 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.locating import locate, locate_carries
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
@@ -49,10 +49,8 @@ def run(folder: Path, keys: dict[str, Any], host: str, port: int, *, browse: boo
 
 def open_page(folder: Path, keys: dict[str, Any]) -> tuple[str, Encode | None]:
     """The page of a scene, and what encodes phrases if the page does not; arguments and errors as in ``run``."""
-    paths = locate(folder, *_PAGE.inputs)
-    artifacts = {
-        name: open_artifact(path, SCHEMAS[name]) for name, path in zip(_PAGE.inputs, paths, strict=True)
-    }
+    paths = locate_for_page(folder)
+    artifacts = {path.stem: open_artifact(path, SCHEMAS[path.stem]) for path in paths}
     clip = artifacts["features"].facts["clip"]
     options = ScenePageOptions(**keys, clip_model=clip["model"], clip_checkpoint=clip["checkpoint"])
     page, facts = _written_page(folder, artifacts, options) or (None, {})
@@ -63,6 +61,14 @@ def open_page(folder: Path, keys: dict[str, Any]) -> tuple[str, Encode | None]:
         log(f"{folder}: making the page")
         page, facts = make_page(paths, options, title_of(folder))
     return page, None if facts["tower"] else phrase_encoder(artifacts["features"], options)
+
+
+def locate_for_page(folder: Path) -> list[Path]:
+    """The paths of what a scene's page is made of: its inputs, and carries.zarr if that is there."""
+    paths = locate(folder, *_PAGE.inputs)
+    splats = open_artifact(paths[_PAGE.inputs.index("splats")], SCHEMAS["splats"])
+    carries = locate_carries(folder, splats)
+    return paths if carries is None else [*paths, carries]
 
 
 def _written_page(

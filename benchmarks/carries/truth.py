@@ -1,5 +1,6 @@
 """Where carried things lie, and from when until when, in a synthetic recording."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from egosplat.frames.adt import RGB_STREAM
 from egosplat.frames.adt_annotations import read_instances
 from egosplat.geometry import Array
 
@@ -54,7 +56,9 @@ def read_rests(recording: Path, timestamp_ns: NDArray[np.int64]) -> list[Rest]:
     """Read the rests of a recording; ``timestamp_ns`` (F,) of its frames."""
     names = {one.id: one for one in read_instances(recording / "instances.json")}
     poses = pd.read_csv(recording / "scene_objects.csv").sort_values(["object_uid", "timestamp[ns]"])
-    boxes = pd.read_csv(recording / "3d_bounding_box.csv").drop_duplicates("object_uid").set_index("object_uid")
+    boxes = (
+        pd.read_csv(recording / "3d_bounding_box.csv").drop_duplicates("object_uid").set_index("object_uid")
+    )
     rests = pd.read_csv(recording / "truth" / "rests.tsv", sep="\t")
     found = []
     for row in rests.to_dict("records"):
@@ -78,6 +82,30 @@ def _pose_at(rows: pd.DataFrame, time: int) -> Array:
     return pose
 
 
-def others(rests: Sequence[Rest], one: Rest) -> list[Rest]:
-    """The rests of things of the same category."""
-    return [each for each in rests if each.category == one.category]
+@dataclass(frozen=True, eq=False)
+class TrueCarry:
+    """A thing on its way between two rests; ``frames`` show it meanwhile."""
+
+    before: Rest
+    after: Rest
+    frames: int
+
+    def iou(self, from_s: float, until_s: float) -> float:
+        """IoU of this carry and another interval of time."""
+        both = min(until_s, self.after.from_s) - max(from_s, self.before.until_s)
+        whole = max(until_s, self.after.from_s) - min(from_s, self.before.until_s)
+        return max(both, 0.0) / max(whole, 1e-9)
+
+
+def read_carries(recording: Path, rests: Sequence[Rest], timestamp_ns: NDArray[np.int64]) -> list[TrueCarry]:
+    """The carries between the rests of a recording."""
+    boxes = pd.read_csv(recording / "2d_bounding_box.csv")
+    boxes = boxes[boxes.stream_id == str(RGB_STREAM)]
+    seconds = (boxes["timestamp[ns]"].to_numpy() - timestamp_ns[0]) / 1e9
+    found = []
+    for before, after in itertools.pairwise(rests):
+        if before.uid == after.uid:
+            on_way = (seconds >= before.until_s) & (seconds <= after.from_s)
+            frames = int((on_way & (boxes.object_uid.to_numpy() == before.uid)).sum())
+            found.append(TrueCarry(before, after, frames))
+    return found

@@ -1,0 +1,183 @@
+"""Carries against the truth of rooms where people carry things.
+
+    snakemake --cores 2 results/adt/busy{1,2,3,4,5}/{metrics.json,carries.zarr}
+    python -m benchmarks.carries results/adt/busy{1,2,3,4,5}
+
+Every thing that people carry is asked for by the name of its category.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+
+from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests
+from benchmarks.common import command, markdown, scene_folders
+from egosplat.pipeline.scene_folder import title_of
+from egosplat.progress import log
+from egosplat.query.answers import Answer
+from egosplat.query.finished_scene import Scene
+from egosplat.query.history import Carried
+from egosplat.query.opening import open_scene
+
+# An answer is right within this distance of the thing's box [m].
+NEAR_M = 0.25
+
+# A carry is found if a carry of the scene has this IoU with it in time, and ends near its end.
+IOU = 0.3
+
+# Carries that fewer frames show are not counted as seen.
+LEAST_FRAMES = 4
+
+COLUMNS = (
+    "scene",
+    "carries",
+    "seen",
+    "found",
+    "named",
+    "start [cm]",
+    "end [cm]",
+    "begin [s]",
+    "end [s]",
+    "told",
+    "of them right",
+    "rests",
+    "right without time",
+    "at their time",
+    "wrong",
+    "CPU-s",
+)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Counts of one scene; lists of errors of the carries that are found, places in cm and times in s."""
+
+    carries: int
+    seen: int
+    found: int
+    named: int
+    errors: tuple[list[float], list[float], list[float], list[float]]
+    told: int
+    right: int
+    rests: int
+    without_time: int
+    at_time: int
+    wrong: int
+
+    def cells(self) -> list[object]:
+        """Cells of a row."""
+        medians = [f"{np.median(one):.1f}" if one else "-" for one in self.errors]
+        counts = self.told, self.right, self.rests, self.without_time, self.at_time, self.wrong
+        return [self.carries, self.seen, self.found, self.named, *medians, *counts]
+
+    @staticmethod
+    def total(parts: Sequence["Figures"]) -> "Figures":
+        """All scenes together."""
+        values = {}
+        for name in Figures.__dataclass_fields__:
+            columns = [getattr(one, name) for one in parts]
+            values[name] = (
+                tuple(sum(lists, []) for lists in zip(*columns, strict=True))
+                if name == "errors"
+                else sum(columns)
+            )
+        return Figures(**values)
+
+
+def measure(folder: Path) -> Figures:
+    """Compare the carries and the answers of a scene with its truth."""
+    scene = open_scene(folder)
+    times = scene.artifact("frames").read("timestamp_ns")
+    recording = (folder / "recording").resolve()
+    rests = read_rests(recording, times)
+    carries = read_carries(recording, rests, times)
+    if scene.histories is None:
+        raise click.ClickException(f"{folder}: lacks carries.zarr of its Gaussians")
+    names = sorted({one.category for one in rests})
+    answers = dict(zip(names, scene.ask(*names), strict=True))
+    pairs = [(one, match) for one in carries if (match := _match(one, scene.histories.every)) is not None]
+    told = [(one, name) for name in names for one in answers[name].history]
+    places = [_at_its_time(one, answers[one.category], rests) for one in rests]
+    return Figures(
+        carries=len(carries),
+        seen=sum(one.frames >= LEAST_FRAMES for one in carries),
+        found=len(pairs),
+        named=sum(_match(one, answers[one.before.category].history) is not None for one in carries),
+        errors=_errors(pairs),
+        told=len(told),
+        right=sum(
+            _is_true(one, [each for each in carries if each.before.category == name]) for one, name in told
+        ),
+        rests=len(rests),
+        without_time=sum(_without_time(one, scene, answers[one.category], rests) for one in rests),
+        at_time=sum(place is True for place in places),
+        wrong=sum(place is False for place in places),
+    )
+
+
+def _distance(point: np.ndarray, rest: Rest) -> float:
+    return float(rest.distances(point[None])[0])
+
+
+def _match(true: TrueCarry, carries: Sequence[Carried]) -> Carried | None:
+    """The carry of a scene that is a true one; None if it is not found."""
+    near = [one for one in carries if _is_true(one, [true])]
+    return max(near, key=lambda one: true.iou(one.from_s, one.until_s), default=None)
+
+
+def _is_true(one: Carried, carries: Sequence[TrueCarry]) -> bool:
+    return any(
+        each.iou(one.from_s, one.until_s) >= IOU and _distance(one.end, each.after) <= NEAR_M
+        for each in carries
+    )
+
+
+def _errors(pairs: Sequence[tuple[TrueCarry, Carried]]) -> tuple[list[float], ...]:
+    return (
+        [100 * _distance(one.start, true.before) for true, one in pairs],
+        [100 * _distance(one.end, true.after) for true, one in pairs],
+        [abs(one.from_s - true.before.until_s) for true, one in pairs],
+        [abs(one.until_s - true.after.from_s) for true, one in pairs],
+    )
+
+
+def _there(rest: Rest, rests: Sequence[Rest]) -> list[Rest]:
+    """The rests of things of its category in the middle of its time."""
+    middle = (rest.from_s + rest.until_s) / 2
+    return [one for one in rests if one.category == rest.category and one.from_s <= middle <= one.until_s]
+
+
+def _at_its_time(rest: Rest, answer: Answer, rests: Sequence[Rest]) -> bool | None:
+    """Whether the history tells where a thing lies in the middle of its rest; None if it tells nothing."""
+    place = answer.at((rest.from_s + rest.until_s) / 2)
+    if place is None or place.position is None:
+        return None
+    return any(_distance(place.position, one) <= NEAR_M for one in _there(rest, rests))
+
+
+def _without_time(rest: Rest, scene: Scene, answer: Answer, rests: Sequence[Rest]) -> bool:
+    """Whether the best thing of an answer that is not refused lies where the thing rests."""
+    things = answer.things[:1]
+    return any(_distance(thing.center, one) <= NEAR_M for thing in things for one in _there(rest, rests))
+
+
+@command(__doc__)
+@scene_folders
+def main(folders: tuple[Path, ...]) -> None:
+    """Print the table."""
+    rows, figures = [], []
+    for folder in folders:
+        log(f"{folder}")
+        figures.append(measure(folder))
+        log_file = folder.parents[2] / "logs" / folder.parent.name / folder.name / "carries.tsv"
+        spent = log_file.read_text().splitlines()[1].split("\t")[-1] if log_file.exists() else "-"
+        rows.append([title_of(folder), *figures[-1].cells(), spent])
+    rows.append(["all", *Figures.total(figures).cells(), ""])
+    click.echo(markdown(COLUMNS, rows))
+
+
+if __name__ == "__main__":
+    main()
