@@ -80,7 +80,7 @@ class Figures:
         for name in Figures.__dataclass_fields__:
             columns = [getattr(one, name) for one in parts]
             values[name] = (
-                tuple(sum(lists, []) for lists in zip(*columns, strict=True))
+                tuple([value for one in lists for value in one] for lists in zip(*columns, strict=True))
                 if name == "errors"
                 else sum(columns)
             )

@@ -132,6 +132,15 @@ def test_masks_that_are_prompted_by_depth_are_made_from_the_shared_gaussians(wor
     assert segments.facts["key_frames"] == np.unique(prompts.read("frame")).tolist()
 
 
+def test_carries_are_found_in_a_finished_scene(workdir):
+    """Nothing asks for them where nothing is tracked because it moves; by name, they are made from what is there."""
+    run_rules(workdir, ("carries",), "{}", "carries.zarr")
+    carries, splats = (verify(workdir.folder / SCENE / f"{name}.zarr", SCHEMAS) for name in ("carries", "splats"))
+    assert carries.provenance["inputs"]["splats.zarr"] == splats.digest
+    assert carries.shape("feature")[0] == carries.shape("start")[0]
+    assert workdir.stale(f"{SCENE}/carries.zarr") == set()
+
+
 def write_empty_maps(path: Path, queries: list[dict[str, Any]], name: str) -> None:
     """Relevancy maps without a value, as a method of this name would write them."""
     group = zarr.open_group(path, mode="w")
