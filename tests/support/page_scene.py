@@ -29,6 +29,8 @@ SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False,
 LEVELS = ["part", "whole"]
 # By x of a Gaussian, what it means: a couch on the left, a wall in the middle, a cup on the right.
 WORDS = ("couch", "wall", "cup")
+# Where the cup is taken up after 0.1 s, and put down after 0.2 s.
+TAKEN_UP, PUT_DOWN = (-1.0, 0.0, 2.0), (1.0, 0.0, 2.0)
 TITLE = 'scene </script><b id="injected">bold</b>'
 
 
@@ -110,6 +112,22 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
         {"levels": LEVELS},
         made_from=["frames", "poses", "features", "splats"],
     )
+    write(
+        "carries",
+        {
+            "instance": np.zeros(2, np.int32),
+            "first_frame": np.array([1, 2]),
+            "last_frame": np.array([2, 3]),
+            "start": np.array([TAKEN_UP, [0.0, 0.0, 2.0]]),
+            "end": np.array([PUT_DOWN, [0.0, 1.0, 2.0]]),
+            "size": np.full(2, 0.1),
+            "best_frame": np.array([2, 2]),
+            "box": np.array([[10, 20, 30, 40]] * 2, np.int32),
+            # A cup, and something that nobody sees.
+            "feature": np.stack([encode_phrases(clip, ["cup"]).numpy()[0], np.zeros_like(vectors[0])]),
+        },
+        made_from=["frames", "poses", "instances", "splats"],
+    )
     return gaussians
 
 
@@ -120,7 +138,7 @@ def page_options(**changes: Any) -> ScenePageOptions:
 
 def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:
     """Write ``folder/scene.html`` from the artifacts in the folder."""
-    names = ("frames", "poses", "instances", "features", "splats", "language")
+    names = ("frames", "poses", "instances", "features", "splats", "language", "carries")
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in names}
     run(**paths, output=folder / "scene.html", options=page_options(**changes), title=title)
     return folder / "scene.html"

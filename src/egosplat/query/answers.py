@@ -87,7 +87,12 @@ class Answer:
     view: FoundView | None = None
 
     def at(self, second: float) -> Place | None:
-        """Where it was at a time [s since the first frame], by its history; None if it was not carried."""
+        """Where it was at a time [s since the first frame], by its history; None if it was not carried.
+
+        >>> [cup] = scene.ask("cup")
+        >>> print(cup.at(0.3).told)
+        since 0:00
+        """
         return place_at(self.history, second)
 
     @property

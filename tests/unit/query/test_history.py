@@ -1,12 +1,20 @@
 """Where a thing was, by what was carried."""
 
+import contextlib
+import re
+import shutil
+
 import numpy as np
 import pytest
 import torch
 
+from egosplat import cli
 from egosplat.query.histories import Histories
 from egosplat.query.history import Carried, clock, place_at
+from egosplat.query.opening import open_scene
 from egosplat.query.text import Texts
+from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_page_scene
+from tests.support.scenes import put
 
 TABLE, DESK, SHELF = np.eye(3)
 # Axes of features: a cup, a box, a hand, and any object.
@@ -95,3 +103,44 @@ def test_of_carries_at_one_time_the_best_stays():
 def test_no_carry_and_no_view_have_no_history():
     assert history([]) == []
     assert history([[0.0] * 4]) == []
+
+
+def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
+    """The cup of the small scene: in the library, in the table, and at a time."""
+    put_page_scene(tmp_path)
+    scene = open_scene(tmp_path, min_score=0.7)
+    cup, couch = scene.ask("cup", "couch")
+    [carried] = cup.history
+    np.testing.assert_array_equal([carried.start, carried.end], [TAKEN_UP, PUT_DOWN])
+    assert (carried.from_s, carried.until_s, carried.box) == (
+        pytest.approx(0.1),
+        pytest.approx(0.2),
+        (10, 20, 30, 40),
+    )
+    assert carried.score > 0.5 and couch.history == () and couch.at(0.0) is None
+
+    def table(*words):
+        monkeypatch.setattr(
+            "sys.argv", ["egosplat", "query", str(tmp_path), "cup", "couch", *words, "--overwrite"]
+        )
+        with contextlib.suppress(SystemExit):
+            cli.main()
+        said = capfd.readouterr()
+        return said.out.split("\n\n")[1].splitlines()[:-1] if "\n\n" in said.out else said.err
+
+    assert [re.split(r"\s{2,}", line) for line in table()] == [
+        ["carried thing", "carried [min:s]", "from [m]", "to [m]", "frame"],
+        ["cup", "0:00 to 0:00", "-1.00, 0.00, 2.00", "1.00, 0.00, 2.00", "2"],
+    ]
+    assert re.split(r"\s{2,}", table("--at", "0:0.3")[1]) == ["cup", "1.00, 0.00, 2.00", "since 0:00"]
+    assert "give seconds, as 65" in table("--at", "soon")
+    assert "give seconds, as 65" in table("--at", "-1")
+
+
+def test_carries_of_other_gaussians_tell_nothing(tmp_path):
+    """Protects answers after the Gaussians were trained again: places of before may be wrong."""
+    put_page_scene(tmp_path)
+    shutil.rmtree(tmp_path / "carries.zarr")
+    put(tmp_path, "carries", {"feature": np.zeros((1, 4), np.float32)}, inputs={"splats.zarr": "0" * 64})
+    scene = open_scene(tmp_path)
+    assert scene.histories is None and scene.ask("cup")[0].history == ()
