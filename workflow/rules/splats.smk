@@ -1,9 +1,9 @@
 """
-3D Gaussians of the scene, and their language codes.
+3D Gaussians of the scene, their language codes, and what is carried among them.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, instances.zarr and
-features.zarr or tiles.zarr, survey.json. Never annotations.zarr.
-OUTPUTS: splats.zarr, language.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
+features.zarr or tiles.zarr, survey.json; of carries, instances.zarr and view_features.zarr. Never annotations.zarr.
+OUTPUTS: splats.zarr, language.zarr, carries.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
 TOOLS: PyTorch, egosplat's kernels or gsplat.
 """
 
@@ -65,6 +65,7 @@ rule carries:
     resources:
         mem_mb=memory("carries"),
         runtime=runtime("carries"),
+        gpu=gpus("carries"),
     params:
         **params("carries"),
     shell:

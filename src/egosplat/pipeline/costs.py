@@ -115,6 +115,7 @@ COSTS: dict[str, Cost] = {
         {"megapixels": 1180, "gaussians": 845, "gaussians*codes": 12.1},
         {"frames*gaussians": 0.03},
     ),
+    "carries": Cost(600, {"gaussians": 1001}, {"frames*gaussians": 0.006}),
     "language_center": Cost(690, {"gaussians*codes": 18.7}, {"frames*gaussians*codes": 0.0001}),
     "language_clustered": Cost(690, {"gaussians*codes": 52.3}, {"frames*gaussians*codes": 0.0007}),
     "language_trained": Cost(
@@ -135,7 +136,7 @@ COSTS: dict[str, Cost] = {
 # Stages, or values of language.method, that take what another takes.
 _LIKE = {
     **dict.fromkeys(("contact_sheet", "instances_sheet", "crops_sheet", "splats_sheet"), "sheet"),
-    **dict.fromkeys(("transient_sheet", "language_sheet", "carries"), "sheet_of_renders"),
+    **dict.fromkeys(("transient_sheet", "language_sheet"), "sheet_of_renders"),
     "language_lifted": "language",
     "language_projected": "language_center",
     "language_quantized": "language_sparse",
