@@ -26,7 +26,9 @@ from egosplat.query.things import find_things
 from egosplat.viewing.words import words_to_try
 from tests.browser.conftest import ASK, PHONE, READY, WIDE
 from tests.support.page_scene import (
+    PUT_DOWN,
     SETTINGS,
+    TAKEN_UP,
     TITLE,
     contents_of,
     page_options,
@@ -99,6 +101,28 @@ def test_the_first_view_is_the_one_that_shows_most(scene):
         tab.page.evaluate("egosplat.scene.facts.frames[Number(document.getElementById('frame').value)]")
         == most
     )
+
+
+def test_the_answer_follows_the_time_line(scene):
+    """The cup is carried from 0.1 s to 0.2 s, frames 1 and 2: before, it is at one end of the wall, afterwards at the other."""
+    tab = scene()
+    answer = tab.page.evaluate(ASK, "cup")
+    assert answer["things"], "it is found where it stands, too"
+    assert tab.page.locator("#history button").all_inner_texts() == [
+        "→ Carried 0:00 to 0:00\nfrom -1.00, 0.00, 2.00 to 1.00, 0.00, 2.00 m"
+    ]
+    bar = tab.page.evaluate("document.querySelector('#carried i').style.left")
+    assert bar == "25%", "0.1 s of 0.4 s"
+    points = {}
+    for row, frame in enumerate((0, 1, 2, 4)):
+        tab.page.evaluate("row => egosplat.showFrame(row)", row)
+        points[frame] = tab.page.evaluate("egosplat.mark && egosplat.mark.point")
+    assert points == {0: list(TAKEN_UP), 1: None, 2: None, 4: list(PUT_DOWN)}
+    tab.page.evaluate(ASK, "couch")
+    assert tab.page.locator("#history button").count() == 0
+    tab.page.evaluate("egosplat.showFrame(0)")
+    assert tab.page.evaluate("egosplat.mark.point") != list(TAKEN_UP), "the ring stays at the couch"
+    assert tab.errors == []
 
 
 def test_the_title_is_shown_as_text(scene):

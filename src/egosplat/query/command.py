@@ -67,8 +67,8 @@ def run(
     title = f"{scene.folder}, {place}, origin {scene.origin}"
     grading = scene.grading() if viewpoint is None else grading_by_score(scene.options)
     # A view is never calibrated; saying so with each would tell nothing.
-    notice = grading.notice if viewpoint is None else None
-    title = "\n".join(filter(None, (title, scene.notice, notice)))
+    notices = (grading.notice, scene.untold) if viewpoint is None else ()
+    title = "\n".join(filter(None, (title, scene.notice, *notices)))
     queries = list(dict.fromkeys(map(clean_phrase, phrases)))
     answers = track(scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries))
     table = _scene_table if viewpoint is None else _view_table

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
+from egosplat.artifacts.instances import TRACKS
 from egosplat.artifacts.lineage import Lineage, lineage
 from egosplat.artifacts.locating import locate_carries
 from egosplat.artifacts.poses import length_unit
@@ -22,6 +23,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.models.suitability import notice_of_artifacts
+from egosplat.pipeline.home import make_command
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.answer import Asker, ViewAnswer, ask
 from egosplat.query.answers import Answer, FoundThing, FoundView
@@ -179,6 +181,17 @@ class Scene:
         """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
         path = locate_carries(self.folder, self.artifact("splats"))
         return None if path is None else Histories(open_artifact(path, SCHEMAS["carries"]), self.seconds)
+
+    @property
+    def untold(self) -> str | None:
+        """A line for a scene in which things are tracked, and what is carried is not known."""
+        instances = self.made_from.found.get("instances.zarr")
+        # Where everything is tracked, nothing is known to move.
+        merged = instances is not None and instances.facts["source"] != TRACKS
+        if not merged or self.histories is not None or not instances.read("instances/moving").any():
+            return None
+        command = make_command(self.folder / "carries.zarr")
+        return f"things are tracked here; to learn where they were carried: {command}"
 
     @cached_property
     def trained(self) -> QueryScene:

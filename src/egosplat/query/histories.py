@@ -10,7 +10,7 @@ from egosplat.query.relevancy import relevancy
 from egosplat.query.text import Texts
 
 # Two carries show one thing if they share this part of the shorter one's time.
-TOGETHER = 0.5
+TOGETHER = 0.25
 
 
 class Histories:
