@@ -1,4 +1,5 @@
-"""A moving picture of a scene that is asked: the camera goes to each answer, and the answer lights up. ``egosplat movie``."""
+"""A moving picture of a scene that is asked: the camera goes to each answer, and the answer lights up; of what is carried, the
+photographs show when, and a ring where it lies. ``egosplat movie``."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -13,12 +14,13 @@ from egosplat.artifacts.frames import lies_on_its_side
 from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
-from egosplat.geometry import Array, known_poses
-from egosplat.images import evenly_spaced
+from egosplat.geometry import Array, Camera, invert, known_poses, transform
+from egosplat.images import evenly_spaced, shrink_image
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer, FoundThing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import GUESS
+from egosplat.query.history import clock
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import clean_phrase
 
@@ -27,6 +29,9 @@ _STEPS, _STEP_MS = 16, 90
 
 # Steps in which an answer lights up, and time of its last picture [ms].
 _LIGHTS, _ANSWER_MS = 4, 1800
+
+# What is shown before and after a carry [s], width of the ring and its radius, relative to the longer side.
+_BEFORE_S, _AFTER_S, _RING, _RADIUS = 1.0, 2.0, 0.006, 0.03
 
 # Height of the line of text, relative to the longer side of the picture.
 _LINE = 0.085
@@ -50,12 +55,17 @@ def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
     """
     answers = scene.ask(*map(clean_phrase, phrases), most=1)
     for one in answers:
-        if one.refusal:
+        if one.refusal and not one.history:
             log(f"{one.phrase!r} is left out: {one.refusal}")
-    shown = [one for one in answers if one.things]
-    if not shown:
+    shown = [one for one in answers if one.things and not one.history]
+    carried = [one for one in answers if one.history]
+    if not shown + carried:
         raise UserError(f"{scene.folder}: no query has an answer to show")
-    (first, *others), times = zip(*_pictures(scene, shown, side), strict=True)
+    pictures = [
+        *_pictures(scene, shown, side),
+        *(each for one in carried for each in _history(scene, one, side)),
+    ]
+    (first, *others), times = zip(*pictures, strict=True)
     how = {"save_all": True, "duration": list(times), "loop": 0, "quality": 70, "method": 4}
     with atomic_file(output) as scratch:
         first.save(scratch, format="WEBP", append_images=others, **how)
@@ -70,7 +80,7 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
         rendered = painted.picture(camera, scene.poses[frame])
         return np.rot90(rendered, -1) if turned else rendered
 
-    before, grading = shown[-1].things[0].frame, scene.grading()
+    before, grading = shown[-1].things[0].frame if shown else 0, scene.grading()
     for one in track(shown, "drawing answers", unit="answer"):
         thing = one.things[0]
         for frame in way(scene.poses, before, thing.frame):
@@ -83,6 +93,41 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
             mixed = (1 - share) * plain + share * lit
             yield _captioned(mixed, text), _ANSWER_MS if share == 1 else _STEP_MS
         before = thing.frame
+
+
+def _history(scene: Scene, answer: Answer, side: int) -> Iterator[tuple[Image.Image, int]]:
+    """Photographs of each carry and the time of each [ms], with a ring where the thing lies before and after."""
+    camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
+    posed = known_poses(scene.poses)
+    step_ms = round(1000 * float(np.median(np.diff(scene.seconds[posed])))) if len(posed) > 1 else _STEP_MS
+    for carry in answer.history:
+        seconds = scene.seconds[posed]
+        near = posed[(seconds >= carry.from_s - _BEFORE_S) & (seconds <= carry.until_s + _AFTER_S)]
+        for frame in near.tolist():
+            second = float(scene.seconds[frame])
+            place = answer.at(second)
+            image = Image.fromarray(shrink_image(scene.frames[frame], side))
+            if place is not None and place.position is not None:
+                _draw_ring(image, camera, scene.poses[frame], place.position)
+            picture = np.asarray(image, np.float32) / 255
+            text = f'"{answer.phrase}"   {clock(second)}   {place.told if place else ""}'
+            last = frame == near[-1]
+            yield (
+                _captioned(np.rot90(picture, -1) if turned else picture, text),
+                _ANSWER_MS if last else step_ms,
+            )
+
+
+def _draw_ring(image: Image.Image, camera: Camera, pose: Array, point: Array) -> None:
+    """Draw a ring around a point of the world; nothing if the camera does not see it."""
+    local = transform(invert(pose), point[None])
+    (x, y), side = camera.project(local)[0], max(image.size)
+    if local[0, 2] <= 0 or not camera.contains(np.array([[x, y]]))[0]:
+        return
+    radius, width = _RADIUS * side, max(1, round(_RING * side))
+    for color, wider in (("black", width), ("white", 0)):
+        box = (x - radius - wider, y - radius - wider, x + radius + wider, y + radius + wider)
+        ImageDraw.Draw(image).ellipse(box, outline=color, width=width + 2 * wider)
 
 
 def way(poses: Array, start: int, end: int) -> list[int]:

@@ -1,11 +1,15 @@
 """What was carried from where to where, as an answer to words (docs/method.md#carries)."""
 
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 import torch
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array
 from egosplat.query.grades.evidence import SYNONYM
-from egosplat.query.history import Carried
+from egosplat.query.history import Carried, meet
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import Texts
 
@@ -23,8 +27,8 @@ class Histories:
 
     def __init__(self, carries: Artifact, seconds: Array) -> None:
         """Read carries.zarr; ``seconds`` (F,) time of each frame since the first."""
-        names = ("first_frame", "last_frame", "start", "end", "best_frame", "box")
-        first, last, start, end, best, box = map(carries.read, names)
+        names = ("first_frame", "last_frame", "start", "end", "size", "best_frame", "box")
+        first, last, start, end, size, best, box = map(carries.read, names)
         self.features = torch.from_numpy(carries.read("feature"))
         self.every = tuple(
             Carried(
@@ -33,6 +37,7 @@ class Histories:
                 float(seconds[last[row]]),
                 start[row],
                 end[row],
+                float(size[row]),
                 int(best[row]),
                 tuple(box[row].tolist()),
             )
@@ -43,7 +48,8 @@ class Histories:
         """Find the carries of what a query means, in the order of time.
 
         A carry is one of them if no word with another meaning fits its views better, and the query fits better than every
-        canonical phrase. Of those at the same time, the best one stays.
+        canonical phrase. Of those at the same time, the best one stays. Where two do not meet, a carry of any name that leads
+        from the end of one to the start of the next is one, too.
 
         Args:
             query: one phrase.
@@ -57,16 +63,35 @@ class Histories:
         fits = self.features @ own
         best = fits > (self.features @ others.T).amax(dim=1) if len(others) else torch.ones_like(fits) > 0
         scores = relevancy(self.features, query.queries, query.canonical, temperature)[:, 0]
-        found = [
+        every = [
             Carried(**vars(one) | {"score": float(score)})
-            for one, score, named in zip(self.every, scores, best, strict=True)
-            if named and score > 0.5
+            for one, score in zip(self.every, scores, strict=True)
         ]
+        found = [one for one, named in zip(every, best, strict=True) if named and one.score > 0.5]
         kept: list[Carried] = []
         for one in sorted(found, key=lambda one: -one.score):
             if not any(_together(one, other) for other in kept):
                 kept.append(one)
-        return tuple(sorted(kept, key=lambda one: one.from_s))
+        return tuple(_joined(sorted(kept, key=lambda one: one.from_s), every))
+
+
+def _joined(history: list[Carried], every: Sequence[Carried]) -> Iterator[Carried]:
+    """A history with the carries that lead from the end of one carry to the start of the next, where these do not meet."""
+    for one, following in itertools.pairwise(history):
+        yield one
+        if meet(one, one.end, following.start):
+            continue
+        between = [
+            each
+            for each in every
+            if one.until_s <= each.from_s
+            and each.until_s <= following.from_s
+            and meet(one, one.end, each.start)
+            and meet(one, each.end, following.start)
+        ]
+        if between:
+            yield min(between, key=lambda each: np.linalg.norm(one.end - each.start))
+    yield from history[-1:]
 
 
 def _together(one: Carried, other: Carried) -> bool:

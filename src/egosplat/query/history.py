@@ -3,7 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from egosplat.geometry import Array
+
+# Two places are one if they are no farther apart than this many sizes of the thing: depth is that of the surface behind it.
+APART = 3.0
 
 
 def clock(second: float) -> str:
@@ -20,6 +25,7 @@ class Carried:
         score: relevancy of the query, 0..1.
         from_s, until_s: seconds since the first frame.
         start, end: (3,) float64 the places.
+        size: of the thing [m].
         frame: the frame that shows most of it.
         box: x0, y0, x1, y1 around it in that frame, the ends exclusive [px].
     """
@@ -29,6 +35,7 @@ class Carried:
     until_s: float
     start: Array
     end: Array
+    size: float
     frame: int
     box: tuple[int, int, int, int]
 
@@ -43,31 +50,40 @@ class Place:
     """Where a thing was at a time.
 
     Attributes:
-        position: (3,) float64; None while it is carried.
+        position: (3,) float64; None while it is carried, and between two carries that do not meet.
         since_s, until_s: seconds for which it was so; None if nobody saw it come, or leave.
+        carried: whether it was on its way.
     """
 
     position: Array | None
     since_s: float | None
     until_s: float | None
+    carried: bool = False
 
     @property
     def told(self) -> str:
         """In words, such as "since 0:07, until 0:16"."""
         parts = (("since", self.since_s), ("until", self.until_s))
         times = ", ".join(f"{word} {clock(second)}" for word, second in parts if second is not None)
-        return times if self.position is not None else f"carried {times}"
+        if self.position is not None:
+            return times
+        return f"{'carried' if self.carried else 'moved unseen'} {times}"
 
 
 def place_at(history: Sequence[Carried], second: float) -> Place | None:
-    """Where a thing with a history was at a time [s]; None without a history."""
+    """Where a thing was at a time [s], by its carries in the order of time; None without any."""
     now = next((one for one in history if one.from_s <= second <= one.until_s), None)
     if now is not None:
-        return Place(None, now.from_s, now.until_s)
-    before = [one for one in history if one.until_s < second]
-    after = [one for one in history if one.from_s > second]
-    until = min((one.from_s for one in after), default=None)
-    if before:
-        last = max(before, key=lambda one: one.until_s)
-        return Place(last.end, last.until_s, until)
-    return Place(min(after, key=lambda one: one.from_s).start, None, until) if after else None
+        return Place(None, now.from_s, now.until_s, carried=True)
+    last = max((one for one in history if one.until_s < second), key=lambda one: one.until_s, default=None)
+    following = min((one for one in history if one.from_s > second), key=lambda one: one.from_s, default=None)
+    until_s = None if following is None else following.from_s
+    if last is None:
+        return None if following is None else Place(following.start, None, until_s)
+    known = following is None or meet(last, following.start, last.end)
+    return Place(last.end if known else None, last.until_s, until_s)
+
+
+def meet(carry: Carried, one: Array, other: Array) -> bool:
+    """Whether two places are one to a thing of the size of a carried one."""
+    return bool(np.linalg.norm(one - other) <= APART * carry.size)

@@ -18,8 +18,8 @@ _NO_SHARE = 1e-4
 # depth too; the one moving recording without lasting regions has 0.24 %.
 _MAX_FLEETING = 2e-3
 # Hands that are busy are rarely seen to move in three pairs in a row. Usual apartments have up to 0.18 % of fleeting motion, rooms in which people carry
-# one thing after another at least 0.6 % (benchmarks/survey): so much of the least share that keeps moving separates them.
-_OF_FLEETING = 0.5
+# one thing after another at least 0.38 % (benchmarks/survey): so much of the least share that keeps moving separates them.
+_OF_FLEETING = 1 / 3
 # Poses are refined if what a correction explains is so many times the noise that it leaves. Revisits see a place from
 # further apart: flow between them errs more.
 _LIMIT, _REVISIT_LIMIT = 0.7, 1.0

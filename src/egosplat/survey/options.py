@@ -12,7 +12,7 @@ class SurveyOptions(Options):
 
     min_moving_share: Share = 0.008
     """Smallest share of the picture that keeps moving from which it is tracked and masked (for splats.masking and
-    segments.track_moving auto). Half of it is enough of what moves and is not seen to move again, such as busy
+    segments.track_moving auto). A third of it is enough of what moves and is not seen to move again, such as busy
     hands. Below both, the network, the masks and the tracks are left out: they cost a quarter of the time and change
     no score (benchmarks/ablation/README.md). A scene in which motion cannot be measured is masked."""
 

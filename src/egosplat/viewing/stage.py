@@ -24,6 +24,7 @@ from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.grades.evidence import SYNONYM
 from egosplat.query.histories import TOGETHER, Histories
+from egosplat.query.history import APART
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
@@ -135,6 +136,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
             "same": SAME,
             "synonym": SYNONYM,
             "together": TOGETHER,
+            "apart": APART,
         },
     }
 
@@ -143,7 +145,13 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
     """Pack ``carried_vectors`` (C, D) float16, features of what is carried, and when it is and from where to where."""
     every = () if histories is None else histories.every
     facts = [
-        {"from": one.from_s, "until": one.until_s, "start": one.start.tolist(), "end": one.end.tolist()}
+        {
+            "from": one.from_s,
+            "until": one.until_s,
+            "start": one.start.tolist(),
+            "end": one.end.tolist(),
+            "size": one.size,
+        }
         for one in every
     ]
     arrays = {"carried_vectors": histories.features.numpy().astype(np.float16)} if histories and every else {}

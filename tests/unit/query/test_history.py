@@ -22,7 +22,7 @@ CUP, BOX, HAND, OBJECT = torch.eye(4)
 
 
 def carried(from_s, until_s, start, end):
-    return Carried(0.9, from_s, until_s, start, end, 0, (0, 0, 1, 1))
+    return Carried(0.9, from_s, until_s, start, end, 0.1, 0, (0, 0, 1, 1))
 
 
 HISTORY = (carried(4.2, 7.0, TABLE, DESK), carried(16.0, 18.5, DESK, SHELF))
@@ -49,6 +49,16 @@ def test_a_thing_was_where_it_was_put_last(second, position, told):
         np.testing.assert_array_equal(place.position, position)
 
 
+def test_between_carries_that_do_not_meet_the_place_is_not_known():
+    """The thing was put on the desk, and taken from the table."""
+    apart = (HISTORY[0], carried(16.0, 18.5, TABLE, SHELF))
+    assert (
+        place_at(apart, 10).position is None
+        and place_at(apart, 10).told == "moved unseen since 0:07, until 0:16"
+    )
+    np.testing.assert_array_equal(place_at(apart, 20).position, SHELF)
+
+
 def test_what_was_not_carried_has_no_place_in_time():
     assert place_at((), 3.0) is None
 
@@ -68,6 +78,7 @@ class Carries:
             "last_frame": first + 5,
             "start": np.zeros((count, 3)),
             "end": np.ones((count, 3)),
+            "size": np.full(count, 0.1),
             "best_frame": first,
             "box": np.zeros((count, 4), np.int32),
             "feature": np.array(features, np.float32).reshape(count, 4),
@@ -79,7 +90,12 @@ class Carries:
 
 def history(features, step=10):
     """Seconds at which what "cup" means was taken up."""
-    made = Histories(Carries(features, step), np.arange(100.0))
+    return told(Carries(features, step))
+
+
+def told(carries):
+    """The same of carries.zarr."""
+    made = Histories(carries, np.arange(100.0))
     words = Texts(("cup", "box", "hand"), torch.stack([CUP, BOX, HAND]), OBJECT[None])
     query = Texts(("cup",), CUP[None], OBJECT[None])
     return [one.from_s for one in made.of(query, words, 10.0)]
@@ -98,6 +114,16 @@ def test_only_what_looks_most_like_the_query_is_its_history():
 
 def test_of_carries_at_one_time_the_best_stays():
     assert history([mixed((0.8, CUP), (0.2, BOX)), CUP.tolist()], step=1) == [1.0]
+
+
+def test_a_carry_without_its_name_joins_two_that_do_not_meet():
+    """The middle carry looks like a hand; it begins where the first one ends, and ends where the last one begins."""
+    made = Carries([CUP.tolist(), HAND.tolist(), CUP.tolist(), HAND.tolist()])
+    made.arrays["start"] = np.array([TABLE, DESK, SHELF, DESK])
+    made.arrays["end"] = np.array([DESK, SHELF, TABLE, SHELF])
+    assert told(made) == [0.0, 10.0, 20.0]
+    made.arrays["start"][1] = TABLE
+    assert told(made) == [0.0, 20.0], "it does not begin there"
 
 
 def test_no_carry_and_no_view_have_no_history():

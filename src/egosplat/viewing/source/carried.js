@@ -10,26 +10,36 @@ function historyOf(scene, vector) {
     const usual = Math.max(...scene.canonical.map((phrase) => dot(feature, 0, phrase)));
     const score = feature.some((value) => value !== 0) ? 1 / (1 + Math.exp(-temperature * (own - usual))) : 0;
     return { ...carry, score, named };
-  }).filter(({ score, named }) => named && score > 0.5);
-  found.sort((one, other) => other.score - one.score);
+  });
   const kept = [];
-  for (const one of found) {
+  for (const one of found.filter(({ score, named }) => named && score > 0.5).sort((one, other) => other.score - one.score)) {
     const same = (other) => Math.min(one.until, other.until) - Math.max(one.from, other.from) >= together * Math.min(one.until - one.from, other.until - other.from);
     if (!kept.some(same)) kept.push(one);
   }
-  return kept.sort((one, other) => one.from - other.from);
+  kept.sort((one, other) => one.from - other.from);
+  const apart = facts.query.apart;
+  // Where two carries do not meet, one of any name that leads from the first to the second.
+  return kept.flatMap((one, place) => {
+    const next = kept[place + 1];
+    if (!next || meet(one, one.end, next.start, apart)) return [one];
+    const between = found.filter((each) => one.until <= each.from && each.until <= next.from && meet(one, one.end, each.start, apart) && meet(one, each.end, next.start, apart));
+    between.sort((each, other) => length(plus(one.end, each.start, -1)) - length(plus(one.end, other.start, -1)));
+    return [one, ...between.slice(0, 1)];
+  });
 }
 
-// Where a thing with a history was at a time [s]; point is null while it is carried.
-function placeAt(history, second) {
+const length = (vector) => Math.hypot(...vector);
+const meet = ({ size }, one, other, apart) => length(plus(one, other, -1)) <= apart * size;
+
+// Where a thing with a history was at a time [s]; point is null while it is carried, and between two carries that do not meet.
+function placeAt(history, second, apart) {
   const now = history.find(({ from, until }) => from <= second && second <= until);
   if (now) return { point: null, told: `carried since ${minutes(now.from)}, until ${minutes(now.until)}` };
-  const before = history.filter(({ until }) => until < second), after = history.filter(({ from }) => from > second);
-  const next = after.length ? Math.min(...after.map(({ from }) => from)) : null;
-  const until = next === null ? [] : [`until ${minutes(next)}`];
-  if (!before.length) return { point: after.find(({ from }) => from === next).start, told: until.join("") };
-  const last = before.reduce((best, one) => (one.until > best.until ? one : best));
-  return { point: last.end, told: [`since ${minutes(last.until)}`, ...until].join(", ") };
+  const last = history.filter(({ until }) => until < second).reduce((best, one) => (!best || one.until > best.until ? one : best), null);
+  const next = history.find(({ from }) => from > second);
+  const times = [...(last ? [`since ${minutes(last.until)}`] : []), ...(next ? [`until ${minutes(next.from)}`] : [])].join(", ");
+  if (last && next && !meet(last, next.start, last.end, apart)) return { point: null, told: `moved unseen ${times}` };
+  return { point: last ? last.end : next.start, told: times };
 }
 
 function minutes(second) {

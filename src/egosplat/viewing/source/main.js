@@ -287,7 +287,7 @@ class Page {
 
   followHistory() {
     if (!this.history) return;
-    const { phrase, history } = this.history, { point, told } = placeAt(history, this.scene.facts.seconds[Number($("frame").value)]);
+    const { phrase, history } = this.history, { point, told } = placeAt(history, this.scene.facts.seconds[Number($("frame").value)], this.scene.facts.query.apart);
     this.mark = point && { point, text: `${shortened(phrase)} ${told}` };
     this.sought = point;
     this.placeMarks();
