@@ -8,6 +8,7 @@ from PIL import Image
 
 from egosplat import cli
 from egosplat.export.movie import way
+from egosplat.query.opening import open_scene
 from tests.support.page_scene import put_page_scene
 
 
@@ -37,7 +38,7 @@ def movie(monkeypatch, capfd):
 
 def test_the_picture_moves_and_the_answer_lights_up(scene, movie, tmp_path):
     output = tmp_path / "x.webp"
-    status, said = movie(scene, "couch", "cup", "elephant", "--output", output, "--side", 64)
+    status, said = movie(scene, "wall", "couch", "elephant", "--output", output, "--side", 64)
     assert status == 0, said
     assert "elephant" in said and "left out" in said
     with Image.open(output) as moving:
@@ -45,7 +46,25 @@ def test_the_picture_moves_and_the_answer_lights_up(scene, movie, tmp_path):
         moving.seek(moving.n_frames - 1)
         last = np.asarray(moving.convert("RGB"))[:64].astype(int)
     redness = last[..., 0] - last[..., 2]
-    assert redness[:, 40:].mean() > redness[:, :24].mean() + 20, "the cup is on the right"
+    assert redness[:, 16:36].mean() > redness[:, 44:].mean() + 20, "the couch is left of the wall"
+
+
+def test_a_ring_is_where_the_carried_thing_lies(scene, movie, tmp_path):
+    """The cup is carried from 0.1 s to 0.2 s: frame 0 shows it on the left, frame 4 on the right, and no frame between has a ring."""
+    output = tmp_path / "x.webp"
+    status, said = movie(scene, "cup", "--output", output, "--side", 96)
+    assert status == 0, said
+    photographs, white = open_scene(scene).frames, {}
+    with Image.open(output) as moving:
+        assert moving.n_frames == 4, "frame 3 has no pose"
+        for place, frame in enumerate((0, 1, 2, 4)):
+            moving.seek(place)
+            shown = np.asarray(moving.convert("RGB"))[:96].astype(int)
+            added = (shown.min(axis=2) > 225) & (photographs[frame].max(axis=2) < 215)
+            white[frame] = np.flatnonzero(added.any(axis=0))
+    assert len(white[1]) == len(white[2]) == 0
+    # The camera is at -0.8 m and at 0.8 m, the places at -1 m and 1 m, 2 m ahead: 6 px from the middle.
+    assert abs(white[0].mean() - 42) < 2 and abs(white[4].mean() - 54) < 2
 
 
 def test_without_an_answer_nothing_is_written(scene, movie, tmp_path):
