@@ -2,6 +2,7 @@
 
     snakemake --cores 2 results/adt/busy{1,2,3,4,5}/{metrics.json,carries.zarr}
     python -m benchmarks.carries results/adt/busy{1,2,3,4,5}
+    python -m benchmarks.carries --true-tracks results/adt/busy{1,2,3,4,5}
 
 Every thing that people carry is asked for by the name of its category.
 """
@@ -13,8 +14,9 @@ from pathlib import Path
 import click
 import numpy as np
 
+from benchmarks.carries.true_tracks import with_true_tracks
 from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests
-from benchmarks.common import command, markdown, scene_folders
+from benchmarks.common import ROOT, command, markdown, scene_folders
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
@@ -87,13 +89,15 @@ class Figures:
         return Figures(**values)
 
 
-def measure(folder: Path) -> Figures:
-    """Compare the carries and the answers of a scene with its truth."""
+def measure(folder: Path, true_tracks: bool) -> Figures:
+    """Compare the carries and the answers of a scene with its truth; with true tracks in place of SAM2's."""
     scene = open_scene(folder)
     times = scene.artifact("frames").read("timestamp_ns")
     recording = (folder / "recording").resolve()
     rests = read_rests(recording, times)
     carries = read_carries(recording, rests, times)
+    if true_tracks:
+        scene.__dict__["histories"] = with_true_tracks(folder, ROOT / "config" / "presets", scene.seconds)
     if scene.histories is None:
         raise click.ClickException(f"{folder}: lacks carries.zarr of its Gaussians")
     names = sorted({one.category for one in rests})
@@ -166,12 +170,13 @@ def _without_time(rest: Rest, scene: Scene, answer: Answer, rests: Sequence[Rest
 
 @command(__doc__)
 @scene_folders
-def main(folders: tuple[Path, ...]) -> None:
+@click.option("--true-tracks", is_flag=True, help="With true tracks of what moves.")
+def main(folders: tuple[Path, ...], true_tracks: bool) -> None:
     """Print the table."""
     rows, figures = [], []
     for folder in folders:
         log(f"{folder}")
-        figures.append(measure(folder))
+        figures.append(measure(folder, true_tracks))
         log_file = folder.parents[2] / "logs" / folder.parent.name / folder.name / "carries.tsv"
         spent = log_file.read_text().splitlines()[1].split("\t")[-1] if log_file.exists() else "-"
         rows.append([title_of(folder), *figures[-1].cells(), spent])
