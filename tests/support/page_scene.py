@@ -139,7 +139,8 @@ def page_options(**changes: Any) -> ScenePageOptions:
 def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:
     """Write ``folder/scene.html`` from the artifacts in the folder."""
     names = ("frames", "poses", "instances", "features", "splats", "language", "carries")
-    paths = {f"{name}_path": folder / f"{name}.zarr" for name in names}
+    found = {name: folder / f"{name}.zarr" for name in names}
+    paths = {f"{name}_path": path for name, path in found.items() if path.exists()}
     run(**paths, output=folder / "scene.html", options=page_options(**changes), title=title)
     return folder / "scene.html"
 
