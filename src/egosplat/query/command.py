@@ -6,6 +6,7 @@ from pathlib import Path
 
 from numpy.typing import NDArray
 
+from egosplat.errors import UserError
 from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answers import Answer, FoundView
@@ -61,8 +62,10 @@ def run(
         The table as soon as it is known, a table of what was carried if there is any, then a line about the picture once it is drawn.
 
     Raises:
-        UserError: as ``Scene.ask``.
+        UserError: as ``Scene.ask``; or the recording has ended before ``at``.
     """
+    if at is not None and at > scene.seconds[-1]:
+        raise UserError(f"--at {clock(at)}: the recording ends at {clock(float(scene.seconds[-1]))}")
     place = "the whole scene" if viewpoint is None else viewpoint.name
     title = f"{scene.folder}, {place}, origin {scene.origin}"
     grading = scene.grading() if viewpoint is None else grading_by_score(scene.options)

@@ -161,6 +161,7 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     assert re.split(r"\s{2,}", table("--at", "0:0.3")[1]) == ["cup", "1.00, 0.00, 2.00", "since 0:00"]
     assert "give seconds, as 65" in table("--at", "soon")
     assert "give seconds, as 65" in table("--at", "-1")
+    assert "the recording ends at 0:00" in table("--at", "0:01")
 
 
 def test_carries_of_other_gaussians_tell_nothing(tmp_path):
