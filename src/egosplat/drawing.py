@@ -127,10 +127,10 @@ def draw_outline(axes: Axes, mask: NDArray[np.bool_]) -> None:
         axes.contour(mask, levels=[0.5], colors="white", linewidths=0.9)
 
 
-def add_name(axes: Axes, u: float, v: float, text: str) -> None:
-    """Write a name at column u and row v of an image; ``arrange_texts`` may move or drop it."""
-    style = {"color": "white", "fontsize": 7, "ha": "center", "va": "center", "bbox": _BOX}
-    axes.text(u, v, text, gid=NAME, in_layout=False, **style)
+def add_name(axes: Axes, u: float, v: float, text: str, **style: Any) -> None:
+    """Write a name at column u and row v of an image; ``arrange_texts`` may move or drop it. ``style`` as for ``Axes.text``."""
+    usual = {"color": "white", "fontsize": 7, "ha": "center", "va": "center", "bbox": _BOX}
+    axes.text(u, v, text, gid=NAME, in_layout=False, **usual | style)
 
 
 def arrange_texts(figure: Figure) -> None:

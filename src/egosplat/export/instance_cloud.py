@@ -13,7 +13,7 @@ from egosplat.export.ply import point_columns, write_ply
 from egosplat.gaussians.io import read_gaussians
 from egosplat.progress import log
 from egosplat.query.instances import instances_of_gaussians
-from egosplat.report.sheets.instances_sheet import palette
+from egosplat.report.sheets.from_above import palette
 
 # Color of points without an instance.
 _GREY = 96

@@ -19,7 +19,7 @@ from egosplat.geometry import known_poses
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.report.sheets.instances_sheet import palette
+from egosplat.report.sheets.from_above import palette
 
 
 def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import ground_axes, hide_axes, plt, show
 from egosplat.images import evenly_spaced
+from egosplat.report.sheets.from_above import below_cameras, palette
 from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of frames, evenly spaced.
@@ -24,9 +24,6 @@ CROP = 0.6
 
 # Opacity of an instance's color.
 TINT = 0.55
-
-# Gaussians up to this share of the cameras' height above the floor are drawn from above: no ceiling hides the rest.
-BELOW = 1.1
 
 
 @sheet(warned=("instances",))
@@ -75,12 +72,7 @@ def _draw_from_above(
     """Draw the Gaussians of each level's instances from above, without what is higher than the cameras."""
     up = poses.read("up")
     plane, xyz = ground_axes(up), instances.read("gaussians/xyz").astype(np.float64)
-    owner, height = instances.read("gaussians/instance"), xyz @ up
-    camera = np.median(poses.read("camera_to_world")[poses.read("registered"), :3, 3] @ up)
-    # Stray Gaussians far outside would shrink the rest.
-    low, high = np.percentile(xyz, [1, 99], axis=0)
-    floor = np.percentile(height, 1)
-    inside = ((xyz >= low) & (xyz <= high)).all(axis=1) & (height < floor + BELOW * (camera - floor))
+    owner, height, inside = instances.read("gaussians/instance"), xyz @ up, below_cameras(poses, xyz)
     hide_axes(cells[0])
     for level, name in enumerate(instances.facts["levels"]):
         drawn = np.flatnonzero(inside & (owner[:, level] >= 0))
@@ -89,14 +81,6 @@ def _draw_from_above(
         cell.scatter(*(xyz[drawn] @ plane.T).T, s=0.6, c=colors[owner[drawn, level]], linewidths=0)
         cell.set(aspect="equal", xticks=[], yticks=[])
         cell.set_title(f"{name}: from above", fontsize=9)
-
-
-def palette(count: int) -> NDArray[np.float64]:
-    """(count, 3) colors in 0..1; consecutive ones have very different hues."""
-    hues = (np.arange(count) * 0.61803398875) % 1.0
-    value = 0.75 + 0.25 * ((np.arange(count) // 7) % 2)
-    hsv = np.stack([hues, np.full(count, 0.85), value], axis=1)
-    return hsv_to_rgb(hsv).reshape(count, 3)
 
 
 def tinted(

@@ -1,0 +1,121 @@
+"""Draw what is carried on one page: from where to where, when, and the frame that shows it best."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FuncFormatter, MultipleLocator
+from numpy.typing import NDArray
+
+from egosplat.artifacts.poses import length_unit
+from egosplat.artifacts.reader import Artifact
+from egosplat.drawing import add_name, empty_grid, ground_axes, plt, show
+from egosplat.geometry import Array
+from egosplat.query.history import clock
+from egosplat.report.sheets.from_above import below_cameras, palette
+from egosplat.report.sheets.sheet import sheet
+
+# Maximum number of photographs, and of those in a row.
+PICTURES, COLUMNS = 12, 6
+
+# Width of a photograph, height of a bar with its gap, and least height of the charts [inches].
+CELL, BAR, CHARTS = 2.7, 0.23, 8.0
+
+# Side of a photograph by the longer side of the thing's box, and its least side [px].
+AROUND, LEAST_SIDE = 2.0, 48
+
+# Maximum number of Gaussians from above.
+GAUSSIANS = 60_000
+
+# Light of the colors by that of instances: yellow on white is hard to see.
+DARKER = 0.8
+
+# Bend of an arrow by its length: ways there and back do not cover each other.
+BEND = 0.15
+
+# Seconds between the ticks of the time line: the first with at most ten ticks.
+TICKS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600)
+
+
+@sheet(warned=("carries",))
+def run(frames: Artifact, poses: Artifact, splats: Artifact, carries: Artifact) -> tuple[Figure, str]:
+    """Draw the ways of the carries from above, their times, and photographs of the longest."""
+    times = (frames.read("timestamp_ns") - frames.read("timestamp_ns")[:1]) / 1e9
+    spans = np.stack([times[carries.read(name)] for name in ("first_frame", "last_frame")], axis=1)
+    longest = np.argsort(spans[:, 0] - spans[:, 1], kind="stable")[:PICTURES]
+    rows, colors = -(-len(longest) // COLUMNS), DARKER * palette(len(spans))
+    heights = [max(CHARTS, BAR * len(spans)), *([rows * (CELL + 0.3) + 0.4] if rows else [])]
+    figure = plt.figure(figsize=(CELL * COLUMNS, sum(heights) + 0.9), layout="constrained")
+    parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
+    above, *beside = parts[0].subplots(1, len(heights), squeeze=False)[0]
+    _draw_from_above(above, poses, splats, carries, colors)
+    if rows:
+        _draw_times(beside[0], spans, times[-1], colors)
+        _draw_photographs(parts[1], frames, carries, spans, colors, longest)
+    return figure, _summary(carries)
+
+
+def _summary(carries: Artifact) -> str:
+    count, tracks = carries.shape("start")[0], carries.facts["tracks"]
+    carried = {0: "nothing is carried from place to place", 1: "1 carry"}.get(count, f"{count} carries")
+    key = "\na carry has the same number and color everywhere" if count else ""
+    return f"{carried} (tracks of what moves: {tracks}), origin {carries.origin}{key}"
+
+
+def _draw_from_above(axes: Axes, poses: Artifact, splats: Artifact, carries: Artifact, colors: Array) -> None:
+    """Draw an arrow for each carry over the Gaussians, without what is higher than the cameras."""
+    plane, xyz = ground_axes(poses.read("up")), splats.read("means").astype(np.float64)
+    xyz = xyz[below_cameras(poses, xyz)]
+    axes.scatter(*(xyz[:: len(xyz) // GAUSSIANS + 1] @ plane.T).T, s=1.5, c="0.8", linewidths=0)
+    ways = zip(carries.read("start") @ plane.T, carries.read("end") @ plane.T, colors, strict=True)
+    for number, (start, end, color) in enumerate(ways, 1):
+        style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", end, start, arrowprops=style | {"connectionstyle": f"arc3,rad={BEND}"})
+        # An arrow does not widen the axes, so its end is a dot without a size.
+        axes.scatter(*np.stack([start, end], axis=1), s=(14, 0), color=color)
+        middle = (start + end) / 2 + BEND / 2 * (end - start)[::-1] * (1, -1)
+        box = {"facecolor": "white", "edgecolor": color, "pad": 0.5}
+        # Names move apart by their letters: spaces keep their frames apart, too.
+        add_name(axes, *middle, f" {number} ", color="black", bbox=box, zorder=4)
+    unit = length_unit(poses)
+    title = "From above: where things are taken up and put down"
+    axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
+
+
+def _draw_times(axes: Axes, spans: Array, last: float, colors: Array) -> None:
+    """Draw a bar for each carry, from its first to its last frame."""
+    numbers = np.arange(1, len(spans) + 1)
+    axes.barh(numbers, np.ptp(spans, axis=1), left=spans[:, 0], color=colors, height=0.7, zorder=2)
+    axes.set(title="When", xlabel="min:s", yticks=numbers, ylim=(len(spans) + 0.6, 0.4), xlim=(0, last))
+    axes.xaxis.set_major_locator(MultipleLocator(next((one for one in TICKS if last <= 10 * one), TICKS[-1])))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda second, _: clock(second)))
+    axes.grid(alpha=0.3)
+
+
+def _draw_photographs(
+    page: FigureBase,
+    frames: Artifact,
+    carries: Artifact,
+    spans: Array,
+    colors: Array,
+    chosen: NDArray[np.int64],
+) -> None:
+    """Draw the chosen things on their way, each in the frame that shows most of it."""
+    left_out = len(spans) - len(chosen)
+    rest = f"; {left_out} shorter ones are left out" if left_out else ""
+    page.suptitle(f"The frame that shows most of the thing, the longest carry first{rest}")
+    cells = empty_grid(page, -(-len(chosen) // COLUMNS), COLUMNS)
+    for cell, one in zip(cells.flat, chosen.tolist(), strict=False):
+        picture, box = frames.row("rgb", carries.read("best_frame")[one]), carries.read("box")[one]
+        left, top, side = window(box, *picture.shape[:2])
+        told = f"{one + 1}: {clock(spans[one, 0])} to {clock(spans[one, 1])}"
+        show(cell, picture[top : top + side, left : left + side], told, 10)
+        corner, size = box[:2] - (left, top) - 0.5, box[2:] - box[:2]
+        cell.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colors[one], linewidth=1.5))
+
+
+def window(box: NDArray[np.int32], height: int, width: int) -> tuple[int, int, int]:
+    """Left, top and side of the square to show of an image, around a box x0, y0, x1, y1, the ends exclusive [px]."""
+    side = min(max(LEAST_SIDE, round(AROUND * int((box[2:] - box[:2]).max()))), height, width)
+    left, top = np.clip((box[:2] + box[2:] - side) // 2, 0, [width - side, height - side]).tolist()
+    return left, top, side

@@ -1,0 +1,126 @@
+"""The page of carries draws each way, time and photograph with its number, and says so if there are none."""
+
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.text import Annotation
+
+from egosplat.drawing import ground_axes
+from egosplat.errors import UserError
+from egosplat.report.sheets.carries_sheet import COLUMNS, PICTURES, run, window
+from tests.support.scenes import UP, put_scene
+
+NAMES = ("frames", "poses", "splats", "carries")
+FRAMES, HEIGHT, WIDTH = 150, 60, 80
+
+# Frames in a second.
+SECOND = 2
+
+
+def put_carries(folder, first, last, chained=False):
+    """A scene with a carry for each first and last frame [s], along x, each a meter behind the one before."""
+    count = len(first)
+    rng = np.random.default_rng(count)
+    cameras = np.tile(np.eye(4), (FRAMES, 1, 1))
+    cameras[:, :3, 3] = 1.6 * UP
+    starts = np.stack([np.zeros(count), np.zeros(count), np.arange(count)], axis=1)
+    gray = np.arange(FRAMES, dtype=np.uint8)
+    arrays = {
+        "rgb": np.broadcast_to(gray[:, None, None, None], (FRAMES, HEIGHT, WIDTH, 3)),
+        "timestamp_ns": np.arange(FRAMES) * (10**9 // SECOND),
+        "camera_to_world": cameras,
+        "means": rng.uniform([-4, -2.5, -4], [4, 0, 4], (500, 3)).astype(np.float32),
+        "first_frame": (SECOND * np.array(first)).astype(np.int64),
+        "last_frame": (SECOND * np.array(last)).astype(np.int64),
+        "start": starts,
+        "end": starts + [2.0, -0.5, 0.0],
+        "best_frame": (SECOND * (np.array(first) + 1)).astype(np.int64),
+        "box": np.tile(np.int32([30, 20, 40, 28]), (count, 1)),
+    }
+    facts = {"notes": {}, "tracks": 7, "views": {"training": 1}}
+    return put_scene(folder, NAMES, arrays, facts, chained=chained, origin="real")
+
+
+def page(folder, drawn, first, last):
+    """The figure of a scene with these carries."""
+    run(*put_carries(folder, first, last), folder / "carries.png", title="mine/kitchen")
+    assert (folder / "carries.png").stat().st_size > 10_000
+    return drawn[0]
+
+
+def test_an_arrow_leads_from_start_to_end_and_has_the_number_and_the_color_of_its_bar(tmp_path, drawn):
+    figure = page(tmp_path, drawn, [3, 61], [8, 64])
+    above, times = figure.get_axes()[:2]
+    arrows = [text for text in above.texts if isinstance(text, Annotation)]
+    places = np.array([[[0, 0, 0], [2, -0.5, 0]], [[0, 0, 1], [2, -0.5, 1]]])
+    assert np.allclose([[arrow.xyann, arrow.xy] for arrow in arrows], places @ ground_axes(UP).T)
+    names = {text.get_text().strip(): text for text in above.texts if not isinstance(text, Annotation)}
+    assert set(names) == {"1", "2"}
+    bars = [(bar.get_x(), bar.get_width(), to_rgb(bar.get_facecolor())) for bar in times.patches]
+    assert [bar[:2] for bar in bars] == [(3.0, 5.0), (61.0, 3.0)]
+    colors = [to_rgb(arrow.arrow_patch.get_edgecolor()) for arrow in arrows]
+    assert colors == [bar[2] for bar in bars] and colors[0] != colors[1]
+    assert [to_rgb(names[number].get_bbox_patch().get_edgecolor()) for number in "12"] == colors
+    assert [int(tick.get_text()) for tick in times.get_yticklabels()] == [1, 2]
+    ticks = [tick.get_text() for tick in times.get_xticklabels()]
+    assert {"0:00", "1:00"} <= set(ticks) and len(set(ticks)) == len(ticks)
+
+
+def test_photographs_show_the_longest_first_in_the_frames_that_show_most(tmp_path, drawn, unreadable):
+    first = list(range(0, 42, 3))
+    last = [second + 1 + number % 3 * 0.5 for number, second in enumerate(first)]
+    last[4] = first[4] + 40
+    figure = page(tmp_path, drawn, first, last)
+    titles = [axes.get_title() for axes in figure.get_axes()[2:]]
+    assert len(titles) == PICTURES == 2 * COLUMNS and titles[0] == "5: 0:12 to 0:52"
+    parts = [re.fullmatch(r"(\d+): (\d):(\d\d) to (\d):(\d\d)", title).groups() for title in titles]
+    numbers = [int(part[0]) for part in parts]
+    lengths = [last[number - 1] - first[number - 1] for number in numbers]
+    assert all(left >= right for left, right in pairwise(lengths))
+    assert "2 shorter ones" in figure.subfigs[1].texts[0].get_text()
+    cell = figure.get_axes()[2]
+    assert (cell.images[0].get_array() == 13 * SECOND).all()
+    (box,) = cell.patches
+    assert (box.get_width(), box.get_height()) == (10, 8)
+    assert box.get_x() + 0.5 == 30 - window(np.array([30, 20, 40, 28]), HEIGHT, WIDTH)[0]
+    assert unreadable(figure) == []
+
+
+def test_the_title_counts_carries_and_tells_the_origin(tmp_path, drawn):
+    figure = page(tmp_path, drawn, [3], [8])
+    title = figure.get_suptitle().partition("\n")[0]
+    assert title.startswith("mine/kitchen: 1 carry ") and title.endswith("origin real")
+
+
+def test_a_scene_without_carries_says_so_and_shows_the_scene(tmp_path, drawn):
+    figure = page(tmp_path, drawn, [], [])
+    assert "nothing is carried" in figure.get_suptitle() and "origin real" in figure.get_suptitle()
+    (above,) = figure.get_axes()
+    assert not above.texts
+    shown = above.collections[0].get_offsets()
+    assert 300 < len(shown) < 500, "what is higher than the cameras is left out"
+
+
+@pytest.mark.parametrize(
+    "box, expected",
+    [
+        ([30, 20, 60, 40], (15, 0, 60)),  # twice the longer side
+        ([30, 20, 34, 24], (8, 0, 48)),  # the least side
+        ([0, 50, 10, 60], (0, 12, 48)),  # beside the border
+        ([0, 0, 80, 60], (10, 0, 60)),  # larger than what there is
+    ],
+)
+def test_a_photograph_is_a_square_inside_the_frame(box, expected):
+    assert window(np.array(box, np.int32), HEIGHT, WIDTH) == expected
+
+
+def test_carries_of_another_scene_are_rejected(tmp_path):
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.mkdir(), other.mkdir()
+    paths, others = put_carries(one, [3], [8], True), put_carries(other, [3, 4], [8, 9], True)
+    with pytest.raises(UserError, match=r"carries.zarr: was made from another"):
+        run(*paths[:2], others[2], paths[3], tmp_path / "none.png", title="a scene")
+    assert not (tmp_path / "none.png").exists()
