@@ -93,6 +93,20 @@ def test_a_static_scene_trains_gaussians_once(surveyed, work):
         assert (("splats", "instances") in pairs, ("masks", "splats") in pairs) == (on_splats, not on_splats)
 
 
+def test_a_run_of_everything_draws_what_the_survey_finds_to_move(work):
+    """Each page that the survey decides; carries where SAM2 tracks, that is, in masks of single frames."""
+    table = work.folder / "config/scenes.tsv"
+    rows = table.read_text().splitlines(keepends=True)
+    table.write_text("".join(row for row in rows if row.startswith(("dataset\t", "adt\tscene1\t"))))
+    (work.folder / TRANSIENT).unlink()
+    decided = {"transient_sheet", "carries", "carries_sheet"}
+    tracks = "segments: {segmenter: sam2}\n"
+    assert work.stale("all", config=AUTO) & decided == {"transient_sheet"}
+    assert work.stale("all", config=AUTO + tracks) & decided == decided
+    assert made(work, STATIC, SURVEY) == {"survey"}
+    assert work.stale("all", config=STATIC + tracks) & decided == set()
+
+
 def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
     assert made(work, STATIC, METRICS) >= {"survey", *SPLATS_ON}
     again = STATIC.replace("1.0}", "0.5}")

@@ -17,7 +17,12 @@ from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.config import stage_sections
 from egosplat.pipeline.home import snakemake_in
-from egosplat.pipeline.results import default_results, default_scenes, maps_of
+from egosplat.pipeline.results import (
+    default_results,
+    default_scenes,
+    maps_of,
+    results_by_survey,
+)
 from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES, code_of
 from egosplat.pipeline.survey_file import read_survey
@@ -365,20 +370,19 @@ def results_of_scenes(_):
 
 
 def surveyed_results(_):
-    """Get transient.png of the scenes whose survey finds motion."""
+    """Get transient.png and carries.png of the scenes whose survey finds motion."""
     asked = [
         scene
         for scene in default_scenes(scenes.values())
-        if ("splats", "masking") in dag.decided_by_survey(scene.config)
+        if not {("splats", "masking"), ("segments", "track_moving")}.isdisjoint(
+            dag.decided_by_survey(scene.config)
+        )
     ]
     if CALL.reports:
-        paths = [str(scene.results / "transient.png") for scene in asked]
+        pages = [STAGES[name].output for name in ("transient_sheet", "carries_sheet")]
+        paths = [str(scene.results / page) for scene in asked for page in pages]
         return [path for path in paths if os.path.exists(path)]
     surveys = [
         (scene, survey_named(scene.dataset, scene.scene, None)) for scene in asked
     ]
-    return [
-        str(scene.results / "transient.png")
-        for scene, survey in surveys
-        if survey["motion"]["masking"] == "refined"
-    ]
+    return [path for pair in surveys for path in results_by_survey(*pair)]

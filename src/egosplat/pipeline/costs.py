@@ -137,6 +137,7 @@ COSTS: dict[str, Cost] = {
 _LIKE = {
     **dict.fromkeys(("contact_sheet", "instances_sheet", "crops_sheet", "splats_sheet"), "sheet"),
     **dict.fromkeys(("transient_sheet", "language_sheet"), "sheet_of_renders"),
+    "carries_sheet": "sheet",
     "language_lifted": "language",
     "language_projected": "language_center",
     "language_quantized": "language_sparse",

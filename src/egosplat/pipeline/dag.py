@@ -194,7 +194,8 @@ def default_pages(config: Config) -> list[str]:
 
 def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
     """Get the stages whose outputs a scene's story tells of; the configuration has the survey's decisions."""
-    stages = [*stages_behind(["language"], config), *_pages_of_codes(config)]
+    pages = _pages_of_codes(config)
+    stages = [*stages_behind(["language", *pages], config), *pages]
     if annotated:
         stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"]
     return list(dict.fromkeys([*stages, "survey"] if surveyed else stages))
@@ -204,4 +205,7 @@ def _pages_of_codes(config: Config) -> list[str]:
     """Get the stages that draw what a scene's codes are made from."""
     moving = ["transient_sheet"] if config["splats"]["masking"] == "refined" else []
     of_instances = _PAGES_OF_INSTANCES if "instances" in learnt_from("language", config) else ()
-    return [*of_instances, *moving, "splats_sheet", "language_sheet"]
+    # The survey may still decide against tracks, as against masks.
+    tracked = tracks_what_moves(config) and config["segments"]["track_moving"] != AUTO
+    carried = ["carries_sheet"] if tracked and of_instances else []
+    return [*of_instances, *moving, *carried, "splats_sheet", "language_sheet"]

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.errors import UserError
-from egosplat.pipeline.dag import default_pages
+from egosplat.pipeline.dag import decide, default_pages
 from egosplat.pipeline.scenes import Scene, requested_targets
+from egosplat.pipeline.survey_file import Survey
 
 # Variants that have rows in the tables, in addition to the scene itself.
 ABLATIONS = ("baseline", "no_masks", "network_masks")
@@ -24,6 +25,12 @@ def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:
 def default_results(scene: Scene) -> list[str]:
     """Get the paths that such a run makes for a scene, except those that its survey decides."""
     return [str(scene.results / name) for name in default_pages(scene.config)]
+
+
+def results_by_survey(scene: Scene, survey: Survey) -> list[str]:
+    """Get the paths that such a run makes for a scene because of what its survey decides."""
+    paths = [str(scene.results / name) for name in default_pages(decide(scene.config, survey))]
+    return [path for path in paths if path not in default_results(scene)]
 
 
 def table_scores(scenes: Iterable[Scene]) -> list[str]:

@@ -339,6 +339,13 @@ _STAGES = (
         ),
     ),
     _sheet(
+        "carries_sheet",
+        "Draw what is carried from where to where, and when.",
+        "carries.png",
+        ("frames", "poses", "splats", "carries"),
+        libraries=("adjustText",),
+    ),
+    _sheet(
         "crops_sheet",
         "Draw the crops of instances, with outliers crossed out.",
         "crops.png",

@@ -132,6 +132,10 @@ def _moving(files: SceneFiles) -> Iterator[str]:
     )
 
 
+def _carried(files: SceneFiles) -> Iterator[str]:
+    yield f"Things that are taken up at one place and put down at another: {files['carries'].shape('start')[0]}."
+
+
 def _gaussians(files: SceneFiles) -> Iterator[str]:
     splats = files["splats"]
     views = splats.facts["views"]
@@ -216,6 +220,14 @@ STEPS = (
         _gaussians,
         "Renders should look like the held-out frames next to them. The curves should have become flat.",
         "splats_sheet",
+    ),
+    Step(
+        "What is carried",
+        "carries",
+        _carried,
+        "Each arrow should lead from where a thing was to where it is put down. Hands and people are not things.",
+        "carries_sheet",
+        "Nothing is tracked because it moves.",
     ),
     Step(
         "Language",

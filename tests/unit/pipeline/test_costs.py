@@ -38,6 +38,7 @@ MEASURED_MB = {
     "metrics": (6200, 30_400),
     "contact_sheet": (1300, 2000),
     "instances_sheet": (1300, 2000),
+    "carries_sheet": (1300, 2000),
     "crops_sheet": (1300, 2000),
     "splats_sheet": (1300, 2000),
     "transient_sheet": (2400, 8800),

@@ -250,6 +250,30 @@ def test_what_moves_is_drawn_where_instances_mask_it(masking):
     assert {"instances.png", "crops.png", "scene.html", "metrics.json", "queries.png"} <= set(pages)
 
 
+@pytest.mark.parametrize(
+    "keys, moving, drawn",
+    [
+        ({}, "refined", True),
+        ({}, "none", False),
+        ({"splats": {"masking": "none"}}, "refined", True),
+        ({"splats": {"source": "point_cloud.ply"}}, "refined", True),
+        ({"segments": {"track_moving": "always"}}, "none", True),
+        ({"segments": {"track_moving": "never"}}, "refined", False),
+        ({"segments": {"prompting": "key_frames"}}, "refined", False),
+        ({"segments": {"segmenter": "classical"}}, "refined", False),
+        ({"language": {"method": "field"}}, "refined", False),
+    ],
+)
+def test_carries_are_drawn_and_told_where_what_moves_is_tracked(keys, moving, drawn):
+    """Protects scenes where nothing is tracked because it moves from a page of carries, and those of tiles from its instances."""
+    config = decide(merge(BASE, keys), survey(moving))
+    assert ("carries.png" in default_pages(config)) == drawn
+    told = story_stages(config, annotated=True, surveyed=True)
+    assert ({"carries", "carries_sheet"} <= set(told), "carries" in told) == (drawn, drawn)
+    always = keys.get("segments") == {"track_moving": "always"}
+    assert ("carries.png" in default_pages(merge(BASE, keys))) == always, "before the survey decides"
+
+
 OF_INSTANCES = {"segments", "instances", "view_features", "features"}
 
 

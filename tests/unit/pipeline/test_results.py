@@ -12,6 +12,7 @@ from egosplat.pipeline.results import (
     default_results,
     default_scenes,
     maps_of,
+    results_by_survey,
     table_pictures,
     table_scores,
 )
@@ -38,6 +39,25 @@ def test_a_run_without_a_target_takes_scenes_whose_recording_exists_or_can_be_ma
     """Protects ``snakemake`` without a target from recordings that nobody requested."""
     assert [scene.name for scene in default_scenes(scenes.values())] == ["adt/one", "mine/here"]
     assert "results/adt/one/metrics.json" in default_results(scenes["adt", "one"])
+
+
+@pytest.mark.parametrize(
+    "keys, moving, pages",
+    [
+        ({}, "refined", {"transient.png", "carries.png"}),
+        ({"segments": {"track_moving": "never"}}, "refined", {"transient.png"}),
+        ({"splats": {"masking": "refined"}}, "refined", {"carries.png"}),
+        ({"splats": {"masking": "none"}, "segments": {"track_moving": "always"}}, "refined", set()),
+        ({}, "none", set()),
+    ],
+)
+def test_a_survey_that_finds_motion_adds_what_it_decides(scenes, keys, moving, pages):
+    """Protects ``snakemake`` without a target: each page is in one of the two lists of results."""
+    scene = replace(scenes["mine", "here"], config=merge(CONFIG, keys))
+    found = {"motion": {"masking": moving}, "camera": {"refine_poses": True, "compensate_exposure": True}}
+    added = results_by_survey(scene, found)
+    assert added == [path for path in added if path not in default_results(scene)]
+    assert {Path(path).name for path in added} == pages
 
 
 def test_the_tables_hold_ablations_and_scores_by_name_that_exist(scenes):

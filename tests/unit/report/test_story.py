@@ -32,9 +32,10 @@ def test_the_steps_come_in_order_with_pictures_and_costs(scene):
     headings = re.findall(r"<h2 id=.step.*?>\d+\. (.*?)</h2>", page)
     assert headings == [step.heading for step in STEPS]
     assert "700 Gaussians" in page and "2 views are outliers" in page and "4 of 5 frames have a pose" in page
+    assert "put down at another: 2." in page
     assert page.count("data:image/webp") == 1, "one page is there"
     costs = re.findall(r"<tr><td>(\w+)</td>", page)
-    assert costs == ["frames", "poses", "instances", "features", "splats", "language"]
+    assert costs == ["frames", "poses", "instances", "features", "splats", "language", "carries"]
 
 
 def test_what_a_scene_lacks_is_one_line(scene):
