@@ -29,8 +29,8 @@ _ALL = (
     SPLATS,
     TILES,
     PROMPTS,
-    CARRIES,
     LANGUAGE,
+    CARRIES,
 )
 # Every kind of artifact, by name.
 SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in _ALL}
