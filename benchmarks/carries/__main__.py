@@ -141,7 +141,7 @@ def _is_true(one: Carried, carries: Sequence[TrueCarry]) -> bool:
 
 def _errors(pairs: Sequence[tuple[TrueCarry, Carried]]) -> tuple[list[float], ...]:
     return (
-        [100 * _distance(one.start, true.before) for true, one in pairs],
+        [100 * _distance(one.start, true.before) for true, one in pairs if np.isfinite(one.start).all()],
         [100 * _distance(one.end, true.after) for true, one in pairs],
         [abs(one.from_s - true.before.until_s) for true, one in pairs],
         [abs(one.until_s - true.after.from_s) for true, one in pairs],

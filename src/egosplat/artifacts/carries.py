@@ -1,7 +1,7 @@
 """Schema of ``carries.zarr``: things that leave a place and are put down at another."""
 
 from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.values import ANY, COUNT, FINITE
+from egosplat.artifacts.values import ANY, COUNT, FINITE, FINITE_OR_UNKNOWN
 
 CARRIES = Schema(
     "carries",
@@ -20,7 +20,13 @@ CARRIES = Schema(
             "frame from which it lies still again, or the last that shows it",
             values=COUNT,
         ),
-        "start": Field(("carry", 3), "float64", "m", "where it lay before, in the world", values=FINITE),
+        "start": Field(
+            ("carry", 3),
+            "float64",
+            "m",
+            "where it lay before, in the world; NaN if not known",
+            values=FINITE_OR_UNKNOWN,
+        ),
         "end": Field(("carry", 3), "float64", "m", "where it is put down", values=FINITE),
         "size": Field(
             ("carry",), "float64", "m", "side of a square as large as its masks, their median", values=FINITE

@@ -68,23 +68,24 @@ class Carry:
 
     @property
     def start(self) -> Array:
-        """(3,) where it lay before [m]."""
-        return self._place(~self.moving & (self.seen.frame < self.first), slice(-_TELLING, None), 0)
+        """(3,) where it lay before [m]; NaN if no frame shows it at rest there: a track often begins when it is in the hand."""
+        rest = ~self.moving & (self.seen.frame < self.first)
+        if not rest.any():
+            return np.full(3, np.nan)
+        return np.median(self.seen.center[rest][-_TELLING:], axis=0)
 
     @property
     def end(self) -> Array:
-        """(3,) where it is put down [m]."""
-        return self._place(~self.moving & (self.seen.frame > self.last), slice(None, _TELLING), -1)
+        """(3,) where it is put down [m], or where it is seen last: a track often ends when it lies still."""
+        rest = ~self.moving & (self.seen.frame > self.last)
+        if not rest.any():
+            return self.seen.center[self.moving][-1]
+        return np.median(self.seen.center[rest][:_TELLING], axis=0)
 
     @property
     def size(self) -> float:
         """Median size [m]."""
         return float(np.median(self.seen.size))
-
-    def _place(self, rest: NDArray[np.bool_], telling: slice, otherwise: int) -> Array:
-        """The median of the frames of rest that tell a place; without any, the first or the last center of the way."""
-        centers = self.seen.center[rest][telling]
-        return np.median(centers, axis=0) if len(centers) else self.seen.center[self.moving][otherwise]
 
 
 def find_carries(seen: Sightings, seconds: Array) -> list[Carry]:
@@ -142,8 +143,8 @@ def _carries(run: Sightings, seconds: Array) -> Iterator[Carry]:
         before = ways[number + 1][0] if number + 1 < len(ways) else len(moving)
         part = np.arange(after, before)
         carry = Carry(run.take(part), (part >= begin) & (part < end))
-        far = np.linalg.norm(carry.seen.center[carry.moving] - carry.start, axis=1).max()
-        far = max(far, np.linalg.norm(carry.end - carry.start))
+        way = [*carry.seen.center[carry.moving], carry.end]
+        far = np.linalg.norm(way - (carry.start if begin > after else way[0]), axis=1).max()
         if end - begin >= _LEAST_FRAMES - 1 and far > _FAR * carry.size:
             yield carry
 

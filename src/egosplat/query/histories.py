@@ -48,7 +48,7 @@ class Histories:
         """Find the carries of what a query means, in the order of time.
 
         A carry is one of them if no word with another meaning fits its views better, and the query fits better than every
-        canonical phrase. Of those at the same time, the best one stays. Where two do not meet, a carry of any name that leads
+        canonical phrase. Of those at the same time, the longest stays: the others show a part of the way. Where two do not meet, a carry of any name that leads
         from the end of one to the start of the next is one, too.
 
         Args:
@@ -69,7 +69,7 @@ class Histories:
         ]
         found = [one for one, named in zip(every, best, strict=True) if named and one.score > 0.5]
         kept: list[Carried] = []
-        for one in sorted(found, key=lambda one: -one.score):
+        for one in sorted(found, key=lambda one: one.from_s - one.until_s):
             if not any(_together(one, other) for other in kept):
                 kept.append(one)
         return tuple(_joined(sorted(kept, key=lambda one: one.from_s), every))
@@ -86,6 +86,7 @@ def _joined(history: list[Carried], every: Sequence[Carried]) -> Iterator[Carrie
             for each in every
             if one.until_s <= each.from_s
             and each.until_s <= following.from_s
+            and np.isfinite(each.start).all()
             and meet(one, one.end, each.start)
             and meet(one, each.end, following.start)
         ]

@@ -24,7 +24,7 @@ class Carried:
     Attributes:
         score: relevancy of the query, 0..1.
         from_s, until_s: seconds since the first frame.
-        start, end: (3,) float64 the places.
+        start, end: (3,) float64 the places; the start is NaN if it is not known.
         size: of the thing [m].
         frame: the frame that shows most of it.
         box: x0, y0, x1, y1 around it in that frame, the ends exclusive [px].
@@ -50,7 +50,7 @@ class Place:
     """Where a thing was at a time.
 
     Attributes:
-        position: (3,) float64; None while it is carried, and between two carries that do not meet.
+        position: (3,) float64; None while it is carried, before a carry whose start is not known, and between two that do not meet.
         since_s, until_s: seconds for which it was so; None if nobody saw it come, or leave.
         carried: whether it was on its way.
     """
@@ -67,7 +67,7 @@ class Place:
         times = ", ".join(f"{word} {clock(second)}" for word, second in parts if second is not None)
         if self.position is not None:
             return times
-        return f"{'carried' if self.carried else 'moved unseen'} {times}"
+        return f"{'carried' if self.carried else 'not known'} {times}"
 
 
 def place_at(history: Sequence[Carried], second: float) -> Place | None:
@@ -79,11 +79,13 @@ def place_at(history: Sequence[Carried], second: float) -> Place | None:
     following = min((one for one in history if one.from_s > second), key=lambda one: one.from_s, default=None)
     until_s = None if following is None else following.from_s
     if last is None:
-        return None if following is None else Place(following.start, None, until_s)
+        if following is None:
+            return None
+        return Place(following.start if np.isfinite(following.start).all() else None, None, until_s)
     known = following is None or meet(last, following.start, last.end)
     return Place(last.end if known else None, last.until_s, until_s)
 
 
 def meet(carry: Carried, one: Array, other: Array) -> bool:
-    """Whether two places are one to a thing of the size of a carried one."""
-    return bool(np.linalg.norm(one - other) <= APART * carry.size)
+    """Whether two places may be one to a thing of the size of a carried one: so may one that is not known."""
+    return not np.linalg.norm(one - other) > APART * carry.size

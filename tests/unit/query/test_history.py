@@ -54,9 +54,16 @@ def test_between_carries_that_do_not_meet_the_place_is_not_known():
     apart = (HISTORY[0], carried(16.0, 18.5, TABLE, SHELF))
     assert (
         place_at(apart, 10).position is None
-        and place_at(apart, 10).told == "moved unseen since 0:07, until 0:16"
+        and place_at(apart, 10).told == "not known since 0:07, until 0:16"
     )
     np.testing.assert_array_equal(place_at(apart, 20).position, SHELF)
+
+
+def test_a_start_that_nobody_saw_is_not_told():
+    """It may be where the carry before has left it."""
+    unseen = carried(16.0, 18.5, np.full(3, np.nan), SHELF)
+    assert place_at((unseen,), 10).position is None and place_at((unseen,), 10).told == "not known until 0:16"
+    np.testing.assert_array_equal(place_at((HISTORY[0], unseen), 10).position, DESK)
 
 
 def test_what_was_not_carried_has_no_place_in_time():
@@ -112,8 +119,10 @@ def test_only_what_looks_most_like_the_query_is_its_history():
     assert history([mixed((0.4, CUP), (0.6, OBJECT))]) == [], "like any object"
 
 
-def test_of_carries_at_one_time_the_best_stays():
-    assert history([mixed((0.8, CUP), (0.2, BOX)), CUP.tolist()], step=1) == [1.0]
+def test_of_carries_at_one_time_the_longest_stays():
+    made = Carries([mixed((0.8, CUP), (0.2, BOX)), CUP.tolist()], step=1)
+    made.arrays["last_frame"] = np.array([9, 4])
+    assert told(made) == [0.0]
 
 
 def test_a_carry_without_its_name_joins_two_that_do_not_meet():

@@ -67,8 +67,12 @@ def _draw_from_above(axes: Axes, poses: Artifact, splats: Artifact, carries: Art
     plane, xyz = ground_axes(poses.read("up")), splats.read("means").astype(np.float64)
     xyz = xyz[below_cameras(poses, xyz)]
     axes.scatter(*(xyz[:: len(xyz) // GAUSSIANS + 1] @ plane.T).T, s=1.5, c="0.8", linewidths=0)
-    ways = zip(carries.read("start") @ plane.T, carries.read("end") @ plane.T, colors, strict=True)
-    for number, (start, end, color) in enumerate(ways, 1):
+    starts, ends = carries.read("start"), carries.read("end")
+    # Of a start that is not known, the end alone is drawn.
+    starts = np.where(np.isfinite(starts), starts, ends)
+    for number, (start, end, color) in enumerate(
+        zip(starts @ plane.T, ends @ plane.T, colors, strict=True), 1
+    ):
         style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", end, start, arrowprops=style | {"connectionstyle": f"arc3,rad={BEND}"})
         # An arrow does not widen the axes, so its end is a dot without a size.

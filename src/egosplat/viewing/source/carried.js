@@ -12,7 +12,7 @@ function historyOf(scene, vector) {
     return { ...carry, score, named };
   });
   const kept = [];
-  for (const one of found.filter(({ score, named }) => named && score > 0.5).sort((one, other) => other.score - one.score)) {
+  for (const one of found.filter(({ score, named }) => named && score > 0.5).sort((one, other) => one.from - one.until - (other.from - other.until))) {
     const same = (other) => Math.min(one.until, other.until) - Math.max(one.from, other.from) >= together * Math.min(one.until - one.from, other.until - other.from);
     if (!kept.some(same)) kept.push(one);
   }
@@ -22,14 +22,15 @@ function historyOf(scene, vector) {
   return kept.flatMap((one, place) => {
     const next = kept[place + 1];
     if (!next || meet(one, one.end, next.start, apart)) return [one];
-    const between = found.filter((each) => one.until <= each.from && each.until <= next.from && meet(one, one.end, each.start, apart) && meet(one, each.end, next.start, apart));
+    const between = found.filter((each) => one.until <= each.from && each.until <= next.from && each.start && meet(one, one.end, each.start, apart) && meet(one, each.end, next.start, apart));
     between.sort((each, other) => length(plus(one.end, each.start, -1)) - length(plus(one.end, other.start, -1)));
     return [one, ...between.slice(0, 1)];
   });
 }
 
 const length = (vector) => Math.hypot(...vector);
-const meet = ({ size }, one, other, apart) => length(plus(one, other, -1)) <= apart * size;
+// A place that is not known may be any.
+const meet = ({ size }, one, other, apart) => !one || !other || length(plus(one, other, -1)) <= apart * size;
 
 // Where a thing with a history was at a time [s]; point is null while it is carried, and between two carries that do not meet.
 function placeAt(history, second, apart) {
@@ -38,8 +39,9 @@ function placeAt(history, second, apart) {
   const last = history.filter(({ until }) => until < second).reduce((best, one) => (!best || one.until > best.until ? one : best), null);
   const next = history.find(({ from }) => from > second);
   const times = [...(last ? [`since ${minutes(last.until)}`] : []), ...(next ? [`until ${minutes(next.from)}`] : [])].join(", ");
-  if (last && next && !meet(last, next.start, last.end, apart)) return { point: null, told: `moved unseen ${times}` };
-  return { point: last ? last.end : next.start, told: times };
+  if (last && next && !meet(last, next.start, last.end, apart)) return { point: null, told: `not known ${times}` };
+  const point = last ? last.end : next.start;
+  return { point, told: point ? times : `not known ${times}` };
 }
 
 function minutes(second) {
