@@ -17,9 +17,6 @@ _NO_SHARE = 1e-4
 # More regions that move for fewer than three pairs may be things that pass fast. Errors of flow reach 0.15 %, where poses are off by 1.5 % of the
 # depth too; the one moving recording without lasting regions has 0.24 %.
 _MAX_FLEETING = 2e-3
-# Hands that are busy are rarely seen to move in three pairs in a row. Usual apartments have up to 0.18 % of fleeting motion, rooms in which people carry
-# one thing after another at least 0.38 % (benchmarks/survey): so much of the least share that keeps moving separates them.
-_OF_FLEETING = 1 / 3
 # Poses are refined if what a correction explains is so many times the noise that it leaves. Revisits see a place from
 # further apart: flow between them errs more.
 _LIMIT, _REVISIT_LIMIT = 0.7, 1.0
@@ -59,16 +56,9 @@ def is_static(share: float | None) -> bool:
     return share is not None and share < _LEAST_SHARE
 
 
-def needs_masks(share: float | None, fleeting: float | None, min_share: float) -> bool:
-    """Whether enough of the picture moves to be masked and tracked. What cannot be told is.
-
-    Args:
-        share, fleeting: as in ``moving_share``.
-        min_share: least share that keeps moving.
-    """
-    if share is None or fleeting is None:
-        return True
-    return share >= min_share or fleeting >= _OF_FLEETING * min_share
+def needs_masks(share: float | None, min_share: float) -> bool:
+    """Whether enough of the picture moves to be masked. What cannot be told is masked."""
+    return share is None or share >= min_share
 
 
 def pose_residual(motion: Motion) -> PoseResidual | None:

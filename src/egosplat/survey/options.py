@@ -12,9 +12,8 @@ class SurveyOptions(Options):
 
     min_moving_share: Share = 0.008
     """Smallest share of the picture that keeps moving from which it is tracked and masked (for splats.masking and
-    segments.track_moving auto). A third of it is enough of what moves and is not seen to move again, such as busy
-    hands. Below both, the network, the masks and the tracks are left out: they cost a quarter of the time and change
-    no score (benchmarks/ablation/README.md). A scene in which motion cannot be measured is masked."""
+    segments.track_moving auto). Below it the network, the masks and the tracks are left out: they cost a quarter of
+    the time and change no score (benchmarks/ablation/README.md). A scene in which motion cannot be measured is masked."""
 
     min_view_change_deg: Annotated[float, Field(ge=0, le=180)] = 3.0
     """Skip a training frame if the camera moved less than this (degrees of rotation plus parallax) since the last

@@ -54,7 +54,7 @@ def _motion(motion: Motion, min_share: float) -> dict[str, Any]:
     rows = zip(motion.pairs.tolist(), zip(*columns, strict=True), strict=True)
     return {
         "static": decisions.is_static(share),
-        "masking": "refined" if decisions.needs_masks(share, motion.fleeting, min_share) else "none",
+        "masking": "refined" if decisions.needs_masks(share, min_share) else "none",
         "share": decisions.finite(share),
         "min_share": min_share,
         "fleeting": decisions.finite(motion.fleeting),

@@ -39,10 +39,8 @@ def test_little_motion_is_not_masked():
     shares = [motion(lasting=one).share for one in (0.0, 1e-3, 4e-3, 1e-2)]
     assert shares == pytest.approx([0.0, 2e-3, 8e-3, 2e-2])
     assert [is_static(one) for one in shares] == [True, False, False, False]
-    assert [needs_masks(one, 0.0, 0.008) for one in shares] == [False, False, True, True]
-    assert needs_masks(0.0, 0.0, 0.0) and not needs_masks(0.99, 0.0, 1.0)
-    # Usual apartments have up to 0.0018 of fleeting motion, busy rooms 0.006.
-    assert [needs_masks(0.004, one, 0.008) for one in (0.0018, 0.006)] == [False, True]
+    assert [needs_masks(one, 0.008) for one in shares] == [False, False, True, True]
+    assert needs_masks(0.0, 0.0) and not needs_masks(0.99, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +50,7 @@ def test_little_motion_is_not_masked():
 )
 def test_what_cannot_be_told_counts_as_moving(unknown):
     assert unknown.share is None and unknown.fleeting is None
-    assert moving_share(None, None) is None and not is_static(None) and needs_masks(None, None, 1.0)
+    assert moving_share(None, None) is None and not is_static(None) and needs_masks(None, 1.0)
 
 
 @pytest.mark.parametrize(
