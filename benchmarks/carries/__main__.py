@@ -1,8 +1,8 @@
 """Carries against the truth of rooms where people carry things.
 
-    snakemake --cores 2 results/adt/busy{1,2,3,4,5}/{metrics.json,carries.zarr}
-    python -m benchmarks.carries results/adt/busy{1,2,3,4,5}
-    python -m benchmarks.carries --true-tracks results/adt/busy{1,2,3,4,5}
+    snakemake --cores 2 results/adt/busy{1,2,3}/variants/refined_masks/{metrics.json,carries.zarr}
+    python -m benchmarks.carries results/adt/busy{1,2,3}/variants/refined_masks
+    python -m benchmarks.carries --true-tracks results/adt/busy{1,2,3}/variants/refined_masks
 
 Every thing that people carry is asked for by the name of its category.
 """
@@ -15,7 +15,7 @@ import click
 import numpy as np
 
 from benchmarks.carries.true_tracks import with_true_tracks
-from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests
+from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests, recording_of
 from benchmarks.common import ROOT, command, markdown, scene_folders
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
@@ -93,7 +93,7 @@ def measure(folder: Path, true_tracks: bool) -> Figures:
     """Compare the carries and the answers of a scene with its truth; with true tracks in place of SAM2's."""
     scene = open_scene(folder)
     times = scene.artifact("frames").read("timestamp_ns")
-    recording = (folder / "recording").resolve()
+    recording = recording_of(folder)
     rests = read_rests(recording, times)
     carries = read_carries(recording, rests, times)
     if true_tracks:
@@ -177,7 +177,7 @@ def main(folders: tuple[Path, ...], true_tracks: bool) -> None:
     for folder in folders:
         log(f"{folder}")
         figures.append(measure(folder, true_tracks))
-        log_file = folder.parents[2] / "logs" / folder.parent.name / folder.name / "carries.tsv"
+        log_file = Path("logs") / folder.absolute().relative_to(Path("results").absolute()) / "carries.tsv"
         spent = log_file.read_text().splitlines()[1].split("\t")[-1] if log_file.exists() else "-"
         rows.append([title_of(folder), *figures[-1].cells(), spent])
     rows.append(["all", *Figures.total(figures).cells(), ""])

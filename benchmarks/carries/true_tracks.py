@@ -5,11 +5,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.carries.truth import recording_of
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts import provenance
 from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.instances import INSTANCES
+from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.writer import create
 from egosplat.geometry import Array
@@ -25,11 +27,12 @@ LEAST_AREA = 0.0005
 
 def with_true_tracks(folder: Path, presets: Path, seconds: Array) -> Histories:
     """The histories of a finished scene from true tracks; ``seconds`` (F,) time of each frame."""
-    given = {name: folder / f"{name}.zarr" for name in ("frames", "poses", "splats")}
+    names = ("frames", "poses", "splats")
+    given = dict(zip(names, locate(folder, *names), strict=True))
     config = configuration.resolve({}, presets)
     with TemporaryDirectory() as name:
         own = {one: Path(name) / f"{one}.zarr" for one in ("instances", "view_features", "carries")}
-        write_true_tracks(folder, own["instances"])
+        write_true_tracks(recording_of(folder), given["frames"], own["instances"])
         needed = {"frames": given["frames"], "instances": own["instances"]}
         run_stage("view_features", options_of("view_features", config), **needed, output=own["view_features"])
         needed = given | {key: own[key] for key in ("instances", "view_features")}
@@ -37,10 +40,10 @@ def with_true_tracks(folder: Path, presets: Path, seconds: Array) -> Histories:
         return Histories(open_artifact(own["carries"], CARRIES), seconds)
 
 
-def write_true_tracks(folder: Path, output: Path) -> None:
+def write_true_tracks(recording: Path, frames_path: Path, output: Path) -> None:
     """Write instances.zarr with the true masks of what moves alone, each thing or person a track of all frames."""
-    frames = open_artifact(folder / "frames.zarr", FRAMES)
-    truth, valid = read_truth((folder / "recording").resolve(), frames), frames.read("valid")
+    frames = open_artifact(frames_path, FRAMES)
+    truth, valid = read_truth(recording, frames), frames.read("valid")
     count, (height, width) = len(truth.names), valid.shape
     with create(output, INSTANCES, provenance.begin_from("instances", {}, [frames])) as artifact:
         artifact.allocate("labels", (frames.shape("rgb")[0], 1, height, width))

@@ -52,6 +52,12 @@ class Rest:
         return max(both, 0.0) / (max(last_s, self.until_s) - min(first_s, self.from_s))
 
 
+def recording_of(folder: Path) -> Path:
+    """The recording of a scene, or of the scene of a variant."""
+    scene = folder.parent.parent if folder.parent.name == "variants" else folder
+    return (scene / "recording").resolve()
+
+
 def read_rests(recording: Path, timestamp_ns: NDArray[np.int64]) -> list[Rest]:
     """Read the rests of a recording; ``timestamp_ns`` (F,) of its frames."""
     names = {one.id: one for one in read_instances(recording / "instances.json")}
