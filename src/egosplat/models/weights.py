@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.overrides import TorchFunctionMode
 
+from egosplat.compute import all_finite
 from egosplat.errors import UserError, is_out_of_memory
 from egosplat.models.checkpoints import ModelSpec
 from egosplat.pipeline.messages import shorten
@@ -110,16 +111,11 @@ def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, m
             raise UserError(
                 f"{path}: tensor {name} holds {value.dtype}, not numbers with a fraction. {_AGAIN}"
             )
-        if not _is_finite(value):
+        if not all_finite(value):
             raise UserError(f"{path}: tensor {name} holds NaN or infinity. {_AGAIN}")
     given = {name: value.to(own[name]).contiguous() for name, value in tensors.items()}
     # Copying would hold every weight twice.
     module.load_state_dict(given, assign=True)
-
-
-def _is_finite(value: Tensor) -> bool:
-    # Both are NaN if one number is. Isfinite of each number makes temporary tensors, and takes ten times as long.
-    return not value.numel() or all(extreme.isfinite() for extreme in value.aminmax())
 
 
 def _read_safetensors(path: Path) -> dict[str, Tensor]:
