@@ -39,3 +39,15 @@ def test_a_command_frees_no_objects_one_by_one_when_it_ends():
         [sys.executable, "-c", code, "snakefile"], capture_output=True, text=True, check=True
     )
     assert int(told.stdout.splitlines()[-1]) < 1000
+
+
+def test_triton_reports_no_leaks():
+    """It is frozen by the context, and freed at the end all the same."""
+    pytest.importorskip("triton")
+    code = (
+        "from egosplat.cli.collection import end_without_collection, without_collection\n"
+        "end_without_collection()\n"
+        "with without_collection():\n    import triton"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "leak" not in told.stderr
