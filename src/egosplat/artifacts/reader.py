@@ -91,6 +91,8 @@ class Artifact:
     def read(self, name: str) -> NDArray[Any]:
         """Read a whole array; ArtifactError if a chunk's checksum differs, or the schema does not allow a number."""
         array = self._group[name]
+        if array.nchunks == 1:
+            return self._checked(array, name, slice(0, array.shape[0]))
         values = np.empty(array.shape, array.dtype)
         for start, chunk in self._chunks(name):
             values[start : start + len(chunk)] = chunk

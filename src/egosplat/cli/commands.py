@@ -4,6 +4,7 @@ import json
 import os
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import click
 
 import egosplat
 from egosplat.cli import scenes
+from egosplat.cli.collection import end_without_collection, without_collection
 from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
@@ -254,8 +256,10 @@ def stage_command(stage: str) -> click.Command:
     """Build the command of a stage, with a flag for each path, and ``--set`` for its keys."""
 
     def call(options: Options | None = None, **paths: Any) -> None:
-        from egosplat.alarms.artifact_alarms import log_warnings
+        with without_collection():
+            from egosplat.alarms.artifact_alarms import log_warnings
 
+            import_module(STAGES[stage].module)
         if STARTED_BY in os.environ:
             name_lines(stage)
         if stage in FILES:
@@ -278,6 +282,7 @@ def main() -> None:
     os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")
     _open_closed_streams()
     end_with_snakemake()
+    end_without_collection()
     show_log()
     try:
         cli.main(standalone_mode=False)

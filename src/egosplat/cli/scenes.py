@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import click
 
+from egosplat.cli.collection import without_collection
 from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, Time
 from egosplat.export.formats import FORMATS, plan_export
 from egosplat.files import check_output
@@ -67,12 +68,13 @@ def ask(
     at: float | None = None,
 ) -> None:
     """Print the answers of a scene, and draw them; arguments as the flags of ``query``."""
-    from egosplat.query.command import run
-    from egosplat.query.opening import open_scene
+    with without_collection():
+        from egosplat.query.command import run
+        from egosplat.query.opening import open_scene
 
-    scene = open_scene(folder, options)
-    for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output, at):
-        click.echo(part)
+        scene = open_scene(folder, options)
+        for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output, at):
+            click.echo(part)
 
 
 def query_command() -> click.Command:

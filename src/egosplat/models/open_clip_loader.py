@@ -13,7 +13,7 @@ from egosplat.errors import UserError
 from egosplat.files import read_json, read_user_text
 from egosplat.models.checkpoints import CLIP, find_checkpoint
 from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, PHOTOS, clip_folder
-from egosplat.models.weights import load_weights, read_tensors
+from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
 from egosplat.models.without_compiler import without_compiler
 
 if TYPE_CHECKING:
@@ -97,7 +97,8 @@ def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> 
     folder, path = clip_folder(model), find_checkpoint(CLIP, checkpoint)
     description = read_description(model, folder)
     tensors = read_tensors(path)
-    module = build_model(model, description["model_cfg"])
+    with NothingDrawn():
+        module = build_model(model, description["model_cfg"])
     load_weights(module, tensors, path, CLIP)
     return OpenClip(
         module.to(compute.device).eval().requires_grad_(False),

@@ -17,7 +17,7 @@ from egosplat.models.checkpoints import CLIP, find_checkpoint
 from egosplat.models.configs import PHOTOS, SENTENCES
 from egosplat.models.open_clip_loader import OpenClip, Preprocessing
 from egosplat.models.sentences import SentenceEncoder, WordPieces, read_sentence_encoder
-from egosplat.models.weights import load_weights, read_tensors
+from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
 from egosplat.models.without_compiler import without_compiler
 
 # What stands before a phrase and the name of a class; OpenAI's first template.
@@ -91,7 +91,8 @@ def read_classifier(path: Path) -> nn.Module:
     with without_compiler():
         import timm
 
-    model = timm.create_model("tf_efficientnet_lite2", pretrained=False)
+    with NothingDrawn():
+        model = timm.create_model("tf_efficientnet_lite2", pretrained=False)
     given = read_tensors(path)
     names = model.state_dict().keys()
     load_weights(model, dict(zip(names, given.values(), strict=False)), path, CLIP)

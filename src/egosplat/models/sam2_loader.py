@@ -13,7 +13,7 @@ from egosplat.compute import Compute, choose_compute
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, find_checkpoint
 from egosplat.models.configs import sam2_config_file
-from egosplat.models.weights import load_weights, read_tensors
+from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
 
 if TYPE_CHECKING:
     from sam2.modeling.sam2_base import SAM2Base
@@ -76,7 +76,8 @@ def load_sam2(
     compute = choose_compute(device, precision)
     file, path = sam2_config_file(config), find_checkpoint(SAM2, checkpoint)
     tensors = read_tensors(path)
-    predictor = build_predictor(file)
+    with NothingDrawn():
+        predictor = build_predictor(file)
     load_weights(predictor, tensors, path, SAM2)
     if image_size is not None:
         set_image_size(predictor, image_size)

@@ -5,13 +5,15 @@ import re
 import struct
 import warnings
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.overrides import TorchFunctionMode
 
+from egosplat.compute import all_finite
 from egosplat.errors import UserError, is_out_of_memory
 from egosplat.models.checkpoints import ModelSpec
 from egosplat.pipeline.messages import shorten
@@ -66,11 +68,31 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
     return _state(content, path)
 
 
+# What constructors of networks draw nearly all of their weights with.
+_DRAWS = (nn.init.kaiming_uniform_, nn.init.normal_, nn.init.uniform_, Tensor.uniform_)
+
+
+class NothingDrawn(TorchFunctionMode):
+    """Networks built inside this context hold anything where random weights would be drawn, until ``load_weights``.
+
+    Drawing the weights of a large network takes longer than reading them.
+    """
+
+    def __torch_function__(
+        self, function: Callable, types: Any, args: tuple = (), kwargs: dict[str, Any] | None = None
+    ) -> Any:
+        """Call a function of torch, unless it draws weights into a tensor."""
+        named = kwargs or {}
+        if function in _DRAWS:
+            return args[0] if args else named["tensor"]
+        return function(*args, **named)
+
+
 def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, model: ModelSpec) -> None:
-    """Copy a checkpoint's tensors into a module, in the module's dtype.
+    """Give a module a checkpoint's tensors, in the module's dtype and on its device.
 
     Args:
-        module: changed in place; every tensor of it is set.
+        module: changed in place; every tensor of it is set. It shares memory with those that need no conversion.
         path: of the checkpoint, for messages.
 
     Raises:
@@ -89,9 +111,11 @@ def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, m
             raise UserError(
                 f"{path}: tensor {name} holds {value.dtype}, not numbers with a fraction. {_AGAIN}"
             )
-        if not value.isfinite().all():
+        if not all_finite(value):
             raise UserError(f"{path}: tensor {name} holds NaN or infinity. {_AGAIN}")
-    module.load_state_dict(tensors)
+    given = {name: value.to(own[name]).contiguous() for name, value in tensors.items()}
+    # Copying would hold every weight twice.
+    module.load_state_dict(given, assign=True)
 
 
 def _read_safetensors(path: Path) -> dict[str, Tensor]:
@@ -99,7 +123,8 @@ def _read_safetensors(path: Path) -> dict[str, Tensor]:
     from safetensors.torch import load_file
 
     try:
-        return load_file(path)
+        # Copies: the file stays mapped, at addresses that are no multiple of what torch's own memory has.
+        return {name: value.clone() for name, value in load_file(path).items()}
     except (SafetensorError, *RUBBISH) as error:
         if is_out_of_memory(
             error

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.instances import TRACKS
+from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage
 from egosplat.artifacts.locating import locate_carries
 from egosplat.artifacts.poses import length_unit
@@ -198,8 +199,8 @@ class Scene:
         """The Gaussians with their codes, on the device of the renderer."""
         if not self.checked:
             for one in self.given:
-                # Frames are not compared: they may hold gigabytes, and queries read only little of them.
-                if one.schema.name != "frames":
+                # Frames are not compared: they may hold gigabytes, and queries read only little of them. Reading checks numbers.
+                if one.schema.name != "frames" and digest_of(one.path) != one.digest:
                     verify(one.path, SCHEMAS)
         splats, language = self.artifact("splats"), self.artifact("language")
         return read_scene(splats, language, self.encoded, self.options.backend)

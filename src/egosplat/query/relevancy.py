@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from egosplat.codes.decoder import Decoder, decode
+from egosplat.compute import all_finite
 from egosplat.query.text import Texts
 
 
@@ -91,14 +92,14 @@ def relevancy_maps(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts, 
     """
     if codes.ndim != 4 or seen.shape != codes.shape[:-1]:
         raise ValueError(f"codes {tuple(codes.shape)} and seen {tuple(seen.shape)} do not match")
-    if not codes.isfinite().all():
+    rows = codes.reshape(-1, codes.shape[-1])
+    if not all_finite(rows):
         raise ValueError("codes hold numbers that are not finite")
     count = len(texts.phrases)
     maps = torch.zeros(count, seen.numel(), device=codes.device)
     if not count:
         return maps.reshape(count, *seen.shape)
     folded, directions = fold(decoder, torch.cat([texts.queries, texts.canonical]).to(codes))
-    rows = codes.reshape(-1, codes.shape[-1])
     for chosen in seen.flatten().nonzero()[:, 0].split(_NUMBERS_AT_ONCE // max(folded.widths)):
         features = decode(rows[chosen], folded)
         maps[:, chosen] = relevancy(features, directions[:count], directions[count:], temperature).T

@@ -72,9 +72,9 @@ class QueryScene(TrainedScene):
         Returns:
             (Q, L, N) float32 in [0, 1] on the Gaussians' device; 0 without a code.
         """
-        # An image with one column and a row for each Gaussian.
-        codes, seen = self.code.movedim(1, 0)[:, :, None], self.share.T[:, :, None] > 0
-        return relevancy_maps(codes, seen, self.decoder, texts, temperature)[..., 0]
+        # An image of one level, with a row for each Gaussian and a column for each of its codes, as they lie in memory.
+        maps = relevancy_maps(self.code[None], self.share[None] > 0, self.decoder, texts, temperature)
+        return maps[:, 0].transpose(1, 2).contiguous()
 
 
 def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:

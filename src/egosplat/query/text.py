@@ -78,10 +78,13 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
     if not phrases:
         return torch.zeros(0, 0)
     for phrase in phrases:
-        _check(clip, phrase)
+        _check_letters(phrase)
+    tokens = clip.tokenizer(list(map(clean_phrase, phrases)))
+    for row in tokens[:, -1].nonzero()[:, 0].tolist():
+        # Zeros fill a shorter text.
+        _check_length(clip, phrases[row])
     with clip.compute.inference():
-        tokens = clip.tokenizer(list(map(clean_phrase, phrases))).to(clip.compute.device)
-        features = clip.model.encode_text(tokens).float().cpu().numpy()
+        features = clip.model.encode_text(tokens.to(clip.compute.device)).float().cpu().numpy()
     for phrase, good in zip(phrases, usable(features), strict=True):
         if not good:
             raise UserError(f"query {phrase!r}: models.clip_checkpoint gives a zero or non-finite feature")
@@ -117,11 +120,14 @@ def explain_untaught(untaught: Sequence[str]) -> str | None:
     return f"The models here were never taught the word{'s' if words[1:] else ''} {', '.join(words)}."
 
 
-def _check(clip: OpenClip, phrase: str) -> None:
+def _check_letters(phrase: str) -> None:
     if not clean_phrase(phrase):
         raise UserError("query: is blank; describe the object in a few words")
     if any(unicodedata.category(letter) == _NO_TEXT for letter in phrase):
         raise UserError(f"query {phrase[:80]!r}: is not UTF-8; describe the object in words")
+
+
+def _check_length(clip: OpenClip, phrase: str) -> None:
     tokens, limit = (
         len(clip.tokenizer.encode(clean_phrase(phrase))),
         clip.tokenizer.context_length - _SPECIAL_TOKENS,

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 from safetensors.torch import load_file
+from torch import nn
 
 from egosplat.errors import UserError
 from egosplat.models.open_clip_loader import (
@@ -33,6 +34,16 @@ def test_half_precision_is_loaded_into_float32(tiny_clip):
     saved, loaded = load_file(tiny_clip / "open_clip_model.safetensors"), load(tiny_clip).model.state_dict()
     assert loaded.keys() == saved.keys()
     assert all(torch.equal(loaded[name], saved[name].float()) for name in saved)
+
+
+def test_no_tensor_is_left_as_it_was_before_loading(tiny_clip):
+    """Constructors draw no weights, so a tensor that the checkpoint does not set would hold anything."""
+    torch.manual_seed(0)
+    first = load(tiny_clip).model
+    torch.manual_seed(1)
+    second = load(tiny_clip).model
+    for of in (nn.Module.parameters, nn.Module.buffers):
+        assert all(torch.equal(a, b) for a, b in zip(of(first), of(second), strict=True))
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])

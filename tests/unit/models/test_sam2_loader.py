@@ -7,6 +7,7 @@ import yaml
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 from safetensors.torch import load_file
+from torch import nn
 
 from benchmarks.small_sam2.segmenters import image_predictor
 from egosplat.errors import UserError
@@ -25,6 +26,15 @@ def test_half_precision_is_loaded_into_float32(sam2, tiny_sam2):
     assert all(value.dtype == torch.float32 for value in loaded.values())
     assert all(torch.equal(loaded[name], saved[name].float()) for name in saved)
     assert not any(weight.requires_grad for weight in sam2.video_predictor.parameters())
+
+
+def test_no_tensor_is_left_as_it_was_before_loading(sam2, tiny_sam2):
+    """Constructors draw no weights, so a tensor that the checkpoint does not set would hold anything."""
+    torch.manual_seed(torch.initial_seed() + 1)
+    again = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+    for of in (nn.Module.parameters, nn.Module.buffers):
+        pair = of(sam2.video_predictor), of(again.video_predictor)
+        assert all(torch.equal(a, b) for a, b in zip(*pair, strict=True))
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])

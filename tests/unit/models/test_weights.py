@@ -15,7 +15,7 @@ from torch import nn
 
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2
-from egosplat.models.weights import load_weights, read_tensors
+from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
 
 TENSORS = {"weight": torch.arange(6.0).reshape(2, 3), "bias": torch.tensor([0.5, -0.25])}
 
@@ -27,6 +27,16 @@ def test_saved_weights_are_read_back(tmp_path, name):
     read = read_tensors(tmp_path / name)
     assert read.keys() == TENSORS.keys()
     assert all(torch.equal(read[key], TENSORS[key]) for key in TENSORS)
+
+
+def test_tensors_of_safetensors_outlive_their_file(tmp_path):
+    """A mapped file would end the process where somebody writes it anew, at addresses that torch never gives."""
+    path = tmp_path / "m.safetensors"
+    save_file(TENSORS, path)
+    read = read_tensors(path)
+    path.write_bytes(bytes(path.stat().st_size))
+    assert all(torch.equal(read[key], TENSORS[key]) for key in TENSORS)
+    assert not any(value.data_ptr() % 64 for value in read.values())
 
 
 @pytest.mark.parametrize(
@@ -148,6 +158,32 @@ def test_half_precision_is_converted_to_the_module_s_dtype(tmp_path):
     load_weights(module, {name: value.half() for name, value in TENSORS.items()}, tmp_path / "m.pt", SAM2)
     assert module.weight.dtype == torch.float32
     assert torch.equal(module.weight, TENSORS["weight"]) and torch.equal(module.bias, TENSORS["bias"])
+
+
+def test_weights_of_the_module_s_dtype_are_not_copied(tmp_path):
+    module = nn.Linear(3, 2).requires_grad_(False)
+    load_weights(module, TENSORS, tmp_path / "m.pt", SAM2)
+    assert module.weight.data_ptr() == TENSORS["weight"].data_ptr()
+    assert isinstance(module.weight, nn.Parameter) and not module.weight.requires_grad
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: nn.Linear(3, 2),
+        lambda: nn.Conv2d(3, 2, 3),
+        lambda: nn.Embedding(3, 2),
+        lambda: nn.MultiheadAttention(4, 2),
+    ],
+    ids=["linear", "convolution", "embedding", "attention"],
+)
+def test_layers_are_built_without_random_numbers(make):
+    """They took more time than the checkpoint that replaces them."""
+    before = torch.get_rng_state()
+    with NothingDrawn():
+        shapes = {name: value.shape for name, value in make().state_dict().items()}
+    assert torch.equal(torch.get_rng_state(), before)
+    assert shapes == {name: value.shape for name, value in make().state_dict().items()}
 
 
 def test_another_architecture_is_reported_with_counts_and_examples(tmp_path):

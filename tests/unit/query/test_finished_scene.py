@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import egosplat
+from egosplat.artifacts import reader
+from egosplat.errors import UserError
 from egosplat.query import finished_scene, opening
 from tests.support.page_scene import put_page_scene
 
@@ -59,6 +61,27 @@ def test_opening_reads_no_array_and_writes_nothing(work, monkeypatch):
         scene = egosplat.open_scene(work / "results/adt/scene1")
         assert scene.levels == ["part", "whole"]
     assert scene.ask("couch")[0].things and sorted(work.rglob("*")) == before
+
+
+def test_a_scene_is_read_once_and_a_changed_byte_of_what_no_query_reads_is_named(work, monkeypatch):
+    """Digests are compared without decoding the arrays a second time."""
+    scene, counted = egosplat.open_scene("results/adt/scene1"), []
+    with monkeypatch.context() as patch:
+        checked = reader.Artifact._checked
+        patch.setattr(
+            reader.Artifact,
+            "_checked",
+            lambda self, *a: (counted.append((self.schema.name, a[1])), checked(self, *a))[1],
+        )
+        scene.ask("couch")
+    assert ("language", "code") in counted and len(counted) == len(set(counted))
+    mine = work / "damaged"
+    shutil.copytree(work / "results/adt/scene1", mine)
+    with (mine / "splats.zarr/curve/loss/zarr.json").open("a") as layout:
+        layout.write(" ")
+    with pytest.raises(UserError, match="splats.zarr: .*digest"):
+        egosplat.open_scene(mine).ask("couch")
+    shutil.rmtree(mine)
 
 
 def test_a_variant_has_the_answers_of_what_it_shares(work):
