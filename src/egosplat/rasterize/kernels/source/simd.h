@@ -64,6 +64,7 @@ INLINE Floats sqrt(Floats a) { return _mm512_sqrt_ps(a); }
 INLINE Mask at_least(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
 INLINE Mask at_least(Mask within, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(within, a, b, _CMP_GE_OQ); }
 INLINE Mask above(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
+INLINE Mask differs(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_NEQ_UQ); }
 INLINE Floats where(Mask m, Floats a, Floats b) { return _mm512_mask_mov_ps(b, m, a); }
 INLINE Floats where(Mask m, Floats a) { return _mm512_maskz_mov_ps(m, a); }
 INLINE Mask all_lanes() { return 0xffff; }
@@ -118,6 +119,7 @@ INLINE Floats max(Floats a, Floats b) { return a > b ? a : b; }
 INLINE Mask at_least(Floats a, Floats b) { return a >= b; }
 INLINE Mask at_least(Mask within, Floats a, Floats b) { return within & (a >= b); }
 INLINE Mask above(Floats a, Floats b) { return a > b; }
+INLINE Mask differs(Floats a, Floats b) { return a != b; }
 INLINE Floats where(Mask m, Floats a, Floats b) {
 #if defined(__AVX2__)
     return _mm256_blendv_ps(b, a, (__m256)m);
