@@ -1,6 +1,7 @@
 // Vectors of LANES floats for AVX-512, AVX2 and, through the compiler's vector extension, any other processor.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 
@@ -25,6 +26,11 @@ typedef float Floats __attribute__((vector_size(LANES * 4)));
 typedef int32_t Ints __attribute__((vector_size(LANES * 4)));
 typedef uint32_t Bits __attribute__((vector_size(LANES * 4)));
 
+// As many bytes of doubles. Comparisons give Longs, all bits of a lane set or none.
+constexpr int DOUBLES = LANES / 2;
+typedef double Doubles __attribute__((vector_size(DOUBLES * 8)));
+typedef int64_t Longs __attribute__((vector_size(DOUBLES * 8)));
+
 #if !defined(__AVX512F__)
 using Mask = Ints;  // all bits of a lane set, or none
 #endif
@@ -37,7 +43,14 @@ INLINE Floats load(const float* p) {
     return v;
 }
 
+INLINE Doubles load(const double* p) {
+    Doubles v;
+    memcpy(&v, p, sizeof v);
+    return v;
+}
+
 INLINE void store(float* p, Floats v) { memcpy(p, &v, sizeof v); }
+INLINE void store(double* p, Doubles v) { memcpy(p, &v, sizeof v); }
 
 // 0, 1, 2, ... LANES - 1
 INLINE Floats ramp() {
@@ -60,7 +73,8 @@ INLINE Floats fma(Floats a, Floats b, Floats c) { return _mm512_fmadd_ps(a, b, c
 INLINE Floats fnma(Floats a, Floats b, Floats c) { return _mm512_fnmadd_ps(a, b, c); }
 INLINE Floats min(Floats a, Floats b) { return _mm512_min_ps(a, b); }
 INLINE Floats max(Floats a, Floats b) { return _mm512_max_ps(a, b); }
-INLINE Floats sqrt(Floats a) { return _mm512_sqrt_ps(a); }
+INLINE Floats root(Floats a) { return _mm512_sqrt_ps(a); }
+INLINE Doubles root(Doubles a) { return _mm512_sqrt_pd(a); }
 INLINE Mask at_least(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
 INLINE Mask at_least(Mask within, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(within, a, b, _CMP_GE_OQ); }
 INLINE Mask above(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
@@ -112,6 +126,22 @@ INLINE Floats fnma(Floats a, Floats b, Floats c) {
     return _mm256_fnmadd_ps(a, b, c);
 #else
     return c - a * b;
+#endif
+}
+INLINE Floats root(Floats v) {
+#if defined(__AVX2__)
+    return _mm256_sqrt_ps(v);
+#else
+    for (int i = 0; i < LANES; i++) v[i] = std::sqrt(v[i]);
+    return v;
+#endif
+}
+INLINE Doubles root(Doubles v) {
+#if defined(__AVX2__)
+    return _mm256_sqrt_pd(v);
+#else
+    for (int i = 0; i < DOUBLES; i++) v[i] = std::sqrt(v[i]);
+    return v;
 #endif
 }
 INLINE Floats min(Floats a, Floats b) { return a < b ? a : b; }
