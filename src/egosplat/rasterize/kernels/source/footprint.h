@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "simd.h"
+#include "doubles.h"
 
 namespace egosplat {
 
@@ -50,9 +50,6 @@ struct Batch {
         opacity[j] = opacities[i];
     }
 };
-
-INLINE Doubles dot(const Doubles* a, const Doubles* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-INLINE Longs finite(Doubles v) { return v - v == Doubles{}; }
 
 // Intermediate values of the projection.
 struct Footprint {
@@ -100,8 +97,10 @@ struct Footprint {
         f.uu = dot(f.root[0], f.root[0]), f.uv = dot(f.root[0], f.root[1]), f.vv = dot(f.root[1], f.root[1]);
         // Lagrange's identity: uu vv - uv^2 has no digits left for elongated Gaussians.
         Doubles normal[3];
-        for (int k = 0; k < 3; k++)
-            normal[k] = f.root[0][(k + 1) % 3] * f.root[1][(k + 2) % 3] - f.root[0][(k + 2) % 3] * f.root[1][(k + 1) % 3];
+        for (int k = 0; k < 3; k++) {
+            const int next = (k + 1) % 3, last = (k + 2) % 3;
+            normal[k] = f.root[0][next] * f.root[1][last] - f.root[0][last] * f.root[1][next];
+        }
         f.det = dot(normal, normal);
         f.blurred_det = f.det + camera.eps2d * (f.uu + f.vv) + camera.eps2d * camera.eps2d;
         f.uu += camera.eps2d, f.vv += camera.eps2d;

@@ -1,7 +1,7 @@
 // Real spherical harmonics up to degree 3, with the order and signs of 3DGS.
 #pragma once
 
-#include "simd.h"
+#include "doubles.h"
 
 namespace egosplat {
 

@@ -56,7 +56,7 @@ public:
         rim = 1.000001 * (1 + extent * std::sqrt(camera.eps2d));
     }
 
-    // Whether all of Gaussian i is in front of or behind the planes, or beside the image.
+    // Whether the center of Gaussian i is not between the planes, or all of it is beside the image.
     bool leaves_out(int i, const Parameters<const float>& in) const {
         const float *mean = in.means + 3 * size_t(i), *scale = in.scales + 3 * size_t(i);
         const double* w = camera.rotation;
@@ -130,13 +130,14 @@ inline void project_batch(const Camera& camera, const double* center, const Layo
             out.means[2 * i] = results[0], out.means[2 * i + 1] = results[1];
             for (int k = 0; k < 3; k++) out.conics[3 * i + k] = results[2 + k];
             out.depths[i] = results[5], out.opacities[i] = results[6], spreads[i] = float(f.vv[l]);
-            radii[2 * i] = int32_t(std::min(ru[l], MAX_RADIUS)), radii[2 * i + 1] = int32_t(std::min(rv[l], MAX_RADIUS));
+            radii[2 * i] = int32_t(std::min(ru[l], MAX_RADIUS));
+            radii[2 * i + 1] = int32_t(std::min(rv[l], MAX_RADIUS));
         }
     }
 }
 
-// Prefetches the coefficients of a Gaussian in a batch, which are used when the batch is full. Always inlined, because GCC
-// drops calls of a function that only prefetches.
+// Prefetches the coefficients of a Gaussian in a batch, which are used when the batch is full. Always inlined, because
+// GCC drops calls of a function that only prefetches.
 template <int WRITE>
 inline __attribute__((always_inline)) void prefetch_harmonics(const float* sh, const Layout& layout, int i) {
     if (!sh) return;

@@ -129,7 +129,8 @@ inline void add_pose(const Camera& camera, const double* center, const Footprint
         const Doubles v_center = -(w[0] * v_direction[0] + w[1] * v_direction[1] + w[2] * v_direction[2]);
         translation[a] = g.p[a] - v_center;
         for (int b = 0; b < 3; b++)
-            rotation[3 * a + b] = g.p[a] * load(batch.mean[b] + j) + dot(g.turn + 3 * a, r + 3 * b) - v_center * center[b];
+            rotation[3 * a + b] = g.p[a] * load(batch.mean[b] + j) + dot(g.turn + 3 * a, r + 3 * b) -
+                                  v_center * center[b];
     }
     for (int l = 0; l < count; l++) {
         for (int k = 0; k < 9; k++) pose.rotation[k] += rotation[k][l];

@@ -26,11 +26,6 @@ typedef float Floats __attribute__((vector_size(LANES * 4)));
 typedef int32_t Ints __attribute__((vector_size(LANES * 4)));
 typedef uint32_t Bits __attribute__((vector_size(LANES * 4)));
 
-// As many bytes of doubles. Comparisons give Longs, all bits of a lane set or none.
-constexpr int DOUBLES = LANES / 2;
-typedef double Doubles __attribute__((vector_size(DOUBLES * 8)));
-typedef int64_t Longs __attribute__((vector_size(DOUBLES * 8)));
-
 #if !defined(__AVX512F__)
 using Mask = Ints;  // all bits of a lane set, or none
 #endif
@@ -43,14 +38,7 @@ INLINE Floats load(const float* p) {
     return v;
 }
 
-INLINE Doubles load(const double* p) {
-    Doubles v;
-    memcpy(&v, p, sizeof v);
-    return v;
-}
-
 INLINE void store(float* p, Floats v) { memcpy(p, &v, sizeof v); }
-INLINE void store(double* p, Doubles v) { memcpy(p, &v, sizeof v); }
 
 // 0, 1, 2, ... LANES - 1
 INLINE Floats ramp() {
@@ -74,7 +62,6 @@ INLINE Floats fnma(Floats a, Floats b, Floats c) { return _mm512_fnmadd_ps(a, b,
 INLINE Floats min(Floats a, Floats b) { return _mm512_min_ps(a, b); }
 INLINE Floats max(Floats a, Floats b) { return _mm512_max_ps(a, b); }
 INLINE Floats root(Floats a) { return _mm512_sqrt_ps(a); }
-INLINE Doubles root(Doubles a) { return _mm512_sqrt_pd(a); }
 INLINE Mask at_least(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
 INLINE Mask at_least(Mask within, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(within, a, b, _CMP_GE_OQ); }
 INLINE Mask above(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
@@ -133,14 +120,6 @@ INLINE Floats root(Floats v) {
     return _mm256_sqrt_ps(v);
 #else
     for (int i = 0; i < LANES; i++) v[i] = std::sqrt(v[i]);
-    return v;
-#endif
-}
-INLINE Doubles root(Doubles v) {
-#if defined(__AVX2__)
-    return _mm256_sqrt_pd(v);
-#else
-    for (int i = 0; i < DOUBLES; i++) v[i] = std::sqrt(v[i]);
     return v;
 #endif
 }
@@ -242,12 +221,6 @@ constexpr int LEVELS = 2;
 #endif
 
 #endif
-
-INLINE float sum_of(Floats v) {
-    float s = 0;
-    for (int i = 0; i < LANES; i++) s += v[i];
-    return s;
-}
 
 // Folds the first n of N vectors into ceil(n / 2), repeatedly: lane i of the result is the sum over lanes of v[i].
 template <int N, int LEVEL = 0>
