@@ -95,7 +95,7 @@ class DensityControl:
         # In units of half the image, as in 3DGS; times the number of cameras, because the loss is their mean.
         norms = torch.linalg.vector_norm(means2d_grad * half_image, dim=-1) * cameras
         # A culled Gaussian has radius 0 and no gradient; counting that view would lower its mean.
-        counted = (radii > 0).all(dim=-1) & norms.isfinite()
+        counted = (radii.amin(dim=-1) > 0) & norms.isfinite()
         statistics["grad"] += torch.where(counted, norms, 0.0).sum(dim=0)
         statistics["views"] += counted.sum(dim=0)
         statistics["radius"] = torch.maximum(statistics["radius"], radii.amax(dim=(0, 2)).float())

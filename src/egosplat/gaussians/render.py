@@ -121,7 +121,8 @@ def render(
         rasterize_mode=settings.rasterize_mode,
         backend=settings.backend,
     )
-    return images[0], alphas[0], meta
+    # Not ``images[0]``, whose gradient is a copy among zeros.
+    return images.squeeze(0), alphas.squeeze(0), meta
 
 
 def _world_to_camera(camera_to_world: NDArray[np.float64] | Tensor) -> Tensor:

@@ -108,6 +108,25 @@ def test_a_gradient_of_alpha_only_is_propagated():
     assert predicted.item() == pytest.approx(slope.item(), rel=0.02)
 
 
+def test_rows_of_pixels_without_a_gradient_add_nothing():
+    """Outside the lens circle not even a Gaussian of infinite color does."""
+    values = projected(500, 3)
+    values["means2d"][0], values["conics"][0] = torch.tensor([20.5, 50.5]), torch.tensor([0.1, 0.0, 0.1])
+    values["variances_y"][0], values["radii"][0], values["depths"][0] = 10.0, 11, 0.1
+    weight = torch.randn(3, HEIGHT, WIDTH, generator=torch.Generator().manual_seed(1))
+    weight[:, :, :64] = 0.0
+
+    def gradients(color: float) -> tuple[Tensor, ...]:
+        values["channels"][0] = color
+        leaves = [values[name].clone().requires_grad_() for name in ("means2d", "conics", "channels")]
+        given = dict(zip(("means2d", "conics", "channels"), leaves, strict=True))
+        render, _ = composite(**values | given, width=WIDTH, height=HEIGHT)
+        return torch.autograd.grad(render, leaves, weight)
+
+    found, expected = gradients(math.inf), gradients(0.5)
+    assert all(torch.equal(a, b) and not a[0].any() and a.any() for a, b in zip(found, expected, strict=True))
+
+
 def test_gaussians_are_composited_nearest_first():
     values = projected(2, 3) | {
         "means2d": torch.full((2, 2), 50.5),

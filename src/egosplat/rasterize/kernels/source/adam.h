@@ -31,17 +31,6 @@ struct AdamRows {
     }
 };
 
-INLINE Floats root(Floats v) {
-#if defined(__AVX512F__)
-    return _mm512_sqrt_ps(v);
-#elif defined(__AVX2__)
-    return _mm256_sqrt_ps(v);
-#else
-    for (int i = 0; i < LANES; i++) v[i] = std::sqrt(v[i]);
-    return v;
-#endif
-}
-
 INLINE bool sound(const float* grad, int count) {
     bool all = true;
     for (int i = 0; i < count; i++) all &= std::fabs(grad[i]) <= LARGEST_GRADIENT;

@@ -33,26 +33,31 @@ struct Rows {
 template <int C>
 struct Pixels {
     Floats T[ROWS], rest[ROWS], gradient[ROWS][C];
-    uint32_t rows;
+    uint32_t rows;  // those with a gradient; the others, such as those outside the lens circle, would add zeros
 
     template <bool GEOMETRY>
     void fill(const Tiles& tiles, int band, int tile, Image render, Image alpha, Image v_render, Image v_alpha) {
         const int x = tile * LANES, n = tiles.width - x;
         const Floats one = where(at_least(broadcast(n - 0.5f), ramp()), broadcast(1.0f));
         const int count = std::min(ROWS, tiles.height - band * ROWS);
-        rows = (1u << count) - 1;
+        Mask given[ROWS];
         for (int r = 0; r < count; r++) {
             const int y = band * ROWS + r;
-            T[r] = one, rest[r] = Floats{};
-            if (GEOMETRY && v_alpha.data)
-                rest[r] = Image::read(v_alpha.at(0, y, x), n) * (Image::read(alpha.at(0, y, x), n) - 1.0f);
+            T[r] = one, rest[r] = Floats{}, given[r] = Mask{};
+            if (GEOMETRY && v_alpha.data) {
+                const Floats v = Image::read(v_alpha.at(0, y, x), n);
+                rest[r] = v * (Image::read(alpha.at(0, y, x), n) - 1.0f), given[r] = differs(v, Floats{});
+            }
         }
         for (int c = 0; c < C; c++)
             for (int r = 0; r < count; r++) {
                 const int y = band * ROWS + r;
                 gradient[r][c] = Image::read(v_render.at(c, y, x), n);
+                given[r] |= differs(gradient[r][c], Floats{});
                 if (GEOMETRY) rest[r] = fma(gradient[r][c], Image::read(render.at(c, y, x), n), rest[r]);
             }
+        rows = 0;
+        for (int r = 0; r < count; r++) rows |= uint32_t(any(given[r])) << r;
     }
 };
 
@@ -130,13 +135,14 @@ void backward_band(const Tiles& tiles, int band, const float* colors, int stride
     std::fill(slots + size_t(tiles.band_begin[band]) * slot_stride,
               slots + size_t(tiles.band_begin[band + 1]) * slot_stride, 0.0f);
     for (int tile = 0; tile < tiles.columns; tile++) {
-        column.fill(tiles, band, tile, colors, stride);
-        if (!column.count) continue;
+        if (tiles.tile_begin[band][tile] == tiles.tile_begin[band][tile + 1]) continue;
         pixels.template fill<GEOMETRY>(tiles, band, tile, render, alpha, v_render, v_alpha);
         for (int c = 0; c < C; c++) {
             v_render.prefetch<0>(c, band, tile + 1);
             if (GEOMETRY) render.prefetch<0>(c, band, tile + 1);
         }
+        if (!pixels.rows) continue;
+        column.fill(tiles, band, tile, colors, stride);
         backward_tile<C, GEOMETRY>(tiles, column, pixels, tile * LANES, band * ROWS, slots, slot_stride);
     }
 }

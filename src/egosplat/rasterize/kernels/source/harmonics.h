@@ -1,14 +1,16 @@
 // Real spherical harmonics up to degree 3, with the order and signs of 3DGS.
 #pragma once
 
+#include "doubles.h"
+
 namespace egosplat {
 
 constexpr int MAX_COEFFICIENTS = 16;
 
-// b[k], k < coefficients, at the unit vector (x, y, z).
-inline void harmonics(int coefficients, double x, double y, double z, double* b) {
-    const double xx = x * x, yy = y * y, zz = z * z;
-    b[0] = 0.28209479177387814;
+// b[k], k < coefficients, at the unit vectors (x, y, z).
+INLINE void harmonics(int coefficients, Doubles x, Doubles y, Doubles z, Doubles* b) {
+    const Doubles xx = x * x, yy = y * y, zz = z * z;
+    b[0] = 0.28209479177387814 + Doubles{};
     if (coefficients < 4) return;
     b[1] = -0.4886025119029199 * y;
     b[2] = 0.4886025119029199 * z;
@@ -30,8 +32,8 @@ inline void harmonics(int coefficients, double x, double y, double z, double* b)
 }
 
 // v = sum_k s[k] d b[k] / d (x, y, z)
-inline void harmonics_gradient(int coefficients, double x, double y, double z, const double* s, double* v) {
-    v[0] = v[1] = v[2] = 0;
+INLINE void harmonics_gradient(int coefficients, Doubles x, Doubles y, Doubles z, const Doubles* s, Doubles* v) {
+    v[0] = v[1] = v[2] = Doubles{};
     if (coefficients < 4) return;
     v[0] -= 0.4886025119029199 * s[3];
     v[1] -= 0.4886025119029199 * s[1];
@@ -42,7 +44,7 @@ inline void harmonics_gradient(int coefficients, double x, double y, double z, c
     v[1] += a * (x * s[4] - z * s[5] - y * s[8]) - b * y * s[6];
     v[2] += -a * (y * s[5] + x * s[7]) + 2 * b * z * s[6];
     if (coefficients < 16) return;
-    const double xx = x * x, yy = y * y, zz = z * z;
+    const Doubles xx = x * x, yy = y * y, zz = z * z;
     const double c = 0.5900435899266435, d = 2.890611442640554, e = 0.4570457994644658, f = 0.3731763325901154;
     v[0] += -6 * c * x * y * s[9] + d * y * z * s[10] + 2 * e * x * y * s[11] - 6 * f * x * z * s[12] -
             e * (4 * zz - 3 * xx - yy) * s[13] + d * x * z * s[14] - 3 * c * (xx - yy) * s[15];

@@ -99,6 +99,13 @@ void gather(const Raster& raster, int i, int first, const float* conics, bool ad
     const size_t later = std::min(size_t(tiles.first_member[i]) + LOOKAHEAD, tiles.member_of.size() - 1);
     const float* ahead = &raster.slots[size_t(tiles.member_of[later]) * STRIDE];
     for (int j = 0; j < M + C; j += 16) __builtin_prefetch(ahead + j);
+    const size_t next = tiles.splats[std::min(size_t(i) + LOOKAHEAD, tiles.splats.size() - 1)].id;
+    __builtin_prefetch(out.colors + next * raster.channels + first, 1);
+    if constexpr (GEOMETRY) {
+        __builtin_prefetch(conics + 3 * next);
+        __builtin_prefetch(out.means + 2 * next, 1), __builtin_prefetch(out.conics + 3 * next, 1);
+        __builtin_prefetch(out.opacities + next, 1);
+    }
     for (int k = tiles.first_member[i]; k < tiles.first_member[i + 1]; k++) {
         const float* slot = &raster.slots[size_t(tiles.member_of[k]) * STRIDE];
         for (int j = 0; j < M + C; j++) sum[j] += slot[j];

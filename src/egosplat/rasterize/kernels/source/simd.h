@@ -1,6 +1,7 @@
 // Vectors of LANES floats for AVX-512, AVX2 and, through the compiler's vector extension, any other processor.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 
@@ -60,10 +61,11 @@ INLINE Floats fma(Floats a, Floats b, Floats c) { return _mm512_fmadd_ps(a, b, c
 INLINE Floats fnma(Floats a, Floats b, Floats c) { return _mm512_fnmadd_ps(a, b, c); }
 INLINE Floats min(Floats a, Floats b) { return _mm512_min_ps(a, b); }
 INLINE Floats max(Floats a, Floats b) { return _mm512_max_ps(a, b); }
-INLINE Floats sqrt(Floats a) { return _mm512_sqrt_ps(a); }
+INLINE Floats root(Floats a) { return _mm512_sqrt_ps(a); }
 INLINE Mask at_least(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
 INLINE Mask at_least(Mask within, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(within, a, b, _CMP_GE_OQ); }
 INLINE Mask above(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
+INLINE Mask differs(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_NEQ_UQ); }
 INLINE Floats where(Mask m, Floats a, Floats b) { return _mm512_mask_mov_ps(b, m, a); }
 INLINE Floats where(Mask m, Floats a) { return _mm512_maskz_mov_ps(m, a); }
 INLINE Mask all_lanes() { return 0xffff; }
@@ -113,11 +115,20 @@ INLINE Floats fnma(Floats a, Floats b, Floats c) {
     return c - a * b;
 #endif
 }
+INLINE Floats root(Floats v) {
+#if defined(__AVX2__)
+    return _mm256_sqrt_ps(v);
+#else
+    for (int i = 0; i < LANES; i++) v[i] = std::sqrt(v[i]);
+    return v;
+#endif
+}
 INLINE Floats min(Floats a, Floats b) { return a < b ? a : b; }
 INLINE Floats max(Floats a, Floats b) { return a > b ? a : b; }
 INLINE Mask at_least(Floats a, Floats b) { return a >= b; }
 INLINE Mask at_least(Mask within, Floats a, Floats b) { return within & (a >= b); }
 INLINE Mask above(Floats a, Floats b) { return a > b; }
+INLINE Mask differs(Floats a, Floats b) { return a != b; }
 INLINE Floats where(Mask m, Floats a, Floats b) {
 #if defined(__AVX2__)
     return _mm256_blendv_ps(b, a, (__m256)m);
@@ -210,12 +221,6 @@ constexpr int LEVELS = 2;
 #endif
 
 #endif
-
-INLINE float sum_of(Floats v) {
-    float s = 0;
-    for (int i = 0; i < LANES; i++) s += v[i];
-    return s;
-}
 
 // Folds the first n of N vectors into ceil(n / 2), repeatedly: lane i of the result is the sum over lanes of v[i].
 template <int N, int LEVEL = 0>

@@ -94,21 +94,34 @@ inline bool bounds(const Splat& s, int width, int height, Rectangle& box) {
     return box.x0 <= box.x1 && box.y0 <= box.y1;
 }
 
-// First and last column of pixels of the ellipse in the rows y0 to y1 (pixel centers).
-inline bool columns_within(const Splat& s, int width, float y0, float y1, int& x0, int& x1) {
-    const float t = s.log2_opacity - LOG2_MIN_ALPHA + SLACK, reach = std::sqrt(t);
-    const float steepest = s.l21 * reach / (s.l22 * std::sqrt(s.l21 * s.l21 + s.l22 * s.l22));
-    const float below = y0 - s.my, above = y1 - s.my;
-    auto edge = [&](float at, float sign) {
-        const float dy = std::min(std::max(at, below), above);
-        const float rest = std::max(t - s.l22 * s.l22 * dy * dy, 0.0f);
-        return s.mx + (sign * std::sqrt(rest) - s.l21 * dy) / s.l11;
-    };
-    // The margin of 0.01 px covers the rounding of these operations.
-    x0 = first_pixel(edge(steepest, -1) - 0.01f, width);
-    x1 = last_pixel(edge(-steepest, 1) + 0.01f, width - 1);
-    return x0 <= x1;
-}
+// The columns of tiles that splats reach in a band. Arrays, so that the compiler uses vectors.
+struct Reaches {
+    static constexpr int COUNT = 64;
+    float mx[COUNT] = {}, my[COUNT] = {}, l11[COUNT] = {}, l21[COUNT] = {}, l22[COUNT] = {}, log2_opacity[COUNT] = {};
+    int32_t first[COUNT], last[COUNT];  // tiles; the last one is before the first one if there are none
+
+    void take(int j, const Splat& s) {
+        mx[j] = s.mx, my[j] = s.my, l11[j] = s.l11, l21[j] = s.l21, l22[j] = s.l22, log2_opacity[j] = s.log2_opacity;
+    }
+
+    // The rows have the pixel centers y0 to y1.
+    void find(int width, float y0, float y1) {
+        for (int j = 0; j < COUNT; j++) {
+            const float t = log2_opacity[j] - LOG2_MIN_ALPHA + SLACK, reach = std::sqrt(t);
+            const float steepest = l21[j] * reach / (l22[j] * std::sqrt(l21[j] * l21[j] + l22[j] * l22[j]));
+            const float below = y0 - my[j], above = y1 - my[j];
+            auto edge = [&](float at, float sign) {
+                const float dy = std::min(std::max(at, below), above);
+                const float rest = std::max(t - l22[j] * l22[j] * dy * dy, 0.0f);
+                return mx[j] + (sign * std::sqrt(rest) - l21[j] * dy) / l11[j];
+            };
+            // The margin of 0.01 px covers the rounding of these operations.
+            const int x0 = first_pixel(edge(steepest, -1) - 0.01f, width);
+            const int x1 = last_pixel(edge(-steepest, 1) + 0.01f, width - 1);
+            first[j] = x0 / LANES, last[j] = x0 <= x1 ? x1 / LANES : -1;
+        }
+    }
+};
 
 inline void enter_band(Tiles& tiles, int band) {
     const int begin = tiles.band_begin[band], count = tiles.band_begin[band + 1] - begin;
@@ -117,11 +130,15 @@ inline void enter_band(Tiles& tiles, int band) {
     tile_begin.assign(tiles.columns + 1, 0);
     std::vector<std::pair<int32_t, int32_t>> reach(count);
     const float y0 = band * ROWS + 0.5f, y1 = std::min(tiles.height, (band + 1) * ROWS) - 0.5f;
-    for (int m = 0; m < count; m++) {
-        int x0, x1;
-        const bool seen = columns_within(tiles.splats[tiles.members[begin + m]], tiles.width, y0, y1, x0, x1);
-        reach[m] = seen ? std::pair(x0 / LANES, x1 / LANES) : std::pair(0, -1);
-        for (int t = reach[m].first; t <= reach[m].second; t++) tile_begin[t + 1]++;
+    Reaches some;
+    for (int m = 0; m < count; m += Reaches::COUNT) {
+        const int taken = std::min(Reaches::COUNT, count - m);
+        for (int j = 0; j < taken; j++) some.take(j, tiles.splats[tiles.members[begin + m + j]]);
+        some.find(tiles.width, y0, y1);
+        for (int j = 0; j < taken; j++) {
+            reach[m + j] = {some.first[j], some.last[j]};
+            for (int t = some.first[j]; t <= some.last[j]; t++) tile_begin[t + 1]++;
+        }
     }
     for (int t = 0; t < tiles.columns; t++) tile_begin[t + 1] += tile_begin[t];
     entries.resize(tile_begin[tiles.columns]);
