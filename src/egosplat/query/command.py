@@ -63,8 +63,10 @@ def run(
         The table as soon as it is known, a table of what was carried if there is any, then a line about the picture once it is drawn.
 
     Raises:
-        UserError: as ``Scene.ask``; or the recording has ended before ``at``.
+        UserError: as ``Scene.ask``; or the recording has ended before ``at``, or a view is asked of a time.
     """
+    if at is not None and viewpoint is not None:
+        raise UserError(f"--at: a view, such as {viewpoint.name}, has no history; ask the whole scene")
     if at is not None and at > scene.seconds[-1]:
         raise UserError(f"--at {clock(at)}: the recording ends at {clock(float(scene.seconds[-1]))}")
     place = "the whole scene" if viewpoint is None else viewpoint.name
@@ -76,9 +78,10 @@ def run(
     queries = list(dict.fromkeys(map(clean_phrase, phrases)))
     answers = track(scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries))
     table = _scene_table if viewpoint is None else _view_table
-    columns, rows, drawn = table(scene, answers, grading)
+    columns, rows, every = table(scene, answers, grading)
+    drawn = every[:MOST_DRAWN]
     yield f"{title}\n{answers_table(columns, rows)}"
-    if carried := _carried_table(drawn, scene.unit, at):
+    if carried := _carried_table(every, scene.unit, at):
         yield f"\n{carried}"
 
     # Here, because matplotlib takes as long to import as a query to answer.
@@ -105,7 +108,7 @@ def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-# Columns and rows of a table, and the answers to draw. Answers in a view hold maps of its size: no others are kept.
+# Columns and rows of a table, and answers. Answers in a view hold maps of its size: those that are drawn are kept.
 Table = tuple[tuple[str, ...], list[tuple[str, ...]], list[Answer]]
 
 
@@ -115,7 +118,7 @@ def _scene_table(scene: Scene, answers: Iterable[Answer], grading: Grading) -> T
     return (
         ("query", "answer", grading.measure, *places),
         [row for answer in every for row in _scene_rows(answer, grading)],
-        every[:MOST_DRAWN],
+        every,
     )
 
 
@@ -137,10 +140,10 @@ def _scene_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
 
 
 def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str:
-    """When what was asked for was carried, or where it was at a time; empty if nothing of it was carried."""
+    """When what was asked for was carried, or where it was at a time; empty if nothing is known and no time is asked of."""
     answers = [one for one in answers if one.history]
     if not answers:
-        return ""
+        return "" if at is None else "nothing of this was carried, as far as is known"
     if at is not None:
         rows = [(one.phrase, *_place_cells(one.at(at))) for one in answers]
         return answers_table(("carried thing", f"at {clock(at)} [{unit}]", "for how long [min:s]"), rows)
