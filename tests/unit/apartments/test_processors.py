@@ -36,7 +36,8 @@ renderer = make_renderer(world, make_lens(96))
 for camera in ("ideal", "real"):
     effects = make_effects(SyntheticOptions(**defaults()["synthetic"] | {"camera": camera}))
     sequence = record_world(world, renderer, name="x", fps=1, seconds=3, effects=effects)
-    digest.update(sequence.points.round(9).tobytes() if camera == "real" else sequence.points.tobytes())
+    # With AVX-512 the wearer's way differs in the last bit on some processors, and points with it.
+    digest.update(sequence.points.round(9).tobytes())
     for frame in sequence.frames():
         digest.update(frame.rgb.tobytes())
         for view in (frame.with_people, frame.without_people):
