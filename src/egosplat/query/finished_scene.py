@@ -395,7 +395,10 @@ class Scene:
         grading = self.grading(options)
         candidates = self._candidates(found, grading.calibration, options)
         if not candidates:
-            refusal = explain_untaught(untaught) or "no Gaussian of the scene has a code"
+            # What fits best may be specks alone.
+            coded = bool((self.trained.share > 0).any())
+            none = "not found: nothing here looks like it" if coded else "no Gaussian of the scene has a code"
+            refusal = explain_untaught(untaught) or none
             return Answer(found.phrase, NOT_FOUND, 0.0, None, refusal, untaught)
         best = candidates[0]
         refusal = explain_untaught(untaught) or grading.refusal(best.rating)

@@ -4,11 +4,13 @@ import contextlib
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 import zarr
 from PIL import Image
 
@@ -16,12 +18,11 @@ from egosplat import cli
 from egosplat.artifacts.poses import length_unit
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.suitability import notice
-from egosplat.query import command, finished_scene
+from egosplat.query import command, finished_scene, things
 from egosplat.query.grades import calibration
 from egosplat.query.grades.calibration import held_keys
 from egosplat.query.opening import open_scene
 from egosplat.query.options import QueryOptions
-from egosplat.query.scene_query import SceneAnswer
 
 
 @pytest.fixture
@@ -181,10 +182,24 @@ def test_things_of_a_lower_grade_are_not_listed_with_those_that_are_found(word_s
 
 def test_a_scene_without_codes_has_no_answer_at_any_limit(word_scene, query, monkeypatch):
     """A least score of 0 refuses nothing, but there may be no thing to name."""
-    monkeypatch.setattr(finished_scene, "ask_scene", lambda *_: [SceneAnswer("cup", ())])
+    read = finished_scene.read_scene
+
+    def without_codes(*given):
+        scene = read(*given)
+        return replace(scene, share=torch.zeros_like(scene.share))
+
+    monkeypatch.setattr(finished_scene, "read_scene", without_codes)
     status, out, err = query(word_scene(), "cup", "--min-score", 0)
     assert status == 0, err
     assert columns(out.splitlines()[3]) == ["cup", "no Gaussian of the scene has a code"]
+
+
+def test_specks_alone_are_not_found(word_scene, query, monkeypatch):
+    """The scene has codes, and what fits best is smaller than a thing may be."""
+    monkeypatch.setattr(things, "LEAST_GAUSSIANS", 10_000)
+    status, out, err = query(word_scene(), "cup")
+    assert status == 0, err
+    assert columns(out.splitlines()[-2]) == ["cup", "not found: nothing here looks like it"]
 
 
 def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):

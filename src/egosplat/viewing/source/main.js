@@ -230,7 +230,9 @@ class Page {
     this.show({ relevancy, level: best?.level ?? this.showing.level, instances: false });
     const { min_score, calibration } = this.scene.facts.query;
     const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
-    const none = best ? below : "no Gaussian of the scene has a code";
+    const coded = this.scene.codeShare.some((share) => share.some((value) => value > 0));
+    const nothing = coded ? "not found: nothing here looks like it" : "no Gaussian of the scene has a code";
+    const none = best ? below : nothing;
     return this.tell(phrase, { things: fitting, grade, score: best?.score ?? 0, rating: best?.rating ?? 0, why: fitting.length ? null : none });
   }
 
