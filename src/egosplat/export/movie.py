@@ -62,7 +62,7 @@ def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
     if not shown + carried:
         raise UserError(f"{scene.folder}: no query has an answer to show")
     pictures = [
-        *_pictures(scene, shown, side),
+        *(_pictures(scene, shown, side) if shown else ()),
         *(each for one in carried for each in _history(scene, one, side)),
     ]
     (first, *others), times = zip(*pictures, strict=True)
@@ -73,14 +73,14 @@ def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
 
 
 def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tuple[Image.Image, int]]:
-    """Pictures and the time of each [ms]: on the way to an answer, while it lights up, and the answer."""
+    """Pictures and the time of each [ms], of one answer at least: on the way to it, while it lights up, and the answer."""
     camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
 
     def picture(painted: QueryScene, frame: int) -> NDArray[np.float32]:
         rendered = painted.picture(camera, scene.poses[frame])
         return np.rot90(rendered, -1) if turned else rendered
 
-    before, grading = shown[-1].things[0].frame if shown else 0, scene.grading()
+    before, grading = shown[-1].things[0].frame, scene.grading()
     for one in track(shown, "drawing answers", unit="answer"):
         thing = one.things[0]
         for frame in way(scene.poses, before, thing.frame):
