@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.carries.true_tracks import with_true_tracks
 from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests, recording_of
-from benchmarks.common import ROOT, command, markdown, scene_folders
+from benchmarks.common import command, markdown, scene_folders
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
@@ -97,7 +97,7 @@ def measure(folder: Path, true_tracks: bool) -> Figures:
     rests = read_rests(recording, times)
     carries = read_carries(recording, rests, times)
     if true_tracks:
-        scene.__dict__["histories"] = with_true_tracks(folder, ROOT / "config" / "presets", scene.seconds)
+        scene.__dict__["histories"] = with_true_tracks(folder, scene.seconds)
     if scene.histories is None:
         raise click.ClickException(f"{folder}: lacks carries.zarr of its Gaussians")
     names = sorted({one.category for one in rests})
@@ -141,7 +141,7 @@ def _is_true(one: Carried, carries: Sequence[TrueCarry]) -> bool:
 
 def _errors(pairs: Sequence[tuple[TrueCarry, Carried]]) -> tuple[list[float], ...]:
     return (
-        [100 * _distance(one.start, true.before) for true, one in pairs if np.isfinite(one.start).all()],
+        [100 * _distance(one.start, true.before) for true, one in pairs if one.start_is_known],
         [100 * _distance(one.end, true.after) for true, one in pairs],
         [abs(one.from_s - true.before.until_s) for true, one in pairs],
         [abs(one.until_s - true.after.from_s) for true, one in pairs],

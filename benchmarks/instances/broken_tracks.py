@@ -152,7 +152,7 @@ def rows_of(folder: Path, queries: bool, iterations: int) -> Iterator[list[objec
             outlined = [renamed(*both) for both in zip(tracks, found, strict=True)]
             with TemporaryDirectory() as work:
                 count = 1 + max(int(labels.max()) for labels in outlined)
-                write_instances(Path(work) / "instances.zarr", scene.frames, outlined, count)
+                write_instances(Path(work) / "instances.zarr", scene.frames, outlined, np.zeros(count, bool))
                 asked = scene.query(Path(work)) if queries else []
             yield [*cells(scene, f"{name}, outlines of the tracks", outlined), "", *asked]
 

@@ -8,7 +8,7 @@ features, language and scores follow from it as usual, on the scene's own Gaussi
 view, `average` with the mean of that and the consistent feature, as in the paper.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -52,22 +52,31 @@ def write_true_instances(folder: Path, output: Path) -> None:
     truth = read_truth(folder / "recording", frames)
     valid = frames.read("valid")
     labels = [np.where(valid, one, -1) for one in track(list(truth.all_labels()), "reading annotations")]
-    write_instances(output, frames, labels, len(truth.names))
+    write_instances(output, frames, labels, np.zeros(len(truth.names), bool))
 
 
-def write_instances(output: Path, frames: Artifact, labels: Sequence[NDArray[np.int32]], count: int) -> None:
-    """Write (H, W) labels of all frames as ``instances.zarr`` of one level with ``count`` instances."""
+def write_instances(
+    output: Path, frames: Artifact, labels: Iterable[NDArray[np.int32]], moving: NDArray[np.bool_]
+) -> None:
+    """Write (H, W) labels of all frames in turn as ``instances.zarr`` of one level; ``moving`` (N,) of its instances."""
+    count = len(moving)
     with create(output, INSTANCES, provenance.begin_from("instances", {}, [frames])) as artifact:
-        artifact.allocate("labels", (len(labels), 1, *labels[0].shape))
+        length, height, width, _ = frames.shape("rgb")
+        artifact.allocate("labels", (length, 1, height, width))
         for frame, found in enumerate(labels):
             artifact.put_row("labels", frame, found[None].astype(np.int32))
         artifact.put("instances/level", np.zeros(count, np.int8))
         artifact.put("instances/parent", np.full(count, -1, np.int32))
         artifact.put("instances/masks", np.ones(count, np.int32))
-        artifact.put("instances/moving", np.zeros(count, bool))
+        artifact.put("instances/moving", moving)
         artifact.put("gaussians/xyz", np.zeros((0, 3), np.float32))
         artifact.put("gaussians/instance", np.zeros((0, 1), np.int32))
-        artifact.facts = {"levels": ["whole"], "instances": {"whole": count}, "segmenter": "truth"}
+        artifact.facts = {
+            "levels": ["whole"],
+            "instances": {"whole": count},
+            "segmenter": "truth",
+            "source": "masks",
+        }
 
 
 def score(folder: Path, work: Path, target: str) -> ScoredScene:

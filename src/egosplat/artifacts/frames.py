@@ -33,6 +33,12 @@ def shown_pixels(frames: Artifact, index: int, valid: NDArray[np.bool_]) -> NDAr
     return valid & ~frames.row("masked", index) if frames.has("masked") else valid
 
 
+def seconds_of(frames: Artifact) -> NDArray[np.float64]:
+    """(F,) time of each frame since the first [s]."""
+    times = frames.read("timestamp_ns")
+    return (times - times[:1]) / 1e9
+
+
 def lies_on_its_side(frames: Artifact) -> bool:
     """Whether images lie on their side, as from Aria's sensor (docs/method.md#upright)."""
     # OpenCLIP and the transient network need upright images: they are turned clockwise.

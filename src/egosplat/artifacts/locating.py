@@ -23,15 +23,15 @@ def locate(folder: Path, *names: str) -> list[Path]:
     return [found.get(f"{name}.zarr", folder / f"{name}.zarr") for name in names]
 
 
-def locate_carries(folder: Path, splats: Artifact) -> Path | None:
-    """The path of carries.zarr of a scene or variant; None if none was made from these Gaussians.
+def open_carries(folder: Path, splats: Artifact) -> Artifact | None:
+    """Open carries.zarr of a scene or variant; None if none was made from these Gaussians.
 
     Raises:
         UserError: one is damaged.
     """
     paths = (place / "carries.zarr" for place in (folder, *shared_with(folder)))
     made = (open_any(path, SCHEMAS) for path in paths if path.exists())
-    return next((one.path for one in made if one.provenance["inputs"]["splats.zarr"] == splats.digest), None)
+    return next((one for one in made if one.provenance["inputs"]["splats.zarr"] == splats.digest), None)
 
 
 def _own(folder: Path) -> list[Artifact]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.frames import FRAMES, seconds_of
 from egosplat.artifacts.instances import INSTANCES, is_track
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -54,7 +54,6 @@ def run(
     check_made_from(views, frames, instances)
     inputs = [frames, poses, instances, views, splats]
     record = provenance.begin_from("carries", options.as_dict(), inputs)
-    times = frames.read("timestamp_ns")
     camera_to_world = camera_poses(poses, splats)
     seen = see_tracks(
         known_poses(camera_to_world),
@@ -65,12 +64,12 @@ def run(
         camera_to_world,
         frames.read("valid"),
     )
-    found = find_carries(seen, (times - times[:1]) / 1e9)
-    log(f"{len(found)} carries in {len(np.unique(seen.track))} tracks of what moves")
+    found, tracks = find_carries(seen, seconds_of(frames)), len(np.unique(seen.track))
+    log(f"{len(found)} carries in {tracks} tracks of what moves")
     with create(output, CARRIES, record) as artifact:
         for name, values in _columns(found, views).items():
             artifact.put(name, values)
-        artifact.facts = {"tracks": len(np.unique(seen.track))}
+        artifact.facts = {"tracks": tracks}
 
 
 class _Depths:
@@ -109,11 +108,11 @@ def _columns(found: Sequence[Carry], views: Artifact) -> dict[str, NDArray]:
 
 def _features(found: Sequence[Carry], views: Artifact) -> NDArray[np.float32]:
     """(C, D) mean feature of the views of each carry, of unit norm; zeros without views."""
-    instance, frame = views.read("instance"), views.read("frame")
-    features = np.zeros((len(found), views.shape("feature")[1]), np.float32)
+    instance, frame, feature = (views.read(name) for name in ("instance", "frame", "feature"))
+    features = np.zeros((len(found), feature.shape[1]), np.float32)
     for number, one in enumerate(found):
         shown = np.isin(instance, [one.track, *one.others]) & np.isin(frame, one.seen.frame)
-        total = np.sum([views.row("feature", row) for row in np.flatnonzero(shown)], axis=0, dtype=np.float64)
+        total = feature[shown].sum(axis=0, dtype=np.float64)
         norm = float(np.linalg.norm(total))
         if norm > 0:
             features[number] = total / norm

@@ -99,9 +99,9 @@ def _history(scene: Scene, answer: Answer, side: int) -> Iterator[tuple[Image.Im
     """Photographs of each carry and the time of each [ms], with a ring where the thing lies before and after."""
     camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
     posed = known_poses(scene.poses)
-    step_ms = round(1000 * float(np.median(np.diff(scene.seconds[posed])))) if len(posed) > 1 else _STEP_MS
+    seconds = scene.seconds[posed]
+    step_ms = round(1000 * float(np.median(np.diff(seconds)))) if len(posed) > 1 else _STEP_MS
     for carry in answer.history:
-        seconds = scene.seconds[posed]
         near = posed[(seconds >= carry.from_s - _BEFORE_S) & (seconds <= carry.until_s + _AFTER_S)]
         for frame in near.tolist():
             second = float(scene.seconds[frame])

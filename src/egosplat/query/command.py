@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError
@@ -152,7 +151,7 @@ def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> st
         (
             answer.phrase if number == 0 else "",
             one.told,
-            _numbers(one.start) if np.isfinite(one.start).all() else _ABSENT,
+            _numbers(one.start) if one.start_is_known else _ABSENT,
             _numbers(one.end),
             str(one.frame),
         )

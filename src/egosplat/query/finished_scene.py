@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
+from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.instances import TRACKS
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage
-from egosplat.artifacts.locating import locate_carries
+from egosplat.artifacts.locating import open_carries
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
@@ -174,14 +175,13 @@ class Scene:
     @cached_property
     def seconds(self) -> Array:
         """(F,) float64 time of each frame since the first [s]."""
-        times = self.artifact("frames").read("timestamp_ns")
-        return (times - times[0]) / 1e9
+        return seconds_of(self.artifact("frames"))
 
     @cached_property
     def histories(self) -> Histories | None:
         """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
-        path = locate_carries(self.folder, self.artifact("splats"))
-        return None if path is None else Histories(open_artifact(path, SCHEMAS["carries"]), self.seconds)
+        carries = open_carries(self.folder, self.artifact("splats"))
+        return None if carries is None else Histories(carries, self.seconds)
 
     @property
     def untold(self) -> str | None:

@@ -8,7 +8,7 @@ import torch
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array
-from egosplat.query.grades.evidence import SYNONYM
+from egosplat.query.grades.evidence import other_meanings
 from egosplat.query.history import Carried, meet
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import Texts
@@ -59,7 +59,7 @@ class Histories:
         if not self.every:
             return ()
         own = query.queries[0]
-        others = words.queries[words.queries @ own < SYNONYM]
+        others = words.queries[other_meanings(query, words)]
         fits = self.features @ own
         best = fits > (self.features @ others.T).amax(dim=1) if len(others) else torch.ones_like(fits) > 0
         scores = relevancy(self.features, query.queries, query.canonical, temperature)[:, 0]
@@ -86,7 +86,7 @@ def _joined(history: list[Carried], every: Sequence[Carried]) -> Iterator[Carrie
             for each in every
             if one.until_s <= each.from_s
             and each.until_s <= following.from_s
-            and np.isfinite(each.start).all()
+            and each.start_is_known
             and meet(one, one.end, each.start)
             and meet(one, each.end, following.start)
         ]

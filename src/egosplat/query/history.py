@@ -40,6 +40,11 @@ class Carried:
     box: tuple[int, int, int, int]
 
     @property
+    def start_is_known(self) -> bool:
+        """Whether a frame shows it at rest before."""
+        return bool(np.isfinite(self.start).all())
+
+    @property
     def told(self) -> str:
         """When it was carried, such as "0:04 to 0:07"."""
         return f"{clock(self.from_s)} to {clock(self.until_s)}"
@@ -81,7 +86,7 @@ def place_at(history: Sequence[Carried], second: float) -> Place | None:
     if last is None:
         if following is None:
             return None
-        return Place(following.start if np.isfinite(following.start).all() else None, None, until_s)
+        return Place(following.start if following.start_is_known else None, None, until_s)
     known = following is None or meet(last, following.start, last.end)
     return Place(last.end if known else None, last.until_s, until_s)
 

@@ -5,7 +5,7 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from egosplat.artifacts.locating import locate, locate_carries
+from egosplat.artifacts.locating import locate, open_carries
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
@@ -67,8 +67,8 @@ def locate_for_page(folder: Path) -> list[Path]:
     """The paths of what a scene's page is made of: its inputs, and carries.zarr if that is there."""
     paths = locate(folder, *_PAGE.inputs)
     splats = open_artifact(paths[_PAGE.inputs.index("splats")], SCHEMAS["splats"])
-    carries = locate_carries(folder, splats)
-    return paths if carries is None else [*paths, carries]
+    carries = open_carries(folder, splats)
+    return paths if carries is None else [*paths, carries.path]
 
 
 def _written_page(

@@ -148,7 +148,7 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
         {
             "from": one.from_s,
             "until": one.until_s,
-            "start": one.start.tolist() if np.isfinite(one.start).all() else None,
+            "start": one.start.tolist() if one.start_is_known else None,
             "end": one.end.tolist(),
             "size": one.size,
         }

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from egosplat.query.answers import FoundThing
 from egosplat.query.grades.calibration import Evidence, log_odds
@@ -37,7 +38,7 @@ def measure_evidence(
         words: names of things; each competes with the query, unless it means the same (see ``SYNONYM``).
         temperature: of the relevancy by which the things were found.
     """
-    others = torch.nonzero(words.queries @ query.queries[0] < SYNONYM)[:, 0].tolist()
+    others = torch.nonzero(other_meanings(query, words))[:, 0].tolist()
     texts = replace(
         query,
         phrases=(*query.phrases, *(words.phrases[row] for row in others)),
@@ -49,6 +50,11 @@ def measure_evidence(
         size, lead = _measure(index, levels.index(thing.level), thing.members, texts, temperature)
         found.append(Evidence(size, lead, thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)))
     return found
+
+
+def other_meanings(query: Texts, words: Texts) -> Tensor:
+    """(W,) bool, the words that do not mean the same as the one query."""
+    return words.queries @ query.queries[0] < SYNONYM
 
 
 def _measure(
