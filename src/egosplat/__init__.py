@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from egosplat.transient.options import MasksOptions as MasksOptions
     from egosplat.transient.options import TransientOptions as TransientOptions
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # The public names by module. A module is imported on first use, so that ``import egosplat`` takes no time.
 _MODULES = {
