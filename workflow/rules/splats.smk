@@ -70,3 +70,24 @@ rule carries:
         **params("carries"),
     shell:
         "egosplat carries {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
+
+
+rule rests:
+    """Train Gaussians of what lies somewhere for a while, and find which rests and carries are of one thing."""
+    input:
+        **inputs("rests"),
+    output:
+        directory("results/{dataset}/{scene}/{variant}rests.zarr"),
+    log:
+        "logs/{dataset}/{scene}/{variant}rests.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}rests.tsv"
+    threads: 8
+    resources:
+        mem_mb=memory("rests"),
+        runtime=runtime("rests"),
+        gpu=gpus("rests"),
+    params:
+        **params("rests"),
+    shell:
+        "egosplat rests {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

@@ -9,6 +9,7 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.prompts import PROMPTS
+from egosplat.artifacts.rests import RESTS
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
@@ -31,6 +32,7 @@ _ALL = (
     PROMPTS,
     LANGUAGE,
     CARRIES,
+    RESTS,
 )
 # Every kind of artifact, by name.
 SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in _ALL}

@@ -291,6 +291,16 @@ _STAGES = (
         libraries=("numpy", _OPENCV, "torch", "zarr"),
     ),
     Stage(
+        "rests",
+        "egosplat.rests.stage",
+        "Train Gaussians of what lies somewhere for a while.",
+        options="egosplat.rests.options:RestsOptions",
+        output="rests.zarr",
+        inputs=("frames", "poses", "instances", "view_features", "splats", "carries"),
+        optional={"masks": _MASKING["masks"]},
+        libraries=("numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
+    ),
+    Stage(
         "metrics",
         "egosplat.evaluation.stage",
         "Query every annotated category, and score the answers.",
