@@ -116,6 +116,8 @@ COSTS: dict[str, Cost] = {
         {"frames*gaussians": 0.03},
     ),
     "carries": Cost(600, {"gaussians": 1001}, {"frames*gaussians": 0.006}),
+    "rests": Cost(1100, {"gaussians": 1001}, {"frames*gaussians": 0.05}),
+    "rests_published": Cost(2390, {"gaussians": 1001}, {"frames*gaussians": 0.05, "frames": 0.02}),
     "language_center": Cost(690, {"gaussians*codes": 18.7}, {"frames*gaussians*codes": 0.0001}),
     "language_clustered": Cost(690, {"gaussians*codes": 52.3}, {"frames*gaussians*codes": 0.0007}),
     "language_trained": Cost(
@@ -328,7 +330,7 @@ def cost_of(stage: str, config: Config, sizes: Sizes) -> Cost:
         row = _LIKE.get(method, method)
     elif row == "view_features" and models["clip_model"] == _PHOTOS:
         row += "_photos"
-    elif row in ("view_features", "metrics") and models["clip_model"] != _SMALL:
+    elif row in ("view_features", "metrics", "rests") and models["clip_model"] != _SMALL:
         row += "_published"
     return COSTS[row]
 

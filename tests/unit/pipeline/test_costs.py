@@ -35,6 +35,7 @@ MEASURED_MB = {
     "splats": (6200, 32_200),
     "language": (5800, 14_700),
     "carries": (5500, 11_800),
+    "rests": (6200, 12_700),
     "metrics": (6200, 30_400),
     "contact_sheet": (1300, 2000),
     "instances_sheet": (1300, 2000),

@@ -1,0 +1,105 @@
+"""Spans and links of rests, and which rests and carries are of one thing."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from egosplat.rests import finding
+from egosplat.rests.finding import End, link, places_of
+from egosplat.rests.things import features_of, group
+from egosplat.rests.views import Place
+
+SECONDS = np.arange(100) / 10
+
+
+def span(beyond, shares):
+    return finding._span(np.array(beyond, float), np.array(shares, float)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("beyond", "shares", "shown"),
+    [
+        ([1, 2, 3, 4], [0.5, 0.5, -0.5, -0.5], [True, True, False, False]),
+        # One frame in which a hand hides it does not end a rest.
+        ([1, 2, 3, 4], [0.5, 0.0, 0.5, 0.5], [True] * 4),
+        # It comes before the track ends, but no more than two seconds.
+        ([-3, -1, 1], [0.9, 0.9, 0.9], [False, True, True]),
+        # What is only seen while it is carried does not rest.
+        ([-1, 1], [0.9, -0.9], [False, False]),
+        ([1, 2], [0.05, 0.05], [False, False]),
+        ([], [], []),
+    ],
+)
+def test_a_thing_rests_as_long_as_it_explains_the_pictures(beyond, shares, shown):
+    assert span(beyond, shares) == shown
+
+
+def test_views_in_which_little_changes_tell_little():
+    """A pixel that changes by chance is no evidence of a thing."""
+    told = np.array([[50.0, 100.0, 1000], [0.5, 0.5, 2], [0.0, 0.0, 0]])
+    np.testing.assert_allclose(finding._shares(told)[:2], [0.5, 0.5])
+    told[:, 2] = [1000, 1000, 1000]
+    np.testing.assert_allclose(finding._shares(told), [0.5, 0.5 / 50, 0.0])
+    assert finding._shares(np.zeros((0, 3))).shape == (0,)
+
+
+def rest(x, first, last, evidence=1.0, radius=0.2):
+    """A rest at x [m]."""
+    center = np.array([x, 0.0, 0.0])
+    place = Place(center, radius, 0)
+    return SimpleNamespace(center=center, place=place, frames=(first, last), evidence=evidence)
+
+
+def end(carry, after, x, second, size=0.3):
+    return End(carry, after, np.array([x, 0.0, 0.0]), size, second, 0)
+
+
+def links(ends, rests, carries):
+    return link(ends, places_of(ends), rests, SECONDS, carries).tolist()
+
+
+def test_a_carry_leads_from_the_rest_before_to_the_rest_after():
+    ends = [end(0, False, 0.0, 3.0), end(0, True, 1.0, 5.0)]
+    assert links(ends, [rest(0.0, 0, 30), rest(1.0, 50, 99)], 1) == [[0], [1]]
+
+
+def test_another_place_and_another_time_are_no_link():
+    ends = [end(0, False, 0.0, 3.0), end(0, True, 1.0, 5.0)]
+    assert links(ends, [rest(0.5, 0, 30), rest(1.0, 80, 99)], 1) == [[-1], [-1]]
+    assert links([], [rest(0.0, 0, 30)], 0) == [[], []]
+
+
+def test_of_two_rests_at_an_end_the_better_one_is_linked():
+    ends = [end(0, True, 1.0, 5.0)]
+    assert links(ends, [rest(1.0, 50, 99, 1.0), rest(1.05, 52, 99, 3.0)], 1) == [[-1], [1]]
+
+
+def test_two_equal_things_that_change_places_stay_two():
+    """Each takes the other's place: times and carries keep them apart."""
+    ends = [end(0, False, 0, 3), end(0, True, 1, 6), end(1, False, 1, 3), end(1, True, 0, 6)]
+    rests = [rest(0, 0, 30), rest(1, 0, 30), rest(0, 60, 99), rest(1, 60, 99)]
+    found = link(ends, places_of(ends), rests, SECONDS, 2)
+    things, of_carries = group(4, found)
+    assert things.tolist() == [0, 1, 1, 0] and of_carries.tolist() == [0, 1]
+
+
+def test_a_carry_without_a_rest_is_of_no_thing():
+    things, of_carries = group(1, np.array([[-1, 0], [-1, -1]], np.int32))
+    assert things.tolist() == [0] and of_carries.tolist() == [-1, 0]
+    things, of_carries = group(0, np.full((2, 3), -1, np.int32))
+    assert things.tolist() == [] and of_carries.tolist() == [-1, -1, -1]
+    assert group(0, np.zeros((2, 0), np.int32))[1].tolist() == []
+
+
+def test_a_thing_looks_like_its_rests_and_carries():
+    looks = [SimpleNamespace(feature=np.array([1.0, 0.0])), SimpleNamespace(feature=np.zeros(2))]
+    carried = np.array([[0, 1], [0, 0]], np.float32)
+    found = features_of(np.array([0, 1]), looks, np.array([0, 1]), carried)
+    np.testing.assert_allclose(found, [[0.5**0.5, 0.5**0.5], [0, 0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_places_are_relative_to_the_sizes_of_things(scale):
+    ends = [end(0, True, scale, 1.0, size=scale), end(1, True, 0.0, 1.0, size=3 * scale)]
+    np.testing.assert_allclose([one.radius for one in places_of(ends)], [0.9 * scale, 2.1 * scale])
