@@ -212,7 +212,7 @@ def _draw_things(scene: Scene, answers: Sequence[Answer]) -> list[DrawnAnswer]:
 
 
 def _draw_view(scene: Scene, answers: Sequence[Answer], viewpoint: Viewpoint) -> list[DrawnAnswer]:
-    picture = scene.trained.picture(scene.camera, viewpoint.camera_to_world)
+    picture = scene.picture(viewpoint)
     return [
         DrawnAnswer(answer) if answer.view is None else DrawnAnswer(answer, "", picture, answer.view)
         for answer in answers

@@ -15,7 +15,7 @@ from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.instances import TRACKS
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage
-from egosplat.artifacts.locating import open_carries
+from egosplat.artifacts.locating import open_carries, open_rests
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
@@ -27,7 +27,7 @@ from egosplat.models.open_clip_loader import OpenClip
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.shared_options import ClipOptions
-from egosplat.query.answer import Asker, ViewAnswer, ask
+from egosplat.query.answer import Asker, ViewAnswer
 from egosplat.query.answers import Answer, FoundThing, FoundView
 from egosplat.query.grades.calibration import (
     FOUND,
@@ -39,11 +39,12 @@ from egosplat.query.grades.calibration import (
     grading_of,
 )
 from egosplat.query.grades.evidence import measure_evidence
-from egosplat.query.histories import Histories
+from egosplat.query.histories import Histories, ThingHistories
 from egosplat.query.history import Carried
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
 from egosplat.query.options import AskingOptions, QueryOptions
+from egosplat.query.rests import Rests, scene_at
 from egosplat.query.scene import QueryScene, read_scene
 from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
 from egosplat.query.text import Texts, encode_texts, explain_untaught, load_clip_of, untaught_words
@@ -180,8 +181,24 @@ class Scene:
     @cached_property
     def histories(self) -> Histories | None:
         """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
-        carries = open_carries(self.folder, self.artifact("splats"))
-        return None if carries is None else Histories(carries, self.seconds)
+        carries, rests = open_carries(self.folder, self.artifact("splats")), self._rests
+        if carries is None:
+            return None
+        if rests is None or rests.provenance["inputs"]["carries.zarr"] != carries.digest:
+            return Histories(carries, self.seconds)
+        return ThingHistories(carries, rests, self.seconds)
+
+    @cached_property
+    def rests(self) -> Rests | None:
+        """What lies somewhere for a while, on the device of the renderer; None if it is not known."""
+        artifact = self._rests
+        return artifact and Rests.read(artifact, self.seconds, self.gaussians.means.device)
+
+    @cached_property
+    def _rests(self) -> Artifact | None:
+        # A stage is given what it reads.
+        given = next((one for one in self.given if one.schema.name == "rests"), None)
+        return given if self.checked else open_rests(self.folder, self.artifact("splats"))
 
     @property
     def untold(self) -> str | None:
@@ -236,7 +253,7 @@ class Scene:
         Args:
             phrases: the queries; each is answered once.
             most: maximum number of things in an answer of the whole scene.
-            frame: ask only the view of this frame.
+            frame: ask only the view of this frame, at its time.
             pose: ask only this view: (4, 4) camera_to_world, or a JSON file that holds it.
             keys: keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
 
@@ -281,8 +298,9 @@ class Scene:
                 )
                 for found in things
             )
-        place = self.camera, viewpoint.camera_to_world, viewpoint.valid
-        seen = ask(self.trained, texts, *place, options)
+        asker = Asker.of(self.trained, texts, options, self.rests)
+        place = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
+        seen = asker.ask(texts.phrases, *place)
         return (self._answer_of_view(one, options) for one in seen)
 
     def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
@@ -291,7 +309,7 @@ class Scene:
 
     def asker(self, phrases: Iterable[str]) -> Asker:
         """Encode phrases to ask them of many views, and compare them with the Gaussians once. Raises as ``ask``."""
-        return Asker.of(self.trained, self.encode(phrases), self.options)
+        return Asker.of(self.trained, self.encode(phrases), self.options, self.rests)
 
     def viewpoint(self, frame: int | None = None, pose: Pose | None = None) -> Viewpoint | None:
         """The view of a frame or a pose; None without either. Raises as ``ask``."""
@@ -309,7 +327,7 @@ class Scene:
         """Render a view.
 
         Args:
-            frame: the view of this frame.
+            frame: the view of this frame, at its time.
             pose: this view instead: (4, 4) camera_to_world, or a JSON file that holds it.
             camera: another camera than that of the frames.
 
@@ -324,7 +342,12 @@ class Scene:
         view = self.viewpoint(frame, pose)
         if view is None:
             raise UserError("render: give a frame or a pose")
-        return self.trained.picture(camera or self.camera, view.camera_to_world)
+        return self.picture(view, camera)
+
+    def picture(self, view: Viewpoint, camera: Camera | None = None) -> NDArray[np.float32]:
+        """Render a view at its time; otherwise as ``render``."""
+        scene = scene_at(self.trained, self.rests, view.second)
+        return scene.picture(camera or self.camera, view.camera_to_world)
 
     def show(self, phrase: str, thing: FoundThing, resolution: int = 0) -> FoundView:
         """Show a thing in the frame that shows it best: its pixels, and the relevancy of the whole view.
