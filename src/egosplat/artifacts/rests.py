@@ -19,6 +19,8 @@ RESTS = Schema(
             "share of the error of the pixels that its Gaussians change, in these frames, which they explain",
             values=SHARE,
         ),
+        "best_frame": Field(("rest",), "int64", "index", "frame that shows most of it", values=COUNT),
+        "box": Field(("rest", 4), "int32", "px", "x0, y0, x1, y1 around it there, the ends exclusive"),
         "carries/thing": Field(
             ("carry",),
             "int32",

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
@@ -17,18 +16,12 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
+from egosplat.carries.depth import SceneDepth
 from egosplat.carries.finding import Carry, find_carries
 from egosplat.carries.options import CarriesOptions
 from egosplat.carries.sightings import see_tracks
-from egosplat.gaussians.device import training_device
-from egosplat.gaussians.io import read_gaussians, read_render_settings
-from egosplat.gaussians.render import render
-from egosplat.geometry import Array, Camera, known_poses
-from egosplat.images import shrunk_size
+from egosplat.geometry import Camera, known_poses
 from egosplat.progress import log
-
-# Longer side of the renders that give the depth [px]: a place needs no finer surface.
-_SIDE = 256
 
 
 def run(
@@ -59,7 +52,7 @@ def run(
         known_poses(camera_to_world),
         lambda frame: instances.row("labels", frame),
         is_track(instances),
-        _Depths(splats, camera_to_world, options.backend).of,
+        SceneDepth(splats, camera_to_world, options.backend).of,
         Camera(**splats.facts["camera"]),
         camera_to_world,
         frames.read("valid"),
@@ -70,24 +63,6 @@ def run(
         for name, values in _columns(found, views).items():
             artifact.put(name, values)
         artifact.facts = {"tracks": tracks}
-
-
-class _Depths:
-    """The depth of each frame, as the scene's Gaussians show it."""
-
-    def __init__(self, splats: Artifact, camera_to_world: Array, backend: str) -> None:
-        self._gaussians = read_gaussians(splats).to(training_device(backend))
-        self._settings = read_render_settings(splats, backend)
-        camera = Camera(**splats.facts["camera"])
-        self._camera = camera.scaled_to(*shrunk_size(camera.width, camera.height, _SIDE))
-        self._poses = camera_to_world
-
-    @torch.inference_mode()
-    def of(self, frame: int) -> Array:
-        """(h, w) float64 expected camera z [m]; 0 where the frame is empty."""
-        view = self._gaussians, self._camera, self._poses[frame], self._settings
-        depth, _, _ = render(*view, sh_degree=0, background=None, render_mode="ED")
-        return depth[..., 0].double().cpu().numpy()
 
 
 def _columns(found: Sequence[Carry], views: Artifact) -> dict[str, NDArray]:

@@ -81,12 +81,16 @@ def cut_crop(
     x0, y0, x1, y1 = (int(value) for value in box)
     # Black outside the mask, as in LangSplat: the crop is S_i ⊙ I of the paper.
     mask = labels[y0:y1, x0:x1] == instance
-    inside = rgb[y0:y1, x0:x1] * (fill_hull(mask) if hull else mask)[..., None]
-    height, width = inside.shape[:2]
+    return pad_square(rgb[y0:y1, x0:x1] * (fill_hull(mask) if hull else mask)[..., None])
+
+
+def pad_square(picture: Pixels) -> Pixels:
+    """Pad an (H, W, 3) picture with black to a square; it is in the middle, half a pixel up or left if the sides differ by an odd number."""
+    height, width = picture.shape[:2]
     side = max(height, width)
     top, left = (side - height) // 2, (side - width) // 2
     square = np.zeros((side, side, 3), np.uint8)
-    square[top : top + height, left : left + width] = inside
+    square[top : top + height, left : left + width] = picture
     return square
 
 

@@ -1,0 +1,213 @@
+"""Find the rests at the ends of carries: from when until when Gaussians explain the frames better than the scene alone
+(docs/method.md#rests)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.gaussians.model import Gaussians
+from egosplat.geometry import Array
+from egosplat.progress import track
+from egosplat.rests.fitting import explained, fit, start_points, visible
+from egosplat.rests.views import Place, PlaceView, Scenery
+
+# The sphere of a thing has this part of its size as radius, and this more, as a part of the mean size of all.
+_OF_SIZE, _OF_MEAN = 0.6, 0.15
+
+# A rest is learnt first from so many views beyond this time from the carry: its end is told to half a second [s].
+_FIRST_VIEWS, _LEAST_VIEWS, _APART_S = 8, 3, 0.6
+
+# Steps from the first views, and from all of its time.
+_FIRST_STEPS, _STEPS = 120, 200
+
+# A view shows the thing if its Gaussians explain more than this share of the error; fewer changed pixels than this part of
+# the median count for less.
+_SHARE, _OF_MEDIAN = 0.1, 0.05
+
+# A thing lies there if its Gaussians explain this share of the error, and so many are opaque to this degree.
+_LEAST_GAIN, _LEAST_OPAQUE, _OPAQUE = 0.3, 8, 0.3
+
+# A carry belongs to a rest that begins or ends within this time of it [s].
+_TOGETHER_S = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """An end of a carry.
+
+    Attributes:
+        carry: number in carries.zarr.
+        after: whether the thing rests after the carry; else before.
+        center: (3,) float64 where [m].
+        size: of the thing [m].
+        second: when the carry begins or ends [s].
+        track: instance of the carry in instances.zarr.
+    """
+
+    carry: int
+    after: bool
+    center: Array
+    size: float
+    second: float
+    track: int
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A thing that lies somewhere for a while.
+
+    Attributes:
+        place: where.
+        size: of the thing [m].
+        gaussians: what the photographs show of it on top of the scene.
+        views: of this time.
+        gain: share of the error that the Gaussians explain.
+        put_down, taken_up: carries that end and begin here.
+    """
+
+    place: Place
+    size: float
+    gaussians: Gaussians
+    views: tuple[PlaceView, ...]
+    gain: float
+    put_down: int | None = None
+    taken_up: int | None = None
+
+    @property
+    def frames(self) -> tuple[int, int]:
+        """The first and the last frame that show it."""
+        return self.views[0].frame, self.views[-1].frame
+
+    @property
+    def center(self) -> Array:
+        """(3,) float64 mean of its Gaussians, by their opacity and surface [m]."""
+        weight = self.gaussians.opacities * self.gaussians.scales.prod(dim=1) ** (2 / 3)
+        weight = (weight / weight.sum()).double()
+        return (self.gaussians.means.double() * weight[:, None]).sum(dim=0).cpu().numpy()
+
+
+def ends_of(carries: Artifact, seconds: Array) -> list[End]:
+    """The ends of all carries whose place is known, in the order of carries."""
+    names = ("instance", "first_frame", "last_frame", "start", "end", "size")
+    columns = zip(*map(carries.read, names), strict=True)
+    found = []
+    for number, (instance, first, last, start, end, size) in enumerate(columns):
+        for after, center, frame in ((False, start, first), (True, end, last)):
+            if np.isfinite(center).all():
+                one = End(number, after, center, float(size), float(seconds[frame]), int(instance))
+                found.append(one)
+    return found
+
+
+def places_of(ends: Sequence[End]) -> list[Place]:
+    """The spheres in which the things of carries rest."""
+    mean = float(np.mean([one.size for one in ends])) if ends else 0.0
+    return [Place(one.center, _OF_SIZE * one.size + _OF_MEAN * mean, one.track) for one in ends]
+
+
+def find_rests(
+    ends: Sequence[End],
+    places: Sequence[Place],
+    views: Sequence[Sequence[PlaceView]],
+    seconds: Array,
+    scene: Scenery,
+    seed: int,
+) -> list[Rest]:
+    """Find the rests of all ends of carries, in the order of time; an end at a rest that is known already joins it.
+
+    Args:
+        places, views: of each end.
+        seconds: (F,) time of each frame [s].
+    """
+    found: list[Rest] = []
+    for end, place, seen in track(
+        [*zip(ends, places, views, strict=True)], "learning what rests", unit="end"
+    ):
+        same = next((number for number, one in enumerate(found) if _is_there(one, place, end, seconds)), None)
+        if same is None and (rest := _learn(end, place, seen, seconds, scene, seed)) is not None:
+            same = next((number for number, one in enumerate(found) if _are_one(one, rest)), None)
+            if same is None:
+                found.append(rest)
+                same = len(found) - 1
+            elif rest.gain > found[same].gain:
+                found[same] = replace(rest, put_down=found[same].put_down, taken_up=found[same].taken_up)
+        if same is not None:
+            found[same] = _joined(found[same], end, seconds)
+    return sorted(found, key=lambda one: one.frames)
+
+
+def _is_there(rest: Rest, place: Place, end: End, seconds: Array) -> bool:
+    """Whether a known rest lies at the end of a carry, at its time."""
+    if np.linalg.norm(rest.center - place.center) > max(rest.place.radius, place.radius):
+        return False
+    first, last = (seconds[frame] for frame in rest.frames)
+    return bool(first - _TOGETHER_S <= end.second <= last + _TOGETHER_S)
+
+
+def _are_one(rest: Rest, other: Rest) -> bool:
+    """Whether two rests show one thing: they are at one place for half of the time of the shorter one."""
+    if np.linalg.norm(rest.center - other.center) > max(rest.place.radius, other.place.radius):
+        return False
+    (first, last), (begin, end) = rest.frames, other.frames
+    both = min(last, end) - max(first, begin)
+    return both >= min(last - first, end - begin) / 2
+
+
+def _joined(rest: Rest, end: End, seconds: Array) -> Rest:
+    """A rest with the carry at its beginning or end, unless one is known or the times differ."""
+    first, last = rest.frames
+    if end.after and rest.put_down is None and abs(seconds[first] - end.second) <= _TOGETHER_S:
+        return replace(rest, put_down=end.carry)
+    if not end.after and rest.taken_up is None and abs(seconds[last] - end.second) <= _TOGETHER_S:
+        return replace(rest, taken_up=end.carry)
+    return rest
+
+
+def _learn(
+    end: End, place: Place, views: Sequence[PlaceView], seconds: Array, scene: Scenery, seed: int
+) -> Rest | None:
+    """Learn what lies at the end of a carry, and when; None if nothing does."""
+    beyond = _beyond(end, views, seconds)
+    first = [view for view, apart in zip(views, beyond, strict=True) if apart > _APART_S]
+    first = sorted(first, key=lambda view: abs(seconds[view.frame] - end.second))[:_FIRST_VIEWS]
+    if len(first) < _LEAST_VIEWS:
+        return None
+    gaussians = fit(start_points(place, first, scene, seed), first, scene, place.radius, _FIRST_STEPS, seed)
+    shown = _span(beyond, _shares(explained(gaussians, views, scene)))
+    if shown.sum() < _LEAST_VIEWS:
+        return None
+    chosen = [view for view, one in zip(views, shown, strict=True) if one]
+    gaussians = visible(fit(gaussians, chosen, scene, place.radius, _STEPS, seed))
+    if int((gaussians.opacities >= _OPAQUE).sum()) < _LEAST_OPAQUE:
+        return None
+    fewer, most, _ = explained(gaussians, chosen, scene).sum(axis=0)
+    gain = float(fewer / most) if most > 0 else 0.0
+    return Rest(place, end.size, gaussians, tuple(chosen), gain) if gain >= _LEAST_GAIN else None
+
+
+def _beyond(end: End, views: Iterable[PlaceView], seconds: Array) -> Array:
+    """(V,) seconds from the end of a carry to each view, away from the carry."""
+    sign = 1.0 if end.after else -1.0
+    return np.array([sign * (seconds[view.frame] - end.second) for view in views], np.float64)
+
+
+def _shares(told: Array) -> Array:
+    """(V,) share of the error that Gaussians explain in each view, below 0 where they add to it."""
+    if not len(told):
+        return np.zeros(0)
+    fewer, most, pixels = told.T
+    return fewer / np.maximum(most, max(1.0, _OF_MEDIAN * float(np.median(pixels))))
+
+
+def _span(beyond: Array, shares: Array) -> NDArray[np.bool_]:
+    """(V,) bool: views from just before the end of a carry to where the thing is gone: there the sum of what is explained is largest."""
+    shown = np.zeros(len(beyond), bool)
+    for side in (np.flatnonzero(beyond > 0), np.flatnonzero(beyond <= 0)):
+        away = side[np.argsort(np.abs(beyond[side]), kind="stable")]
+        total = np.cumsum(shares[away] - _SHARE)
+        if len(total) and total.max() > 0:
+            shown[away[: int(total.argmax()) + 1]] = True
+    return shown & (shown[beyond > 0].any() if len(shown) else False) & (beyond > -_TOGETHER_S)

@@ -1,0 +1,116 @@
+"""Gaussians of a thing at rest: what the photographs show on top of the scene, which stays as it is."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.loss import l1_ssim
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.geometry import Array, invert, transform
+from egosplat.rests.views import Place, PlaceView, Scenery
+
+# Points that a thing starts from, in this part of the place's radius.
+_POINTS, _WITHIN = 300, 0.8
+
+# The learning rate of the means is this part of the radius, and is multiplied by this after each step.
+_RATE, _DECAY = 0.0032, 0.995
+
+# Few and short steps: all other rates are larger than those of a scene.
+_RATES = {
+    "quats": 0.002,
+    "log_scales": 0.01,
+    "logit_opacities": 0.05,
+    "sh_dc": 0.01,
+    "sh_rest": 0.0005,
+}
+
+_SSIM_LAMBDA = 0.2
+
+# Weight of the mean opacity in the loss: a Gaussian that explains nothing disappears.
+_OPACITY_WEIGHT = 0.002
+
+# Gaussians below this opacity are left out in the end.
+_LEAST_OPACITY = 0.05
+
+# A pixel counts as changed from this sum of differences of red, green and blue.
+_CHANGED = 0.05
+
+
+def start_points(place: Place, views: Sequence[PlaceView], scene: Scenery, seed: int) -> Gaussians:
+    """Gaussians in the sphere of a place, with the mean color of the pixels that show them."""
+    draw = np.random.default_rng(seed)
+    direction = draw.normal(size=(_POINTS, 3))
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    points = place.center + _WITHIN * place.radius * direction * draw.random((_POINTS, 1)) ** (1 / 3)
+    total, count = np.zeros((_POINTS, 3)), np.zeros((_POINTS, 1))
+    for view in views:
+        pixels = view.camera.project(transform(invert(view.camera_to_world), points))
+        inside = view.camera.contains(pixels)
+        column, row = pixels[inside].astype(int).T
+        total[inside] += view.picture[row, column]
+        count[inside] += 1
+    colors = np.where(count > 0, total / np.maximum(count, 1), 127.0).astype(np.uint8)
+    degree = scene.gaussians.sh_degree
+    made = from_points(
+        points,
+        colors,
+        sh_degree=degree,
+        feature_channels=0,
+        max_points=_POINTS,
+        seed=seed,
+        near_plane=scene.settings.near_plane,
+    )
+    return made.to(scene.gaussians.means.device)
+
+
+def fit(
+    start: Gaussians,
+    views: Sequence[PlaceView],
+    scene: Scenery,
+    radius: float,
+    iterations: int,
+    seed: int,
+) -> Gaussians:
+    """Train Gaussians that explain views on top of the scene; one view an iteration."""
+    copies = {name: value.detach().clone() for name, value in start.parameters().items()}
+    gaussians = Gaussians(**copies).requires_grad_()
+    optimizer = Adam(gaussians, LearningRates(means=_RATE * radius, **_RATES))
+    draw, order = np.random.default_rng(seed), []
+    for _ in range(iterations):
+        order = order or draw.permutation(len(views)).tolist()
+        view = views[order.pop()]
+        optimizer.zero_grad()
+        image = view.render(scene, gaussians)
+        loss = l1_ssim(image, view.colors.to(image), view.weight.to(image), _SSIM_LAMBDA)
+        (loss + _OPACITY_WEIGHT * gaussians.opacities.mean()).backward()
+        optimizer.step(None)
+        optimizer.means_lr *= _DECAY
+    return gaussians.detach()
+
+
+def visible(gaussians: Gaussians) -> Gaussians:
+    """The finite Gaussians that are not nearly transparent."""
+    return gaussians.select(gaussians.finite() & (gaussians.opacities >= _LEAST_OPACITY))
+
+
+@torch.no_grad()
+def explained(gaussians: Gaussians, views: Sequence[PlaceView], scene: Scenery) -> Array:
+    """(V, 3) float64 for the pixels of each view that Gaussians change: by how much their absolute error falls, the larger of
+    the errors without and with them, and the number of pixels."""
+    found = [
+        _explained(view.render(scene), view.render(scene, gaussians), view.colors, view.shown)
+        for view in views
+    ]
+    return np.array(found, np.float64).reshape(-1, 3)
+
+
+def _explained(without: Tensor, given: Tensor, colors: Tensor, shown: np.ndarray) -> tuple[float, float, int]:
+    colors, inside = colors.to(given), torch.from_numpy(shown).to(given.device)
+    before, after = ((one.clamp(0.0, 1.0) - colors).abs().sum(dim=-1)[inside] for one in (without, given))
+    changed = (before - after).abs() > _CHANGED
+    before, after = before[changed].double(), after[changed].double()
+    return float((before - after).sum()), float(torch.maximum(before, after).sum()), int(changed.sum())

@@ -1,0 +1,184 @@
+"""Stage ``rests``: Gaussians of what lies somewhere for a while, and which rests and carries are of one thing
+(docs/method.md#rests)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.artifacts import provenance
+from egosplat.artifacts.carries import CARRIES
+from egosplat.artifacts.consistency import check_made_from
+from egosplat.artifacts.frames import FRAMES, lies_on_its_side, seconds_of
+from egosplat.artifacts.instances import INSTANCES, is_track
+from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.poses import POSES
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.rests import RESTS
+from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.writer import create
+from egosplat.carries.depth import SceneDepth
+from egosplat.gaussians.device import training_device
+from egosplat.gaussians.io import STORED, read_gaussians, read_render_settings
+from egosplat.gaussians.model import Gaussians
+from egosplat.geometry import Array, Camera, known_poses
+from egosplat.models.checkpoints import CLIP, model_hash
+from egosplat.progress import log
+from egosplat.query.text import load_clip_of
+from egosplat.rests.finding import Rest, ends_of, find_rests, places_of
+from egosplat.rests.options import RestsOptions
+from egosplat.rests.things import Look, features_of, group, look_at
+from egosplat.rests.views import Recording, Scenery, see_places
+
+
+def run(
+    frames_path: Path,
+    poses_path: Path,
+    instances_path: Path,
+    view_features_path: Path,
+    splats_path: Path,
+    carries_path: Path,
+    output: Path,
+    options: RestsOptions,
+    *,
+    masks_path: Path | None = None,
+) -> None:
+    """Write the rests of a recording; none where nothing is carried.
+
+    Args:
+        masks_path: required if the Gaussians were trained with refined masks.
+
+    Raises:
+        UserError: the inputs do not belong together, the model did not make the features, or the backend cannot run.
+    """
+    frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
+    instances, splats = open_artifact(instances_path, INSTANCES), open_artifact(splats_path, SPLATS)
+    views, carries = open_artifact(view_features_path, VIEW_FEATURES), open_artifact(carries_path, CARRIES)
+    masks = () if masks_path is None else (open_artifact(masks_path, MASKS),)
+    check_made_from(poses, frames, axes=("frame",))
+    check_made_from(instances, frames, axes=("frame", "height", "width"))
+    check_made_from(splats, frames, poses, *masks)
+    check_made_from(carries, frames, instances, views, splats)
+    inputs = [frames, poses, instances, views, splats, carries, *masks]
+    hashes = {CLIP.checkpoint_key: model_hash(CLIP, {key: getattr(options, key) for key in _KEYS})}
+    record = provenance.begin_from("rests", options.as_dict(), inputs, hashes)
+    scene, seconds = _read_scene(splats, options.backend), seconds_of(frames)
+    recording = _recording(frames, instances, splats, camera_poses(poses, splats), masks, options.backend)
+    ends = ends_of(carries, seconds)
+    places = places_of(ends)
+    trained = frames.read("train")
+    known = known_poses(recording.camera_to_world)
+    seen = see_places(places, known[trained[known]], recording, scene)
+    rests = find_rests(ends, places, seen, seconds, scene, options.seed)
+    things, of_carries = group(rests, len(carries.read("instance")))
+    looks: list[Look] = []
+    if rests:
+        clip = load_clip_of(
+            views, options.clip_model, options.clip_checkpoint, options.device, options.precision
+        )
+        looks = [look_at(one, scene, clip, lies_on_its_side(frames)) for one in rests]
+    log(f"{len(rests)} rests of {things.max(initial=-1) + 1} things, at {len(ends)} ends of carries")
+    with create(output, RESTS, record) as artifact:
+        for name, values in {
+            **_columns(rests, things, looks),
+            **_links(rests, of_carries),
+            "things/feature": _features(things, looks, of_carries, carries),
+            **_gaussians(rests, scene),
+        }.items():
+            artifact.put(name, values)
+
+
+_KEYS = (CLIP.config_key, CLIP.checkpoint_key)
+
+
+def _read_scene(splats: Artifact, backend: str) -> Scenery:
+    compression = splats.facts.get("highlight_compression")
+    return Scenery(
+        read_gaussians(splats).to(training_device(backend)),
+        read_render_settings(splats, backend),
+        splats.facts["sh_degree_in_use"],
+        None if compression is None else torch.tensor([compression], dtype=torch.float64),
+    )
+
+
+def _recording(
+    frames: Artifact,
+    instances: Artifact,
+    splats: Artifact,
+    camera_to_world: Array,
+    masks: Sequence[Artifact],
+    backend: str,
+) -> Recording:
+    tracks, gains = is_track(instances), None
+    if splats.has("corrections/gain"):
+        gains = torch.from_numpy(splats.read("corrections/gain")).log()
+
+    def moving(frame: int) -> NDArray[np.bool_]:
+        labels = instances.row("labels", frame)
+        # Label -1 indexes the last entry.
+        found = np.append(tracks, False)[labels].any(axis=0)
+        for one in masks:
+            found |= one.row("refined", frame)
+        return found
+
+    def log_gain(frame: int) -> Tensor | None:
+        return None if gains is None else gains[frame]
+
+    return Recording(
+        lambda frame: frames.row("rgb", frame),
+        lambda frame: instances.row("labels", frame),
+        moving,
+        SceneDepth(splats, camera_to_world, backend).of,
+        log_gain,
+        frames.read("valid"),
+        Camera(**splats.facts["camera"]),
+        camera_to_world,
+    )
+
+
+def _columns(rests: Sequence[Rest], things: NDArray[np.int32], looks: Sequence[Look]) -> dict[str, NDArray]:
+    frames = np.array([one.frames for one in rests], np.int64).reshape(-1, 2)
+    return {
+        "thing": things,
+        "from_frame": frames[:, 0],
+        "until_frame": frames[:, 1],
+        "center": np.array([one.center for one in rests], np.float64).reshape(-1, 3),
+        "size": np.array([one.size for one in rests], np.float64),
+        "gain": np.array([one.gain for one in rests], np.float32),
+        "best_frame": np.array([one.frame for one in looks], np.int64),
+        "box": np.array([one.box for one in looks], np.int32).reshape(-1, 4),
+    }
+
+
+def _links(rests: Sequence[Rest], of_carries: NDArray[np.int32]) -> dict[str, NDArray]:
+    """The thing of each carry, and the rests before and after it."""
+    before, after = np.full((2, len(of_carries)), -1, np.int32)
+    for number, one in enumerate(rests):
+        if one.taken_up is not None:
+            before[one.taken_up] = number
+        if one.put_down is not None:
+            after[one.put_down] = number
+    return {"carries/thing": of_carries, "carries/from_rest": before, "carries/to_rest": after}
+
+
+def _features(
+    things: NDArray[np.int32], looks: Sequence[Look], of_carries: NDArray[np.int32], carries: Artifact
+) -> NDArray[np.float32]:
+    carried = carries.read("feature")
+    if not looks:
+        return np.zeros((0, carried.shape[1]), np.float32)
+    return features_of(things, looks, of_carries, carried)
+
+
+def _gaussians(rests: Sequence[Rest], scene: Scenery) -> dict[str, NDArray]:
+    every = Gaussians.concatenate(
+        [*(one.gaussians for one in rests), scene.gaussians.select(torch.arange(0))]
+    )
+    counts = [one.gaussians.count for one in rests]
+    stored = {name: getattr(every, name).cpu().numpy() for name in STORED if name != "features"}
+    owner = np.repeat(np.arange(len(rests), dtype=np.int32), counts)
+    return {"gaussians/rest": owner} | {f"gaussians/{name}": values for name, values in stored.items()}
