@@ -197,8 +197,8 @@ def contents_of(page: Path) -> tuple[Facts, Arrays]:
 
 
 def means_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(N, 3) float32 centers on the page."""
-    block = np.arange(facts["count"]) // facts["block"]
+    """(N, 3) float32 centers on the page, those of rests at the end."""
+    block = np.arange(arrays["position"].shape[1]) // facts["block"]
     return (arrays["block_low"][:, block] + arrays["position"] * arrays["block_step"][:, block]).T.astype(
         np.float32
     )

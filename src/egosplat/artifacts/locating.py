@@ -32,9 +32,9 @@ def open_carries(folder: Path, splats: Artifact) -> Artifact | None:
     return _open_made_from(folder, "carries.zarr", splats)
 
 
-def open_rests(folder: Path, splats: Artifact) -> Artifact | None:
-    """Open rests.zarr of a scene or variant; None if none was made from these Gaussians. Raises as ``open_carries``."""
-    return _open_made_from(folder, "rests.zarr", splats)
+def open_rests(folder: Path, carries: Artifact | None) -> Artifact | None:
+    """Open rests.zarr of a scene or variant; None if none was made from these carries. Raises as ``open_carries``."""
+    return None if carries is None else _open_made_from(folder, "rests.zarr", carries)
 
 
 def _open_made_from(folder: Path, name: str, source: Artifact) -> Artifact | None:

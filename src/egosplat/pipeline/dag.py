@@ -117,12 +117,13 @@ def decide(config: Config, survey: Survey) -> Config:
 def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the stages whose artifacts a stage reads, and the survey if it decides which."""
     always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
-    found = always + optional_inputs_of(stage, config)
+    optional = optional_inputs_of(stage, config)
+    found = always + optional
     # Snakemake must run the survey before it knows whether the stage needs masks, or what moves.
     sections = {section for section, _ in decided_by_survey(config)}
     masked = "splats" in sections and "masks" in STAGES[stage].optional
     corrected = "camera" in sections and "camera" in stage_sections(stage)
-    of_tracks = not {"carries", "rests"}.isdisjoint(STAGES[stage].optional)
+    of_tracks = not {"carries", "rests"}.isdisjoint(optional)
     tracked = "segments" in sections and (stage == "segments" or of_tracks)
     merged = stage == "instances" and merges_masks(config) and not sections.isdisjoint({"splats", "segments"})
     by_survey = masked or corrected or tracked or merged

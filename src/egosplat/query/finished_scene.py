@@ -181,24 +181,27 @@ class Scene:
     @cached_property
     def histories(self) -> Histories | None:
         """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
-        carries, rests = open_carries(self.folder, self.artifact("splats")), self._rests
-        if carries is None:
-            return None
-        if rests is None or rests.provenance["inputs"]["carries.zarr"] != carries.digest:
-            return Histories(carries, self.seconds)
+        carries, rests = self._carries, self._rests
+        if carries is None or rests is None:
+            return None if carries is None else Histories(carries, self.seconds)
         return ThingHistories(carries, rests, self.seconds)
 
     @cached_property
     def rests(self) -> Rests | None:
         """What lies somewhere for a while, on the device of the renderer; None if it is not known."""
-        artifact = self._rests
-        return artifact and Rests.read(artifact, self.seconds, self.gaussians.means.device)
+        if self._rests is None:
+            return None
+        return Rests.read(self._rests, self.seconds, self.gaussians.means.device)
+
+    @cached_property
+    def _carries(self) -> Artifact | None:
+        return open_carries(self.folder, self.artifact("splats"))
 
     @cached_property
     def _rests(self) -> Artifact | None:
-        # A stage is given what it reads.
+        # A stage is given what it may show: rests.zarr in the folder may be no input of it.
         given = next((one for one in self.given if one.schema.name == "rests"), None)
-        return given if self.checked else open_rests(self.folder, self.artifact("splats"))
+        return given if self.checked else open_rests(self.folder, self._carries)
 
     @property
     def untold(self) -> str | None:
