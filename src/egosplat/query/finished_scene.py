@@ -249,6 +249,7 @@ class Scene:
         most: int = 3,
         frame: int | None = None,
         pose: Pose | None = None,
+        second: float | None = None,
         **keys: Any,
     ) -> list[Answer]:
         """Find phrases in the whole scene, or in one view.
@@ -258,6 +259,7 @@ class Scene:
             most: maximum number of things in an answer of the whole scene.
             frame: ask only the view of this frame, at its time.
             pose: ask only this view: (4, 4) camera_to_world, or a JSON file that holds it.
+            second: time of the pose [s since the first frame]: what lies somewhere for a while is seen at its time.
             keys: keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
 
         Returns:
@@ -278,7 +280,7 @@ class Scene:
         (96, 96)
         """
         options = self.options.change_keys(**keys)
-        return list(self.answers(phrases, most, self.viewpoint(frame, pose), options))
+        return list(self.answers(phrases, most, self.viewpoint(frame, pose, second), options))
 
     def answers(
         self,
@@ -314,24 +316,36 @@ class Scene:
         """Encode phrases to ask them of many views, and compare them with the Gaussians once. Raises as ``ask``."""
         return Asker.of(self.trained, self.encode(phrases), self.options, self.rests)
 
-    def viewpoint(self, frame: int | None = None, pose: Pose | None = None) -> Viewpoint | None:
-        """The view of a frame or a pose; None without either. Raises as ``ask``."""
+    def viewpoint(
+        self, frame: int | None = None, pose: Pose | None = None, second: float | None = None
+    ) -> Viewpoint | None:
+        """The view of a frame, or of a pose at a time; None without either. Raises as ``ask``."""
         if frame is not None and pose is not None:
             raise UserError("frame and pose: give one of them")
+        if second is not None and pose is None:
+            raise UserError(
+                "second: is the time of a pose; a frame has its own, and Answer.at tells of the whole scene"
+            )
         if pose is not None:
-            return pose_viewpoint(pose)
+            return pose_viewpoint(pose, second)
         if frame is not None:
             return frame_viewpoint(*map(self.artifact, ("frames", "poses", "splats")), frame)
         return None
 
     def render(
-        self, frame: int | None = None, *, pose: Pose | None = None, camera: Camera | None = None
+        self,
+        frame: int | None = None,
+        *,
+        pose: Pose | None = None,
+        second: float | None = None,
+        camera: Camera | None = None,
     ) -> NDArray[np.float32]:
         """Render a view.
 
         Args:
             frame: the view of this frame, at its time.
             pose: this view instead: (4, 4) camera_to_world, or a JSON file that holds it.
+            second: time of the pose, as in ``ask``.
             camera: another camera than that of the frames.
 
         Returns:
@@ -342,7 +356,7 @@ class Scene:
         >>> scene.render(pose=scene.poses[2], camera=scene.camera.scaled_to(48, 48)).shape
         (48, 48, 3)
         """
-        view = self.viewpoint(frame, pose)
+        view = self.viewpoint(frame, pose, second)
         if view is None:
             raise UserError("render: give a frame or a pose")
         return self.picture(view, camera)

@@ -21,7 +21,7 @@ class Viewpoint:
     Attributes:
         camera_to_world: (4, 4) float64, OpenCV axes, meters.
         valid: (H, W) bool pixels that show the scene, or None for all.
-        second: time of a frame [s since the first]; None of no time.
+        second: time [s since the first frame], at which it shows what lies there then, too; None for what stays.
     """
 
     name: str
@@ -53,8 +53,8 @@ def frame_viewpoint(frames: Artifact, poses: Artifact, splats: Artifact, frame: 
     return Viewpoint(f"frame {frame}", pose, frames.read("valid"), second)
 
 
-def pose_viewpoint(pose: Pose) -> Viewpoint:
-    """The viewpoint of a pose, named like its file.
+def pose_viewpoint(pose: Pose, second: float | None = None) -> Viewpoint:
+    """The viewpoint of a pose, named like its file, at a time or of none.
 
     Raises:
         UserError: the file cannot be read, or the pose is no rigid motion.
@@ -67,7 +67,7 @@ def pose_viewpoint(pose: Pose) -> Viewpoint:
         raise UserError(
             f"{where}: camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
         )
-    return Viewpoint(name, matrix, None)
+    return Viewpoint(name, matrix, None, second)
 
 
 def _read_pose(path: Path) -> Array:

@@ -171,7 +171,7 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     assert "give seconds, as 65" in table("--at", "soon")
     assert "give seconds, as 65" in table("--at", "-1")
     assert "the recording ends at 0:00" in table("--at", "0:01")
-    assert "a view, such as frame 1, has no history" in table("--at", "0", "--frame", "1")
+    assert "frame 1 has its own time" in table("--at", "0", "--frame", "1")
 
 
 def test_carries_of_other_gaussians_tell_nothing(tmp_path):

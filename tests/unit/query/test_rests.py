@@ -10,10 +10,12 @@ from egosplat.artifacts.language import GAUSSIANS, PIXELS
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.rests import RESTS
 from egosplat.codes.decoder import Decoder
+from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.query.answer import Asker
+from egosplat.query.command import run
 from egosplat.query.opening import open_scene
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.rests import Rests, scene_at
@@ -146,8 +148,25 @@ def test_a_frame_shows_what_lies_there_at_its_time(tmp_path):
         scene.viewpoint(2).second == pytest.approx(0.2)
         and scene.viewpoint(pose=scene.poses[2]).second is None
     )
+    np.testing.assert_array_equal(scene.render(pose=scene.poses[0], second=0.1), scene.render(0))
+    for given in ({"frame": 0}, {}):
+        with pytest.raises(UserError, match="second"):
+            scene.ask("cup", second=0.1, **given)
     read = Rests.read(open_artifact(tmp_path / "rests.zarr", RESTS), scene.seconds, torch.device("cpu"))
     assert read.gaussians.count == 8 and read.from_s.tolist() == scene.seconds[[0, 4]].tolist()
+
+
+def test_a_pose_is_asked_at_a_time(tmp_path):
+    """Of the command: its picture shows what rests, and its title tells the time."""
+    put_page_scene(tmp_path)
+    put_rests(tmp_path, ((0, 1), (4, 4)))
+    scene, seen = open_scene(tmp_path), []
+    view = scene.viewpoint(pose=scene.poses[0])
+    for at in (0.1, 0.3, None):
+        told = "".join(run(scene, ["cup"], view, 1, tmp_path / "query.png", at))
+        assert ("a pose at 0:00, origin" in told) == (at is not None)
+        seen.append((tmp_path / "query.png").read_bytes())
+    assert len({*seen}) == 3
 
 
 def test_rests_of_other_gaussians_are_not_shown(tmp_path):
