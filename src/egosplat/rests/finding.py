@@ -2,7 +2,7 @@
 (docs/method.md#rests)."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +11,20 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array
 from egosplat.progress import track
-from egosplat.rests.fitting import explained, fit, start_points, visible
+from egosplat.rests.fitting import essential, explained, fit, start_points
 from egosplat.rests.views import Place, PlaceView, Scenery
 
 # The sphere of a thing has this part of its size as radius, and this more, as a part of the mean size of all.
 _OF_SIZE, _OF_MEAN = 0.6, 0.15
 
-# A rest is learnt first from so many views beyond this time from the carry: its end is told to half a second [s].
-_FIRST_VIEWS, _LEAST_VIEWS, _APART_S = 8, 3, 0.6
+# A rest is learnt first from so many views beyond this time from the carry, whose end is told to half a second [s]; where it is
+# shorter than _SURE_S, the carry may have ended later: it is learnt from later views, too.
+_FIRST_VIEWS, _LEAST_VIEWS, _APART_S = 8, 3, (0.6, 2.0)
 
-# Steps from the first views, and from all of its time.
-_FIRST_STEPS, _STEPS = 120, 200
+_SURE_S = 2.0
+
+# Steps from the first views, from all of its time, and with the Gaussians that are kept.
+_FIRST_STEPS, _STEPS, _LAST_STEPS = 120, 150, 60
 
 # A view shows the thing if its Gaussians explain more than this share of the error; fewer changed pixels than this part of
 # the median count for less.
@@ -29,6 +32,9 @@ _SHARE, _OF_MEDIAN = 0.1, 0.05
 
 # A thing lies there if its Gaussians explain this share of the error, and so many are opaque to this degree.
 _LEAST_GAIN, _LEAST_OPAQUE, _OPAQUE = 0.3, 8, 0.3
+
+# Two rests are one if they are nearer than this part of the smaller radius.
+_ONE = 0.6
 
 # A carry belongs to a rest that begins or ends within this time of it [s].
 _TOGETHER_S = 2.0
@@ -65,7 +71,6 @@ class Rest:
         gaussians: what the photographs show of it on top of the scene.
         views: of this time.
         gain: share of the error that the Gaussians explain.
-        put_down, taken_up: carries that end and begin here.
     """
 
     place: Place
@@ -73,8 +78,11 @@ class Rest:
     gaussians: Gaussians
     views: tuple[PlaceView, ...]
     gain: float
-    put_down: int | None = None
-    taken_up: int | None = None
+
+    @property
+    def evidence(self) -> float:
+        """What is explained, of all views together."""
+        return self.gain * len(self.views)
 
     @property
     def frames(self) -> tuple[int, int]:
@@ -126,44 +134,56 @@ def find_rests(
     for end, place, seen in track(
         [*zip(ends, places, views, strict=True)], "learning what rests", unit="end"
     ):
-        same = next((number for number, one in enumerate(found) if _is_there(one, place, end, seconds)), None)
-        if same is None and (rest := _learn(end, place, seen, seconds, scene, seed)) is not None:
-            same = next((number for number, one in enumerate(found) if _are_one(one, rest)), None)
-            if same is None:
-                found.append(rest)
-                same = len(found) - 1
-            elif rest.gain > found[same].gain:
-                found[same] = replace(rest, put_down=found[same].put_down, taken_up=found[same].taken_up)
-        if same is not None:
-            found[same] = _joined(found[same], end, seconds)
+        if any(_holds(one, place) and _covers(one, end, seconds) for one in found):
+            continue
+        rest = _learn(end, place, seen, seconds, scene, seed)
+        if rest is None:
+            continue
+        same = next((number for number, one in enumerate(found) if _are_one(one, rest)), None)
+        if same is None:
+            found.append(rest)
+        elif rest.evidence > found[same].evidence:
+            found[same] = rest
     return sorted(found, key=lambda one: one.frames)
 
 
-def _is_there(rest: Rest, place: Place, end: End, seconds: Array) -> bool:
-    """Whether a known rest lies at the end of a carry, at its time."""
-    if np.linalg.norm(rest.center - place.center) > max(rest.place.radius, place.radius):
-        return False
+def link(
+    ends: Sequence[End], places: Sequence[Place], rests: Sequence[Rest], seconds: Array, carries: int
+) -> NDArray[np.int32]:
+    """(2, C) int32 rest before and after each carry, -1 for none: that of the most evidence at its place and time."""
+    found = np.full((2, carries), -1, np.int32)
+    for end, place in zip(ends, places, strict=True):
+        fit = [
+            number
+            for number, one in enumerate(rests)
+            if _holds(one, place)
+            and abs(seconds[one.frames[0 if end.after else 1]] - end.second) <= _TOGETHER_S
+        ]
+        if fit:
+            found[int(end.after), end.carry] = max(fit, key=lambda number: rests[number].evidence)
+    return found
+
+
+def _holds(rest: Rest, place: Place) -> bool:
+    """Whether a place is that of a rest."""
+    apart = float(np.linalg.norm(rest.center - place.center))
+    return apart <= min(rest.place.radius, place.radius)
+
+
+def _covers(rest: Rest, end: End, seconds: Array) -> bool:
+    """Whether a carry begins or ends in the time of a rest."""
     first, last = (seconds[frame] for frame in rest.frames)
     return bool(first - _TOGETHER_S <= end.second <= last + _TOGETHER_S)
 
 
 def _are_one(rest: Rest, other: Rest) -> bool:
     """Whether two rests show one thing: they are at one place for half of the time of the shorter one."""
-    if np.linalg.norm(rest.center - other.center) > max(rest.place.radius, other.place.radius):
+    apart = float(np.linalg.norm(rest.center - other.center))
+    if apart > _ONE * min(rest.place.radius, other.place.radius):
         return False
     (first, last), (begin, end) = rest.frames, other.frames
     both = min(last, end) - max(first, begin)
     return both >= min(last - first, end - begin) / 2
-
-
-def _joined(rest: Rest, end: End, seconds: Array) -> Rest:
-    """A rest with the carry at its beginning or end, unless one is known or the times differ."""
-    first, last = rest.frames
-    if end.after and rest.put_down is None and abs(seconds[first] - end.second) <= _TOGETHER_S:
-        return replace(rest, put_down=end.carry)
-    if not end.after and rest.taken_up is None and abs(seconds[last] - end.second) <= _TOGETHER_S:
-        return replace(rest, taken_up=end.carry)
-    return rest
 
 
 def _learn(
@@ -171,18 +191,39 @@ def _learn(
 ) -> Rest | None:
     """Learn what lies at the end of a carry, and when; None if nothing does."""
     beyond = _beyond(end, views, seconds)
-    first = [view for view, apart in zip(views, beyond, strict=True) if apart > _APART_S]
-    first = sorted(first, key=lambda view: abs(seconds[view.frame] - end.second))[:_FIRST_VIEWS]
+    found: Rest | None = None
+    for apart in _APART_S:
+        rest = _learn_from(beyond > apart, beyond, end, place, views, scene, seed)
+        if rest is not None and (found is None or rest.evidence > found.evidence):
+            found = rest
+        if found is not None and seconds[found.frames[1]] - seconds[found.frames[0]] >= _SURE_S:
+            return found
+    return found
+
+
+def _learn_from(
+    allowed: NDArray[np.bool_],
+    beyond: Array,
+    end: End,
+    place: Place,
+    views: Sequence[PlaceView],
+    scene: Scenery,
+    seed: int,
+) -> Rest | None:
+    """Learn a thing from the first of the allowed views, then from all views that it explains; None if it explains few."""
+    first = sorted(np.flatnonzero(allowed), key=lambda number: beyond[number])[:_FIRST_VIEWS]
     if len(first) < _LEAST_VIEWS:
         return None
-    gaussians = fit(start_points(place, first, scene, seed), first, scene, place.radius, _FIRST_STEPS, seed)
+    some = [views[number] for number in first]
+    gaussians = fit(start_points(place, some, scene, seed), some, scene, place.radius, _FIRST_STEPS, seed)
     shown = _span(beyond, _shares(explained(gaussians, views, scene)))
     if shown.sum() < _LEAST_VIEWS:
         return None
-    chosen = [view for view, one in zip(views, shown, strict=True) if one]
-    gaussians = visible(fit(gaussians, chosen, scene, place.radius, _STEPS, seed))
+    chosen = [views[number] for number in np.flatnonzero(shown)]
+    gaussians = essential(fit(gaussians, chosen, scene, place.radius, _STEPS, seed), chosen, scene)
     if int((gaussians.opacities >= _OPAQUE).sum()) < _LEAST_OPAQUE:
         return None
+    gaussians = fit(gaussians, chosen, scene, place.radius, _LAST_STEPS, seed)
     fewer, most, _ = explained(gaussians, chosen, scene).sum(axis=0)
     gain = float(fewer / most) if most > 0 else 0.0
     return Rest(place, end.size, gaussians, tuple(chosen), gain) if gain >= _LEAST_GAIN else None

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import l1_ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
+from egosplat.gaussians.render import view_of
 from egosplat.geometry import Array, invert, transform
+from egosplat.rasterize.view import sum_over_pixels
 from egosplat.rests.views import Place, PlaceView, Scenery
 
 # Points that a thing starts from, in this part of the place's radius.
@@ -35,6 +38,9 @@ _OPACITY_WEIGHT = 0.002
 
 # Gaussians below this opacity are left out in the end.
 _LEAST_OPACITY = 0.05
+
+# A Gaussian belongs to a thing if more than this share of what it shows is explained by it.
+_HALF = 0.5
 
 # A pixel counts as changed from this sum of differences of red, green and blue.
 _CHANGED = 0.05
@@ -92,25 +98,45 @@ def fit(
     return gaussians.detach()
 
 
-def visible(gaussians: Gaussians) -> Gaussians:
-    """The finite Gaussians that are not nearly transparent."""
-    return gaussians.select(gaussians.finite() & (gaussians.opacities >= _LEAST_OPACITY))
+@torch.no_grad()
+def essential(gaussians: Gaussians, views: Sequence[PlaceView], scene: Scenery) -> Gaussians:
+    """Those Gaussians that are mostly where the error falls; the others repeat the scene around the thing."""
+    total = torch.zeros(gaussians.count, 2, dtype=torch.float64)
+    for view in views:
+        pixels = torch.stack(
+            [torch.from_numpy(one).float() for one in (improved(view, gaussians, scene), view.shown)], dim=-1
+        )
+        every = view.with_scene(scene, gaussians)
+        seen = view_of(every, view.camera, view.camera_to_world, scene.settings)
+        total += sum_over_pixels(seen, pixels.to(every.means.device))[-gaussians.count :].double().cpu()
+    kept = (total[:, 0] > _HALF * total[:, 1]).to(gaussians.means.device)
+    return gaussians.select(kept & gaussians.finite() & (gaussians.opacities >= _LEAST_OPACITY))
+
+
+@torch.no_grad()
+def improved(view: PlaceView, gaussians: Gaussians, scene: Scenery) -> NDArray[np.bool_]:
+    """(h, w) bool: shown pixels whose error is clearly lower with Gaussians than without."""
+    before, after = _errors(view, gaussians, scene)
+    return (before - after > _CHANGED).cpu().numpy() & view.shown
 
 
 @torch.no_grad()
 def explained(gaussians: Gaussians, views: Sequence[PlaceView], scene: Scenery) -> Array:
     """(V, 3) float64 for the pixels of each view that Gaussians change: by how much their absolute error falls, the larger of
     the errors without and with them, and the number of pixels."""
-    found = [
-        _explained(view.render(scene), view.render(scene, gaussians), view.colors, view.shown)
-        for view in views
-    ]
+    found = []
+    for view in views:
+        before, after = _errors(view, gaussians, scene)
+        changed = ((before - after).abs() > _CHANGED) & torch.from_numpy(view.shown).to(before.device)
+        before, after = before[changed].double(), after[changed].double()
+        larger = torch.maximum(before, after)
+        found.append((float((before - after).sum()), float(larger.sum()), int(changed.sum())))
     return np.array(found, np.float64).reshape(-1, 3)
 
 
-def _explained(without: Tensor, given: Tensor, colors: Tensor, shown: np.ndarray) -> tuple[float, float, int]:
-    colors, inside = colors.to(given), torch.from_numpy(shown).to(given.device)
-    before, after = ((one.clamp(0.0, 1.0) - colors).abs().sum(dim=-1)[inside] for one in (without, given))
-    changed = (before - after).abs() > _CHANGED
-    before, after = before[changed].double(), after[changed].double()
-    return float((before - after).sum()), float(torch.maximum(before, after).sum()), int(changed.sum())
+def _errors(view: PlaceView, gaussians: Gaussians, scene: Scenery) -> tuple[Tensor, Tensor]:
+    """(h, w) absolute errors, summed over colors, without and with Gaussians."""
+    images = view.render(scene), view.render(scene, gaussians)
+    colors = view.colors.to(images[0])
+    before, after = ((image.clamp(0.0, 1.0) - colors).abs().sum(dim=-1) for image in images)
+    return before, after

@@ -29,7 +29,7 @@ from egosplat.geometry import Array, Camera, known_poses
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.progress import log
 from egosplat.query.text import load_clip_of
-from egosplat.rests.finding import Rest, ends_of, find_rests, places_of
+from egosplat.rests.finding import Rest, ends_of, find_rests, link, places_of
 from egosplat.rests.options import RestsOptions
 from egosplat.rests.things import Look, features_of, group, look_at
 from egosplat.rests.views import Recording, Scenery, see_places
@@ -74,7 +74,8 @@ def run(
     known = known_poses(recording.camera_to_world)
     seen = see_places(places, known[trained[known]], recording, scene)
     rests = find_rests(ends, places, seen, seconds, scene, options.seed)
-    things, of_carries = group(rests, len(carries.read("instance")))
+    links = link(ends, places, rests, seconds, len(carries.read("instance")))
+    things, of_carries = group(len(rests), links)
     looks: list[Look] = []
     if rests:
         clip = load_clip_of(
@@ -85,8 +86,10 @@ def run(
     with create(output, RESTS, record) as artifact:
         for name, values in {
             **_columns(rests, things, looks),
-            **_links(rests, of_carries),
-            "things/feature": _features(things, looks, of_carries, carries),
+            "carries/thing": of_carries,
+            "carries/from_rest": links[0],
+            "carries/to_rest": links[1],
+            "things/feature": _features(things, rests, looks, of_carries, carries),
             **_gaussians(rests, scene),
         }.items():
             artifact.put(name, values)
@@ -154,24 +157,17 @@ def _columns(rests: Sequence[Rest], things: NDArray[np.int32], looks: Sequence[L
     }
 
 
-def _links(rests: Sequence[Rest], of_carries: NDArray[np.int32]) -> dict[str, NDArray]:
-    """The thing of each carry, and the rests before and after it."""
-    before, after = np.full((2, len(of_carries)), -1, np.int32)
-    for number, one in enumerate(rests):
-        if one.taken_up is not None:
-            before[one.taken_up] = number
-        if one.put_down is not None:
-            after[one.put_down] = number
-    return {"carries/thing": of_carries, "carries/from_rest": before, "carries/to_rest": after}
-
-
 def _features(
-    things: NDArray[np.int32], looks: Sequence[Look], of_carries: NDArray[np.int32], carries: Artifact
+    things: NDArray[np.int32],
+    rests: Sequence[Rest],
+    looks: Sequence[Look],
+    of_carries: NDArray[np.int32],
+    carries: Artifact,
 ) -> NDArray[np.float32]:
     carried = carries.read("feature")
     if not looks:
         return np.zeros((0, carried.shape[1]), np.float32)
-    return features_of(things, looks, of_carries, carried)
+    return features_of(things, rests, looks, of_carries, carried)
 
 
 def _gaussians(rests: Sequence[Rest], scene: Scenery) -> dict[str, NDArray]:

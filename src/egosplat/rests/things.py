@@ -4,25 +4,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from egosplat.codes.vectors import unit, usable
 from egosplat.features.crops import channels, encode, fill_hull, pad_square, resize
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import render
 from egosplat.images import evenly_spaced
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.rests.finding import Rest
+from egosplat.rests.fitting import improved
 from egosplat.rests.views import PlaceView, Scenery
 
 # Views of a rest that OpenCLIP encodes, and the smallest thing among them [px].
 _VIEWS, _LEAST_PIXELS = 16, 50
-
-# A thing covers a pixel that its Gaussians make up by more than this.
-_HALF = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,33 +35,27 @@ class Look:
     feature: NDArray[np.float64]
 
 
-def group(rests: Sequence[Rest], carries: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Number the things: a carry is of one thing with the rests before and after it.
+def group(rests: int, links: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Number the things: a carry is of one thing with the rests before and after it, see ``link``.
 
     Returns:
         (R,) int32 thing of each rest, and (C,) of each carry, -1 for a carry without a rest.
     """
-    pairs = [
-        (number, len(rests) + carry)
-        for number, one in enumerate(rests)
-        for carry in (one.put_down, one.taken_up)
-        if carry is not None
-    ]
-    rows, columns = np.array(pairs, np.int64).reshape(-1, 2).T
-    nodes = len(rests) + carries
-    joined = coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(nodes, nodes))
+    carries = links.shape[1]
+    side, carry = np.nonzero(links >= 0)
+    nodes = rests + carries
+    joined = coo_array((np.ones(len(side), bool), (links[side, carry], rests + carry)), shape=(nodes, nodes))
     label = connected_components(joined, directed=False)[1]
-    # Components without a rest are carries alone.
-    _, thing = np.unique(label[: len(rests)], return_inverse=True)
-    of_label = dict(zip(label[: len(rests)].tolist(), thing.tolist(), strict=True))
-    of_carries = [of_label.get(one, -1) for one in label[len(rests) :].tolist()]
-    return thing.astype(np.int32), np.array(of_carries, np.int32)
+    numbers, thing = np.unique(label[:rests], return_inverse=True)
+    # Components without a rest are single carries.
+    of_carries = np.where(np.isin(label[rests:], numbers), np.searchsorted(numbers, label[rests:]), -1)
+    return thing.astype(np.int32), of_carries.astype(np.int32)
 
 
 def look_at(rest: Rest, scene: Scenery, clip: OpenClip, turned: bool) -> Look:
-    """Encode what the frames show where the Gaussians of a rest are; ``turned`` pictures lie on their side."""
+    """Encode what the frames show where the Gaussians of a rest explain them; ``turned`` pictures lie on their side."""
     views = [rest.views[place] for place in evenly_spaced(len(rest.views), _VIEWS)]
-    masks = [_silhouette(rest.gaussians, view, scene) for view in views]
+    masks = [improved(view, rest.gaussians, scene) for view in views]
     areas = [int(mask.sum()) for mask in masks]
     best = int(np.argmax(areas))
     wanted, crops = clip.preprocessing, []
@@ -82,27 +71,30 @@ def look_at(rest: Rest, scene: Scenery, clip: OpenClip, turned: bool) -> Look:
 
 
 def features_of(
-    things: NDArray[np.int32], looks: Sequence[Look], of_carries: NDArray[np.int32], carried: NDArray
+    things: NDArray[np.int32],
+    rests: Sequence[Rest],
+    looks: Sequence[Look],
+    of_carries: NDArray[np.int32],
+    carried: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """(T, D) float32 mean feature of the rests and carries of each thing, of unit norm; ``carried`` (C, D) of carries."""
-    every = np.stack([*(look.feature for look in looks), *carried.astype(np.float64)])
+    """Describe each thing by its rests, as far as its Gaussians explain their views, and by its carries.
+
+    Args:
+        carried: (C, D) feature of each carry. A hand is in most of its views, so it counts as one view of a rest.
+
+    Returns:
+        (T, D) float32 of unit norm; zeros without a feature.
+    """
+    at_rest = [one.evidence * look.feature for one, look in zip(rests, looks, strict=True)]
+    every = np.stack([*at_rest, *np.where(usable(carried)[:, None], carried, 0.0).astype(np.float64)])
     owner = np.concatenate([things, of_carries])
     count = int(things.max(initial=-1)) + 1
-    return np.stack([_mean(every[owner == thing]) for thing in range(count)]).astype(np.float32)
+    return np.stack([unit(every[owner == thing].sum(axis=0)) for thing in range(count)]).astype(np.float32)
 
 
 def _mean(features: NDArray) -> NDArray[np.float64]:
     """Mean direction of those of (R, D) features that have one; zeros without."""
     return unit(features[usable(features)].astype(np.float64).sum(axis=0))
-
-
-@torch.no_grad()
-def _silhouette(gaussians: Gaussians, view: PlaceView, scene: Scenery) -> NDArray[np.bool_]:
-    """(h, w) bool: pixels that the Gaussians of a rest make up, where nothing that moves is before them."""
-    _, alpha, _ = render(
-        gaussians, view.camera, view.camera_to_world, scene.settings, sh_degree=0, background=None
-    )
-    return (alpha[..., 0] > _HALF).cpu().numpy() & view.shown
 
 
 def _slices(mask: NDArray[np.bool_]) -> tuple[slice, slice]:

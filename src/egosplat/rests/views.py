@@ -90,13 +90,15 @@ class PlaceView:
         """(h, w) float32 weight of each pixel."""
         return torch.from_numpy(self.shown).float()
 
+    def with_scene(self, scene: Scenery, more: Gaussians | None) -> Gaussians:
+        """The Gaussians of the scene that may be seen here, then more."""
+        near = scene.gaussians.select(self.near)
+        return near if more is None else Gaussians.concatenate([near, more])
+
     def render(self, scene: Scenery, more: Gaussians | None = None) -> Tensor:
         """Render (h, w, 3) as the camera would take it, with more Gaussians than the scene's."""
-        every = scene.gaussians.select(self.near)
-        if more is not None:
-            every = Gaussians.concatenate([every, more])
         image, _, _ = render(
-            every,
+            self.with_scene(scene, more),
             self.camera,
             self.camera_to_world,
             scene.settings,
