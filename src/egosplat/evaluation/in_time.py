@@ -1,4 +1,4 @@
-"""Score renders of held-out frames at their own time: with what lies there then, on top of what stays (docs/method.md#metrics)."""
+"""Score renders of held-out frames at their own time: with what lies there then, on top of what stays (docs/method.md#own-time)."""
 
 from collections.abc import Mapping, Sequence
 
