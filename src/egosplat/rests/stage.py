@@ -89,7 +89,7 @@ def run(
             "carries/thing": of_carries,
             "carries/from_rest": links[0],
             "carries/to_rest": links[1],
-            "things/feature": _features(things, rests, looks, of_carries, carries),
+            "things/feature": _features(things, looks, of_carries, carries),
             **_gaussians(rests, scene),
         }.items():
             artifact.put(name, values)
@@ -159,7 +159,6 @@ def _columns(rests: Sequence[Rest], things: NDArray[np.int32], looks: Sequence[L
 
 def _features(
     things: NDArray[np.int32],
-    rests: Sequence[Rest],
     looks: Sequence[Look],
     of_carries: NDArray[np.int32],
     carries: Artifact,
@@ -167,7 +166,7 @@ def _features(
     carried = carries.read("feature")
     if not looks:
         return np.zeros((0, carried.shape[1]), np.float32)
-    return features_of(things, rests, looks, of_carries, carried)
+    return features_of(things, looks, of_carries, carried)
 
 
 def _gaussians(rests: Sequence[Rest], scene: Scenery) -> dict[str, NDArray]:

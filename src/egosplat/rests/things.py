@@ -72,20 +72,19 @@ def look_at(rest: Rest, scene: Scenery, clip: OpenClip, turned: bool) -> Look:
 
 def features_of(
     things: NDArray[np.int32],
-    rests: Sequence[Rest],
     looks: Sequence[Look],
     of_carries: NDArray[np.int32],
     carried: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Describe each thing by its rests, as far as its Gaussians explain their views, and by its carries.
+    """Describe each thing by its rests and its carries, each of which counts the same.
 
     Args:
-        carried: (C, D) feature of each carry. A hand is in most of its views, so it counts as one view of a rest.
+        carried: (C, D) feature of each carry; zeros without one.
 
     Returns:
         (T, D) float32 of unit norm; zeros without a feature.
     """
-    at_rest = [one.evidence * look.feature for one, look in zip(rests, looks, strict=True)]
+    at_rest = [look.feature for look in looks]
     every = np.stack([*at_rest, *np.where(usable(carried)[:, None], carried, 0.0).astype(np.float64)])
     owner = np.concatenate([things, of_carries])
     count = int(things.max(initial=-1)) + 1
