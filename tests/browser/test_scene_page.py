@@ -33,6 +33,7 @@ from tests.support.page_scene import (
     contents_of,
     page_options,
     put_page_scene,
+    put_rests,
     surface_of,
     write_page,
 )
@@ -122,6 +123,41 @@ def test_the_answer_follows_the_time_line(scene):
     assert tab.page.locator("#history button").count() == 0
     tab.page.evaluate("egosplat.showFrame(0)")
     assert tab.page.evaluate("egosplat.mark.point") != list(TAKEN_UP), "the ring stays at the couch"
+    assert tab.errors == []
+
+
+def test_what_rests_is_drawn_at_its_time(tmp_path, open_tab):
+    """Red where the cup is taken up and put down; the history is told from rest to rest, and no answer changes."""
+    gaussians = put_page_scene(tmp_path)
+    put_rests(tmp_path, ((0, 1), (4, 4)))
+    tab = open_tab(WIDE)
+    tab.page.goto(write_page(tmp_path).as_uri())
+    tab.page.wait_for_function(READY)
+    assert tab.page.evaluate("[egosplat.scene.count, egosplat.scene.drawn]") == [
+        gaussians.count,
+        gaussians.count + 8,
+    ]
+    view = [np.eye(4)[:3].ravel().tolist(), 300.0]
+
+    def reds(places=(TAKEN_UP, PUT_DOWN)):
+        tab.page.evaluate("([pose, focal]) => egosplat.setView(pose, focal)", view)
+        colors = [color_at(tab, [0.95 * x, y, 1.6]) for x, y, _ in places]
+        return [bool(red > green + 60) for red, green, _ in colors]
+
+    found = {}
+    for row, frame in enumerate((0, 1, 2, 4)):
+        tab.page.evaluate("row => egosplat.showFrame(row)", row)
+        found[frame] = reds()
+    assert found == {0: [True, False], 1: [True, False], 2: [False, False], 4: [False, True]}
+    tab.page.evaluate("row => egosplat.showFrame(row)", 3)
+    answer = tab.page.evaluate(ASK, "cup")
+    assert answer["things"] and reds() == [False, False], "what is not asked for is gray"
+    assert tab.page.evaluate("document.querySelector('#carried i').style.left") == "25%"
+    assert tab.page.evaluate("egosplat.history.history.map(({ from, until }) => [from, until])") == [
+        [0.1, 0.4]
+    ]
+    tab.page.evaluate("egosplat.clear()")
+    assert reds() == [False, True]
     assert tab.errors == []
 
 

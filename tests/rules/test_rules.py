@@ -22,8 +22,8 @@ SCENE = "results/adt/scene1"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "peak_gpu_memory_mb", "training_s", "disk_mb"}
 """Keys of provenance that differ between equal runs."""
 
-UNMADE = {"survey", "carries", "rests", "carries_sheet"}
-"""A full run without ``auto`` makes no survey, and where nothing is tracked because it moves, no carries."""
+UNMADE = {"survey", "carries", "carries_sheet", "rests"}
+"""A full run without ``auto`` makes no survey, and where nothing is tracked because it moves, no carries and no rests."""
 
 OUTPUTS = {name: STAGES[name].output for name in (*PIPELINE, *PAGES) if name not in UNMADE}
 """By rule."""

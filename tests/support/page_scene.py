@@ -1,6 +1,6 @@
 """A small scene for the scene page, and what the page's data mean, read back in Python."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -131,6 +131,52 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
     return gaussians
 
 
+def put_rests(folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4))) -> Gaussians:
+    """Write rests.zarr of ``put_page_scene`` with its Gaussians: where the cup is taken up, and then where it is put down.
+
+    Args:
+        spans: first and last frame of the rests, in turn at both places; further ones are of a second thing without views.
+    """
+    count, of_cup = len(spans), min(len(spans), 2)
+    center = np.array([(TAKEN_UP, PUT_DOWN)[number % 2] for number in range(count)]).reshape(-1, 3)
+    offsets = np.array([[x, y, -0.4] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
+    xyz = (center[:, None] + offsets).reshape(-1, 3)
+    rest = np.repeat(np.arange(count, dtype=np.int32), len(offsets))
+    scales = np.full((len(xyz), 3), np.log(0.08), np.float32)
+    sh = np.zeros((len(xyz), 4, 3), np.float32)
+    sh[:, 0, 0] = 1.7
+    stored = {
+        "means": xyz.astype(np.float32),
+        "quats": np.tile(np.float32([1, 0, 0, 0]), (len(xyz), 1)),
+        "log_scales": scales,
+        "logit_opacities": np.full(len(xyz), 4.0, np.float32),
+        "sh": sh,
+    }
+    clip = load_open_clip("small", "small", "cpu", "float32")
+    cup = encode_phrases(clip, ["cup"]).numpy()
+    frames = np.array(spans, np.int64).reshape(-1, 2)
+    arrays = {
+        "thing": np.array([0] * of_cup + [1] * (count - of_cup), np.int32),
+        "from_frame": frames[:, 0],
+        "until_frame": frames[:, 1],
+        "center": center,
+        "carries/thing": np.array([0 if of_cup else -1, -1], np.int32),
+        "carries/from_rest": np.array([0 if of_cup else -1, -1], np.int32),
+        "carries/to_rest": np.array([1 if of_cup > 1 else -1, -1], np.int32),
+        "things/feature": np.concatenate([cup, np.zeros_like(cup)])[: 0 if not count else 1 + (count > 2)],
+        "gaussians/rest": rest,
+    }
+    made_from = ["frames", "poses", "instances", "splats", "carries"]
+    put(
+        folder,
+        "rests",
+        arrays | {f"gaussians/{name}": one for name, one in stored.items()},
+        made_from=made_from,
+    )
+    stored = {name: torch.from_numpy(one) for name, one in stored.items()}
+    return Gaussians(**stored, features=torch.zeros(len(xyz), 0))
+
+
 def page_options(**changes: Any) -> ScenePageOptions:
     """The default keys of the page, but for changes."""
     return ScenePageOptions(**{"device": "cpu"} | changes)
@@ -138,7 +184,7 @@ def page_options(**changes: Any) -> ScenePageOptions:
 
 def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:
     """Write ``folder/scene.html`` from the artifacts in the folder."""
-    names = ("frames", "poses", "instances", "features", "splats", "language", "carries")
+    names = ("frames", "poses", "instances", "features", "splats", "language", "carries", "rests")
     found = {name: folder / f"{name}.zarr" for name in names}
     paths = {f"{name}_path": path for name, path in found.items() if path.exists()}
     run(**paths, output=folder / "scene.html", options=page_options(**changes), title=title)
@@ -151,8 +197,8 @@ def contents_of(page: Path) -> tuple[Facts, Arrays]:
 
 
 def means_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(N, 3) float32 centers on the page."""
-    block = np.arange(facts["count"]) // facts["block"]
+    """(N, 3) float32 centers on the page, those of rests at the end."""
+    block = np.arange(arrays["position"].shape[1]) // facts["block"]
     return (arrays["block_low"][:, block] + arrays["position"] * arrays["block_step"][:, block]).T.astype(
         np.float32
     )

@@ -175,6 +175,7 @@ def word_scene_in(halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..
         renders = photograph[None][: 1 in evaluated]
         held_out = {"held_out/frame": np.arange(1, 1 + len(renders)), "held_out/render": renders}
         about = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
+        about |= {"highlight_compression": 0.0} if corrections else {}
         arrays = stored | held_out | dict(corrections or {})
         write("splats", arrays, about, options=asdict(RENDERING) | {"seed": 3}, made_from=["frames", "poses"])
         write(

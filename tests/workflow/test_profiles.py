@@ -38,6 +38,7 @@ def test_rules_that_use_a_gpu_ask_for_it():
         "splats",
         "language",
         "carries",
+        "rests",
         "metrics",
     }
 

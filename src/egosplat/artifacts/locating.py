@@ -29,9 +29,18 @@ def open_carries(folder: Path, splats: Artifact) -> Artifact | None:
     Raises:
         UserError: one is damaged.
     """
-    paths = (place / "carries.zarr" for place in (folder, *shared_with(folder)))
+    return _open_made_from(folder, "carries.zarr", splats)
+
+
+def open_rests(folder: Path, carries: Artifact | None) -> Artifact | None:
+    """Open rests.zarr of a scene or variant; None if none was made from these carries. Raises as ``open_carries``."""
+    return None if carries is None else _open_made_from(folder, "rests.zarr", carries)
+
+
+def _open_made_from(folder: Path, name: str, source: Artifact) -> Artifact | None:
+    paths = (place / name for place in (folder, *shared_with(folder)))
     made = (open_any(path, SCHEMAS) for path in paths if path.exists())
-    return next((one for one in made if one.provenance["inputs"]["splats.zarr"] == splats.digest), None)
+    return next((one for one in made if one.provenance["inputs"][source.path.name] == source.digest), None)
 
 
 def _own(folder: Path) -> list[Artifact]:

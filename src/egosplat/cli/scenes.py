@@ -89,7 +89,7 @@ def query_command() -> click.Command:
     frame = "Search only this frame. [default: the whole scene]"
     pose = 'Search only this view: JSON file, {"camera_to_world": 4 rows of 4}.'
     most = "Largest number of matches listed for the whole scene."
-    at = "Tell where carried things were at this time of the recording, as 1:05 or 65 [s]."
+    at = "Tell where carried things were at this time of the recording, as 1:05 or 65 [s]; with --pose, ask the view at it."
     flags = [
         click.Option(["--at"], type=Time(), help=at),
         click.Option(["--frame"], type=click.IntRange(min=0), help=frame),

@@ -13,7 +13,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import InstanceMap, Mask, Query, find_queries, instances_of, read_map
-from egosplat.evaluation.rendering import RegionScore, region_scores, regions
+from egosplat.evaluation.rendering import Picture, RegionScore, region_scores, regions
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array, Camera
 
@@ -67,10 +67,12 @@ class Evaluation:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
         return read_map(self.annotations, frame.row, self.valid)
 
-    def rendering_of(self, frame: Frame, render: str = "held_out/render") -> Mapping[str, RegionScore]:
+    def rendering_of(
+        self, frame: Frame, render: str | Picture = "held_out/render"
+    ) -> Mapping[str, RegionScore]:
         """Scores of a held-out frame's render: by group if it is annotated, else of all pixels only.
 
-        Empty for a training frame and for a frame without a pose. ``render`` names the array of splats.zarr.
+        Empty for a training frame and for a frame without a pose. ``render`` is the picture, or names the array of splats.zarr.
         """
         if frame.held_out is None:
             return {}
@@ -78,7 +80,7 @@ class Evaluation:
         groups: Mapping[str, Mask] = {"all": shown}
         if frame.annotated:
             groups = regions(self.map_of(frame), self.instances, shown)
-        picture = self.splats.row(render, frame.held_out)
+        picture = self.splats.row(render, frame.held_out) if isinstance(render, str) else render
         return region_scores(picture, self.frames_artifact.row("rgb", frame.index), shown, groups)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.reader import Artifact
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.options import ScoringOptions
@@ -114,10 +115,12 @@ def run_queries(
 
 
 def ask_of(evaluation: Evaluation, asker: Asker, masks: str = "threshold") -> Ask:
-    """Ask a scene, with the masks of ``metrics.masks``; the asker has the texts of ``phrases_to_ask``."""
+    """Ask a scene at the time of a frame, with the masks of ``metrics.masks``; the asker has the texts of ``phrases_to_ask``."""
+    seconds = seconds_of(evaluation.frames_artifact)
 
     def ask(frame: int, phrases: Sequence[str]) -> Iterator[ViewAnswer]:
-        return asker.ask(phrases, evaluation.camera, evaluation.camera_to_world[frame], evaluation.valid)
+        place = evaluation.camera, evaluation.camera_to_world[frame], evaluation.valid
+        return asker.ask(phrases, *place, float(seconds[frame]))
 
     return mask_classes(ask, asker.texts.phrases) if masks == CLASSES else ask
 

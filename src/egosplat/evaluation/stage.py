@@ -16,6 +16,7 @@ from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.rests import RESTS
 from egosplat.evaluation.document import answer_entries, models_used, provenance_entries, write_metrics
 from egosplat.evaluation.evaluation_frames import (
     SCORED,
@@ -25,6 +26,7 @@ from egosplat.evaluation.evaluation_frames import (
     find_asked_queries,
     read_evaluation,
 )
+from egosplat.evaluation.in_time import score_in_time
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
@@ -53,6 +55,7 @@ def run(
     camera: str | None = None,
     features_path: Path | None = None,
     tiles_path: Path | None = None,
+    rests_path: Path | None = None,
 ) -> None:
     """Write the scores of a scene as JSON, see ``metrics.schema.yaml``.
 
@@ -61,6 +64,7 @@ def run(
         preset, world_seed, camera: as in ``provenance_entries``.
         features_path: required unless the codes were learnt from tiles.
         tiles_path: required if they were.
+        rests_path: what lies somewhere for a while; each frame is asked and rendered at its own time then.
 
     Raises:
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
@@ -69,7 +73,8 @@ def run(
     artifacts = list(map(open_artifact, paths, SCORED))
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
-    scene = scene_of([*artifacts, encoded], options)
+    rests = () if rests_path is None else (open_artifact(rests_path, RESTS),)
+    scene = scene_of([*artifacts, encoded, *rests], options)
     made_from = scene.made_from
     keys = options.as_dict() | asdict(RESAMPLING)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
@@ -83,7 +88,9 @@ def run(
     presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
     about = evaluation.instances, language.facts["levels"], evaluation.valid, options.masks
-    rendering = [evaluation.rendering_of(frame) for frame in evaluation.frames]
+    rendering = without_time = [evaluation.rendering_of(frame) for frame in evaluation.frames]
+    if scene.rests is not None:
+        rendering = score_in_time(evaluation, scene.trained, scene.rests, without_time)
     answers = answer_entries(answered, evaluation.frames, rendering, *about)
     scores, used = answers["scores"], list(made_from.found.values())
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
@@ -103,6 +110,8 @@ def run(
     if splats.has("held_out/render_given"):
         given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
         document["rendering_without_corrections"] = summarise_rendering(given)
+    if scene.rests is not None:
+        document["rendering_without_time"] = summarise_rendering(without_time)
     write_metrics(output, document)
     _log_scores(evaluation.frames, scores)
     if document.get("pixel_accuracy") is not None:

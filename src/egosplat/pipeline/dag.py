@@ -58,6 +58,12 @@ def tracks_what_moves(config: Config) -> bool:
     return segments_single_frames(config) and config["segments"]["track_moving"] != "never"
 
 
+def shows_rests(config: Config) -> bool:
+    """Whether answers and pages show what lies somewhere for a while: what is carried is known, and Gaussians mean something."""
+    lifted = config["splats"]["language"] != "joint" and config["language"]["method"] == "lifted"
+    return lifted and tracks_what_moves(config)
+
+
 def takes_splat(config: Config) -> bool:
     """Whether another program trained the scene's Gaussians. No camera is corrected."""
     return config["splats"]["source"] is not None
@@ -111,12 +117,14 @@ def decide(config: Config, survey: Survey) -> Config:
 def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the stages whose artifacts a stage reads, and the survey if it decides which."""
     always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
-    found = always + optional_inputs_of(stage, config)
+    optional = optional_inputs_of(stage, config)
+    found = always + optional
     # Snakemake must run the survey before it knows whether the stage needs masks, or what moves.
     sections = {section for section, _ in decided_by_survey(config)}
     masked = "splats" in sections and "masks" in STAGES[stage].optional
     corrected = "camera" in sections and "camera" in stage_sections(stage)
-    tracked = "segments" in sections and (stage == "segments" or "carries" in STAGES[stage].optional)
+    of_tracks = not {"carries", "rests"}.isdisjoint(optional)
+    tracked = "segments" in sections and (stage == "segments" or of_tracks)
     merged = stage == "instances" and merges_masks(config) and not sections.isdisjoint({"splats", "segments"})
     by_survey = masked or corrected or tracked or merged
     return (*found, "survey") if by_survey and "survey" not in found else found
@@ -132,7 +140,8 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
         return ()
     given = ("splats",) if stage == "instances" and merges_on_splats(config) else ()
     carried = ("carries",) if tracks_what_moves(config) else ()
-    wanted = views + given + _MASKS[config["splats"]["masking"]] + carried
+    resting = ("rests",) if shows_rests(config) else ()
+    wanted = views + given + _MASKS[config["splats"]["masking"]] + carried + resting
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 
 

@@ -92,6 +92,7 @@ _LEARNT_FROM = {
     "tiles": "if language.method is field or quantized",
 }
 _CARRIED = {"carries": "if what moves is tracked"}
+_RESTING = {"rests": "if what moves is tracked and language.method is lifted"}
 _OPENCV = "opencv-contrib-python-headless"
 _SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
@@ -307,7 +308,7 @@ _STAGES = (
         options="egosplat.evaluation.options:MetricsOptions",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
-        optional=_ENCODED,
+        optional=_ENCODED | _RESTING,
         libraries=("jsonschema", "numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", "method", *_SETUP),
     ),
@@ -378,7 +379,7 @@ _STAGES = (
         "Draw the queries with the best and the worst answers.",
         "queries.png",
         ("frames", "poses", "annotations", "splats", "language", "metrics"),
-        optional=_ENCODED,
+        optional=_ENCODED | _RESTING,
         libraries=(
             "open_clip_torch",
             _OPENCV,
@@ -392,7 +393,7 @@ _STAGES = (
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
-        optional=_CARRIED,
+        optional=_CARRIED | _RESTING,
         libraries=("open_clip_torch", _OPENCV, "torch"),
         scene=("title",),
     ),

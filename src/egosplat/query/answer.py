@@ -32,6 +32,7 @@ from egosplat.query.maps import (
 )
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
+from egosplat.query.rests import Rests, relevancies_at
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.rasterize.view import composite
@@ -120,25 +121,39 @@ class Asker:
     Attributes:
         texts: the queries, encoded by the model that made the scene's features.
         own: (N, L, Q) float32 relevancy of each Gaussian's own code to each query; None if pixels are decoded.
+        rests: what lies somewhere for a while; None if it is not known. Pixels that are decoded do not show it.
+        of_rests: (K, Q) float32 relevancy of each of its Gaussians to each query.
     """
 
     scene: QueryScene
     texts: Texts
     options: QueryOptions
     own: Tensor | None
+    rests: Rests | None = None
+    of_rests: Tensor | None = None
 
     @staticmethod
-    def of(scene: QueryScene, texts: Texts, options: QueryOptions) -> "Asker":
+    def of(scene: QueryScene, texts: Texts, options: QueryOptions, rests: Rests | None = None) -> "Asker":
         """Compare the Gaussians with all queries once, for all views."""
-        own = None
-        if scene.decoded == GAUSSIANS:
-            own = scene.relevancy(texts, options.temperature).permute(2, 1, 0)
-        return Asker(scene, texts, options, own)
+        if scene.decoded != GAUSSIANS:
+            return Asker(scene, texts, options, None)
+        own = scene.relevancy(texts, options.temperature).permute(2, 1, 0)
+        of_rests = None if rests is None else rests.relevancy(texts, options.temperature)
+        return Asker(scene, texts, options, own, rests, of_rests)
 
     def ask(
-        self, phrases: Sequence[str], camera: Camera, camera_to_world: Array, valid: Mask | None
+        self,
+        phrases: Sequence[str],
+        camera: Camera,
+        camera_to_world: Array,
+        valid: Mask | None,
+        second: float | None = None,
     ) -> Iterator[ViewAnswer]:
-        """Answer some of the queries in one view, in order; arguments and errors as of ``ask``."""
+        """Answer some of the queries in one view, in order; arguments and errors as of ``ask``.
+
+        Args:
+            second: show what lies there at this time, too [s since the first frame].
+        """
         texts, resolution = self.texts.of(phrases), self.options.resolution
         if self.own is None:
             view = view_of(self.scene, camera, camera_to_world, valid, resolution)
@@ -149,6 +164,8 @@ class Asker:
         for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // pixels)):
             chosen = [self.texts.phrases.index(phrase) for phrase in batch.phrases]
             rendered = replace(self.scene, code=self.own[..., chosen])
+            if self.rests is not None and second is not None:
+                rendered = relevancies_at(rendered, self.rests, self.of_rests[:, chosen], second)
             view = view_of(rendered, camera, camera_to_world, valid, resolution)
             yield from answer_from_relevancies(rendered, view, batch.phrases, self.options)
 

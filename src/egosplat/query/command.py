@@ -1,7 +1,7 @@
 """Query a finished scene: ``egosplat query``."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from numpy.typing import NDArray
@@ -56,18 +56,20 @@ def run(
         viewpoint: the view to query; None for the whole scene.
         most: maximum number of things in an answer of the whole scene.
         output: picture to write.
-        at: tell where things that were carried were at this time [s since the first frame].
+        at: tell where things that were carried were at this time [s since the first frame]; of a pose, ask what it shows then.
 
     Yields:
         The table as soon as it is known, a table of what was carried if there is any, then a line about the picture once it is drawn.
 
     Raises:
-        UserError: as ``Scene.ask``; or the recording has ended before ``at``, or a view is asked of a time.
+        UserError: as ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time.
     """
-    if at is not None and viewpoint is not None:
-        raise UserError(f"--at: a view, such as {viewpoint.name}, has no history; ask the whole scene")
+    if at is not None and viewpoint is not None and viewpoint.second is not None:
+        raise UserError(f"--at: {viewpoint.name} has its own time; ask the whole scene, or a pose")
     if at is not None and at > scene.seconds[-1]:
         raise UserError(f"--at {clock(at)}: the recording ends at {clock(float(scene.seconds[-1]))}")
+    if at is not None and viewpoint is not None:
+        viewpoint, at = replace(viewpoint, name=f"{viewpoint.name} at {clock(at)}", second=at), None
     place = "the whole scene" if viewpoint is None else viewpoint.name
     title = f"{scene.folder}, {place}, origin {scene.origin}"
     grading = scene.grading() if viewpoint is None else grading_by_score(scene.options)
@@ -212,7 +214,7 @@ def _draw_things(scene: Scene, answers: Sequence[Answer]) -> list[DrawnAnswer]:
 
 
 def _draw_view(scene: Scene, answers: Sequence[Answer], viewpoint: Viewpoint) -> list[DrawnAnswer]:
-    picture = scene.trained.picture(scene.camera, viewpoint.camera_to_world)
+    picture = scene.picture(viewpoint)
     return [
         DrawnAnswer(answer) if answer.view is None else DrawnAnswer(answer, "", picture, answer.view)
         for answer in answers

@@ -15,7 +15,7 @@ from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.instances import TRACKS
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage
-from egosplat.artifacts.locating import open_carries
+from egosplat.artifacts.locating import open_carries, open_rests
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
@@ -27,7 +27,7 @@ from egosplat.models.open_clip_loader import OpenClip
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.shared_options import ClipOptions
-from egosplat.query.answer import Asker, ViewAnswer, ask
+from egosplat.query.answer import Asker, ViewAnswer
 from egosplat.query.answers import Answer, FoundThing, FoundView
 from egosplat.query.grades.calibration import (
     FOUND,
@@ -39,11 +39,12 @@ from egosplat.query.grades.calibration import (
     grading_of,
 )
 from egosplat.query.grades.evidence import measure_evidence
-from egosplat.query.histories import Histories
+from egosplat.query.histories import Histories, ThingHistories
 from egosplat.query.history import Carried
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
 from egosplat.query.options import AskingOptions, QueryOptions
+from egosplat.query.rests import Rests, scene_at
 from egosplat.query.scene import QueryScene, read_scene
 from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
 from egosplat.query.text import Texts, encode_texts, explain_untaught, load_clip_of, untaught_words
@@ -180,8 +181,27 @@ class Scene:
     @cached_property
     def histories(self) -> Histories | None:
         """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
-        carries = open_carries(self.folder, self.artifact("splats"))
-        return None if carries is None else Histories(carries, self.seconds)
+        carries, rests = self._carries, self._rests
+        if carries is None or rests is None:
+            return None if carries is None else Histories(carries, self.seconds)
+        return ThingHistories(carries, rests, self.seconds)
+
+    @cached_property
+    def rests(self) -> Rests | None:
+        """What lies somewhere for a while, on the device of the renderer; None if it is not known."""
+        if self._rests is None:
+            return None
+        return Rests.read(self._rests, self.seconds, self.gaussians.means.device)
+
+    @cached_property
+    def _carries(self) -> Artifact | None:
+        return open_carries(self.folder, self.artifact("splats"))
+
+    @cached_property
+    def _rests(self) -> Artifact | None:
+        # A stage is given what it may show: rests.zarr in the folder may be no input of it.
+        given = next((one for one in self.given if one.schema.name == "rests"), None)
+        return given if self.checked else open_rests(self.folder, self._carries)
 
     @property
     def untold(self) -> str | None:
@@ -229,6 +249,7 @@ class Scene:
         most: int = 3,
         frame: int | None = None,
         pose: Pose | None = None,
+        second: float | None = None,
         **keys: Any,
     ) -> list[Answer]:
         """Find phrases in the whole scene, or in one view.
@@ -236,8 +257,9 @@ class Scene:
         Args:
             phrases: the queries; each is answered once.
             most: maximum number of things in an answer of the whole scene.
-            frame: ask only the view of this frame.
+            frame: ask only the view of this frame, at its time.
             pose: ask only this view: (4, 4) camera_to_world, or a JSON file that holds it.
+            second: time of the pose [s since the first frame]: what lies somewhere for a while is seen at its time.
             keys: keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
 
         Returns:
@@ -258,7 +280,7 @@ class Scene:
         (96, 96)
         """
         options = self.options.change_keys(**keys)
-        return list(self.answers(phrases, most, self.viewpoint(frame, pose), options))
+        return list(self.answers(phrases, most, self.viewpoint(frame, pose, second), options))
 
     def answers(
         self,
@@ -281,8 +303,9 @@ class Scene:
                 )
                 for found in things
             )
-        place = self.camera, viewpoint.camera_to_world, viewpoint.valid
-        seen = ask(self.trained, texts, *place, options)
+        asker = Asker.of(self.trained, texts, options, self.rests)
+        place = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
+        seen = asker.ask(texts.phrases, *place)
         return (self._answer_of_view(one, options) for one in seen)
 
     def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
@@ -291,26 +314,38 @@ class Scene:
 
     def asker(self, phrases: Iterable[str]) -> Asker:
         """Encode phrases to ask them of many views, and compare them with the Gaussians once. Raises as ``ask``."""
-        return Asker.of(self.trained, self.encode(phrases), self.options)
+        return Asker.of(self.trained, self.encode(phrases), self.options, self.rests)
 
-    def viewpoint(self, frame: int | None = None, pose: Pose | None = None) -> Viewpoint | None:
-        """The view of a frame or a pose; None without either. Raises as ``ask``."""
+    def viewpoint(
+        self, frame: int | None = None, pose: Pose | None = None, second: float | None = None
+    ) -> Viewpoint | None:
+        """The view of a frame, or of a pose at a time; None without either. Raises as ``ask``."""
         if frame is not None and pose is not None:
             raise UserError("frame and pose: give one of them")
+        if second is not None and pose is None:
+            raise UserError(
+                "second: is the time of a pose; a frame has its own, and Answer.at tells of the whole scene"
+            )
         if pose is not None:
-            return pose_viewpoint(pose)
+            return pose_viewpoint(pose, second)
         if frame is not None:
             return frame_viewpoint(*map(self.artifact, ("frames", "poses", "splats")), frame)
         return None
 
     def render(
-        self, frame: int | None = None, *, pose: Pose | None = None, camera: Camera | None = None
+        self,
+        frame: int | None = None,
+        *,
+        pose: Pose | None = None,
+        second: float | None = None,
+        camera: Camera | None = None,
     ) -> NDArray[np.float32]:
         """Render a view.
 
         Args:
-            frame: the view of this frame.
+            frame: the view of this frame, at its time.
             pose: this view instead: (4, 4) camera_to_world, or a JSON file that holds it.
+            second: time of the pose, as in ``ask``.
             camera: another camera than that of the frames.
 
         Returns:
@@ -321,10 +356,15 @@ class Scene:
         >>> scene.render(pose=scene.poses[2], camera=scene.camera.scaled_to(48, 48)).shape
         (48, 48, 3)
         """
-        view = self.viewpoint(frame, pose)
+        view = self.viewpoint(frame, pose, second)
         if view is None:
             raise UserError("render: give a frame or a pose")
-        return self.trained.picture(camera or self.camera, view.camera_to_world)
+        return self.picture(view, camera)
+
+    def picture(self, view: Viewpoint, camera: Camera | None = None) -> NDArray[np.float32]:
+        """Render a view at its time; otherwise as ``render``."""
+        scene = scene_at(self.trained, self.rests, view.second)
+        return scene.picture(camera or self.camera, view.camera_to_world)
 
     def show(self, phrase: str, thing: FoundThing, resolution: int = 0) -> FoundView:
         """Show a thing in the frame that shows it best: its pixels, and the relevancy of the whole view.

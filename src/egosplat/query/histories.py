@@ -1,7 +1,9 @@
 """What was carried from where to where, as an answer to words (docs/method.md#carries)."""
 
+import copy
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -73,6 +75,54 @@ class Histories:
             if not any(_together(one, other) for other in kept):
                 kept.append(one)
         return tuple(_joined(sorted(kept, key=lambda one: one.from_s), every))
+
+
+class ThingHistories(Histories):
+    """The carries of things that are seen to rest somewhere: a history is that of one thing.
+
+    Attributes:
+        things: (C,) of each carry. A carry of no such thing is left out.
+    """
+
+    def __init__(self, carries: Artifact, rests: Artifact, seconds: Array) -> None:
+        """Read carries.zarr, and rests.zarr that was made from it; ``seconds`` as in ``Histories``."""
+        super().__init__(carries, seconds)
+        thing, before, after = map(rests.read, ("carries/thing", "carries/from_rest", "carries/to_rest"))
+        kept = np.flatnonzero(thing >= 0)
+        center, since, until = rests.read("center"), rests.read("from_frame"), rests.read("until_frame")
+        ends = [(seconds[frame], place) for frame, place in zip(until, center, strict=True)]
+        begins = [(seconds[frame], place) for frame, place in zip(since, center, strict=True)]
+        self.every = tuple(
+            _between(
+                self.every[row],
+                ends[before[row]] if before[row] >= 0 else None,
+                begins[after[row]] if after[row] >= 0 else None,
+            )
+            for row in kept
+        )
+        self.things = thing[kept]
+        self.features = torch.from_numpy(rests.read("things/feature")[self.things])
+
+    def of(self, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
+        """Find the carries of the thing that fits a query best, by all of its views; otherwise as ``Histories.of``."""
+        every = [Histories.of(one, query, words, temperature) for one in self._of_things()]
+        return max(filter(None, every), key=lambda history: history[0].score, default=())
+
+    def _of_things(self) -> Iterator[Histories]:
+        for thing in np.unique(self.things):
+            own = np.flatnonzero(self.things == thing)
+            one = copy.copy(self)
+            one.every, one.features = tuple(self.every[row] for row in own), self.features[own]
+            yield one
+
+
+def _between(one: Carried, before: tuple[float, Array] | None, after: tuple[float, Array] | None) -> Carried:
+    """A carry from the end of the rest before it to the begin of the rest after it; each is a time and a place, None if unknown."""
+    left, start = before or (one.from_s, one.start)
+    came, end = after or (one.until_s, one.end)
+    # A frame may show it at both places; it was on its way between these times all the same.
+    from_s, until_s = sorted((float(left), float(came)))
+    return replace(one, from_s=from_s, until_s=until_s, start=start, end=end)
 
 
 def _joined(history: list[Carried], every: Sequence[Carried]) -> Iterator[Carried]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
 from egosplat.errors import UserError
@@ -20,11 +21,13 @@ class Viewpoint:
     Attributes:
         camera_to_world: (4, 4) float64, OpenCV axes, meters.
         valid: (H, W) bool pixels that show the scene, or None for all.
+        second: time [s since the first frame], at which it shows what lies there then, too; None for what stays.
     """
 
     name: str
     camera_to_world: Array
     valid: Mask | None
+    second: float | None = None
 
 
 # A (4, 4) camera_to_world, or a JSON file {"camera_to_world": 4 rows of 4 numbers}.
@@ -32,7 +35,7 @@ Pose = Array | Path | str
 
 
 def frame_viewpoint(frames: Artifact, poses: Artifact, splats: Artifact, frame: int) -> Viewpoint:
-    """The viewpoint of a frame, with the pose of the training of ``splats``.
+    """The viewpoint of a frame at its time, with the pose of the training of ``splats``.
 
     Raises:
         UserError: there is no such frame, or it has no pose.
@@ -46,11 +49,12 @@ def frame_viewpoint(frames: Artifact, poses: Artifact, splats: Artifact, frame: 
             raise UserError(f"{poses.path}: no frame has a pose; see the log of the stage poses")
         nearest = with_pose[np.abs(with_pose - frame).argmin()]
         raise UserError(f"frame {frame}: has no pose; the nearest frame with a pose is {nearest}")
-    return Viewpoint(f"frame {frame}", camera_poses(poses, splats)[frame], frames.read("valid"))
+    pose, second = camera_poses(poses, splats)[frame], float(seconds_of(frames)[frame])
+    return Viewpoint(f"frame {frame}", pose, frames.read("valid"), second)
 
 
-def pose_viewpoint(pose: Pose) -> Viewpoint:
-    """The viewpoint of a pose, named like its file.
+def pose_viewpoint(pose: Pose, second: float | None = None) -> Viewpoint:
+    """The viewpoint of a pose, named like its file, at a time or of none.
 
     Raises:
         UserError: the file cannot be read, or the pose is no rigid motion.
@@ -63,7 +67,7 @@ def pose_viewpoint(pose: Pose) -> Viewpoint:
         raise UserError(
             f"{where}: camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
         )
-    return Viewpoint(name, matrix, None)
+    return Viewpoint(name, matrix, None, second)
 
 
 def _read_pose(path: Path) -> Array:

@@ -5,7 +5,7 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from egosplat.artifacts.locating import locate, open_carries
+from egosplat.artifacts.locating import locate, open_carries, open_rests
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
@@ -64,11 +64,12 @@ def open_page(folder: Path, keys: dict[str, Any]) -> tuple[str, Encode | None]:
 
 
 def locate_for_page(folder: Path) -> list[Path]:
-    """The paths of what a scene's page is made of: its inputs, and carries.zarr if that is there."""
+    """The paths of what a scene's page is made of: its inputs, and carries.zarr and rests.zarr if these are there."""
     paths = locate(folder, *_PAGE.inputs)
     splats = open_artifact(paths[_PAGE.inputs.index("splats")], SCHEMAS["splats"])
     carries = open_carries(folder, splats)
-    return paths if carries is None else [*paths, carries.path]
+    more = (carries, open_rests(folder, carries))
+    return [*paths, *(one.path for one in more if one is not None)]
 
 
 def _written_page(

@@ -16,15 +16,18 @@ from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import joint_origin
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.rests import RESTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.files import write_text
+from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, known_poses
 from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.grades.evidence import SYNONYM
-from egosplat.query.histories import TOGETHER, Histories
+from egosplat.query.histories import TOGETHER, Histories, ThingHistories
 from egosplat.query.history import APART
+from egosplat.query.rests import Rests
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
@@ -41,7 +44,10 @@ from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.record import record_of
 from egosplat.viewing.words import pack_words
 
-SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, CARRIES)
+SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, CARRIES, RESTS)
+
+# Decimals of a time [s].
+SECOND = 2
 
 # Largest number of pictures, their longer side [px] and the quality of WebP.
 PICTURES, SIDE, QUALITY = 40, 256, 60
@@ -59,21 +65,23 @@ def run(
     *,
     title: str,
     carries_path: Path | None = None,
+    rests_path: Path | None = None,
 ) -> None:
-    """Write the page of a scene, whole or not at all; with what is carried, if its path is given.
+    """Write the page of a scene, whole or not at all; with what is carried, and what rests, if their paths are given.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or no frame
             has a pose.
     """
     paths = [frames_path, poses_path, instances_path, features_path, splats_path, language_path]
-    text, facts = make_page([*paths, carries_path] if carries_path else paths, options, title)
+    paths += [path for path in (carries_path, rests_path) if path]
+    text, facts = make_page(paths, options, title)
     write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
 
 
 def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> tuple[str, Facts]:
-    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, the last of which may lack; with its facts. Raises as ``run``."""
+    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, the last of which may lack: rests need carries; with its facts. Raises as ``run``."""
     scene = scene_of(map(open_artifact, paths, SCHEMAS), options)
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
@@ -88,14 +96,16 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
     kept = kept[spatial_order(trained.gaussians.means.cpu().numpy()[kept])]
     thinned = trained.gaussians.select(torch.from_numpy(kept).to(trained.code.device))
     code, share = (values.cpu().numpy()[kept] for values in (trained.code, trained.share))
+    every, of_rests = add_rests(thinned, scene.rests)
     packed = [
-        pack_gaussians(thinned, trained.sh_degree),
+        pack_gaussians(every, trained.sh_degree),
         (pack_codes(code, share, trained.decoder), {}),
         pack_visibility(index.surface.shares[:, kept], index.frame),
         (pack_instances(scene.artifact("instances"), thinned.means.cpu().numpy()), {}),
         pack_words(clip, options.canonical),
         pack_frames(scene.artifact("frames"), scene.poses, scene.seconds),
         pack_carries(scene.histories),
+        ({}, of_rests),
     ]
     facts, arrays = _about(scene, options), {}
     for more_arrays, more_facts in packed:
@@ -141,6 +151,21 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     }
 
 
+def add_rests(gaussians: Gaussians, rests: Rests | None) -> tuple[Gaussians, Facts]:
+    """Append the Gaussians of rests, one rest after the other; the facts tell their number and time [s]."""
+    if rests is None:
+        return gaussians, {"count": gaussians.count, "drawn": gaussians.count, "rests": []}
+    order = np.argsort(rests.rest, kind="stable")
+    every = Gaussians.concatenate(
+        [gaussians, rests.gaussians.select(torch.from_numpy(order).to(gaussians.means.device))]
+    )
+    counts = np.bincount(rests.rest, minlength=len(rests.thing))
+    spans = np.round([rests.from_s, rests.until_s], SECOND)
+    names = ("from", "until", "count")
+    about = [dict(zip(names, one, strict=True)) for one in zip(*spans.tolist(), counts.tolist(), strict=True)]
+    return every, {"count": gaussians.count, "drawn": every.count, "rests": about}
+
+
 def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
     """Pack ``carried_vectors`` (C, D) float16, features of what is carried, and when it is and from where to where."""
     every = () if histories is None else histories.every
@@ -154,6 +179,8 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
         }
         for one in every
     ]
+    if isinstance(histories, ThingHistories):
+        facts = [one | {"thing": thing} for one, thing in zip(facts, histories.things.tolist(), strict=True)]
     arrays = {"carried_vectors": histories.features.numpy().astype(np.float16)} if histories and every else {}
     return arrays, {"carries": facts}
 
@@ -174,6 +201,6 @@ def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tup
     }
     return arrays, {
         "frames": posed.tolist(),
-        "seconds": np.round(seconds[posed], 2).tolist(),
+        "seconds": np.round(seconds[posed], SECOND).tolist(),
         "pictures": [{"frame": frame, "bytes": len(file)} for frame, file in zip(shown, files, strict=True)],
     }

@@ -4,6 +4,7 @@ import json
 import math
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,9 @@ from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.document import finite, write_metrics
+from egosplat.evaluation.evaluation_frames import SCORED, read_evaluation
 from egosplat.evaluation.queries import GROUPS
+from egosplat.evaluation.run_queries import ask_of
 from egosplat.models.suitability import notice
 from egosplat.pipeline.validation import Draft202012Validator, ValidationError, schema
 from egosplat.query import finished_scene
@@ -32,8 +35,9 @@ NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 def scored(tmp_path):
     """``scored(folder, **keys)``: what the stage writes. One thing is absent, because the defaults' words take longer than all else."""
 
-    def run(folder, method=None, told=None, **keys):
+    def run(folder, method=None, told=None, rests=None, **keys):
         paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
+        paths |= {} if rests is None else {"rests_path": rests}
         output = tmp_path / "metrics.json"
         options = stage.MetricsOptions(**{"negatives": ["basketball"]} | keys)
         stage.run(**paths, output=output, options=options, title="a/scene", method=method, **(told or {}))
@@ -187,6 +191,68 @@ def test_renders_without_corrections_are_scored_beside_those_with(word_scene, sc
     given = found["rendering_without_corrections"]
     assert given["dynamic"]["psnr"] < found["rendering"]["dynamic"]["psnr"] - 10.0
     assert given["all"]["frames"] == found["rendering"]["all"]["frames"] == 1
+
+
+def put_bright(folder, *spans):
+    """rests.zarr with a light Gaussian in the right half at these spans of frames."""
+    count = len(spans)
+    return put(
+        folder,
+        "rests",
+        {
+            "thing": np.zeros(count, np.int32),
+            "from_frame": np.array([first for first, _ in spans], np.int64),
+            "until_frame": np.array([last for _, last in spans], np.int64),
+            "things/feature": np.zeros((int(count > 0), 8), np.float32),
+            "gaussians/rest": np.arange(count, dtype=np.int32),
+            "gaussians/means": np.tile(np.float32([0.5, 0, 1.5]), (count, 1)),
+            "gaussians/quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+            "gaussians/log_scales": np.full((count, 3), np.log(0.1), np.float32),
+            "gaussians/logit_opacities": np.full(count, 3, np.float32),
+            "gaussians/sh": np.full((count, 1, 3), 0.2, np.float32),
+        },
+        made_from=["frames", "poses", "splats"],
+    )
+
+
+@pytest.mark.parametrize("spans", [(), ((0, 0), (2, 3))])
+def test_where_nothing_rests_scores_are_those_without_time(word_scene, scored, usual, spans):
+    """Frame 1 alone is held out."""
+    folder = word_scene()
+    found = scored(folder, rests=put_bright(folder, *spans))
+    Draft202012Validator(schema("metrics")).validate(found)
+    assert "rendering_without_time" not in usual
+    assert found["rendering_without_time"] == found["rendering"] == usual["rendering"]
+    assert found["queries"] == usual["queries"] and found["frames"] == usual["frames"]
+    assert "rests.zarr" in found["artifacts"]
+
+
+def test_a_frame_is_rendered_with_what_lies_there_at_its_time(word_scene_in, tmp_path, scored, usual):
+    """With the gains that were fitted to it: those of 1 change nothing."""
+    found = []
+    for number, gain in enumerate((None, 1.0, 0.8)):
+        folder = tmp_path / str(number)
+        given = {} if gain is None else {"corrections/gain": np.full((4, 3), gain)}
+        word_scene_in(folder, corrections=given)
+        one = scored(folder, rests=put_bright(folder, (1, 1)))
+        assert one["rendering_without_time"] == usual["rendering"]
+        found.append(one["rendering"])
+    without, same, darker = (one["dynamic"]["psnr"] for one in found)
+    assert abs(without - usual["rendering"]["dynamic"]["psnr"]) > 0.1
+    assert same == without and darker < without - 3.0
+    assert found[0]["all"]["frames"] == 1
+
+
+@pytest.mark.parametrize("frame", [1, 2])
+def test_a_frame_is_asked_at_its_time(word_scene, frame):
+    folder, asked = word_scene(), []
+    kinds = dict(zip(("frames", "poses", "annotations", "splats"), SCORED, strict=False))
+    evaluation = read_evaluation(
+        *(open_artifact(folder / f"{name}.zarr", kind) for name, kind in kinds.items())
+    )
+    asker = SimpleNamespace(ask=lambda *given: asked.append(given[-1]) or (), texts=None)
+    list(ask_of(evaluation, asker)(frame, ["cup"]))
+    assert asked == [pytest.approx(0.1 * frame)]
 
 
 def test_a_scene_without_evaluation_frames_has_no_scores(word_scene, scored):

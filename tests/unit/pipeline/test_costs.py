@@ -35,7 +35,7 @@ MEASURED_MB = {
     "splats": (6200, 32_200),
     "language": (5800, 14_700),
     "carries": (5500, 11_800),
-    "rests": (6200, 12_700),
+    "rests": (6200, 14_300),
     "metrics": (6200, 30_400),
     "contact_sheet": (1300, 2000),
     "instances_sheet": (1300, 2000),

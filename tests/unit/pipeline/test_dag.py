@@ -1,11 +1,12 @@
 """Inputs of stages and decisions of a survey, without Snakemake."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, merge, section_keys, validate
+from egosplat.pipeline.config import defaults, merge, resolve, section_keys, validate
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     count_chunks,
@@ -25,7 +26,7 @@ from egosplat.pipeline.dag import (
     training_frames,
 )
 from egosplat.pipeline.stages import STAGES, load_module
-from egosplat.pipeline.variants import reaches
+from egosplat.pipeline.variants import reaches, variant_config
 
 BASE = defaults()
 METHODS = section_keys("language")["method"]["enum"]
@@ -75,8 +76,9 @@ def test_codes_and_their_scores_read_what_the_method_learns_from(method):
     config = merge(EVERY_FRAME, keys)
     tiles = learns_from_tiles(method)
     assert optional_inputs_of("language", config) == (("tiles",) if tiles else ("instances", "features"))
+    rests = ("rests",) if method == "lifted" else ()
     for stage in ("metrics", "queries_sheet"):
-        assert optional_inputs_of(stage, config) == (("tiles",) if tiles else ("features",))
+        assert optional_inputs_of(stage, config) == (*rests, "tiles" if tiles else "features")
     assert optional_inputs_of("splats", config) == ()
     joint = merge(config, {"splats": {"language": "joint"}})
     assert optional_inputs_of("language", joint) == ("instances", "features")
@@ -272,6 +274,40 @@ def test_carries_are_drawn_and_told_where_what_moves_is_tracked(keys, moving, dr
     assert ({"carries", "carries_sheet"} <= set(told), "carries" in told) == (drawn, drawn)
     always = keys.get("segments") == {"track_moving": "always"}
     assert ("carries.png" in default_pages(merge(BASE, keys))) == always, "before the survey decides"
+
+
+@pytest.mark.parametrize(
+    "keys, moving, shown",
+    [
+        ({}, "refined", True),
+        ({}, "none", False),
+        ({"splats": {"masking": "none"}}, "refined", True),
+        ({"splats": {"language": "joint"}}, "refined", False),
+        ({"language": {"method": "center"}}, "refined", False),
+        ({"segments": {"track_moving": "always"}}, "none", True),
+        ({"segments": {"track_moving": "never"}}, "refined", False),
+        ({"segments": {"prompting": "key_frames"}}, "refined", False),
+    ],
+)
+def test_scores_and_pages_are_of_a_time_where_what_moves_is_tracked(keys, moving, shown):
+    """Protects methods of others, whose codes mean nothing by Gaussian, and joint training from hours of rests."""
+    undecided = merge(BASE, keys)
+    config = decide(undecided, survey(moving))
+    for stage in ("metrics", "queries_sheet", "scene_page"):
+        assert ("rests" in optional_inputs_of(stage, config)) == shown
+        # The survey must run before it is known whether anything is tracked.
+        is_open = ("segments", "track_moving") in decided_by_survey(undecided)
+        waits = is_open and "rests" in optional_inputs_of(stage, undecided)
+        assert "survey" in inputs_of(stage, undecided) or not waits
+    assert ("rests" in stages_behind(["metrics"], config)) == shown
+
+
+def test_methods_of_others_and_the_paper_have_no_rests():
+    variants = [name for name, keys in BASE["variants"].items() if "method" in keys]
+    configs = [variant_config(BASE, name, "a scene") for name in variants]
+    configs.append(resolve({"preset": "paper"}, Path("config/presets")))
+    assert len(configs) > 7
+    assert not any("rests" in optional_inputs_of("metrics", config) for config in configs)
 
 
 OF_INSTANCES = {"segments", "instances", "view_features", "features"}

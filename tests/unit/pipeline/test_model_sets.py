@@ -188,7 +188,16 @@ def test_exactly_the_stages_with_a_key_of_the_set_change():
         for stage in STAGES
         if config.stage_values(stage, small) != config.stage_values(stage, locate_checkpoints(published))
     }
-    assert own == {"transient", "segments", "tiles", "view_features", "features", "metrics", "scene_page"}
+    assert own == {
+        "transient",
+        "segments",
+        "tiles",
+        "view_features",
+        "features",
+        "rests",
+        "metrics",
+        "scene_page",
+    }
     reached = {stage for stage in STAGES if reaches(stage, small, published)}
     assert {"frames", "annotations", "poses", "survey", "contact_sheet"} == set(STAGES) - reached - {
         "synthetic",

@@ -87,7 +87,7 @@ ACCURATE = {"frames", "segments", "transient", "splats"}
         ({}, {"splats": {"iterations": 9}}, ("tradeoff/tradeoff.html",), {"splats"}),
         ({}, {"query": {"box_filter": 0.0}}, ALL, {"metrics"}),
         ({}, {"query": {"box_filter": 0.0}}, ("splats.png",), set()),
-        ({}, {"run": {"precision": "float32"}}, ALL, {"segments", "view_features", "metrics"}),
+        ({}, {"run": {"precision": "float32"}}, ALL, {"segments", "view_features", "rests", "metrics"}),
         ({"preset": "accurate"}, {"preset": "accurate"}, ALL, set()),
         ({}, {"preset": "balanced", "splats": {"iterations": 3000}}, ALL, set()),
         ({}, {"data_root": {"adt": "/x"}, "tradeoff": {"seeds": []}}, ALL, set()),

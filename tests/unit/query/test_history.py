@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from egosplat import cli
-from egosplat.query.histories import Histories
+from egosplat.query.histories import Histories, ThingHistories
 from egosplat.query.history import Carried, clock, place_at
 from egosplat.query.opening import open_scene
 from egosplat.query.text import Texts
-from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_page_scene
+from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_page_scene, put_rests
 from tests.support.scenes import put
 
 TABLE, DESK, SHELF = np.eye(3)
@@ -171,7 +171,7 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     assert "give seconds, as 65" in table("--at", "soon")
     assert "give seconds, as 65" in table("--at", "-1")
     assert "the recording ends at 0:00" in table("--at", "0:01")
-    assert "a view, such as frame 1, has no history" in table("--at", "0", "--frame", "1")
+    assert "frame 1 has its own time" in table("--at", "0", "--frame", "1")
 
 
 def test_carries_of_other_gaussians_tell_nothing(tmp_path):
@@ -181,3 +181,91 @@ def test_carries_of_other_gaussians_tell_nothing(tmp_path):
     put(tmp_path, "carries", {"feature": np.zeros((1, 4), np.float32)}, inputs={"splats.zarr": "0" * 64})
     scene = open_scene(tmp_path)
     assert scene.histories is None and scene.ask("cup")[0].history == ()
+
+
+class RestsOf(Carries):
+    """rests.zarr: (thing, first frame, last frame, place) of each rest, (thing, rest before, rest after) of each carry."""
+
+    def __init__(self, rests, carries, features):
+        things, first, last, place = zip(*rests, strict=True) if rests else ((),) * 4
+        of, before, after = np.array(carries, np.int32).reshape(-1, 3).T
+        self.arrays = {
+            "thing": np.array(things, np.int32),
+            "from_frame": np.array(first, np.int64),
+            "until_frame": np.array(last, np.int64),
+            "center": np.array(place, np.float64).reshape(-1, 3),
+            "carries/thing": of,
+            "carries/from_rest": before,
+            "carries/to_rest": after,
+            "things/feature": np.array(features, np.float32).reshape(-1, 4),
+        }
+
+
+def history_of_things(carries, rests, query=CUP):
+    made = ThingHistories(carries, rests, np.arange(100.0))
+    words = Texts(("cup", "box", "hand"), torch.stack([CUP, BOX, HAND]), OBJECT[None])
+    return made.of(Texts(("cup",), query[None], OBJECT[None]), words, 10.0)
+
+
+def test_a_thing_with_rests_is_told_from_rest_to_rest():
+    """The carries look like hands; their thing is a cup. Times and places are those of its rests."""
+    carries = Carries([HAND.tolist()] * 3)
+    rests = RestsOf(
+        [(0, 0, 1, TABLE), (0, 6, 9, DESK), (0, 17, 30, SHELF)],
+        [(0, 0, 1), (0, 1, 2), (-1, -1, -1)],
+        [CUP.tolist()],
+    )
+    told = history_of_things(carries, rests)
+    assert [(one.from_s, one.until_s) for one in told] == [(1, 6), (9, 17)]
+    assert [place_at(told, second).carried for second in (1, 3, 7, 9, 20)] == [True, True, False, True, False]
+    for second, position in ((0, TABLE), (7, DESK), (18, SHELF), (50, SHELF)):
+        np.testing.assert_array_equal(place_at(told, second).position, position)
+
+
+def test_a_history_is_of_the_thing_that_fits_best():
+    """Two cups are two things; a carry of no thing that rests is told by nobody, nor one that would join two."""
+    better, worse = mixed((0.9, CUP), (0.1, HAND)), mixed((0.7, CUP), (0.3, HAND))
+    carries = Carries([CUP.tolist()] * 4)
+    rests = RestsOf(
+        [(0, 6, 9, TABLE), (1, 16, 19, DESK)],
+        [(0, -1, 0), (1, -1, 1), (-1, -1, -1), (0, 0, -1)],
+        [worse, better],
+    )
+    assert [one.until_s for one in history_of_things(carries, rests)] == [16]
+    rests.arrays["things/feature"][1] = 0
+    told = history_of_things(carries, rests)
+    assert [(one.from_s, one.until_s) for one in told] == [(0, 6), (9, 35)]
+    assert place_at(told, 7).position.tolist() == TABLE.tolist()
+
+
+def test_a_carry_whose_rests_overlap_lasts_between_these_times():
+    """Frames may show a thing at its new place before it has left all frames of the old one."""
+    rests = RestsOf([(0, 0, 4, TABLE), (0, 3, 9, DESK)], [(0, 0, 1)], [CUP.tolist()])
+    [one] = history_of_things(Carries([CUP.tolist()]), rests)
+    assert (one.from_s, one.until_s) == (3, 4)
+
+
+@pytest.mark.parametrize("features", [[], [CUP.tolist()]])
+def test_no_rest_has_no_history(features):
+    rests = RestsOf([], [(-1, -1, -1)] * len(features), [])
+    assert history_of_things(Carries(features), rests) == ()
+
+
+def test_a_scene_with_rests_tells_of_its_things(tmp_path):
+    put_page_scene(tmp_path)
+    put_rests(tmp_path, ((0, 1), (4, 4)))
+    cup, couch = open_scene(tmp_path, min_score=0.7).ask("cup", "couch")
+    [carried] = cup.history
+    assert (carried.from_s, carried.until_s) == (pytest.approx(0.1), pytest.approx(0.4))
+    np.testing.assert_array_equal([carried.start, carried.end], [TAKEN_UP, PUT_DOWN])
+    assert couch.history == () and carried.box == (10, 20, 30, 40)
+
+
+def test_rests_of_other_carries_tell_nothing(tmp_path):
+    """Numbers of carries would be those of others."""
+    put_page_scene(tmp_path)
+    put_rests(tmp_path, ((0, 1), (4, 4)))
+    arrays = {"feature": np.zeros((1, 4), np.float32)}
+    shutil.rmtree(tmp_path / "carries.zarr")
+    put(tmp_path, "carries", arrays, made_from=["frames", "poses", "instances", "splats"])
+    assert type(open_scene(tmp_path).histories) is Histories

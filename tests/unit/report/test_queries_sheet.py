@@ -18,11 +18,13 @@ from egosplat.report.sheets.queries_asking import (
     ScoredQuery,
     ask_again,
     best_and_worst,
+    is_in_time,
     open_scored,
     scored_queries,
     scoring_options,
 )
 from egosplat.report.sheets.queries_sheet import run, summary
+from tests.support.scenes import put
 
 NAMES = ("frames", "poses", "annotations", "splats", "language", "features")
 GREEN, RED = (34, 139, 34), (255, 0, 0)
@@ -111,6 +113,25 @@ def test_the_maps_are_those_that_were_scored(word_scene):
         left = [0, 2, 23, 47]
         assert one.boxes.tolist() == [left if query.category == "couch" else [24, 2, 47, 47]]
         assert one.target.sum() == 46 * 24
+
+
+def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
+    """Protects the pictures beside scores: those of the scene without what rests would be others."""
+    folder = word_scene()
+    for in_time in (False, True):
+        assert open_scored(folder, stage.MetricsOptions(), in_time=in_time).rests is None
+    put(folder, "carries", {"feature": np.zeros((0, 4), np.float32)}, made_from=["frames", "poses", "splats"])
+    made_from = ["frames", "poses", "splats", "carries"]
+    put(folder, "rests", {"gaussians/sh": np.zeros((0, 1, 3), np.float32)}, made_from=made_from)
+    assert not is_in_time(read_scored_scene(score(folder)))
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in (*NAMES, "rests")}
+    options = stage.MetricsOptions(negatives=["basketball"])
+    stage.run(**paths, output=folder / "metrics.json", options=options, title="a/scene")
+    scored = read_scored_scene(folder / "metrics.json")
+    assert is_in_time(scored)
+    scene = open_scored(folder, scoring_options(scored), in_time=True)
+    assert len(list(ask_again(scored_queries(scored.document)[:1], scene, scored))) == 1
+    assert scene.rests is not None and open_scored(folder, scoring_options(scored)).rests is None
 
 
 def test_without_a_query_the_page_says_so(word_scene, monkeypatch):

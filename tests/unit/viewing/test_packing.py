@@ -28,6 +28,7 @@ from tests.support.page_scene import (
     from_bytes,
     means_of,
     put_page_scene,
+    put_rests,
     scales_of,
     shares_of,
     wall,
@@ -145,6 +146,24 @@ def test_a_page_escapes_its_title_and_fits_together(tmp_path):
     assert facts["title"] == TITLE and facts["trained_count"] == facts["count"] == 700
     assert arrays["poses"].shape == (4, 3, 4) and facts["frames"] == [0, 1, 2, 4]
     assert set(np.unique(arrays["instance"])) == {1, 2, 3, 4, 5, 6}
+
+
+@pytest.mark.parametrize("spans", [(), ((0, 1), (2, 4), (1, 1))])
+def test_rests_follow_what_stays(tmp_path, spans):
+    """Protects queries on the page, which know the first Gaussians alone, and the times of the others."""
+    put_page_scene(tmp_path)
+    before = contents_of(write_page(tmp_path))
+    own = put_rests(tmp_path, spans)
+    facts, arrays = contents_of(write_page(tmp_path))
+    assert facts["count"] == 700 and facts["drawn"] == 700 + own.count == arrays["opacity"].size
+    assert [(one["from"], one["until"], one["count"]) for one in facts["rests"]] == [
+        (0.1 * first, 0.1 * last, 4) for first, last in spans
+    ]
+    assert np.abs(means_of(facts, arrays)[700:] - own.means.numpy()).max(initial=0) < 1e-3
+    for name in ("code_index", "code_share", "instance", "visible", "seen"):
+        np.testing.assert_array_equal(arrays[name], before[1][name])
+    assert before[0]["rests"] == [] and before[0]["count"] == before[0]["drawn"] == 700
+    assert [carry.get("thing") for carry in facts["carries"]] == ([0] if spans else [])
 
 
 def test_tracks_have_no_place_in_3d(tmp_path):

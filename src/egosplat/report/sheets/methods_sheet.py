@@ -14,6 +14,7 @@ from egosplat.report.sheets.queries_asking import (
     ShownQuery,
     ask_again,
     best_and_worst,
+    is_in_time,
     open_scored,
     scored_queries,
     scoring_options,
@@ -49,7 +50,7 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
     best, worst = ([(one.frame, one.category) for one in queries] for queries in chosen)
     shown = []
     for scene, queries in zip(scenes, by_scene, strict=True):
-        opened = open_scored(scene.path.parent, scoring_options(scene))
+        opened = open_scored(scene.path.parent, scoring_options(scene), in_time=is_in_time(scene))
         answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene)
         shown.append({(one.scored.frame, one.scored.category): one for one in answers})
     names = [scene.method or OWN for scene in scenes]

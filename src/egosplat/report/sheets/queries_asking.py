@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.consistency import check_inputs
+from egosplat.artifacts.locating import open_carries, open_rests
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
@@ -81,20 +83,28 @@ def _one_a_category(queries: Iterable[ScoredQuery], taken: Iterable[str]) -> lis
     return first
 
 
-def open_scored(folder: Path, options: MetricsOptions) -> Scene:
-    """Open a finished scene or variant with its annotations.
+def open_scored(folder: Path, options: MetricsOptions, *, in_time: bool = False) -> Scene:
+    """Open a finished scene or variant with its annotations; ``in_time`` to ask frames at their own time, if they can be.
 
     Raises:
         UserError: as ``open_artifacts``, or the artifacts do not belong together.
     """
     frames, *others = open_artifacts(folder)
     annotations = open_artifact(frames.path.with_name("annotations.zarr"), ANNOTATIONS)
-    return scene_of([frames, *others, annotations], options)
+    splats = next(one for one in others if one.schema.name == SPLATS.name)
+    rests = open_rests(folder, open_carries(folder, splats)) if in_time else None
+    more = [annotations] if rests is None else [annotations, rests]
+    return scene_of([frames, *others, *more], options)
 
 
 def evaluation_of(scene: Scene) -> Evaluation:
     """Read the evaluation frames of a scene that was opened with its annotations."""
     return read_evaluation(*map(scene.artifact, ("frames", "poses", "annotations", "splats")))
+
+
+def is_in_time(scored: ScoredScene) -> bool:
+    """Whether frames were asked at their own time."""
+    return "rests.zarr" in scored.document["provenance"]["inputs"]
 
 
 def scoring_options(scored: ScoredScene) -> MetricsOptions:

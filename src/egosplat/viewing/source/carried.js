@@ -11,8 +11,11 @@ function historyOf(scene, vector) {
     const score = feature.some((value) => value !== 0) ? 1 / (1 + Math.exp(-temperature * (own - usual))) : 0;
     return { ...carry, score, named };
   });
-  const kept = [];
-  for (const one of found.filter(({ score, named }) => named && score > 0.5).sort((one, other) => one.from - one.until - (other.from - other.until))) {
+  const kept = [], fitting = found.filter(({ score, named }) => named && score > 0.5);
+  // Where carries are of things that rest, a history is of the one that fits best.
+  const { thing } = fitting.reduce((best, one) => (one.score > best.score ? one : best), { score: 0 });
+  const own = (one) => one.thing === thing;
+  for (const one of fitting.filter(own).sort((one, other) => one.from - one.until - (other.from - other.until))) {
     const same = (other) => Math.min(one.until, other.until) - Math.max(one.from, other.from) >= together * Math.min(one.until - one.from, other.until - other.from);
     if (!kept.some(same)) kept.push(one);
   }
@@ -22,7 +25,7 @@ function historyOf(scene, vector) {
   return kept.flatMap((one, place) => {
     const next = kept[place + 1];
     if (!next || meet(one, one.end, next.start, apart)) return [one];
-    const between = found.filter((each) => one.until <= each.from && each.until <= next.from && each.start && meet(one, one.end, each.start, apart) && meet(one, each.end, next.start, apart));
+    const between = found.filter((each) => own(each) && one.until <= each.from && each.until <= next.from && each.start && meet(one, one.end, each.start, apart) && meet(one, each.end, next.start, apart));
     between.sort((each, other) => length(plus(one.end, each.start, -1)) - length(plus(one.end, other.start, -1)));
     return [one, ...between.slice(0, 1)];
   });

@@ -19,6 +19,7 @@ class Page {
     this.camera = new SceneCamera(facts.up);
     this.share = 1;
     this.questions = 0;
+    this.there = []; // of each rest, whether it is at the time of the slider
     this.showing = { relevancy: null, level: scene.levels - 1, threshold: facts.query.min_score, only: false, instances: false, cameras: false };
     this.idle = Promise.resolve();
     this.fill();
@@ -28,13 +29,13 @@ class Page {
   }
 
   findNeighbors(source) {
-    const worker = new Worker(source), { nearest, reach } = this.scene.facts.query;
+    const worker = new Worker(source), { count, means, radii } = this.scene, { nearest, reach } = this.scene.facts.query;
     return new Promise((resolve) => {
       worker.onmessage = ({ data }) => {
         worker.terminate();
         resolve(data.neighbors);
       };
-      worker.postMessage({ means: this.scene.means, neighbors: { radii: this.scene.radii, nearest, reach } });
+      worker.postMessage({ means: means.slice(0, 3 * count), neighbors: { radii: radii.slice(0, count), nearest, reach } });
     });
   }
 
@@ -295,6 +296,15 @@ class Page {
     this.placeMarks();
   }
 
+  // Show what rests at a time.
+  followRests(second) {
+    const there = this.scene.facts.rests.map(({ from, until }) => from <= second && second <= until);
+    if (there.every((one, number) => one === this.there[number])) return;
+    this.there = there;
+    this.renderer.setPaint(this.painted());
+    this.redraw();
+  }
+
   thingItem(thing, phrase) {
     const { facts } = this.scene, button = element("button", `\u2192 Go there: ${gradeOf(this.scene, thing.rating)} ${this.rating(thing.rating)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
     const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
@@ -341,14 +351,19 @@ class Page {
   }
 
   painted() {
-    const { relevancy, level, threshold, only, instances } = this.showing, { count, instance } = this.scene;
-    const paint = new Uint8Array(4 * count);
-    if (!relevancy && !instances) return paint;
+    const { relevancy, level, threshold, only, instances } = this.showing, { count, drawn, instance } = this.scene;
+    const paint = new Uint8Array(4 * drawn), background = only && !instances ? HIDDEN : GREY, plain = !relevancy && !instances;
+    let next = count;
+    this.there.forEach((isThere, number) => {
+      for (const end = next + this.scene.facts.rests[number].count; next < end; next++)
+        paint[4 * next + 3] = !isThere ? HIDDEN : plain ? 0 : background;
+    });
+    if (plain) return paint;
     for (let one = 0; one < count; one++) {
       const value = relevancy?.[level][one], number = instance?.[level][one];
       if (instances && number) paint.set([...instanceColor(number), PAINTED], 4 * one);
       else if (!instances && value >= threshold && value > 0) paint.set([...turbo(value), PAINTED], 4 * one);
-      else paint[4 * one + 3] = only && !instances ? HIDDEN : GREY;
+      else paint[4 * one + 3] = background;
     }
     return paint;
   }
@@ -429,6 +444,7 @@ class Page {
     $("frame").value = String(row);
     $("clock").textContent = `${facts.seconds[row].toFixed(1)} s, frame ${frame}`;
     this.followHistory();
+    this.followRests(facts.seconds[row]);
     const nearest = facts.pictures.reduce((best, one, place) => (Math.abs(one.frame - frame) < Math.abs(facts.pictures[best].frame - frame) ? place : best), 0);
     $("picture").src = this.urls[nearest];
     $("photograph").querySelector("img").src = this.urls[nearest];

@@ -24,7 +24,7 @@ class Renderer {
     const gl = this.gl;
     this.orderBuffer = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, this.orderBuffer);
-    gl.bufferData(gl.ARRAY_BUFFER, 4 * this.scene.count, gl.DYNAMIC_DRAW);
+    gl.bufferData(gl.ARRAY_BUFFER, 4 * this.scene.drawn, gl.DYNAMIC_DRAW);
     const index = gl.getAttribLocation(this.program, "index");
     gl.enableVertexAttribArray(index);
     gl.vertexAttribIPointer(index, 1, gl.UNSIGNED_INT, 0, 0);
@@ -34,7 +34,7 @@ class Renderer {
   }
 
   textures() {
-    const { count, means, opacities, covariances, colors, bands, facts } = this.scene;
+    const { drawn: count, means, opacities, covariances, colors, bands, facts } = this.scene;
     const geometry = new Float32Array(12 * count), shades = new Float32Array(16 * count);
     for (let one = 0; one < count; one++) {
       geometry.set(means.subarray(3 * one, 3 * one + 3), 12 * one);
@@ -85,7 +85,7 @@ class Renderer {
 
   // Draw the last order from a camera; focal in pixels of the canvas.
   draw(camera, focal) {
-    const gl = this.gl, { facts, count } = this.scene, { width, height } = this.canvas, raster = facts.raster;
+    const gl = this.gl, { facts, drawn } = this.scene, { width, height } = this.canvas, raster = facts.raster;
     const { right, down, forward } = camera;
     gl.viewport(0, 0, width, height);
     gl.uniformMatrix3fv(this.uniform("worldToCamera"), false, [0, 1, 2].flatMap((axis) => [right[axis], down[axis], forward[axis]]));
@@ -99,7 +99,7 @@ class Renderer {
     const behind = Number(facts.white);
     gl.clearColor(behind, behind, behind, 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, drawn);
   }
 
   // Wait until the picture is there: a pixel can be read only then.

@@ -1,17 +1,18 @@
 // The scene as plain arrays: Gaussians, codes, what frames show.
 
 function buildScene({ facts, arrays }) {
-  const count = facts.count, levels = facts.levels.length;
+  // Queries know the Gaussians of what stays, the first ones; those of what rests for a while are drawn, too.
+  const { count, drawn } = facts, levels = facts.levels.length;
   const values = (name) => arrays[name].values;
   const scene = {
-    facts, count, levels,
+    facts, count, drawn, levels,
     means: centers(facts, arrays),
-    scales: new Float32Array(3 * count),
-    covariances: new Float32Array(6 * count),
-    radii: new Float32Array(count),
-    opacities: new Float32Array(count),
-    colors: rows(values("color"), 3, count, (byte) => lerp(facts.color_range, byte / 255)),
-    bands: rows(values("bands"), 3 * facts.bands, count, (byte) => (byte / 127) * facts.band_limit),
+    scales: new Float32Array(3 * drawn),
+    covariances: new Float32Array(6 * drawn),
+    radii: new Float32Array(drawn),
+    opacities: new Float32Array(drawn),
+    colors: rows(values("color"), 3, drawn, (byte) => lerp(facts.color_range, byte / 255)),
+    bands: rows(values("bands"), 3 * facts.bands, drawn, (byte) => (byte / 127) * facts.band_limit),
     codeIndex: split(values("code_index"), levels, count),
     codeShare: split(values("code_share"), levels, count),
     instance: arrays.instance ? split(values("instance"), levels, count) : null,
@@ -26,7 +27,7 @@ function buildScene({ facts, arrays }) {
     pictures: values("pictures"),
     arrays,
   };
-  for (let index = 0; index < count; index++) scene.opacities[index] = values("opacity")[index] / 255;
+  for (let index = 0; index < drawn; index++) scene.opacities[index] = values("opacity")[index] / 255;
   shapes(scene, values("log_scale"), values("rotation"));
   seenShares(scene, values("visible"), values("seen"), values("seen_share"));
   return scene;
@@ -47,7 +48,7 @@ const split = (values, parts, size) =>
   Array.from({ length: parts }, (_, part) => values.subarray(part * size, (part + 1) * size));
 
 function centers(facts, arrays) {
-  const count = facts.count, blocks = arrays.block_low.shape[1];
+  const count = facts.drawn, blocks = arrays.block_low.shape[1];
   const position = arrays.position.values, low = arrays.block_low.values, step = arrays.block_step.values;
   const means = new Float32Array(3 * count);
   for (let axis = 0; axis < 3; axis++)
@@ -60,7 +61,7 @@ function centers(facts, arrays) {
 
 // Standard deviations, the largest of each Gaussian, and covariances (xx, xy, xz, yy, yz, zz).
 function shapes(scene, logScale, rotation) {
-  const { count, scales, covariances, radii } = scene, range = scene.facts.log_scale_range;
+  const { drawn: count, scales, covariances, radii } = scene, range = scene.facts.log_scale_range;
   for (let index = 0; index < count; index++) {
     const [w, x, y, z] = [0, 1, 2, 3].map((part) => rotation[part * count + index]);
     const norm = 2 / (w * w + x * x + y * y + z * z || 1);

@@ -1,0 +1,90 @@
+"""A scene at a time: what lies somewhere for a while, on top of what stays (docs/method.md#rests)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.artifacts.reader import Artifact
+from egosplat.gaussians.io import STORED
+from egosplat.gaussians.model import Gaussians
+from egosplat.geometry import Array
+from egosplat.query.relevancy import relevancy
+from egosplat.query.scene import QueryScene, TrainedScene
+from egosplat.query.text import Texts
+
+
+@dataclass(frozen=True, eq=False)
+class Rests:
+    """K Gaussians of R rests of T things.
+
+    Attributes:
+        gaussians: on the device of the renderer.
+        rest: (K,) int64 rest of each.
+        thing: (R,) int64 thing of each rest.
+        from_s, until_s: (R,) float64 seconds since the first frame, both included.
+        feature: (T, D) float32 of unit norm, of each thing; zeros without one.
+    """
+
+    gaussians: Gaussians
+    rest: NDArray[np.int64]
+    thing: NDArray[np.int64]
+    from_s: Array
+    until_s: Array
+    feature: Tensor
+
+    @staticmethod
+    def read(rests: Artifact, seconds: Array, device: torch.device) -> "Rests":
+        """Read rests.zarr; ``seconds`` (F,) time of each frame since the first."""
+        names = [name for name in STORED if name != "features"]
+        stored = {name: torch.from_numpy(rests.read(f"gaussians/{name}")) for name in names}
+        gaussians = Gaussians(**stored, features=torch.zeros(len(stored["means"]), 0))
+        return Rests(
+            gaussians.to(device),
+            rests.read("gaussians/rest").astype(np.int64),
+            rests.read("thing").astype(np.int64),
+            seconds[rests.read("from_frame")],
+            seconds[rests.read("until_frame")],
+            torch.from_numpy(rests.read("things/feature")).to(device),
+        )
+
+    def covers(self, second: float) -> NDArray[np.bool_]:
+        """(R,) bool: the rests at a time."""
+        return (self.from_s <= second) & (second <= self.until_s)
+
+    def at(self, second: float) -> Tensor:
+        """(M,) int64 indices of the Gaussians that are there at a time."""
+        return torch.from_numpy(np.flatnonzero(self.covers(second)[self.rest])).to(self.feature.device)
+
+    def relevancy(self, texts: Texts, temperature: float) -> Tensor:
+        """(K, Q) float32 in [0, 1]: of each Gaussian, that of its thing."""
+        given = (part.to(self.feature) for part in (texts.queries, texts.canonical))
+        of_things = relevancy(self.feature, *given, temperature)
+        return of_things[torch.from_numpy(self.thing[self.rest]).to(of_things.device)]
+
+
+def scene_at(scene: TrainedScene, rests: Rests | None, second: float | None) -> TrainedScene:
+    """A scene with what lies there at a time, to render its colors; the scene itself without a time."""
+    if rests is None or second is None or not len(added := rests.at(second)):
+        return scene
+    every = Gaussians.concatenate([scene.gaussians, rests.gaussians.select(added)])
+    return TrainedScene(every, scene.settings, scene.camera, scene.sh_degree)
+
+
+def relevancies_at(scene: QueryScene, rests: Rests, of_rests: Tensor, second: float) -> QueryScene:
+    """A scene whose codes are relevancies to Q queries, with what lies there at a time.
+
+    Args:
+        of_rests: (K, Q) relevancy of each Gaussian of ``rests``, for all levels; its share is 1 at each.
+    """
+    if not len(added := rests.at(second)):
+        return scene
+    relevancies = of_rests[added][:, None].expand(-1, scene.share.shape[1], -1)
+    return replace(
+        scene,
+        gaussians=Gaussians.concatenate([scene.gaussians, rests.gaussians.select(added)]),
+        code=torch.cat([scene.code, relevancies]),
+        share=torch.cat([scene.share, scene.share.new_ones(relevancies.shape[:2])]),
+    )

@@ -1,0 +1,176 @@
+"""A scene at a time: what lies somewhere for a while."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.language import GAUSSIANS, PIXELS
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.rests import RESTS
+from egosplat.codes.decoder import Decoder
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.geometry import Camera
+from egosplat.query.answer import Asker
+from egosplat.query.command import run
+from egosplat.query.opening import open_scene
+from egosplat.query.options import LANGSPLAT
+from egosplat.query.rests import Rests, scene_at
+from egosplat.query.scene import QueryScene
+from egosplat.query.text import Texts
+from tests.support.page_scene import put_page_scene, put_rests
+from tests.support.scenes import put
+
+CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+TEXTS = Texts(("wall", "cup"), torch.eye(4)[:2], torch.eye(4)[2:3])
+OPTIONS = LANGSPLAT.change(box_filter=0.0)
+
+
+def balls(*places):
+    """Opaque balls of 10 cm."""
+    count = len(places)
+    return Gaussians(
+        torch.tensor(places, dtype=torch.float32).reshape(-1, 3),
+        torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(count, 1),
+        torch.full((count, 3), 0.1).log(),
+        torch.full((count,), 4.0),
+        torch.ones(count, 1, 3),
+        torch.zeros(count, 0),
+    )
+
+
+@pytest.fixture
+def scene() -> QueryScene:
+    """A ball on the left that is the wall, at both levels."""
+    code, share = torch.eye(4)[:1, None].repeat(1, 2, 1), torch.ones(1, 2)
+    identity = Decoder((4,), np.zeros(0, np.float32))
+    return QueryScene(balls((-0.5, 0, 2)), SETTINGS, CAMERA, 0, code, share, identity, GAUSSIANS)
+
+
+def rests_of(*spans):
+    """A rest of the cup for each span [s], a ball on the right each, and a thing that nobody sees."""
+    numbers = np.arange(len(spans))
+    span = np.array(spans, np.float64).reshape(-1, 2)
+    features = torch.eye(4)[1:2]
+    gaussians = balls(*((0.3 + 0.1 * number, 0, 2) for number in numbers))
+    things = torch.cat([features, torch.zeros(1, 4)])
+    return Rests(gaussians, numbers, np.zeros(len(spans), np.int64), span[:, 0], span[:, 1], things)
+
+
+@pytest.mark.parametrize(
+    ("spans", "second", "there"),
+    [
+        (((1, 2), (2, 3)), 0.5, []),
+        (((1, 2), (2, 3)), 1, [0]),
+        (((1, 2), (2, 3)), 2, [0, 1]),
+        (((1, 2), (2, 3)), 3.1, []),
+        (((0, 9), (4, 4)), 4, [0, 1]),
+        (((0, 9), (4, 4)), np.nextafter(4, 5), [0]),
+        ((), 1, []),
+    ],
+)
+def test_a_rest_holds_from_its_first_to_its_last_frame(spans, second, there):
+    """Both ends, a rest of one frame, and none at all."""
+    assert rests_of(*spans).at(second).tolist() == there
+
+
+def answers(scene, rests, second):
+    asker = Asker.of(scene, TEXTS, OPTIONS, rests)
+    return list(asker.ask(TEXTS.phrases, CAMERA, np.eye(4), None, second))
+
+
+def test_what_lies_there_answers_at_its_time_alone(scene):
+    rests = rests_of((1, 2))
+    wall, cup = answers(scene, rests, 1.5)
+    assert cup.score > 0.99 and cup.pixel[0] > 36 and cup.mask.any() and not cup.mask[:, :30].any()
+    assert cup.position[2] == pytest.approx(2.0, abs=0.01)
+    assert wall.score > 0.99 and wall.pixel[0] < 30
+
+
+@pytest.mark.parametrize(
+    "rests, second", [(rests_of((1, 2)), 3.0), (rests_of((1, 2)), None), (rests_of(), 1.0)]
+)
+def test_without_a_rest_at_a_time_answers_are_those_without_time(scene, rests, second):
+    """To the bit: a scene's scores must not change where nothing rests."""
+    for one, other in zip(answers(scene, None, None), answers(scene, rests, second), strict=True):
+        assert (one.score, one.pixel, one.level) == (other.score, other.pixel, other.level)
+        np.testing.assert_array_equal(one.relevancy, other.relevancy)
+        np.testing.assert_array_equal(one.mask, other.mask)
+
+
+def test_what_lies_before_the_scene_hides_it(scene):
+    before = rests_of((1, 2))
+    before.gaussians.means[:] = torch.tensor([-0.25, 0, 1])
+    wall, cup = answers(scene, before, 1.0)
+    assert wall.score < 0.6 and cup.mask[24, 17] and cup.position[2] == pytest.approx(1.0, abs=0.01)
+
+
+def test_codes_that_are_decoded_in_pixels_show_no_rest(scene):
+    """A thing's feature is no code of theirs."""
+    pixels = replace(scene, decoded=PIXELS)
+    for one, other in zip(answers(pixels, None, None), answers(pixels, rests_of((1, 2)), 1.5), strict=True):
+        assert one.score == other.score
+        np.testing.assert_array_equal(one.mask, other.mask)
+
+
+def test_a_thing_without_a_feature_has_no_relevancy(scene):
+    rests = rests_of((1, 2))
+    rests.thing[:] = 1
+    wall, cup = answers(scene, rests, 1.5)
+    assert wall.score > 0.99 and cup.score < 0.6 and not wall.mask[:, 36:].any()
+
+
+def test_colors_are_those_of_the_time(scene):
+    rests = rests_of((1, 2))
+    assert scene_at(scene, rests, 3.0) is scene and scene_at(scene, rests, None) is scene
+    assert scene_at(scene, None, 1.0) is scene
+    assert scene_at(scene, rests, 1.0).picture(CAMERA, np.eye(4))[24, 41].min() > 0.5
+    assert not scene.picture(CAMERA, np.eye(4))[24, 41].any()
+
+
+def test_a_frame_shows_what_lies_there_at_its_time(tmp_path):
+    """Red where the cup is taken up, in the frames until then; a pose has no time."""
+    put_page_scene(tmp_path)
+    plain = open_scene(tmp_path).render(0)
+    put_rests(tmp_path, ((0, 1), (4, 4)))
+    scene = open_scene(tmp_path)
+    red = [
+        (scene.render(frame)[..., 0] - scene.render(pose=scene.poses[frame])[..., 0]).max()
+        for frame in (0, 1, 2, 4)
+    ]
+    assert [one > 0.2 for one in red] == [True, True, False, True]
+    np.testing.assert_array_equal(scene.render(pose=scene.poses[0]), plain)
+    assert (
+        scene.viewpoint(2).second == pytest.approx(0.2)
+        and scene.viewpoint(pose=scene.poses[2]).second is None
+    )
+    np.testing.assert_array_equal(scene.render(pose=scene.poses[0], second=0.1), scene.render(0))
+    for given in ({"frame": 0}, {}):
+        with pytest.raises(UserError, match="second"):
+            scene.ask("cup", second=0.1, **given)
+    read = Rests.read(open_artifact(tmp_path / "rests.zarr", RESTS), scene.seconds, torch.device("cpu"))
+    assert read.gaussians.count == 8 and read.from_s.tolist() == scene.seconds[[0, 4]].tolist()
+
+
+def test_a_pose_is_asked_at_a_time(tmp_path):
+    """Of the command: its picture shows what rests, and its title tells the time."""
+    put_page_scene(tmp_path)
+    put_rests(tmp_path, ((0, 1), (4, 4)))
+    scene, seen = open_scene(tmp_path), []
+    view = scene.viewpoint(pose=scene.poses[0])
+    for at in (0.1, 0.3, None):
+        told = "".join(run(scene, ["cup"], view, 1, tmp_path / "query.png", at))
+        assert ("a pose at 0:00, origin" in told) == (at is not None)
+        seen.append((tmp_path / "query.png").read_bytes())
+    assert len({*seen}) == 3
+
+
+def test_rests_of_other_gaussians_are_not_shown(tmp_path):
+    put_page_scene(tmp_path)
+    inputs = {"splats.zarr": "0" * 64, "carries.zarr": "0" * 64}
+    put(tmp_path, "rests", {"things/feature": np.zeros((0, 4), np.float32)}, inputs=inputs)
+    assert open_scene(tmp_path).rests is None
