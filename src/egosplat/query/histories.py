@@ -87,21 +87,42 @@ class ThingHistories(Histories):
     def __init__(self, carries: Artifact, rests: Artifact, seconds: Array) -> None:
         """Read carries.zarr, and rests.zarr that was made from it; ``seconds`` as in ``Histories``."""
         super().__init__(carries, seconds)
-        thing, before, after = map(rests.read, ("carries/thing", "carries/from_rest", "carries/to_rest"))
-        kept = np.flatnonzero(thing >= 0)
-        center, since, until = rests.read("center"), rests.read("from_frame"), rests.read("until_frame")
-        ends = [(seconds[frame], place) for frame, place in zip(until, center, strict=True)]
-        begins = [(seconds[frame], place) for frame, place in zip(since, center, strict=True)]
-        self.every = tuple(
-            _between(
-                self.every[row],
-                ends[before[row]] if before[row] >= 0 else None,
-                begins[after[row]] if after[row] >= 0 else None,
-            )
-            for row in kept
-        )
-        self.things = thing[kept]
+        names = ("carries/thing", "carries/from_rest", "carries/to_rest")
+        links = [
+            (int(row), *map(int, one)) for row, one in enumerate(zip(*map(rests.read, names), strict=True))
+        ]
+        of_rests = rests.read("thing")
+        told = []
+        for thing in np.unique(of_rests).tolist():
+            own = [(row, before, after) for row, of, before, after in links if of == thing]
+            told += [(thing, *one) for one in _complete(own, np.flatnonzero(of_rests == thing).tolist())]
+        every = [(thing, row, self._between(rests, seconds, row, *ends)) for thing, row, *ends in told]
+        # Two rests at one place, without a carry between them, are one that was not seen for a while.
+        kept = [(thing, one) for thing, row, one in every if row >= 0 or not meet(one, one.start, one.end)]
+        self.every = tuple(one for _, one in kept)
+        self.things = np.array([thing for thing, _ in kept], np.int32)
         self.features = torch.from_numpy(rests.read("things/feature")[self.things])
+
+    def _between(self, rests: Artifact, seconds: Array, row: int, before: int, after: int) -> Carried:
+        """A carry from the end of the rest before it to the begin of the rest after it; -1 for a row or a rest that is not known."""
+        center = rests.read("center")
+        if row >= 0:
+            known = self.every[row]
+        else:
+            frame, box = rests.read("best_frame")[after], rests.read("box")[after]
+            size = float(rests.read("size")[after])
+            known = Carried(
+                0.0, 0.0, 0.0, center[before], center[after], size, int(frame), tuple(box.tolist())
+            )
+        left, start = known.from_s, known.start
+        came, end = known.until_s, known.end
+        if before >= 0:
+            left, start = float(seconds[rests.read("until_frame")[before]]), center[before]
+        if after >= 0:
+            came, end = float(seconds[rests.read("from_frame")[after]]), center[after]
+        # A frame may show it at both places; it was on its way between these times all the same.
+        from_s, until_s = sorted((left, came))
+        return replace(known, from_s=from_s, until_s=until_s, start=start, end=end)
 
     def of(self, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
         """Find the carries of the thing that fits a query best, by all of its views; otherwise as ``Histories.of``."""
@@ -116,13 +137,20 @@ class ThingHistories(Histories):
             yield one
 
 
-def _between(one: Carried, before: tuple[float, Array] | None, after: tuple[float, Array] | None) -> Carried:
-    """A carry from the end of the rest before it to the begin of the rest after it; each is a time and a place, None if unknown."""
-    left, start = before or (one.from_s, one.start)
-    came, end = after or (one.until_s, one.end)
-    # A frame may show it at both places; it was on its way between these times all the same.
-    from_s, until_s = sorted((float(left), float(came)))
-    return replace(one, from_s=from_s, until_s=until_s, start=start, end=end)
+def _complete(links: Sequence[tuple[int, int, int]], rests: Sequence[int]) -> Iterator[tuple[int, int, int]]:
+    """The carries of a thing, (carry, rest before, rest after) each: between two of its ``rests``, in the order of time, is one, which
+    may have been missed."""
+    whole = [one for one in links if min(one[1:]) >= 0]
+    begun, ended = ({one[side] for one in whole} for side in (1, 2))
+    used = {one[0] for one in whole}
+    yield from whole
+    for before, after in itertools.pairwise(rests):
+        if before in begun or after in ended:
+            continue
+        known = [carry for carry, first, second in links if after == second or before == first]
+        used.update(known)
+        yield (max(known, default=-1), before, after)
+    yield from (one for one in links if one[0] not in used)
 
 
 def _joined(history: list[Carried], every: Sequence[Carried]) -> Iterator[Carried]:

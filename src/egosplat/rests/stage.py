@@ -31,7 +31,7 @@ from egosplat.progress import log
 from egosplat.query.text import load_clip_of
 from egosplat.rests.finding import Rest, ends_of, find_rests, link, places_of
 from egosplat.rests.options import RestsOptions
-from egosplat.rests.things import Look, features_of, group, look_at
+from egosplat.rests.things import Look, features_of, group, look_at, match
 from egosplat.rests.views import Recording, Scenery, see_places
 
 
@@ -82,6 +82,8 @@ def run(
             views, options.clip_model, options.clip_checkpoint, options.device, options.precision
         )
         looks = [look_at(one, scene, clip, lies_on_its_side(frames)) for one in rests]
+        parts = _features(things, looks, of_carries, carries)
+        things, of_carries = match(things, of_carries, rests, parts)
     log(f"{len(rests)} rests of {things.max(initial=-1) + 1} things, at {len(ends)} ends of carries")
     with create(output, RESTS, record) as artifact:
         for name, values in {

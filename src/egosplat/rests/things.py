@@ -16,6 +16,9 @@ from egosplat.rests.finding import Rest
 from egosplat.rests.fitting import improved
 from egosplat.rests.views import PlaceView, Scenery
 
+# Things whose features have this cosine look alike; they are two if rests of both last at once for more than this part of one.
+_ALIKE, _AT_ONCE = 0.85, 0.25
+
 # Views of a rest that OpenCLIP encodes, and the smallest thing among them [px].
 _VIEWS, _LEAST_PIXELS = 16, 50
 
@@ -50,6 +53,51 @@ def group(rests: int, links: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDAr
     # Components without a rest are single carries.
     of_carries = np.where(np.isin(label[rests:], numbers), np.searchsorted(numbers, label[rests:]), -1)
     return thing.astype(np.int32), of_carries.astype(np.int32)
+
+
+def match(
+    things: NDArray[np.int32],
+    of_carries: NDArray[np.int32],
+    rests: Sequence[Rest],
+    features: NDArray[np.float32],
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Join things that look alike and rest one after the other: a carry between them was missed.
+
+    Args:
+        things, of_carries: as ``group`` returns them.
+        features: (T, D) of the things, of unit norm or zeros.
+
+    Returns:
+        The same with fewer things.
+    """
+    alike = (features @ features.T).astype(np.float64)
+    np.fill_diagonal(alike, -1.0)
+    label = np.arange(len(features))
+    # The most similar first; features stay those of the parts.
+    for first, second in zip(*np.unravel_index(np.argsort(-alike, axis=None), alike.shape), strict=True):
+        if alike[first, second] < _ALIKE:
+            break
+        one, other = label[first], label[second]
+        times = [
+            [rest.frames for rest, thing in zip(rests, things, strict=True) if label[thing] == each]
+            for each in (one, other)
+        ]
+        if one != other and not _at_once(*times):
+            label[label == other] = one
+    numbers, label = np.unique(label, return_inverse=True)
+    joined = label.astype(np.int32)
+    return joined[things], np.where(of_carries >= 0, joined[of_carries] if len(numbers) else -1, -1).astype(
+        np.int32
+    )
+
+
+def _at_once(some: Sequence[tuple[int, int]], others: Sequence[tuple[int, int]]) -> bool:
+    """Whether two things are seen in the same frames, more than at one end."""
+    return any(
+        min(last, end) - max(first, begin) > min(last - first, end - begin) * _AT_ONCE
+        for first, last in some
+        for begin, end in others
+    )
 
 
 def look_at(rest: Rest, scene: Scenery, clip: OpenClip, turned: bool) -> Look:
