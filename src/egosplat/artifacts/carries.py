@@ -1,5 +1,7 @@
 """Schema of ``carries.zarr``: things that leave a place and are put down at another."""
 
+from egosplat.artifacts.integrity import damaged
+from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
 from egosplat.artifacts.values import ANY, COUNT, FINITE, FINITE_OR_UNKNOWN
 
@@ -42,3 +44,19 @@ CARRIES = Schema(
         ),
     },
 )
+
+
+def check_frames(carries: Artifact, count: int) -> None:
+    """Check that carries lie in a recording of ``count`` frames, and that none ends before it begins.
+
+    Raises:
+        ArtifactError: one does not, as in a file that was edited.
+    """
+    first, last, best = (carries.read(name) for name in ("first_frame", "last_frame", "best_frame"))
+    for name, frames in (("first_frame", first), ("last_frame", last), ("best_frame", best)):
+        if (frames >= count).any():
+            raise damaged(
+                carries.path, f"{name!r} tells of frame {frames.max()}, and the recording has {count}"
+            )
+    if (first > last).any():
+        raise damaged(carries.path, f"{(first > last).sum()} of {len(first)} carries end before they begin")

@@ -66,7 +66,8 @@ def run(
     """
     if at is not None and viewpoint is not None:
         raise UserError(f"--at: a view, such as {viewpoint.name}, has no history; ask the whole scene")
-    if at is not None and at > scene.seconds[-1]:
+    # By the whole seconds that a user sees: 0:59.9 is at the end of a recording that ends at 0:59.
+    if at is not None and int(at) > scene.seconds[-1]:
         raise UserError(f"--at {clock(at)}: the recording ends at {clock(float(scene.seconds[-1]))}")
     place = "the whole scene" if viewpoint is None else viewpoint.name
     title = f"{scene.folder}, {place}, origin {scene.origin}"

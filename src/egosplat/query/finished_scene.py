@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.artifacts.carries import check_frames
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.instances import TRACKS
@@ -179,9 +180,18 @@ class Scene:
 
     @cached_property
     def histories(self) -> Histories | None:
-        """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
+        """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians or another OpenCLIP.
+
+        Raises:
+            UserError: it is damaged.
+        """
         carries = open_carries(self.folder, self.artifact("splats"))
-        return None if carries is None else Histories(carries, self.seconds)
+        if carries is None:
+            return None
+        check_frames(carries, len(self.seconds))
+        # Features of another OpenCLIP compare with no word; carries.zarr does not name it.
+        encoded = self.encoded.shape("consistent" if self.encoded.schema.name == "features" else "scale/0")
+        return Histories(carries, self.seconds) if carries.shape("feature")[1] == encoded[-1] else None
 
     @property
     def untold(self) -> str | None:
