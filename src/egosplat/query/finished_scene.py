@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.carries import check_frames
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.instances import TRACKS
@@ -188,7 +187,6 @@ class Scene:
         carries = open_carries(self.folder, self.artifact("splats"))
         if carries is None:
             return None
-        check_frames(carries, len(self.seconds))
         # Features of another OpenCLIP compare with no word; carries.zarr does not name it.
         encoded = self.encoded.shape("consistent" if self.encoded.schema.name == "features" else "scale/0")
         return Histories(carries, self.seconds) if carries.shape("feature")[1] == encoded[-1] else None
