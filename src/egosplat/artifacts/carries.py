@@ -1,10 +1,5 @@
 """Schema of ``carries.zarr``: things that leave a place and are put down at another."""
 
-import numpy as np
-from numpy.typing import NDArray
-
-from egosplat.artifacts.integrity import damaged
-from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Field, Schema
 from egosplat.artifacts.values import ANY, COUNT, FINITE, FINITE_OR_UNKNOWN
 
@@ -47,24 +42,3 @@ CARRIES = Schema(
         ),
     },
 )
-
-
-def check_frames(carries: Artifact, count: int, **frames: NDArray[np.int64]) -> None:
-    """Check that carries lie in a recording, and that none ends before it begins.
-
-    Args:
-        carries: the artifact, for the error.
-        count: number of frames of the recording.
-        frames: its arrays of frames by name, ``first_frame`` and ``last_frame`` among them.
-
-    Raises:
-        ArtifactError: one does not, as in a file that was edited.
-    """
-    for name, values in frames.items():
-        if (values >= count).any():
-            raise damaged(
-                carries.path, f"{name!r} tells of frame {values.max()}, and the recording has {count}"
-            )
-    back = frames["first_frame"] > frames["last_frame"]
-    if back.any():
-        raise damaged(carries.path, f"{back.sum()} of {len(back)} carries end before they begin")

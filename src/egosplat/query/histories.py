@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import torch
 
-from egosplat.artifacts.carries import check_frames
+from egosplat.artifacts.consistency import check_frames
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array
 from egosplat.query.grades.evidence import other_meanings

@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
-from egosplat.artifacts.carries import check_frames
+from egosplat.artifacts.consistency import check_frames
 from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
