@@ -1,9 +1,12 @@
-"""Checks that artifacts belong together: each was made from the ones that it is used with."""
+"""Checks that artifacts belong together: each was made from the ones that it is used with, and tells of their frames."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from egosplat.artifacts.integrity import rebuild_command
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.artifacts.integrity import damaged, rebuild_command
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 
@@ -38,6 +41,27 @@ def made_from_another(path: Path, source: Path) -> UserError:
     return UserError(
         f"{path}: was made from another {source.name} than {source}. Rebuild it: {rebuild_command(path)}"
     )
+
+
+def check_frames(carries: Artifact, count: int, **frames: NDArray[np.int64]) -> None:
+    """Check that carries lie in a recording, and that none ends before it begins.
+
+    Args:
+        carries: the artifact, for the error.
+        count: number of frames of the recording.
+        frames: its arrays of frames by name, ``first_frame`` and ``last_frame`` among them.
+
+    Raises:
+        ArtifactError: one does not, as in a file that was edited.
+    """
+    for name, values in frames.items():
+        if (values >= count).any():
+            raise damaged(
+                carries.path, f"{name!r} tells of frame {values.max()}, and the recording has {count}"
+            )
+    back = frames["first_frame"] > frames["last_frame"]
+    if back.any():
+        raise damaged(carries.path, f"{back.sum()} of {len(back)} carries end before they begin")
 
 
 def _size(artifact: Artifact, axis: str) -> int:

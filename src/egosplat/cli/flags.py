@@ -66,10 +66,11 @@ class Time(click.ParamType):
         """Convert "1:05" or "65" to 65.0."""
         minutes, _, seconds = str(value).rpartition(":")
         try:
-            found = 60 * int(minutes or 0) + float(seconds)
-        except ValueError:
-            found = -1.0
-        if not 0 <= found < float("inf"):
+            parts = float(int(minutes or 0)), float(seconds)
+        except (ValueError, OverflowError):
+            parts = -1.0, 0.0
+        found = 60 * parts[0] + parts[1]
+        if min(parts) < 0 or not found < float("inf"):
             told = f"{str(value)[:40]!r} is no time; give seconds, as 65, or minutes and seconds, as 1:05"
             self.fail(told, parameter, context)
         return found

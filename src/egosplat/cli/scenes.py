@@ -147,8 +147,9 @@ def export_command() -> click.Command:
         run(folder, plan, options)
 
     form = (
-        "Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, colmap), the "
-        "scene page (html), or all of these over time for Rerun (rrd). [default: by the suffix of --output, else ply]"
+        "Gaussians (ply, spz), a point cloud in the colors of instances, a table of what is carried (carries), images with "
+        "cameras (nerfstudio, colmap), the scene page (html), or all of these over time for Rerun (rrd). [default: by the "
+        "suffix of --output, else ply]"
     )
     query = (
         "Only the Gaussians of the best answer; ply and spz. Boxes of answers to words between commas; rrd."

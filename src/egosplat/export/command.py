@@ -13,6 +13,7 @@ from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.splats import SPLATS
 from egosplat.errors import UserError
+from egosplat.export.carries_table import export_carries
 from egosplat.export.dataset import export_dataset, write_colmap, write_nerfstudio
 from egosplat.export.formats import Exporting
 from egosplat.export.instance_cloud import export_instances
@@ -47,6 +48,8 @@ def run(folder: Path, what: Exporting, options: AskingOptions, scene: Scene | No
         export_dataset(folder, what.output, _CAMERAS[what.format])
     elif what.format == "instances":
         export_instances(folder, what.output)
+    elif what.format == "carries":
+        export_carries(scene or open_scene(folder, options), what.output)
     elif what.format == "html":
         clip = open_artifact(*locate(folder, "features"), FEATURES).facts["clip"]
         files = {"clip_model": clip["model"], "clip_checkpoint": clip["checkpoint"]}

@@ -8,11 +8,13 @@ from egosplat.files import check_new_folder, check_output
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.pipeline.stages import STAGES
 
-# The artifacts that each format needs: Gaussians, a point cloud, images with cameras, the scene page, all of these over time.
+# The artifacts that each format needs: Gaussians, a point cloud, a table of carries, images with cameras, the scene page, all of these
+# over time.
 FORMATS = {
     "ply": ("splats",),
     "spz": ("splats",),
     "instances": ("splats", "instances"),
+    "carries": ASKED,
     "nerfstudio": ("frames", "poses", "splats"),
     "colmap": ("frames", "poses", "splats"),
     "html": STAGES["scene_page"].inputs,
@@ -20,7 +22,17 @@ FORMATS = {
 }
 
 # Suffix of the file of each format; the others are folders.
-_SUFFIXES = {"ply": ".ply", "spz": ".spz", "instances": ".ply", "html": ".html", "rrd": ".rrd"}
+_SUFFIXES = {
+    "ply": ".ply",
+    "spz": ".spz",
+    "instances": ".ply",
+    "carries": ".csv",
+    "html": ".html",
+    "rrd": ".rrd",
+}
+
+# Formats whose file has their name.
+_NAMED = ("instances", "carries")
 
 # Formats that can hold the answer to a query alone, and one that shows answers in the scene.
 _OF_QUERIES = ("ply", "spz")
@@ -87,5 +99,5 @@ def format_of(output: Path | None) -> str:
 
 def own_name(format: str, query: str | None) -> str:
     """Name of the file or folder that the command writes by default."""
-    scene = "scene" if format in _SUFFIXES and format != "instances" else format
+    scene = "scene" if format in _SUFFIXES and format not in _NAMED else format
     return ("answer" if query is not None else scene) + _SUFFIXES.get(format, "")

@@ -1,4 +1,4 @@
-"""Write a scene for Rerun (rerun.io): cameras with pictures and instances over time, Gaussians as points, answers as boxes."""
+"""Write a scene for Rerun (rerun.io): cameras with pictures, instances and carries over time, Gaussians as points, answers as boxes."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,6 +19,7 @@ from egosplat.geometry import known_poses
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
+from egosplat.query.history import Carried
 from egosplat.report.sheets.from_above import palette
 
 
@@ -26,7 +27,7 @@ def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
     """Write a .rrd file; it is complete or absent.
 
     Args:
-        phrases: queries of the whole scene, whose answers become boxes.
+        phrases: queries of the whole scene, whose answers become boxes, and of what was carried points over time.
 
     Raises:
         UserError: rerun-sdk is not installed, or an artifact is missing or damaged.
@@ -50,9 +51,12 @@ def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
             stream.log(f"world/answers/{answer.phrase}", _boxes(rr, answer), static=True)
             log(f"{answer.phrase}: {answer.refusal or f'{len(answer.things)} boxes'}")
         frames = _log_frames(rr, stream, scene)
+        ways = _log_ways(rr, stream, scene)
+        for answer in answers:
+            _log_places(rr, stream, scene, answer)
         # What is left is written before the file gets its name.
         stream.disconnect()
-    log(f"{output}: {frames} frames, {len(answers)} answers")
+    log(f"{output}: {frames} frames, {len(answers)} answers, {ways} carries")
 
 
 def _boxes(rr: Any, answer: Answer) -> Any:
@@ -75,7 +79,6 @@ def _points(rr: Any, folder: Path) -> Any:
 def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
     """Log the frames with a pose, with the instances of the coarsest level; returns their number."""
     instances = open_artifact(*locate(scene.folder, "instances"), INSTANCES)
-    times = scene.artifact("frames").read("timestamp_ns")
     colors = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8)
     # Class 0 is no instance, which is transparent.
     classes = [
@@ -89,11 +92,46 @@ def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
     known = known_poses(scene.poses).tolist()
     for frame in track(known, "writing frames"):
         pose, labels = scene.poses[frame], instances.row("labels", frame)[-1]
-        stream.set_time("frame", sequence=frame)
-        stream.set_time("time", duration=int(times[frame] - times[0]) / 1e9)
+        _set_time(stream, scene, frame)
         stream.log("world/camera", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
         stream.log("world/camera/picture", rr.Image(scene.frames[frame]).compress(jpeg_quality=90))
         stream.log(
             "world/camera/instances", rr.SegmentationImage((labels + 1).astype(np.uint16), opacity=0.4)
         )
     return len(known)
+
+
+def _set_time(stream: Any, scene: Scene, frame: int) -> None:
+    stream.set_time("frame", sequence=frame)
+    stream.set_time("time", duration=float(scene.seconds[frame]))
+
+
+def _log_ways(rr: Any, stream: Any, scene: Scene) -> int:
+    """Log a line for each carry, from its start to its end, while it lasts; returns their number."""
+    carries = () if scene.histories is None else scene.histories.every
+    for number, one in enumerate(carries, 1):
+        first, after = _frames(scene, one)
+        _set_time(stream, scene, first)
+        line = [one.start if one.start_is_known else one.end, one.end]
+        stream.log(f"world/carries/{number}", rr.LineStrips3D([line], labels=[one.told]))
+        if after < len(scene.seconds):
+            _set_time(stream, scene, after)
+            stream.log(f"world/carries/{number}", rr.Clear(recursive=False))
+    return len(carries)
+
+
+def _log_places(rr: Any, stream: Any, scene: Scene, answer: Answer) -> None:
+    """Log a point where the thing of an answer lies, and none while it is carried or its place is not known."""
+    changes = {frame for one in answer.history for frame in _frames(scene, one)}
+    for frame in sorted({0} | changes if changes else ()):
+        if frame < len(scene.seconds):
+            _set_time(stream, scene, frame)
+            place = answer.at(float(scene.seconds[frame]))
+            known = [] if place is None or place.position is None else [place.position]
+            point = rr.Points3D(known, radii=answer.history[0].size / 2, labels=[answer.phrase] * len(known))
+            stream.log(f"world/places/{answer.phrase}", point)
+
+
+def _frames(scene: Scene, one: Carried) -> tuple[int, int]:
+    """The first frame of a carry, and the one after its last."""
+    return int(scene.seconds.searchsorted(one.from_s)), int(scene.seconds.searchsorted(one.until_s)) + 1

@@ -66,7 +66,8 @@ def run(
     """
     if at is not None and viewpoint is not None and viewpoint.second is not None:
         raise UserError(f"--at: {viewpoint.name} has its own time; ask the whole scene, or a pose")
-    if at is not None and at > scene.seconds[-1]:
+    # By the whole seconds that a user sees: 0:59.9 is at the end of a recording that ends at 0:59.
+    if at is not None and int(at) > scene.seconds[-1]:
         raise UserError(f"--at {clock(at)}: the recording ends at {clock(float(scene.seconds[-1]))}")
     if at is not None and viewpoint is not None:
         viewpoint, at = replace(viewpoint, name=f"{viewpoint.name} at {clock(at)}", second=at), None

@@ -180,10 +180,20 @@ class Scene:
 
     @cached_property
     def histories(self) -> Histories | None:
-        """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians."""
+        """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians or another OpenCLIP.
+
+        Raises:
+            UserError: it is damaged.
+        """
         carries, rests = self._carries, self._rests
-        if carries is None or rests is None:
-            return None if carries is None else Histories(carries, self.seconds)
+        if carries is None:
+            return None
+        # Features of another OpenCLIP compare with no word; carries.zarr does not name it.
+        encoded = self.encoded.shape("consistent" if self.encoded.schema.name == "features" else "scale/0")
+        if carries.shape("feature")[1] != encoded[-1]:
+            return None
+        if rests is None:
+            return Histories(carries, self.seconds)
         return ThingHistories(carries, rests, self.seconds)
 
     @cached_property
@@ -308,6 +318,21 @@ class Scene:
         seen = asker.ask(texts.phrases, *place)
         return (self._answer_of_view(one, options) for one in seen)
 
+    def carried(self) -> list[tuple[str, Carried]]:
+        """List what is carried, in the order of time, each with the word that fits best of those whose history it is in, or "".
+
+        >>> [(name, carried.told) for name, carried in scene.carried()]
+        [('cup', '0:00 to 0:00'), ('', '0:00 to 0:00')]
+        """
+        every = () if self.histories is None else self.histories.every
+        named = {}
+        for word in self._words.phrases if every else ():
+            for one in self._history(self._words.of([word]), self.options):
+                key = one.from_s, one.until_s, one.box
+                if key not in named or named[key][1].score < one.score:
+                    named[key] = word, one
+        return [named.get((one.from_s, one.until_s, one.box), ("", one)) for one in every]
+
     def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
         """Encode phrases, each once, and the canonical phrases. Raises as ``ask``."""
         return encode_texts(self.clip, list(dict.fromkeys(phrases)), (options or self.options).canonical)
@@ -397,7 +422,7 @@ class Scene:
 
         Args:
             path: file or folder to write.
-            format: ply, spz, instances, nerfstudio, colmap, html or rrd; None for what the suffix of ``path`` says.
+            format: ply, spz, instances, carries, nerfstudio, colmap, html or rrd; None for what the suffix of ``path`` says.
             query: only the Gaussians of the best answer to these words; ply and spz. Boxes of the answers; rrd.
             codes: also write the language codes; ply.
             overwrite: whether a file that is there may be replaced.

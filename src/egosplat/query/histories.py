@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from egosplat.artifacts.consistency import check_frames
 from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array
 from egosplat.query.grades.evidence import other_meanings
@@ -28,9 +29,10 @@ class Histories:
     """
 
     def __init__(self, carries: Artifact, seconds: Array) -> None:
-        """Read carries.zarr; ``seconds`` (F,) time of each frame since the first."""
+        """Read carries.zarr; ``seconds`` (F,) time of each frame since the first. Raises ArtifactError if one lies outside of them."""
         names = ("first_frame", "last_frame", "start", "end", "size", "best_frame", "box")
         first, last, start, end, size, best, box = map(carries.read, names)
+        check_frames(carries, len(seconds), first_frame=first, last_frame=last, best_frame=best)
         self.features = torch.from_numpy(carries.read("feature"))
         self.every = tuple(
             Carried(

@@ -1,10 +1,12 @@
 """Where a thing was, by when it was carried from where to where."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from egosplat.errors import UserError
 from egosplat.geometry import Array
 
 # Two places are one if they are no farther apart than this many sizes of the thing: depth is that of the surface behind it.
@@ -76,7 +78,15 @@ class Place:
 
 
 def place_at(history: Sequence[Carried], second: float) -> Place | None:
-    """Where a thing was at a time [s], by its carries in the order of time; None without any."""
+    """Where a thing was at a time [s], by its carries in the order of time; None without any.
+
+    A time before the recording is as its first frame, a time after it as its last.
+
+    Raises:
+        UserError: the time is NaN.
+    """
+    if math.isnan(second):
+        raise UserError("nan is no time; give seconds since the first frame, as 65")
     now = next((one for one in history if one.from_s <= second <= one.until_s), None)
     if now is not None:
         return Place(None, now.from_s, now.until_s, carried=True)

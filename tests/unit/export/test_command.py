@@ -1,6 +1,8 @@
 """``egosplat export``: a scene in the formats of other programs, read back by these or by libraries that know them."""
 
+import csv
 import json
+import shutil
 import struct
 import sys
 
@@ -13,11 +15,15 @@ from gsply.spz import read_spz
 from PIL import Image
 
 from egosplat import cli
+from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.calibration.transforms_json import read_transforms
-from tests.support.page_scene import CAMERA, put_page_scene
+from egosplat.errors import UserError
+from egosplat.query.opening import open_scene
+from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_page_scene
+from tests.support.scenes import put
 
 POSED = [0, 1, 2, 4]
 """Frames of the scene that have a pose."""
@@ -75,7 +81,7 @@ def test_rerun_reads_its_recording(scene, export, tmp_path):
     """By its own reader: a pose, a picture and instances for each frame, points, and a box for each answer."""
     reader = pytest.importorskip("rerun.experimental").RrdReader
     status, said = export("--query", "couch, elephant", "--output", tmp_path / "scene.rrd")
-    assert status == 0 and "4 frames, 2 answers" in said
+    assert status == 0 and "4 frames, 2 answers, 2 carries" in said
     rows: dict[str, list[dict]] = {}
     for chunk in reader(tmp_path / "scene.rrd").stream().to_chunks():
         rows.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
@@ -91,6 +97,51 @@ def test_rerun_reads_its_recording(scene, export, tmp_path):
     assert 0 < len(points["Points3D:positions"]) <= 700
     assert couch["Boxes3D:centers"][0][0] < -0.3 and couch["Boxes3D:labels"][0].startswith("couch 0.")
     assert not elephant["Boxes3D:centers"]
+
+
+def test_rerun_reads_what_is_carried_over_time(scene, export, tmp_path):
+    """A line while a carry lasts, and a point where the thing lies before and after, on both time lines."""
+    reader = pytest.importorskip("rerun.experimental").RrdReader
+    status, said = export("--query", "cup, couch", "--output", tmp_path / "scene.rrd")
+    assert status == 0, said
+    rows: dict[str, list[dict]] = {}
+    for chunk in reader(tmp_path / "scene.rrd").stream().to_chunks():
+        rows.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
+    assert "/world/places/couch" not in rows, "it was not carried"
+    places = {row["frame"]: row["Points3D:positions"] for row in rows["/world/places/cup"]}
+    assert sorted(places) == [0, 1, 3] and not places[1]
+    np.testing.assert_allclose([places[0][0], places[3][0]], [TAKEN_UP, PUT_DOWN])
+    ways = {row["frame"]: row for row in rows["/world/carries/1"]}
+    assert sorted(ways) == [1, 3] and ways[3].get("Clear:is_recursive") is not None
+    np.testing.assert_allclose(ways[1]["LineStrips3D:strips"][0], [TAKEN_UP, PUT_DOWN])
+    assert {row["frame"] for row in rows["/world/carries/2"]} == {2, 4}
+
+
+def test_what_is_carried_as_a_table(scene, export, tmp_path):
+    """A row for each carry with times, places and a name; the second looks like nothing."""
+    status, said = export("--output", tmp_path / "x.csv")
+    assert status == 0 and "2 carries, 1 with a name" in said
+    with (tmp_path / "x.csv").open(newline="") as file:
+        cup, other = csv.DictReader(file)
+    assert (cup["name"], cup["from_s"], cup["until_s"], cup["frame"]) == ("cup", "0.100", "0.200", "2")
+    for part, place in (("start", TAKEN_UP), ("end", PUT_DOWN)):
+        assert tuple(float(cup[f"{part}_{axis}"]) for axis in "xyz") == place
+    assert float(cup["size"]) == 0.1 and other["name"] == "" and other["end_y"] == "1"
+
+
+def test_a_start_that_is_not_known_is_empty_in_the_table(tmp_path):
+    put_page_scene(tmp_path)
+    carries = open_artifact(tmp_path / "carries.zarr", CARRIES)
+    arrays = {name: carries.read(name) for name in CARRIES.fields} | {"start": np.full((2, 3), np.nan)}
+    shutil.rmtree(tmp_path / "carries.zarr")
+    put(tmp_path, "carries", arrays, made_from=["splats"])
+    open_scene(tmp_path).export(tmp_path / "x.csv", format="carries")
+    with (tmp_path / "x.csv").open(newline="") as file:
+        assert [row["start_x"] + row["start_z"] for row in csv.DictReader(file)] == ["", ""]
+    shutil.rmtree(tmp_path / "carries.zarr")
+    with pytest.raises(UserError, match=r"carries\.zarr.*Make it"):
+        open_scene(tmp_path).export(tmp_path / "y.csv")
+    assert open_scene(tmp_path).carried() == [] and not (tmp_path / "y.csv").exists()
 
 
 def test_without_rerun_its_extra_is_named(export, tmp_path, monkeypatch):
@@ -256,7 +307,7 @@ def test_a_folder_that_is_there_is_left_alone(export, tmp_path):
     assert not list((tmp_path / "x").iterdir())
 
 
-@pytest.mark.parametrize("format", ["ply", "spz", "instances", "nerfstudio", "colmap", "html"])
+@pytest.mark.parametrize("format", ["ply", "spz", "instances", "carries", "nerfstudio", "colmap", "html"])
 def test_without_artifacts_one_line_says_what_is_missing(tmp_path, monkeypatch, capfd, format):
     monkeypatch.setattr(sys, "argv", ["egosplat", "export", str(tmp_path), "--format", format])
     with pytest.raises(SystemExit) as end:

@@ -4,13 +4,18 @@ import contextlib
 import re
 import shutil
 
+import click
 import numpy as np
 import pytest
 import torch
 
 from egosplat import cli
+from egosplat.artifacts.carries import CARRIES
+from egosplat.artifacts.reader import open_artifact
+from egosplat.cli.flags import Time
+from egosplat.errors import UserError
 from egosplat.query.histories import Histories, ThingHistories
-from egosplat.query.history import Carried, clock, place_at
+from egosplat.query.history import Carried, clock, meet, place_at
 from egosplat.query.opening import open_scene
 from egosplat.query.text import Texts
 from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_page_scene, put_rests
@@ -172,6 +177,9 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     assert "give seconds, as 65" in table("--at", "-1")
     assert "the recording ends at 0:00" in table("--at", "0:01")
     assert "frame 1 has its own time" in table("--at", "0", "--frame", "1")
+    assert "--at 99:00: the recording ends at 0:00" in table("--at", "99:00")
+    assert "since 0:00" in table("--at", "0:0.9")[1], "it is shown as 0:00, as the end is"
+    assert "give seconds, as 65" in table("--at", "nan")
 
 
 def test_carries_of_other_gaussians_tell_nothing(tmp_path):
@@ -269,3 +277,105 @@ def test_rests_of_other_carries_tell_nothing(tmp_path):
     shutil.rmtree(tmp_path / "carries.zarr")
     put(tmp_path, "carries", arrays, made_from=["frames", "poses", "instances", "splats"])
     assert type(open_scene(tmp_path).histories) is Histories
+
+
+def test_a_time_that_is_none_is_an_error():
+    """NaN compares as neither before nor after: it would tell that the thing was not carried."""
+    with pytest.raises(UserError, match="nan is no time"):
+        place_at(HISTORY, float("nan"))
+    np.testing.assert_array_equal(place_at(HISTORY, float("inf")).position, SHELF)
+
+
+def test_of_two_equal_things_that_change_places_one_is_told():
+    """Carries are named by words alone: at one time, one of them is the history."""
+    made = Carries([CUP.tolist()] * 2, step=0)
+    made.arrays["start"], made.arrays["end"] = np.array([TABLE, DESK]), np.array([DESK, TABLE])
+    assert told(made) == [0.0]
+
+
+@pytest.mark.parametrize("seconds", [np.zeros(100), np.arange(100.0)[::-1]], ids=["one time", "backwards"])
+def test_times_that_do_not_rise_tell_finite_places(seconds):
+    """Readers of recordings refuse such times; a file that was edited may hold them."""
+    made = Histories(Carries([CUP.tolist()] * 3), seconds)
+    words = Texts(("cup", "box"), torch.stack([CUP, BOX]), OBJECT[None])
+    found = made.of(Texts(("cup",), CUP[None], OBJECT[None]), words, 10.0)
+    assert found
+    for second in (-1.0, 0.0, 50.0, 99.0):
+        place = place_at(found, second)
+        assert place.position is None or np.isfinite(place.position).all()
+
+
+def test_the_start_of_a_thing_with_a_size_of_zero():
+    """A size of 0 lets two places meet only if they are one."""
+    nothing = Carried(0.9, 0.0, 1.0, TABLE, DESK, 0.0, 0, (0, 0, 1, 1))
+    assert meet(nothing, DESK, DESK) and not meet(nothing, DESK, TABLE)
+
+
+EDITED = [
+    ({"last_frame": [2, 99]}, "'last_frame' tells of frame 99, and the recording has 5"),
+    ({"first_frame": [5, 1]}, "'first_frame' tells of frame 5"),
+    ({"best_frame": [2, 2**40]}, "'best_frame' tells of frame 1099511627776"),
+    ({"first_frame": [3, 2], "last_frame": [2, 3]}, "1 of 2 carries end before they begin"),
+]
+
+
+@pytest.mark.parametrize(("changes", "said"), EDITED, ids=["after the end", "start", "best", "backwards"])
+def test_carries_outside_of_the_recording_are_damaged(tmp_path, changes, said):
+    """The message names the file, what is wrong, and the command that makes it anew."""
+    folder = tmp_path / "results/adt/scene1"
+    folder.mkdir(parents=True)
+    put_page_scene(folder)
+    edited = {key: np.array(values) for key, values in changes.items()}
+    put_carries(folder, edited)
+    with pytest.raises(UserError) as caught:
+        open_scene(folder).ask("cup")
+    message = str(caught.value)
+    assert message.startswith(f"{folder / 'carries.zarr'}: {said}")
+    assert f"Rebuild it: rm -r {folder / 'carries.zarr'} && snakemake" in message
+
+
+def put_carries(folder, arrays, made_from=("splats",)):
+    """Write carries.zarr anew, with features as wide as those of the scene."""
+    carries = open_artifact(folder / "carries.zarr", CARRIES)
+    before = {name: carries.read(name) for name in CARRIES.fields}
+    shutil.rmtree(folder / "carries.zarr")
+    put(folder, "carries", before | arrays, made_from=made_from)
+
+
+def test_without_a_carry_no_time_tells_a_place(tmp_path, monkeypatch, capfd):
+    """Nothing was carried: a time within the recording says so, in the library and in the table."""
+    put_page_scene(tmp_path)
+    carries = open_artifact(tmp_path / "carries.zarr", CARRIES)
+    put_carries(tmp_path, {name: carries.read(name)[:0] for name in CARRIES.fields})
+    scene = open_scene(tmp_path)
+    [cup] = scene.ask("cup")
+    assert scene.histories.every == () and cup.history == () and cup.at(0.1) is None
+    monkeypatch.setattr("sys.argv", ["egosplat", "query", str(tmp_path), "cup", "--at", "0", "--overwrite"])
+    with contextlib.suppress(SystemExit):
+        cli.main()
+    assert "nothing of this was carried, as far as is known" in capfd.readouterr().out
+
+
+def test_carries_with_features_of_another_openclip_tell_nothing(tmp_path):
+    """Their features compare with no word: a channel more or less was an error of torch."""
+    put_page_scene(tmp_path)
+    put_carries(tmp_path, {"feature": np.ones((2, 3), np.float32) / np.sqrt(3, dtype=np.float32)})
+    scene = open_scene(tmp_path)
+    assert scene.histories is None and scene.ask("cup")[0].history == ()
+
+
+@pytest.mark.parametrize(
+    ("given", "second"),
+    [("65", 65.0), ("1:05", 65.0), ("0:0.5", 0.5), ("61:00", 3660.0), ("1:90", 150.0)]
+    + [
+        (bad, None)
+        for bad in ("nan", "1:nan", "inf", "-1", "1:-5", "-1:90", "1:2:3", "", ":", "9" * 400 + ":0")
+    ],
+)
+def test_times_on_the_command_line(given, second):
+    """A sign in either part, and what is no number, is an error that shows how a time is given."""
+    if second is not None:
+        assert Time().convert(given, None, None) == second
+        return
+    with pytest.raises(click.BadParameter, match="give seconds, as 65"):
+        Time().convert(given, None, None)

@@ -124,3 +124,11 @@ def test_carries_of_another_scene_are_rejected(tmp_path):
     with pytest.raises(UserError, match=r"carries.zarr: was made from another"):
         run(*paths[:2], others[2], paths[3], tmp_path / "none.png", title="a scene")
     assert not (tmp_path / "none.png").exists()
+
+
+def test_a_carry_outside_of_the_recording_is_an_error_of_its_file(tmp_path):
+    """An edited file was an IndexError of NumPy."""
+    with pytest.raises(
+        UserError, match=r"carries\.zarr: 'last_frame' tells of frame 200, and the recording has 150"
+    ):
+        run(*put_carries(tmp_path, [3], [100]), tmp_path / "carries.png", title="mine/kitchen")

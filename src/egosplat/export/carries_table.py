@@ -1,0 +1,40 @@
+"""Write what is carried from where to where, and when, as a table."""
+
+import csv
+from pathlib import Path
+
+from egosplat.errors import UserError
+from egosplat.files import atomic_file
+from egosplat.pipeline.home import make_command
+from egosplat.progress import log
+from egosplat.query.finished_scene import Scene
+from egosplat.query.history import Carried
+
+# Seconds since the first frame, and places in the world.
+COLUMNS = (
+    *("name", "from_s", "until_s", "start_x", "start_y", "start_z", "end_x", "end_y", "end_z"),
+    *("size", "frame"),
+)
+
+
+def export_carries(scene: Scene, output: Path) -> None:
+    """Write a row for each carry, in the order of time.
+
+    Raises:
+        UserError: carries.zarr is not there, is damaged, or is of other Gaussians.
+    """
+    if scene.histories is None:
+        path = scene.folder / "carries.zarr"
+        raise UserError(f"{path}: nothing tells what is carried in this scene. Make it: {make_command(path)}")
+    carried = scene.carried()
+    with atomic_file(output) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        table.writerows(_cells(*one) for one in carried)
+    log(f"{output}: {len(carried)} carries, {sum(bool(name) for name, _ in carried)} with a name")
+
+
+def _cells(name: str, one: Carried) -> list[str]:
+    start = [f"{value:.6g}" for value in one.start] if one.start_is_known else [""] * 3
+    times = [f"{value:.3f}" for value in (one.from_s, one.until_s)]
+    return [name, *times, *start, *(f"{value:.6g}" for value in one.end), f"{one.size:.6g}", str(one.frame)]

@@ -1,0 +1,91 @@
+"""Carries at their extremes: no rest, nothing but rest, rests of one frame, equal things, and times that are out of order."""
+
+import numpy as np
+import pytest
+
+from tests.support.sightings import BACK, HERE, RATE, THERE, found, way
+
+
+@pytest.mark.numerics(
+    "a thing that moves in every frame of 1 s to 40 s",
+    outside="one carry, from an unknown start to where it is seen last",
+)
+@pytest.mark.parametrize("count", [5, 50, 200])
+def test_never_at_rest(count):
+    turns = 0.15 * np.arange(count)
+    centers = HERE + 2 * np.stack([np.cos(turns), np.sin(turns), np.zeros(count)], axis=1)
+    [one] = found((0, centers))
+    assert np.isnan(one.start).all() and (one.first, one.last) == (0, count - 1)
+    np.testing.assert_array_equal(one.end, centers[-1])
+
+
+@pytest.mark.numerics(
+    "a thing that rests in every frame, exactly, and with a depth that varies by 1 %", outside="no carry"
+)
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_always_at_rest(noise):
+    rng = np.random.default_rng(0)
+    assert found((0, HERE * (1 + rng.uniform(-noise, noise, (200, 1))))) == []
+
+
+@pytest.mark.numerics(
+    "rests of one frame before, between and after two ways",
+    outside="between: one carry; before: the start is not known; after: the end is where it is seen last",
+)
+def test_a_rest_of_one_frame():
+    [one] = found((0, way((HERE, 10), (THERE, 1), (BACK, 10))))
+    np.testing.assert_allclose([one.start, one.end], [HERE, BACK], atol=0.05)
+    [one] = found((0, way((HERE, 1), (THERE, 10))))
+    assert np.isnan(one.start).all()
+    np.testing.assert_allclose(one.end, THERE, atol=0.05)
+    centers = way((HERE, 10), (THERE, 1))
+    [one] = found((0, centers))
+    np.testing.assert_allclose(one.start, HERE, atol=0.05)
+    assert one.last == len(centers) - 1
+    np.testing.assert_array_equal(one.end, centers[-1])
+
+
+@pytest.mark.numerics(
+    "a thing that is taken up in the last 2 and the last 6 frames of a recording",
+    outside="of 6, a carry to where it is seen last; 2 may be chance",
+)
+@pytest.mark.parametrize(("left", "carries"), [(2, 0), (6, 1)])
+def test_the_last_frames(left, carries):
+    centers = way((HERE, 10), (THERE, 10))[: 10 + left]
+    seen = found((200 - len(centers), centers))
+    assert len(seen) == carries
+    for one in seen:
+        assert one.last == 199
+        np.testing.assert_array_equal(one.end, centers[-1])
+
+
+@pytest.mark.numerics(
+    "two equal things that change places, each in the same frames, with masks that touch",
+    outside="two carries, each from where the other ends",
+)
+def test_two_things_change_places():
+    ways = way((HERE, 10), (THERE, 10)), way((THERE, 10), (HERE, 10))
+    touching = {(frame, small, 1 - small): 0.4 for frame in range(30) for small in (0, 1)}
+    one, other = found((0, ways[0]), (0, ways[1]), inside=touching)
+    np.testing.assert_allclose([one.start, one.end], [other.end, other.start], atol=0.01)
+    assert (one.first, one.last) == (other.first, other.last)
+
+
+@pytest.mark.numerics(
+    "times of frames that repeat, go backwards, jump by a day, and are shuffled",
+    outside="frames.zarr of a recording never has them; carries stay in the order of frames, with finite ends",
+)
+@pytest.mark.parametrize(
+    "seconds",
+    [
+        np.repeat(np.arange(50) / RATE, 4),
+        np.zeros(200),
+        np.arange(200)[::-1] / RATE,
+        np.where(np.arange(200) < 15, 0, 86400.0) + np.arange(200) / RATE,
+        np.random.default_rng(0).permutation(200) / RATE,
+    ],
+    ids=["repeat", "all one", "backwards", "a jump", "shuffled"],
+)
+def test_times_out_of_order(seconds):
+    for one in found((0, way((HERE, 10), (THERE, 10), (BACK, 10))), seconds=seconds):
+        assert 0 <= one.first <= one.last < 50 and np.isfinite(one.end).all() and one.size > 0

@@ -1,0 +1,73 @@
+"""Sightings where the Gaussians show no depth, and of masks that are the picture, or one pixel of it."""
+
+import numpy as np
+import pytest
+
+from egosplat.carries.finding import find_carries
+from egosplat.carries.sightings import Sightings, see_tracks
+from egosplat.geometry import Camera
+
+CAMERA = Camera(96, 72, 60.0, 60.0, 48.0, 36.0)
+COUNT = 30
+
+
+def see(mask: np.ndarray, depth: np.ndarray) -> Sightings:
+    """A track with a mask, in all frames of a camera that goes to the right by 2 m."""
+    poses = np.tile(np.eye(4), (COUNT, 1, 1))
+    poses[:, 0, 3] = np.linspace(0, 2, COUNT)
+    labels = np.where(mask, 0, -1).astype(np.int32)[None]
+    every = np.arange(COUNT), lambda _: labels, np.array([True]), lambda _: depth
+    return see_tracks(*every, CAMERA, poses, np.ones(mask.shape, bool))
+
+
+def box(left: int, top: int, right: int, low: int) -> np.ndarray:
+    mask = np.zeros((CAMERA.height, CAMERA.width), bool)
+    mask[top:low, left:right] = True
+    return mask
+
+
+@pytest.mark.numerics(
+    "tracks where the Gaussians show a depth of 0, NaN, infinity or behind the camera",
+    outside="not seen there; no carry",
+)
+@pytest.mark.parametrize("depth", [0.0, np.nan, np.inf, -np.inf, -1.0])
+def test_no_depth(depth):
+    seen = see(box(40, 30, 56, 42), np.full((18, 24), depth))
+    assert not len(seen.frame) and find_carries(seen, np.arange(COUNT) / 5) == []
+
+
+@pytest.mark.numerics(
+    "tracks of which one pixel alone has a depth of 1e-6 to 1e9 m: their place and size, relative",
+    within=1e-12,
+)
+def test_depth_of_one_pixel(measured):
+    for depth in 10.0 ** np.arange(-6, 10):
+        surface = np.full((CAMERA.height, CAMERA.width), np.nan)
+        surface[36, 48] = depth
+        seen = see(box(40, 30, 56, 42), surface)
+        true = np.array([0, 0, depth]) + np.linspace(0, 2, COUNT)[:, None] * [1, 0, 0]
+        measured(np.abs(seen.center - true).max() / max(depth, 2))
+        measured(abs(seen.size.max() / (np.sqrt(16 * 12) / 60 * depth) - 1))
+
+
+@pytest.mark.numerics(
+    "masks of the whole picture, and of all of it but a pixel, while the camera moves",
+    outside="seen, with more than 1 % of it at the edge: the wearer's, and no carry",
+)
+@pytest.mark.parametrize("left_out", [0, 1])
+def test_the_whole_picture(left_out):
+    mask = box(0, 0, CAMERA.width, CAMERA.height)
+    mask[36, 48 : 48 + left_out] = False
+    seen = see(mask, np.full((18, 24), 2.0))
+    assert len(seen.frame) == COUNT and (seen.box == [0, 0, CAMERA.width, CAMERA.height]).all()
+    assert (seen.edge > 0.01).all() and find_carries(seen, np.arange(COUNT) / 5) == []
+
+
+@pytest.mark.numerics(
+    "a mask of one pixel, in the middle and in a corner", outside="seen at its middle, as large as a pixel"
+)
+@pytest.mark.parametrize(("column", "row"), [(48, 36), (0, 0), (95, 71)])
+def test_one_pixel(column, row):
+    seen = see(box(column, row, column + 1, row + 1), np.full((18, 24), 3.0))
+    assert len(seen.frame) == COUNT and np.allclose(seen.size, 3 / 60)
+    assert np.allclose(seen.local, [(column + 0.5 - 48) / 20, (row + 0.5 - 36) / 20, 3])

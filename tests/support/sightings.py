@@ -1,0 +1,50 @@
+"""Sightings of things on their ways, for tests of carries."""
+
+import itertools
+
+import numpy as np
+
+from egosplat.carries.finding import find_carries
+from egosplat.carries.sightings import Sightings
+
+# Frames a second, and the size of the thing [m].
+RATE, SIZE = 5, 0.2
+HERE, THERE, BACK = np.array([0.0, 0.0, 2.0]), np.array([1.5, 0.0, 2.0]), np.array([0.0, 1.2, 2.0])
+
+
+def way(*legs):
+    """(S, 3) centers: each leg is a place and the number of frames there, with 10 frames of way in between."""
+    parts = [np.tile(legs[0][0], (legs[0][1], 1))]
+    for (place, _), (following, count) in itertools.pairwise(legs):
+        steps = np.linspace(0, 1, 12)[1:-1, None]
+        parts += [place + steps * (following - place), np.tile(following, (count, 1))]
+    return np.concatenate(parts)
+
+
+def sightings(*tracks, inside=None, edge=0.0, size=SIZE):
+    """Sightings of tracks, each (first frame, (S, 3) centers); the camera stands still at the origin."""
+    rows = [
+        (begin + place, number, center)
+        for number, (begin, centers) in enumerate(tracks)
+        for place, center in enumerate(centers)
+    ]
+    rows.sort(key=lambda one: one[:2])
+    frame, track, center = (np.array(column) for column in zip(*rows, strict=True))
+    count = len(rows)
+    return Sightings(
+        frame=frame,
+        track=track,
+        area=np.full(count, 400),
+        edge=np.full(count, edge),
+        center=center,
+        local=center,
+        size=np.full(count, size),
+        box=np.zeros((count, 4), np.int32),
+        inside=inside or {},
+    )
+
+
+def found(*tracks, seconds=None, **more):
+    """The carries among the sightings of tracks, by default at ``RATE``."""
+    seen = sightings(*tracks, **more)
+    return find_carries(seen, np.arange(200) / RATE if seconds is None else seconds)
