@@ -3,7 +3,10 @@
 // The carries of what a query means, in the order of time.
 function historyOf(scene, vector) {
   const { carries, carriedVectors, facts } = scene, { synonym, temperature, together } = facts.query;
-  const others = scene.wordVectors.filter((word) => dot(word, 0, vector) < synonym);
+  const meant = scene.wordVectors.map((word) => dot(word, 0, vector));
+  // What stays is not carried.
+  if (!facts.carried[meant.indexOf(Math.max(...meant))]) return [];
+  const others = scene.wordVectors.filter((_, number) => facts.carried[number] && meant[number] < synonym);
   const found = carries.map((carry, number) => {
     const feature = carriedVectors[number], own = dot(feature, 0, vector);
     const named = others.every((word) => dot(feature, 0, word) < own);
