@@ -20,6 +20,7 @@ from egosplat.artifacts.writer import create
 from egosplat.carries.finding import Carry, find_carries
 from egosplat.carries.options import CarriesOptions
 from egosplat.carries.sightings import see_tracks
+from egosplat.codes.vectors import unit
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.render import render
@@ -29,6 +30,9 @@ from egosplat.progress import log
 
 # Longer side of the renders that give the depth [px]: a place needs no finer surface.
 _SIDE = 256
+
+# Carries whose features have this cosine show one thing.
+_ALIKE = 0.9
 
 
 def run(
@@ -107,13 +111,12 @@ def _columns(found: Sequence[Carry], views: Artifact) -> dict[str, NDArray]:
 
 
 def _features(found: Sequence[Carry], views: Artifact) -> NDArray[np.float32]:
-    """(C, D) mean feature of the views of each carry, of unit norm; zeros without views."""
+    """(C, D) mean feature of the views of each carry and of those that look alike, of unit norm; zeros without views."""
     instance, frame, feature = (views.read(name) for name in ("instance", "frame", "feature"))
     features = np.zeros((len(found), feature.shape[1]), np.float32)
     for number, one in enumerate(found):
         shown = np.isin(instance, [one.track, *one.others]) & np.isin(frame, one.seen.frame)
-        total = feature[shown].sum(axis=0, dtype=np.float64)
-        norm = float(np.linalg.norm(total))
-        if norm > 0:
-            features[number] = total / norm
-    return features
+        features[number] = unit(feature[shown].sum(axis=0, dtype=np.float64))
+    # Views of one carry alone often miss its name: a few masks show parts of it.
+    alike = features @ features.T >= _ALIKE
+    return unit(alike @ features).astype(np.float32)
