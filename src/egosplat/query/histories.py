@@ -89,6 +89,7 @@ def _joined(history: list[Carried], every: Sequence[Carried]) -> Iterator[Carrie
             if one.until_s <= each.from_s
             and each.until_s <= following.from_s
             and each.start_is_known
+            and each.end_is_known
             and meet(one, one.end, each.start)
             and meet(one, each.end, following.start)
         ]

@@ -66,6 +66,15 @@ def test_a_start_that_nobody_saw_is_not_told():
     np.testing.assert_array_equal(place_at((HISTORY[0], unseen), 10).position, DESK)
 
 
+def test_two_carries_tell_the_place_between_them():
+    """Each tells it to a few centimeters. A thing that was lost lies where it is taken up next, or nobody knows where."""
+    near = carried(16.0, 18.5, DESK + [0.1, 0, 0], SHELF)
+    np.testing.assert_allclose(place_at((HISTORY[0], near), 10).position, DESK + [0.05, 0, 0])
+    lost = carried(4.2, 7.0, TABLE, np.full(3, np.nan))
+    np.testing.assert_array_equal(place_at((lost, HISTORY[1]), 10).position, DESK)
+    assert place_at((lost,), 10).position is None and place_at((lost,), 10).told == "not known since 0:07"
+
+
 def test_what_was_not_carried_has_no_place_in_time():
     assert place_at((), 3.0) is None
 
