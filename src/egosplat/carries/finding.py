@@ -33,8 +33,8 @@ _FAR = 2.0
 # A mask shows the same as a larger one that covers this share of it on average, in the frames of the shorter carry.
 _COVERED = 0.5
 
-# What is seen last at this speed is still on its way, and the depth behind it is not its own [sizes per s].
-_FAST = 5.0
+# What is seen last at this speed is still on its way, and the depth behind it is not its own [sizes per s]; measured over this time at least [s].
+_FAST, _FAST_S = 5.0, 0.15
 
 # Frames of rest before and after a carry that tell the place.
 _TELLING = 5
@@ -151,8 +151,14 @@ def _carries(run: Sightings, seconds: Array) -> Iterator[Carry]:
         way = [*carry.seen.center[carry.moving], carry.end]
         far = np.linalg.norm(way - (carry.start if begin > after else way[0]), axis=1).max()
         if end - begin >= _LEAST_FRAMES - 1 and far > _FAR * carry.size:
-            step = float(np.linalg.norm(way[-2] - way[-3]))
-            yield replace(carry, lost=step > _FAST * carry.size * (time[end - 1] - time[end - 2]))
+            yield replace(carry, lost=_is_fast(run.center[:end], time[:end], carry.size))
+
+
+def _is_fast(centers: Array, time: Array, size: float) -> bool:
+    """Whether a thing of this size is fast where it is seen last."""
+    before = np.flatnonzero(time[-1] - time >= _FAST_S)[-1:]
+    step, seconds = centers[-1] - centers[before], time[-1] - time[before]
+    return bool((np.linalg.norm(step, axis=1) > _FAST * size * seconds).any())
 
 
 def _moving(run: Sightings, time: Array) -> NDArray[np.bool_]:
