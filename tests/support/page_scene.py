@@ -119,11 +119,11 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
             "first_frame": np.array([1, 2]),
             "last_frame": np.array([2, 3]),
             "start": np.array([TAKEN_UP, [0.0, 0.0, 2.0]]),
-            "end": np.array([PUT_DOWN, [0.0, 1.0, 2.0]]),
+            "end": np.array([PUT_DOWN, [np.nan] * 3]),
             "size": np.full(2, 0.1),
             "best_frame": np.array([2, 2]),
             "box": np.array([[10, 20, 30, 40]] * 2, np.int32),
-            # A cup, and something that nobody sees.
+            # A cup, and something that nobody sees, or sees put down.
             "feature": np.stack([encode_phrases(clip, ["cup"]).numpy()[0], np.zeros_like(vectors[0])]),
         },
         made_from=["frames", "poses", "instances", "splats"],

@@ -27,7 +27,9 @@ CARRIES = Schema(
             "where it lay before, in the world; NaN if not known",
             values=FINITE_OR_UNKNOWN,
         ),
-        "end": Field(("carry", 3), "float64", "m", "where it is put down", values=FINITE),
+        "end": Field(
+            ("carry", 3), "float64", "m", "where it is put down; NaN if not known", values=FINITE_OR_UNKNOWN
+        ),
         "size": Field(
             ("carry",), "float64", "m", "side of a square as large as its masks, their median", values=FINITE
         ),
@@ -37,7 +39,7 @@ CARRIES = Schema(
             ("carry", "channel"),
             "float32",
             "-",
-            "mean of OpenCLIP's features of its views, of unit norm; zeros without views",
+            "mean of OpenCLIP's features of its views and of those of carries that look alike, of unit norm; zeros without views",
             values=ANY,
         ),
     },

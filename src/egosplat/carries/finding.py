@@ -1,7 +1,7 @@
 """Find carries among the sightings of tracks: a thing leaves a place, moves, and lies still again (docs/method.md#carries)."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,9 @@ _FAR = 2.0
 # A mask shows the same as a larger one that covers this share of it on average, in the frames of the shorter carry.
 _COVERED = 0.5
 
+# What is seen last at this speed is still on its way, and the depth behind it is not its own [sizes per s]; measured over this time at least [s].
+_FAST, _FAST_S = 5.0, 0.15
+
 # Frames of rest before and after a carry that tell the place.
 _TELLING = 5
 
@@ -44,11 +47,13 @@ class Carry:
     Attributes:
         seen: sightings of the track that shows most of it, in the order of time, with those of the rests before and after.
         moving: (S,) bool, which of these are on the way.
+        lost: whether it is fast where it is seen last on its way.
         others: tracks that show the same thing or parts of it.
     """
 
     seen: Sightings
     moving: NDArray[np.bool_]
+    lost: bool = False
     others: tuple[int, ...] = ()
 
     @property
@@ -76,10 +81,10 @@ class Carry:
 
     @property
     def end(self) -> Array:
-        """(3,) where it is put down [m], or where it is seen last: a track often ends when it lies still."""
+        """(3,) where it is put down [m], or where it is seen last: a track often ends when it lies still. NaN if it is lost."""
         rest = ~self.moving & (self.seen.frame > self.last)
         if not rest.any():
-            return self.seen.center[self.moving][-1]
+            return np.full(3, np.nan) if self.lost else self.seen.center[self.moving][-1]
         return np.median(self.seen.center[rest][:_TELLING], axis=0)
 
     @property
@@ -105,7 +110,7 @@ def find_carries(seen: Sightings, seconds: Array) -> list[Carry]:
             kept.append(carry)
         else:
             one = kept[same]
-            kept[same] = Carry(one.seen, one.moving, (*one.others, carry.track))
+            kept[same] = replace(one, others=(*one.others, carry.track))
     return sorted(kept, key=lambda one: (one.first, one.track))
 
 
@@ -146,7 +151,14 @@ def _carries(run: Sightings, seconds: Array) -> Iterator[Carry]:
         way = [*carry.seen.center[carry.moving], carry.end]
         far = np.linalg.norm(way - (carry.start if begin > after else way[0]), axis=1).max()
         if end - begin >= _LEAST_FRAMES - 1 and far > _FAR * carry.size:
-            yield carry
+            yield replace(carry, lost=_is_fast(run.center[:end], time[:end], carry.size))
+
+
+def _is_fast(centers: Array, time: Array, size: float) -> bool:
+    """Whether a thing of this size is fast where it is seen last."""
+    before = np.flatnonzero(time[-1] - time >= _FAST_S)[-1:]
+    step, seconds = centers[-1] - centers[before], time[-1] - time[before]
+    return bool((np.linalg.norm(step, axis=1) > _FAST * size * seconds).any())
 
 
 def _moving(run: Sightings, time: Array) -> NDArray[np.bool_]:

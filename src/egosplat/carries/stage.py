@@ -20,8 +20,12 @@ from egosplat.carries.depth import SceneDepth
 from egosplat.carries.finding import Carry, find_carries
 from egosplat.carries.options import CarriesOptions
 from egosplat.carries.sightings import see_tracks
+from egosplat.codes.vectors import unit
 from egosplat.geometry import Camera, known_poses
 from egosplat.progress import log
+
+# Carries whose features have this cosine show one thing.
+_ALIKE = 0.9
 
 
 def run(
@@ -82,13 +86,12 @@ def _columns(found: Sequence[Carry], views: Artifact) -> dict[str, NDArray]:
 
 
 def _features(found: Sequence[Carry], views: Artifact) -> NDArray[np.float32]:
-    """(C, D) mean feature of the views of each carry, of unit norm; zeros without views."""
+    """(C, D) mean feature of the views of each carry and of those that look alike, of unit norm; zeros without views."""
     instance, frame, feature = (views.read(name) for name in ("instance", "frame", "feature"))
     features = np.zeros((len(found), feature.shape[1]), np.float32)
     for number, one in enumerate(found):
         shown = np.isin(instance, [one.track, *one.others]) & np.isin(frame, one.seen.frame)
-        total = feature[shown].sum(axis=0, dtype=np.float64)
-        norm = float(np.linalg.norm(total))
-        if norm > 0:
-            features[number] = total / norm
-    return features
+        features[number] = unit(feature[shown].sum(axis=0, dtype=np.float64))
+    # Views of one carry alone often miss its name: a few masks show parts of it.
+    alike = features @ features.T >= _ALIKE
+    return unit(alike @ features).astype(np.float32)

@@ -155,7 +155,7 @@ def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> st
             answer.phrase if number == 0 else "",
             one.told,
             _numbers(one.start) if one.start_is_known else _ABSENT,
-            _numbers(one.end),
+            _numbers(one.end) if one.end_is_known else _ABSENT,
             str(one.frame),
         )
         for answer in answers

@@ -15,6 +15,7 @@ from egosplat.query.grades.evidence import other_meanings
 from egosplat.query.history import Carried, meet
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import Texts
+from egosplat.query.vocabulary import CARRIED
 
 # Two carries show one thing if they share this part of the shorter one's time.
 TOGETHER = 0.25
@@ -51,19 +52,20 @@ class Histories:
     def of(self, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
         """Find the carries of what a query means, in the order of time.
 
-        A carry is one of them if no word with another meaning fits its views better, and the query fits better than every
-        canonical phrase. Of those at the same time, the longest stays: the others show a part of the way. Where two do not meet, a carry of any name that leads
+        A carry is one of them if no word with another meaning, of what people carry, fits its views better, and the query fits better
+        than every canonical phrase. What stays has none. Of those at the same time, the longest stays: the others show a part of the way. Where two do not meet, a carry of any name that leads
         from the end of one to the start of the next is one, too.
 
         Args:
             query: one phrase.
-            words: names of things, which compete with it.
+            words: names of things; those of what people carry compete with it.
             temperature: as in ``relevancy``.
         """
-        if not self.every:
-            return ()
         own = query.queries[0]
-        others = words.queries[other_meanings(query, words)]
+        carried = torch.tensor([word in CARRIED for word in words.phrases])
+        if not self.every or not carried[(words.queries @ own).argmax()]:
+            return ()
+        others = words.queries[carried & other_meanings(query, words)]
         fits = self.features @ own
         best = fits > (self.features @ others.T).amax(dim=1) if len(others) else torch.ones_like(fits) > 0
         scores = relevancy(self.features, query.queries, query.canonical, temperature)[:, 0]
@@ -167,6 +169,7 @@ def _joined(history: list[Carried], every: Sequence[Carried]) -> Iterator[Carrie
             if one.until_s <= each.from_s
             and each.until_s <= following.from_s
             and each.start_is_known
+            and each.end_is_known
             and meet(one, one.end, each.start)
             and meet(one, each.end, following.start)
         ]

@@ -26,7 +26,7 @@ class Carried:
     Attributes:
         score: relevancy of the query, 0..1.
         from_s, until_s: seconds since the first frame.
-        start, end: (3,) float64 the places; the start is NaN if it is not known.
+        start, end: (3,) float64 the places; NaN if not known.
         size: of the thing [m].
         frame: the frame that shows most of it.
         box: x0, y0, x1, y1 around it in that frame, the ends exclusive [px].
@@ -44,7 +44,12 @@ class Carried:
     @property
     def start_is_known(self) -> bool:
         """Whether a frame shows it at rest before."""
-        return bool(np.isfinite(self.start).all())
+        return _is_known(self.start)
+
+    @property
+    def end_is_known(self) -> bool:
+        """Whether a frame shows where it is put down."""
+        return _is_known(self.end)
 
     @property
     def told(self) -> str:
@@ -57,7 +62,7 @@ class Place:
     """Where a thing was at a time.
 
     Attributes:
-        position: (3,) float64; None while it is carried, before a carry whose start is not known, and between two that do not meet.
+        position: (3,) float64; None while it is carried, where neither the carry before nor the one after tells it, and between two that do not meet.
         since_s, until_s: seconds for which it was so; None if nobody saw it come, or leave.
         carried: whether it was on its way.
     """
@@ -92,15 +97,20 @@ def place_at(history: Sequence[Carried], second: float) -> Place | None:
         return Place(None, now.from_s, now.until_s, carried=True)
     last = max((one for one in history if one.until_s < second), key=lambda one: one.until_s, default=None)
     following = min((one for one in history if one.from_s > second), key=lambda one: one.from_s, default=None)
-    until_s = None if following is None else following.from_s
-    if last is None:
-        if following is None:
-            return None
-        return Place(following.start if following.start_is_known else None, None, until_s)
-    known = following is None or meet(last, following.start, last.end)
-    return Place(last.end if known else None, last.until_s, until_s)
+    if last is None and following is None:
+        return None
+    # Both carries show the place.
+    places = ([] if last is None else [last.end]) + ([] if following is None else [following.start])
+    known = [one for one in places if _is_known(one)]
+    agree = last is None or meet(last, places[0], places[-1])
+    position = np.mean(known, axis=0) if known and agree else None
+    return Place(position, last and last.until_s, following and following.from_s)
 
 
 def meet(carry: Carried, one: Array, other: Array) -> bool:
     """Whether two places may be one to a thing of the size of a carried one: so may one that is not known."""
     return not np.linalg.norm(one - other) > APART * carry.size
+
+
+def _is_known(place: Array) -> bool:
+    return bool(np.isfinite(place).all())

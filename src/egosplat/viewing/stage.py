@@ -174,7 +174,7 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
             "from": one.from_s,
             "until": one.until_s,
             "start": one.start.tolist() if one.start_is_known else None,
-            "end": one.end.tolist(),
+            "end": one.end.tolist() if one.end_is_known else None,
             "size": one.size,
         }
         for one in every

@@ -8,7 +8,7 @@ import torch
 from egosplat.models.open_clip_loader import OpenClip
 from egosplat.models.without_compiler import without_compiler
 from egosplat.query.text import encode_phrases
-from egosplat.query.vocabulary import words_to_try
+from egosplat.query.vocabulary import CARRIED, words_to_try
 from egosplat.viewing.container import Arrays, Facts
 
 with without_compiler():
@@ -31,7 +31,8 @@ def pack_words(clip: OpenClip, canonical: tuple[str, ...]) -> tuple[Arrays, Fact
         "canonical_vectors": encode_phrases(clip, canonical).numpy(),
     }
     taught = sorted(clip.words) if isinstance(clip.words, frozenset) else None
-    return arrays | weights, {"words": list(words), "taught": taught, "tower": tower}
+    carried = [word in CARRIED for word in words]
+    return arrays | weights, {"words": list(words), "carried": carried, "taught": taught, "tower": tower}
 
 
 def _tower(clip: OpenClip) -> tuple[Arrays, Facts | None]:

@@ -47,6 +47,17 @@ def test_a_thing_that_never_rests_starts_nowhere_and_ends_where_it_is_last_seen(
     np.testing.assert_allclose(one.end, THERE, atol=0.15)
 
 
+def test_a_thing_that_is_lost_on_its_way_ends_nowhere():
+    """The last step is longer than the thing: nobody sees where it goes."""
+    centers = way((HERE, 10), (THERE, 1))[:-2]
+    lost = np.concatenate([centers, centers[-1:] + [0.25, 0, 0]])
+    [one] = found((0, lost))
+    assert np.isnan(one.end).all()
+    np.testing.assert_allclose(one.start, HERE, atol=0.01)
+    [seen] = found((0, np.concatenate([lost, np.tile(lost[-1], (10, 1))])))
+    np.testing.assert_allclose(seen.end, lost[-1], atol=0.01)
+
+
 def test_a_track_that_slips_to_another_thing_is_cut():
     """No carry leads from the place of one thing to that of the other."""
     jump = np.concatenate([np.tile(HERE, (10, 1)), np.tile(THERE, (10, 1))])

@@ -23,19 +23,25 @@ def columns():
     return np.concatenate([np.full(10, LEFT), np.linspace(LEFT, RIGHT, 12)[1:-1], np.full(10, RIGHT)]).round()
 
 
+def there_and_back():
+    """The same, with the way back after 15 frames of rest."""
+    return np.concatenate([columns(), np.full(5, RIGHT), columns()[::-1]])
+
+
 @pytest.fixture
 def scene(tmp_path):
-    """``scene(moving=, posed=)``: a folder with all that the stage reads."""
+    """``scene(moving=, posed=, middle=, shown=, features=)``: a folder with all that the stage reads."""
 
-    def make(moving=True, posed=True):
-        side = CAMERA.width
-        labels = np.full((COUNT, 1, side, side), -1, np.int32)
-        for frame, column in enumerate(columns().astype(int)):
+    def make(moving=True, posed=True, middle=None, shown=(0, 15, 29), features=((1, 0), (0.8, 0.6), (1, 0))):
+        side, middle = CAMERA.width, columns() if middle is None else middle
+        count = len(middle)
+        labels = np.full((count, 1, side, side), -1, np.int32)
+        for frame, column in enumerate(middle.astype(int)):
             labels[frame, 0, 48 - HALF : 48 + HALF, column - HALF : column + HALF] = 0
         facts = camera_facts(CAMERA)
-        put(tmp_path, "frames", {"rgb": np.zeros((COUNT, side, side, 3), np.uint8)}, facts)
-        poses = np.tile(np.eye(4) if posed else np.full((4, 4), np.nan), (COUNT, 1, 1))
-        registered = np.full(COUNT, posed)
+        put(tmp_path, "frames", {"rgb": np.zeros((count, side, side, 3), np.uint8)}, facts)
+        poses = np.tile(np.eye(4) if posed else np.full((4, 4), np.nan), (count, 1, 1))
+        registered = np.full(count, posed)
         arrays = {"camera_to_world": poses, "registered": registered, "up": UP, "intrinsics": CAMERA.matrix}
         put(tmp_path, "poses", arrays, facts, made_from=["frames"])
         about = {"levels": ["whole"], "source": "masks", "instances": {"whole": 1}}
@@ -45,15 +51,14 @@ def scene(tmp_path):
             "instances/moving": np.array([moving]),
         }
         put(tmp_path, "instances", arrays, about, made_from=["frames"])
-        shown = np.array([0, 15, 29], np.int32)
-        features = np.array([[1, 0], [0.8, 0.6], [1, 0]], np.float32)
-        arrays = {"instance": np.zeros(3, np.int32), "frame": shown, "feature": features}
+        arrays = {"instance": np.zeros(len(shown), np.int32), "frame": np.int32(shown)}
+        arrays["feature"] = np.array(features, np.float32)
         arrays |= {"instances/level": np.zeros(1, np.int8)}
         put(tmp_path, "view_features", arrays, {"levels": ["whole"]}, made_from=["frames", "instances"])
         gaussians = wall()
         names = ("means", "quats", "log_scales", "logit_opacities", "sh")
         stored = {name: getattr(gaussians, name).numpy() for name in names}
-        about = {"camera": asdict(CAMERA), "sh_degree_in_use": 1, "views": {"training": COUNT}}
+        about = {"camera": asdict(CAMERA), "sh_degree_in_use": 1, "views": {"training": count}}
         put(tmp_path, "splats", stored, about, options=asdict(SETTINGS), made_from=["frames", "poses"])
         return tmp_path
 
@@ -78,6 +83,16 @@ def test_a_square_is_carried_from_left_to_right(scene):
     np.testing.assert_allclose(found.read("feature")[0], np.array([2.8, 0.6]) / np.hypot(2.8, 0.6), rtol=1e-5)
     frame, box = found.read("best_frame")[0], found.read("box")[0]
     assert box.tolist() == [columns()[frame] - HALF, 48 - HALF, columns()[frame] + HALF, 48 + HALF]
+
+
+@pytest.mark.parametrize("cosine", [0.96, 0.5])
+def test_carries_that_look_alike_have_one_feature(scene, cosine):
+    """A thing is seen in parts; its carries together name it better than one alone. Another thing is left out."""
+    views = np.array([(1, 0), (cosine, (1 - cosine**2) ** 0.5)])
+    found = carried(scene(middle=there_and_back(), shown=(15, 60), features=views)).read("feature")
+    total = views.sum(axis=0)
+    expected = [total / np.linalg.norm(total)] * 2 if cosine > 0.9 else views
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("how", [{"moving": False}, {"posed": False}])

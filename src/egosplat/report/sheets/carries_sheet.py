@@ -72,11 +72,13 @@ def _draw_from_above(axes: Axes, poses: Artifact, splats: Artifact, carries: Art
     xyz = xyz[below_cameras(poses, xyz)]
     axes.scatter(*(xyz[:: len(xyz) // GAUSSIANS + 1] @ plane.T).T, s=1.5, c="0.8", linewidths=0)
     starts, ends = carries.read("start"), carries.read("end")
-    # Of a start that is not known, the end alone is drawn.
-    starts = np.where(np.isfinite(starts), starts, ends)
+    # Where one of both is not known, the other alone is drawn.
+    starts, ends = np.where(np.isfinite(starts), starts, ends), np.where(np.isfinite(ends), ends, starts)
     for number, (start, end, color) in enumerate(
         zip(starts @ plane.T, ends @ plane.T, colors, strict=True), 1
     ):
+        if np.isnan(end).any():
+            continue
         style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", end, start, arrowprops=style | {"connectionstyle": f"arc3,rad={BEND}"})
         # An arrow does not widen the axes, so its end is a dot without a size.

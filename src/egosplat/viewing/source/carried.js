@@ -3,7 +3,10 @@
 // The carries of what a query means, in the order of time.
 function historyOf(scene, vector) {
   const { carries, carriedVectors, facts } = scene, { synonym, temperature, together } = facts.query;
-  const others = scene.wordVectors.filter((word) => dot(word, 0, vector) < synonym);
+  const meant = scene.wordVectors.map((word) => dot(word, 0, vector));
+  // What stays is not carried.
+  if (!facts.carried[meant.indexOf(Math.max(...meant))]) return [];
+  const others = scene.wordVectors.filter((_, number) => facts.carried[number] && meant[number] < synonym);
   const found = carries.map((carry, number) => {
     const feature = carriedVectors[number], own = dot(feature, 0, vector);
     const named = others.every((word) => dot(feature, 0, word) < own);
@@ -25,7 +28,7 @@ function historyOf(scene, vector) {
   return kept.flatMap((one, place) => {
     const next = kept[place + 1];
     if (!next || meet(one, one.end, next.start, apart)) return [one];
-    const between = found.filter((each) => own(each) && one.until <= each.from && each.until <= next.from && each.start && meet(one, one.end, each.start, apart) && meet(one, each.end, next.start, apart));
+    const between = found.filter((each) => own(each) && one.until <= each.from && each.until <= next.from && each.start && each.end && meet(one, one.end, each.start, apart) && meet(one, each.end, next.start, apart));
     between.sort((each, other) => length(plus(one.end, each.start, -1)) - length(plus(one.end, other.start, -1)));
     return [one, ...between.slice(0, 1)];
   });
@@ -35,7 +38,7 @@ const length = (vector) => Math.hypot(...vector);
 // A place that is not known may be any.
 const meet = ({ size }, one, other, apart) => !one || !other || length(plus(one, other, -1)) <= apart * size;
 
-// Where a thing with a history was at a time [s]; point is null while it is carried, and between two carries that do not meet.
+// Where a thing with a history was at a time [s]; point is null while it is carried, where no carry tells it, and between two that do not meet.
 function placeAt(history, second, apart) {
   const now = history.find(({ from, until }) => from <= second && second <= until);
   if (now) return { point: null, told: `carried since ${minutes(now.from)}, until ${minutes(now.until)}` };
@@ -43,7 +46,9 @@ function placeAt(history, second, apart) {
   const next = history.find(({ from }) => from > second);
   const times = [...(last ? [`since ${minutes(last.until)}`] : []), ...(next ? [`until ${minutes(next.from)}`] : [])].join(", ");
   if (last && next && !meet(last, next.start, last.end, apart)) return { point: null, told: `not known ${times}` };
-  const point = last ? last.end : next.start;
+  // Both carries show the place.
+  const places = [last?.end, next?.start].filter(Boolean);
+  const point = places.length ? places[0].map((value, axis) => (value + places[places.length - 1][axis]) / 2) : null;
   return { point, told: point ? times : `not known ${times}` };
 }
 

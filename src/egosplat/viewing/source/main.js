@@ -280,7 +280,7 @@ class Page {
     }));
     $("history").replaceChildren(...history.map((carry) => {
       const item = element("li", ""), button = element("button", `\u2192 Carried ${minutes(carry.from)} to ${minutes(carry.until)}`, { type: "button" });
-      button.append(element("small", `${carry.start ? `from ${place(carry.start)} ` : ""}to ${place(carry.end)} ${this.scene.facts.unit}`));
+      button.append(element("small", [carry.start && `from ${place(carry.start)}`, carry.end && `to ${place(carry.end)}`, (carry.start || carry.end) && this.scene.facts.unit].filter(Boolean).join(" ")));
       button.onclick = () => (this.stop(), this.showFrame(Math.max(0, seconds.findIndex((second) => second >= carry.until))));
       item.append(button);
       return item;
