@@ -27,7 +27,10 @@ class Histories:
     Attributes:
         every: all carries, in the order of time, with score 0.
         features: (C, D) float32 of unit norm, of each; zeros without one.
+        fits: relevancy from which a carry may be of a query.
     """
+
+    fits = 0.5
 
     def __init__(self, carries: Artifact, seconds: Array) -> None:
         """Read carries.zarr; ``seconds`` (F,) time of each frame since the first. Raises ArtifactError if one lies outside of them."""
@@ -73,7 +76,7 @@ class Histories:
             Carried(**vars(one) | {"score": float(score)})
             for one, score in zip(self.every, scores, strict=True)
         ]
-        found = [one for one, named in zip(every, best, strict=True) if named and one.score > 0.5]
+        found = [one for one, named in zip(every, best, strict=True) if named and one.score > self.fits]
         kept: list[Carried] = []
         for one in sorted(found, key=lambda one: one.from_s - one.until_s):
             if not any(_together(one, other) for other in kept):
@@ -87,6 +90,9 @@ class ThingHistories(Histories):
     Attributes:
         things: (C,) of each carry. A carry of no such thing is left out.
     """
+
+    # A thing is a thing: that hands and tables around it are like the canonical phrases tells less against it.
+    fits = 0.35
 
     def __init__(self, carries: Artifact, rests: Artifact, seconds: Array) -> None:
         """Read carries.zarr, and rests.zarr that was made from it; ``seconds`` as in ``Histories``."""

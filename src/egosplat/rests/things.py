@@ -9,6 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from egosplat.codes.vectors import unit, usable
+from egosplat.features.aggregation import aggregate
 from egosplat.features.crops import channels, encode, fill_hull, pad_square, resize
 from egosplat.images import evenly_spaced
 from egosplat.models.open_clip_loader import OpenClip
@@ -18,6 +19,9 @@ from egosplat.rests.views import PlaceView, Scenery
 
 # Things whose features have this cosine look alike; they are two if rests of both last at once for more than this part of one.
 _ALIKE, _AT_ONCE = 0.85, 0.25
+
+# Outliers among rests and carries of a thing: see ``aggregate``.
+_AGGREGATION = ("cosine", 2.0)
 
 # Views of a rest that OpenCLIP encodes, and the smallest thing among them [px].
 _VIEWS, _LEAST_PIXELS = 16, 50
@@ -124,7 +128,7 @@ def features_of(
     of_carries: NDArray[np.int32],
     carried: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Describe each thing by its rests and its carries, each of which counts the same.
+    """Describe each thing by the mean of its rests and carries without outliers; a hand or a table is in some of them.
 
     Args:
         carried: (C, D) feature of each carry; zeros without one.
@@ -132,11 +136,12 @@ def features_of(
     Returns:
         (T, D) float32 of unit norm; zeros without a feature.
     """
-    at_rest = [look.feature for look in looks]
-    every = np.stack([*at_rest, *np.where(usable(carried)[:, None], carried, 0.0).astype(np.float64)])
+    every = np.stack([*(look.feature for look in looks), *carried.astype(np.float64)])
     owner = np.concatenate([things, of_carries])
+    rows = np.flatnonzero(usable(every) & (owner >= 0))
+    rows = rows[np.argsort(owner[rows], kind="stable")]
     count = int(things.max(initial=-1)) + 1
-    return np.stack([unit(every[owner == thing].sum(axis=0)) for thing in range(count)]).astype(np.float32)
+    return unit(aggregate(every[rows], owner[rows], count, *_AGGREGATION).feature).astype(np.float32)
 
 
 def _mean(features: NDArray) -> NDArray[np.float64]:

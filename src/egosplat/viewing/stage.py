@@ -147,6 +147,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
             "synonym": SYNONYM,
             "together": TOGETHER,
             "apart": APART,
+            "fits": (scene.histories or Histories).fits,
         },
     }
 

@@ -2,7 +2,7 @@
 
 // The carries of what a query means, in the order of time.
 function historyOf(scene, vector) {
-  const { carries, carriedVectors, facts } = scene, { synonym, temperature, together } = facts.query;
+  const { carries, carriedVectors, facts } = scene, { synonym, temperature, together, fits } = facts.query;
   const meant = scene.wordVectors.map((word) => dot(word, 0, vector));
   // What stays is not carried.
   if (!facts.carried[meant.indexOf(Math.max(...meant))]) return [];
@@ -14,7 +14,7 @@ function historyOf(scene, vector) {
     const score = feature.some((value) => value !== 0) ? 1 / (1 + Math.exp(-temperature * (own - usual))) : 0;
     return { ...carry, score, named };
   });
-  const kept = [], fitting = found.filter(({ score, named }) => named && score > 0.5);
+  const kept = [], fitting = found.filter(({ score, named }) => named && score > fits);
   // Where carries are of things that rest, a history is of the one that fits best.
   const { thing } = fitting.reduce((best, one) => (one.score > best.score ? one : best), { score: 0 });
   const own = (one) => one.thing === thing;
