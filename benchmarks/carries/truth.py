@@ -52,10 +52,14 @@ class Rest:
         return max(both, 0.0) / (max(last_s, self.until_s) - min(first_s, self.from_s))
 
 
+def scene_of(folder: Path) -> Path:
+    """The folder of a scene, or of the scene of a variant."""
+    return folder.parent.parent if folder.parent.name == "variants" else folder
+
+
 def recording_of(folder: Path) -> Path:
     """The recording of a scene, or of the scene of a variant."""
-    scene = folder.parent.parent if folder.parent.name == "variants" else folder
-    return (scene / "recording").resolve()
+    return (scene_of(folder) / "recording").resolve()
 
 
 def read_rests(recording: Path, timestamp_ns: NDArray[np.int64]) -> list[Rest]:
