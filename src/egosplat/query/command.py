@@ -170,11 +170,16 @@ def _place_cells(place: Place | None) -> tuple[str, str]:
     return _ABSENT if place.position is None else _numbers(place.position), place.told
 
 
+# What moves is masked: a carried thing is found nowhere, and yet known.
+_CARRIED = "carried about: not found among what stays, see below"
+
+
 def _refused_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
     """A row whose last cell says why, with the number that it was graded by, if that means anything."""
     graded = answer.rating > 0 and not answer.untaught
     number = f" ({grading.measure} {grading.shown(answer.rating)})" if graded else ""
-    return answer.phrase, f"{answer.refusal}{number}"
+    reason = _CARRIED if answer.history else answer.refusal
+    return answer.phrase, f"{reason}{number}"
 
 
 def _view_table(scene: Scene, answers: Iterable[Answer], grading: Grading) -> Table:

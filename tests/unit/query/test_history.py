@@ -288,7 +288,7 @@ def test_rests_of_other_carries_tell_nothing(tmp_path):
     """Numbers of carries would be those of others."""
     put_page_scene(tmp_path)
     put_rests(tmp_path, ((0, 1), (4, 4)))
-    arrays = {"feature": np.zeros((1, 4), np.float32)}
+    arrays = {"feature": np.zeros((1, 128), np.float32)}
     shutil.rmtree(tmp_path / "carries.zarr")
     put(tmp_path, "carries", arrays, made_from=["frames", "poses", "instances", "splats"])
     assert type(open_scene(tmp_path).histories) is Histories
