@@ -171,7 +171,7 @@ def _place_cells(place: Place | None) -> tuple[str, str]:
 
 
 # What moves is masked: a carried thing is found nowhere, and yet known.
-_CARRIED = "carried about: not found among what stays, see below"
+_CARRIED = "carried about: not found among what stays"
 
 
 def _refused_row(answer: Answer, grading: Grading) -> tuple[str, ...]:

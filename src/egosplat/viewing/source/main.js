@@ -233,7 +233,8 @@ class Page {
     const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
     const coded = this.scene.codeShare.some((share) => share.some((value) => value > 0));
     const nothing = coded ? "not found: nothing here looks like it" : "no Gaussian of the scene has a code";
-    const none = best ? below : nothing;
+    // What moves is masked: a carried thing is found nowhere, and yet known.
+    const none = this.history ? "carried about: not found among what stays" : best ? below : nothing;
     return this.tell(phrase, { things: fitting, grade, score: best?.score ?? 0, rating: best?.rating ?? 0, why: fitting.length ? null : none });
   }
 
