@@ -159,6 +159,8 @@ def put_rests(folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)))
         "thing": np.array([0] * of_cup + [1] * (count - of_cup), np.int32),
         "from_frame": frames[:, 0],
         "until_frame": frames[:, 1],
+        "absent_before": np.full(count, -1),
+        "absent_after": np.full(count, -1),
         "center": center,
         "carries/thing": np.array([0 if of_cup else -1, -1], np.int32),
         "carries/from_rest": np.array([0 if of_cup else -1, -1], np.int32),

@@ -1,7 +1,7 @@
 """Schema of ``rests.zarr``: Gaussians of things that lie somewhere for a while, and which rests and carries are of one thing."""
 
 from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.values import ANY, COUNT, FINITE, SHARE, index_of, index_or_none
+from egosplat.artifacts.values import ANY, COUNT, FINITE, SHARE, Values, index_of, index_or_none
 
 RESTS = Schema(
     "rests",
@@ -10,6 +10,20 @@ RESTS = Schema(
         "thing": Field(("rest",), "int32", "index", "the thing that rests", values=index_of("thing")),
         "from_frame": Field(("rest",), "int64", "index", "first frame that shows it there", values=COUNT),
         "until_frame": Field(("rest",), "int64", "index", "last frame that shows it there", values=COUNT),
+        "absent_before": Field(
+            ("rest",),
+            "int64",
+            "index",
+            "last frame before that shows the place without it, -1 for none",
+            values=Values(least=-1),
+        ),
+        "absent_after": Field(
+            ("rest",),
+            "int64",
+            "index",
+            "first frame after that shows the place without it, -1 for none",
+            values=Values(least=-1),
+        ),
         "center": Field(("rest", 3), "float64", "m", "middle of its Gaussians, in the world", values=FINITE),
         "size": Field(("rest",), "float64", "m", "as that of its carries, their median", values=FINITE),
         "gain": Field(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_frames
 from egosplat.artifacts.reader import Artifact
@@ -102,36 +103,40 @@ class ThingHistories(Histories):
             (int(row), *map(int, one)) for row, one in enumerate(zip(*map(rests.read, names), strict=True))
         ]
         of_rests = rests.read("thing")
+        absent = np.stack([rests.read("absent_before"), rests.read("absent_after")])
         told = []
         for thing in np.unique(of_rests).tolist():
             own = [(row, before, after) for row, of, before, after in links if of == thing]
-            told += [(thing, *one) for one in _complete(own, np.flatnonzero(of_rests == thing).tolist())]
+            told += [
+                (thing, *one) for one in _complete(own, np.flatnonzero(of_rests == thing).tolist(), absent)
+            ]
         every = [(thing, row, self._between(rests, seconds, row, *ends)) for thing, row, *ends in told]
         # Two rests at one place, without a carry between them, are one that was not seen for a while.
-        kept = [(thing, one) for thing, row, one in every if row >= 0 or not meet(one, one.start, one.end)]
+        kept = [(thing, one) for thing, row, one in every if row >= 0 or not _is_one_place(one)]
         self.every = tuple(one for _, one in kept)
         self.things = np.array([thing for thing, _ in kept], np.int32)
         self.features = torch.from_numpy(rests.read("things/feature")[self.things])
 
     def _between(self, rests: Artifact, seconds: Array, row: int, before: int, after: int) -> Carried:
-        """A carry from the end of the rest before it to the begin of the rest after it; -1 for a row or a rest that is not known."""
-        center = rests.read("center")
+        """A carry from the end of the rest before it to the begin of the rest after it; -1 for a row or a rest that is not known.
+
+        Where there is no rest, nothing confirms the place that the track tells.
+        """
+        center, nowhere = rests.read("center"), np.full(3, np.nan)
+        rest = after if after >= 0 else before
         if row >= 0:
             known = self.every[row]
         else:
-            frame, box = rests.read("best_frame")[after], rests.read("box")[after]
-            size = float(rests.read("size")[after])
+            frame, box = int(rests.read("best_frame")[rest]), tuple(rests.read("box")[rest].tolist())
+            times = (seconds[rests.read(name)[rest]] for name in ("absent_before", "absent_after"))
             known = Carried(
-                0.0, 0.0, 0.0, center[before], center[after], size, int(frame), tuple(box.tolist())
+                0.0, *map(float, times), nowhere, nowhere, float(rests.read("size")[rest]), frame, box
             )
-        left, start = known.from_s, known.start
-        came, end = known.until_s, known.end
-        if before >= 0:
-            left, start = float(seconds[rests.read("until_frame")[before]]), center[before]
-        if after >= 0:
-            came, end = float(seconds[rests.read("from_frame")[after]]), center[after]
+        left = seconds[rests.read("until_frame")[before]] if before >= 0 else known.from_s
+        came = seconds[rests.read("from_frame")[after]] if after >= 0 else known.until_s
         # A frame may show it at both places; it was on its way between these times all the same.
-        from_s, until_s = sorted((left, came))
+        from_s, until_s = sorted((float(left), float(came)))
+        start, end = (center[one] if one >= 0 else nowhere for one in (before, after))
         return replace(known, from_s=from_s, until_s=until_s, start=start, end=end)
 
     def of(self, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
@@ -147,9 +152,11 @@ class ThingHistories(Histories):
             yield one
 
 
-def _complete(links: Sequence[tuple[int, int, int]], rests: Sequence[int]) -> Iterator[tuple[int, int, int]]:
-    """The carries of a thing, (carry, rest before, rest after) each: between two of its ``rests``, in the order of time, is one, which
-    may have been missed."""
+def _complete(
+    links: Sequence[tuple[int, int, int]], rests: Sequence[int], absent: NDArray[np.int64]
+) -> Iterator[tuple[int, int, int]]:
+    """The carries of a thing, (carry, rest before, rest after) each, -1 for none: between two of its ``rests``, in the order of time, is
+    one, which may have been missed, and so before the first and after the last, if ``absent`` (2, R) tells that it was elsewhere."""
     whole = [one for one in links if min(one[1:]) >= 0]
     begun, ended = ({one[side] for one in whole} for side in (1, 2))
     used = {one[0] for one in whole}
@@ -160,7 +167,16 @@ def _complete(links: Sequence[tuple[int, int, int]], rests: Sequence[int]) -> It
         known = [carry for carry, first, second in links if after == second or before == first]
         used.update(known)
         yield (max(known, default=-1), before, after)
-    yield from (one for one in links if one[0] not in used)
+    rest = [one for one in links if one[0] not in used]
+    yield from rest
+    if rests and rests[0] not in {one[2] for one in rest} and absent[0, rests[0]] >= 0:
+        yield (-1, -1, rests[0])
+    if rests and rests[-1] not in {one[1] for one in rest} and absent[1, rests[-1]] >= 0:
+        yield (-1, rests[-1], -1)
+
+
+def _is_one_place(one: Carried) -> bool:
+    return one.start_is_known and one.end_is_known and meet(one, one.start, one.end)
 
 
 def _joined(history: list[Carried], every: Sequence[Carried]) -> Iterator[Carried]:

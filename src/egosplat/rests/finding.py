@@ -71,6 +71,7 @@ class Rest:
         gaussians: what the photographs show of it on top of the scene.
         views: of this time.
         gain: share of the error that the Gaussians explain.
+        absent: the last frame before and the first one after that show the place without it, -1 for none.
     """
 
     place: Place
@@ -78,6 +79,7 @@ class Rest:
     gaussians: Gaussians
     views: tuple[PlaceView, ...]
     gain: float
+    absent: tuple[int, int]
 
     @property
     def evidence(self) -> float:
@@ -226,7 +228,16 @@ def _learn_from(
     gaussians = fit(gaussians, chosen, scene, place.radius, _LAST_STEPS, seed)
     fewer, most, _ = explained(gaussians, chosen, scene).sum(axis=0)
     gain = float(fewer / most) if most > 0 else 0.0
-    return Rest(place, end.size, gaussians, tuple(chosen), gain) if gain >= _LEAST_GAIN else None
+    if gain < _LEAST_GAIN:
+        return None
+    return Rest(place, end.size, gaussians, tuple(chosen), gain, _absent(views, chosen))
+
+
+def _absent(views: Sequence[PlaceView], chosen: Sequence[PlaceView]) -> tuple[int, int]:
+    """The frames next to the chosen views that show the place, before and after them; -1 for none."""
+    before = [view.frame for view in views if view.frame < chosen[0].frame]
+    after = [view.frame for view in views if view.frame > chosen[-1].frame]
+    return max(before, default=-1), min(after, default=-1)
 
 
 def _beyond(end: End, views: Iterable[PlaceView], seconds: Array) -> Array:

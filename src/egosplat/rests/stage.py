@@ -146,11 +146,16 @@ def _recording(
 
 
 def _columns(rests: Sequence[Rest], things: NDArray[np.int32], looks: Sequence[Look]) -> dict[str, NDArray]:
-    frames = np.array([one.frames for one in rests], np.int64).reshape(-1, 2)
+    frames, absent = (
+        np.array([getattr(one, name) for one in rests], np.int64).reshape(-1, 2)
+        for name in ("frames", "absent")
+    )
     return {
         "thing": things,
         "from_frame": frames[:, 0],
         "until_frame": frames[:, 1],
+        "absent_before": absent[:, 0],
+        "absent_after": absent[:, 1],
         "center": np.array([one.center for one in rests], np.float64).reshape(-1, 3),
         "size": np.array([one.size for one in rests], np.float64),
         "gain": np.array([one.gain for one in rests], np.float32),

@@ -216,6 +216,8 @@ class RestsOf(Carries):
             "thing": np.array(things, np.int32),
             "from_frame": np.array(first, np.int64),
             "until_frame": np.array(last, np.int64),
+            "absent_before": np.full(len(rests), -1),
+            "absent_after": np.full(len(rests), -1),
             "center": np.array(place, np.float64).reshape(-1, 3),
             "carries/thing": of,
             "carries/from_rest": before,
@@ -243,6 +245,23 @@ def test_a_thing_with_rests_is_told_from_rest_to_rest():
     assert [place_at(told, second).carried for second in (1, 3, 7, 9, 20)] == [True, True, False, True, False]
     for second, position in ((0, TABLE), (7, DESK), (18, SHELF), (50, SHELF)):
         np.testing.assert_array_equal(place_at(told, second).position, position)
+
+
+def test_a_place_that_is_seen_empty_is_not_told():
+    """It lay on the table from second 6 to 9: seconds 3 and 14 show the table without it, and no carry is known."""
+    rests = RestsOf([(0, 6, 9, TABLE)], [(-1, -1, -1)], [CUP.tolist()])
+    rests.arrays |= {"absent_before": np.array([3]), "absent_after": np.array([14])}
+    told = history_of_things(Carries([CUP.tolist()]), rests)
+    assert [(one.from_s, one.until_s) for one in told] == [(3, 6), (9, 14)]
+    places = [place_at(told, second).position for second in (1, 5, 7, 12, 20)]
+    assert [place is not None for place in places] == [False, False, True, False, False]
+
+
+def test_a_track_alone_confirms_no_place():
+    """The track ends at the desk, and no frame shows the thing at rest there."""
+    rests = RestsOf([(0, 0, 4, TABLE)], [(0, 0, -1)], [CUP.tolist()])
+    [one] = history_of_things(Carries([CUP.tolist()]), rests)
+    assert one.start_is_known and not one.end_is_known
 
 
 def test_a_history_is_of_the_thing_that_fits_best():
