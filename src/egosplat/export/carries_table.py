@@ -35,6 +35,11 @@ def export_carries(scene: Scene, output: Path) -> None:
 
 
 def _cells(name: str, one: Carried) -> list[str]:
-    start = [f"{value:.6g}" for value in one.start] if one.start_is_known else [""] * 3
+    """A row; a place that is not known is empty."""
+    places = [
+        cell
+        for place, known in ((one.start, one.start_is_known), (one.end, one.end_is_known))
+        for cell in ([f"{value:.6g}" for value in place] if known else [""] * 3)
+    ]
     times = [f"{value:.3f}" for value in (one.from_s, one.until_s)]
-    return [name, *times, *start, *(f"{value:.6g}" for value in one.end), f"{one.size:.6g}", str(one.frame)]
+    return [name, *times, *places, f"{one.size:.6g}", str(one.frame)]

@@ -21,6 +21,7 @@ from egosplat.query.answers import Answer, FoundThing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import GUESS
 from egosplat.query.history import clock
+from egosplat.query.rests import scene_at
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import clean_phrase
 
@@ -96,7 +97,10 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
 
 
 def _history(scene: Scene, answer: Answer, side: int) -> Iterator[tuple[Image.Image, int]]:
-    """Photographs of each carry and the time of each [ms], with a ring where the thing lies before and after."""
+    """Photographs of each carry and the time of each [ms], with a ring where the thing lies before and after.
+
+    Beside each is what the scene shows at its time, if it knows what rests.
+    """
     camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
     posed = known_poses(scene.poses)
     seconds = scene.seconds[posed]
@@ -110,6 +114,11 @@ def _history(scene: Scene, answer: Answer, side: int) -> Iterator[tuple[Image.Im
             if place is not None and place.position is not None:
                 _draw_ring(image, camera, scene.poses[frame], place.position)
             picture = np.asarray(image, np.float32) / 255
+            if scene.rests is not None:
+                now = scene_at(scene.trained, scene.rests, second)
+                picture = np.concatenate(
+                    [picture, now.picture(camera, scene.poses[frame])], axis=0 if turned else 1
+                )
             text = f'"{answer.phrase}"   {clock(second)}   {place.told if place else ""}'
             last = frame == near[-1]
             yield (

@@ -107,13 +107,14 @@ def _set_time(stream: Any, scene: Scene, frame: int) -> None:
 
 
 def _log_ways(rr: Any, stream: Any, scene: Scene) -> int:
-    """Log a line for each carry, from its start to its end, while it lasts; returns their number."""
-    carries = () if scene.histories is None else scene.histories.every
+    """Log a line for each carry whose ends are known, from its start to its end, while it lasts; returns their number."""
+    every = () if scene.histories is None else scene.histories.every
+    carries = [one for one in every if one.start_is_known and one.end_is_known]
     for number, one in enumerate(carries, 1):
         first, after = _frames(scene, one)
         _set_time(stream, scene, first)
-        line = [one.start if one.start_is_known else one.end, one.end]
-        stream.log(f"world/carries/{number}", rr.LineStrips3D([line], labels=[one.told]))
+        line = rr.LineStrips3D([[one.start, one.end]], labels=[one.told])
+        stream.log(f"world/carries/{number}", line)
         if after < len(scene.seconds):
             _set_time(stream, scene, after)
             stream.log(f"world/carries/{number}", rr.Clear(recursive=False))

@@ -64,7 +64,8 @@ def run(
     check_made_from(splats, frames, poses, *masks)
     check_made_from(carries, frames, instances, views, splats)
     inputs = [frames, poses, instances, views, splats, carries, *masks]
-    hashes = {CLIP.checkpoint_key: model_hash(CLIP, {key: getattr(options, key) for key in _KEYS})}
+    model = {CLIP.config_key: options.clip_model, CLIP.checkpoint_key: options.clip_checkpoint}
+    hashes = {CLIP.checkpoint_key: model_hash(CLIP, model)}
     record = provenance.begin_from("rests", options.as_dict(), inputs, hashes)
     scene, seconds = _read_scene(splats, options.backend), seconds_of(frames)
     recording = _recording(frames, instances, splats, camera_poses(poses, splats), masks, options.backend)
@@ -95,9 +96,6 @@ def run(
             **_gaussians(rests, scene),
         }.items():
             artifact.put(name, values)
-
-
-_KEYS = (CLIP.config_key, CLIP.checkpoint_key)
 
 
 def _read_scene(splats: Artifact, backend: str) -> Scenery:

@@ -144,37 +144,49 @@ def see_places(
     found: list[list[PlaceView]] = [[] for _ in places]
     for frame in track(frames.tolist(), "looking at places", unit="frame"):
         pose = recording.camera_to_world[frame]
-        crops = [_crop_of(place, recording.camera, pose, scene.settings.near_plane) for place in places]
-        if all(crop is None for crop in crops):
-            continue
-        depth = recording.depth(frame)
-        seen = [
-            number
-            for number, crop in enumerate(crops)
-            if crop is not None and _is_open(places[number], recording.camera, pose, depth)
-        ]
-        if not seen:
-            continue
-        picture, labels, moving = recording.picture(frame), recording.labels(frame), recording.moving(frame)
-        local = transform(invert(pose), means)
-        for number in seen:
-            left, top, right, bottom = crops[number]
-            part = np.s_[top:bottom, left:right]
-            own = (labels[:, top:bottom, left:right] == places[number].track).any(axis=0)
-            full = recording.camera
-            camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
-            view = PlaceView(
-                frame,
-                (left, top),
-                camera,
-                pose,
-                _near(local, reach, camera),
-                picture[part].copy(),
-                recording.valid[part] & (own | ~moving[part]),
-                recording.log_gain(frame),
-            )
-            found[number].append(view)
+        crops = {
+            number: crop
+            for number, place in enumerate(places)
+            if (crop := _crop_of(place, recording.camera, pose, scene.settings.near_plane)) is not None
+        }
+        depth = recording.depth(frame) if crops else np.zeros((1, 1))
+        crops = {
+            number: crop
+            for number, crop in crops.items()
+            if _is_open(places[number], recording.camera, pose, depth)
+        }
+        if crops:
+            whole = _Frame(frame, recording, transform(invert(pose), means), reach)
+            for number, crop in crops.items():
+                found[number].append(whole.cut(crop, places[number].track))
     return found
+
+
+class _Frame:
+    """One frame of a recording, read once for all places."""
+
+    def __init__(self, frame: int, recording: Recording, local: Array, reach: Array) -> None:
+        """Read a frame; the scene's Gaussians are at (N, 3) points of its camera's axes, and as wide as their (N,) reach."""
+        self._frame, self._recording, self._gaussians = frame, recording, (local, reach)
+        self._picture, self._labels = recording.picture(frame), recording.labels(frame)
+        self._moving = recording.moving(frame)
+
+    def cut(self, crop: tuple[int, int, int, int], track: int) -> PlaceView:
+        """Cut a crop (left, top, right, bottom) around a thing with a track."""
+        left, top, right, bottom = crop
+        part, full = np.s_[top:bottom, left:right], self._recording.camera
+        own = (self._labels[:, top:bottom, left:right] == track).any(axis=0)
+        camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
+        return PlaceView(
+            self._frame,
+            (left, top),
+            camera,
+            self._recording.camera_to_world[self._frame],
+            _near(*self._gaussians, camera),
+            self._picture[part].copy(),
+            self._recording.valid[part] & (own | ~self._moving[part]),
+            self._recording.log_gain(self._frame),
+        )
 
 
 def _crop_of(

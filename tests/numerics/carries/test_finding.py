@@ -8,7 +8,7 @@ from tests.support.sightings import BACK, HERE, RATE, THERE, found, way
 
 @pytest.mark.numerics(
     "a thing that moves in every frame of 1 s to 40 s",
-    outside="one carry, from an unknown start to where it is seen last",
+    outside="one carry, whose start and end are not known",
 )
 @pytest.mark.parametrize("count", [5, 50, 200])
 def test_never_at_rest(count):
@@ -16,7 +16,7 @@ def test_never_at_rest(count):
     centers = HERE + 2 * np.stack([np.cos(turns), np.sin(turns), np.zeros(count)], axis=1)
     [one] = found((0, centers))
     assert np.isnan(one.start).all() and (one.first, one.last) == (0, count - 1)
-    np.testing.assert_array_equal(one.end, centers[-1])
+    assert np.isnan(one.end).all(), "five sizes a second is too fast to have been put down"
 
 
 @pytest.mark.numerics(
