@@ -81,7 +81,7 @@ def test_rerun_reads_its_recording(scene, export, tmp_path):
     """By its own reader: a pose, a picture and instances for each frame, points, and a box for each answer."""
     reader = pytest.importorskip("rerun.experimental").RrdReader
     status, said = export("--query", "couch, elephant", "--output", tmp_path / "scene.rrd")
-    assert status == 0 and "4 frames, 2 answers, 2 carries" in said
+    assert status == 0 and "4 frames, 2 answers, 1 carries" in said
     rows: dict[str, list[dict]] = {}
     for chunk in reader(tmp_path / "scene.rrd").stream().to_chunks():
         rows.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
@@ -114,7 +114,7 @@ def test_rerun_reads_what_is_carried_over_time(scene, export, tmp_path):
     ways = {row["frame"]: row for row in rows["/world/carries/1"]}
     assert sorted(ways) == [1, 3] and ways[3].get("Clear:is_recursive") is not None
     np.testing.assert_allclose(ways[1]["LineStrips3D:strips"][0], [TAKEN_UP, PUT_DOWN])
-    assert {row["frame"] for row in rows["/world/carries/2"]} == {2, 4}
+    assert "/world/carries/2" not in rows, "nobody knows from where to where"
 
 
 def test_what_is_carried_as_a_table(scene, export, tmp_path):
