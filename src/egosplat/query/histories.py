@@ -129,9 +129,8 @@ class ThingHistories(Histories):
         else:
             frame, box = int(rests.read("best_frame")[rest]), tuple(rests.read("box")[rest].tolist())
             times = (seconds[rests.read(name)[rest]] for name in ("absent_before", "absent_after"))
-            known = Carried(
-                0.0, *map(float, times), nowhere, nowhere, float(rests.read("size")[rest]), frame, box
-            )
+            size, certain = float(rests.read("size")[rest]), min(before, after) >= 0
+            known = Carried(0.0, *map(float, times), nowhere, nowhere, size, frame, box, certain)
         left = seconds[rests.read("until_frame")[before]] if before >= 0 else known.from_s
         came = seconds[rests.read("from_frame")[after]] if after >= 0 else known.until_s
         # A frame may show it at both places; it was on its way between these times all the same.

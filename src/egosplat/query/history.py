@@ -30,6 +30,7 @@ class Carried:
         size: of the thing [m].
         frame: the frame that shows most of it.
         box: x0, y0, x1, y1 around it in that frame, the ends exclusive [px].
+        certain: whether it left one place for another: else a hand may only have hidden it meanwhile.
     """
 
     score: float
@@ -40,6 +41,7 @@ class Carried:
     size: float
     frame: int
     box: tuple[int, int, int, int]
+    certain: bool = True
 
     @property
     def start_is_known(self) -> bool:
@@ -94,7 +96,7 @@ def place_at(history: Sequence[Carried], second: float) -> Place | None:
         raise UserError("nan is no time; give seconds since the first frame, as 65")
     now = next((one for one in history if one.from_s <= second <= one.until_s), None)
     if now is not None:
-        return Place(None, now.from_s, now.until_s, carried=True)
+        return Place(None, now.from_s, now.until_s, carried=now.certain)
     last = max((one for one in history if one.until_s < second), key=lambda one: one.until_s, default=None)
     following = min((one for one in history if one.from_s > second), key=lambda one: one.from_s, default=None)
     if last is None and following is None:

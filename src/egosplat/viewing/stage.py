@@ -177,6 +177,7 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
             "start": one.start.tolist() if one.start_is_known else None,
             "end": one.end.tolist() if one.end_is_known else None,
             "size": one.size,
+            "certain": one.certain,
         }
         for one in every
     ]

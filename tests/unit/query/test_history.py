@@ -258,6 +258,7 @@ def test_a_place_that_is_seen_empty_is_not_told():
     assert [(one.from_s, one.until_s) for one in told] == [(3, 6), (9, 14)]
     places = [place_at(told, second).position for second in (1, 5, 7, 12, 20)]
     assert [place is not None for place in places] == [False, False, True, False, False]
+    assert place_at(told, 5).told == "not known since 0:03, until 0:06", "a hand may only have hidden it"
 
 
 def test_a_track_alone_confirms_no_place():

@@ -41,7 +41,7 @@ const meet = ({ size }, one, other, apart) => !one || !other || length(plus(one,
 // Where a thing with a history was at a time [s]; point is null while it is carried, where no carry tells it, and between two that do not meet.
 function placeAt(history, second, apart) {
   const now = history.find(({ from, until }) => from <= second && second <= until);
-  if (now) return { point: null, told: `carried since ${minutes(now.from)}, until ${minutes(now.until)}` };
+  if (now) return { point: null, told: `${now.certain ? "carried" : "not known"} since ${minutes(now.from)}, until ${minutes(now.until)}` };
   const last = history.filter(({ until }) => until < second).reduce((best, one) => (!best || one.until > best.until ? one : best), null);
   const next = history.find(({ from }) => from > second);
   const times = [...(last ? [`since ${minutes(last.until)}`] : []), ...(next ? [`until ${minutes(next.from)}`] : [])].join(", ");
