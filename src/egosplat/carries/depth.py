@@ -2,10 +2,8 @@
 
 import torch
 
-from egosplat.artifacts.reader import Artifact
-from egosplat.gaussians.device import training_device
-from egosplat.gaussians.io import read_gaussians, read_render_settings
-from egosplat.gaussians.render import render
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Array, Camera
 from egosplat.images import shrunk_size
 
@@ -16,10 +14,11 @@ _SIDE = 256
 class SceneDepth:
     """The depth of each frame, as the scene's Gaussians show it."""
 
-    def __init__(self, splats: Artifact, camera_to_world: Array, backend: str) -> None:
-        self._gaussians = read_gaussians(splats).to(training_device(backend))
-        self._settings = read_render_settings(splats, backend)
-        camera = Camera(**splats.facts["camera"])
+    def __init__(
+        self, gaussians: Gaussians, settings: RenderSettings, camera: Camera, camera_to_world: Array
+    ) -> None:
+        """Take the scene's Gaussians on the device of the renderer, the camera of the frames, and their (F, 4, 4) poses."""
+        self._gaussians, self._settings = gaussians, settings
         self._camera = camera.scaled_to(*shrunk_size(camera.width, camera.height, _SIDE))
         self._poses = camera_to_world
 

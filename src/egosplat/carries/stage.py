@@ -21,6 +21,8 @@ from egosplat.carries.finding import Carry, find_carries
 from egosplat.carries.options import CarriesOptions
 from egosplat.carries.sightings import see_tracks
 from egosplat.codes.vectors import unit
+from egosplat.gaussians.device import training_device
+from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.geometry import Camera, known_poses
 from egosplat.progress import log
 
@@ -51,13 +53,15 @@ def run(
     check_made_from(views, frames, instances)
     inputs = [frames, poses, instances, views, splats]
     record = provenance.begin_from("carries", options.as_dict(), inputs)
-    camera_to_world = camera_poses(poses, splats)
+    camera, camera_to_world = Camera(**splats.facts["camera"]), camera_poses(poses, splats)
+    gaussians = read_gaussians(splats).to(training_device(options.backend))
+    settings = read_render_settings(splats, options.backend)
     seen = see_tracks(
         known_poses(camera_to_world),
         lambda frame: instances.row("labels", frame),
         is_track(instances),
-        SceneDepth(splats, camera_to_world, options.backend).of,
-        Camera(**splats.facts["camera"]),
+        SceneDepth(gaussians, settings, camera, camera_to_world).of,
+        camera,
         camera_to_world,
         frames.read("valid"),
     )

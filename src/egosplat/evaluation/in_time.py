@@ -4,14 +4,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from egosplat.artifacts.frames import seconds_of
 from egosplat.evaluation.evaluation_frames import Evaluation, Frame
 from egosplat.evaluation.rendering import Picture, RegionScore
 from egosplat.gaussians.evaluation import rendered
+from egosplat.gaussians.io import read_exposure
 from egosplat.gaussians.training_views import Views
 from egosplat.query.rests import Rests, scene_at
 from egosplat.query.scene import TrainedScene
+
+# As ``read_exposure`` returns it.
+Exposure = tuple[Tensor | None, Tensor | None]
 
 
 def score_in_time(
@@ -21,28 +26,28 @@ def score_in_time(
     stored: Sequence[Mapping[str, RegionScore]],
 ) -> list[Mapping[str, RegionScore]]:
     """Scores of the render of each evaluation frame at its time; where nothing rests then, those of the ``stored`` render hold."""
-    seconds = seconds_of(evaluation.frames_artifact)
+    seconds, exposure = seconds_of(evaluation.frames_artifact), read_exposure(evaluation.splats)
     found = []
     for frame, score in zip(evaluation.frames, stored, strict=True):
         now = scene_at(scene, rests, float(seconds[frame.index]))
         is_stored = now is scene or frame.held_out is None
-        found.append(score if is_stored else evaluation.rendering_of(frame, _picture(evaluation, frame, now)))
+        found.append(
+            score if is_stored else evaluation.rendering_of(frame, _picture(evaluation, frame, now, exposure))
+        )
     return found
 
 
 @torch.no_grad()
-def _picture(evaluation: Evaluation, frame: Frame, scene: TrainedScene) -> Picture:
+def _picture(evaluation: Evaluation, frame: Frame, scene: TrainedScene, exposure: Exposure) -> Picture:
     """(H, W, 3) uint8 render of a held-out frame, as the stage ``splats`` makes it."""
-    shown = rendered(scene.gaussians, _view(evaluation, frame, scene), 0, scene.settings, scene.sh_degree)
+    view = _view(evaluation, frame, scene, exposure)
+    shown = rendered(scene.gaussians, view, 0, scene.settings, scene.sh_degree)
     return (shown * 255.0).round().to(torch.uint8).cpu().numpy()
 
 
-def _view(evaluation: Evaluation, frame: Frame, scene: TrainedScene) -> Views:
+def _view(evaluation: Evaluation, frame: Frame, scene: TrainedScene, exposure: Exposure) -> Views:
     """The view of a held-out frame, with the gains that the stage ``splats`` fitted if it corrects any; without its photograph."""
-    splats, row, log_gain, compression = evaluation.splats, [frame.index], None, None
-    if splats.has("corrections/gain"):
-        log_gain = torch.from_numpy(splats.read("corrections/gain")[row]).log()
-        compression = torch.tensor([splats.facts["highlight_compression"]], dtype=torch.float64)
+    row, (log_gain, compression) = [frame.index], exposure
     return Views(
         frame=np.array(row),
         pictures=torch.empty(0),
@@ -51,6 +56,6 @@ def _view(evaluation: Evaluation, frame: Frame, scene: TrainedScene) -> Views:
         transient=None,
         camera=scene.camera,
         device=scene.gaussians.means.device,
-        log_gain=log_gain,
+        log_gain=None if log_gain is None else log_gain[row],
         compression=compression,
     )

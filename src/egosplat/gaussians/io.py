@@ -2,6 +2,7 @@
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.writer import Writer
@@ -27,9 +28,10 @@ def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
         artifact.put(name, getattr(kept, name).cpu().numpy())
 
 
-def read_gaussians(artifact: Artifact) -> Gaussians:
-    """Read the Gaussians of a splats artifact to the CPU, without gradients."""
-    stored = {name: torch.from_numpy(artifact.read(name)) for name in STORED if name != "features"}
+def read_gaussians(artifact: Artifact, prefix: str = "") -> Gaussians:
+    """Read the Gaussians of an artifact to the CPU, without gradients; ``prefix`` begins the names of its arrays."""
+    names = [name for name in STORED if name != "features"]
+    stored = {name: torch.from_numpy(artifact.read(f"{prefix}{name}")) for name in names}
     # Features are the codes of joint training. Without channels here, no render composites them.
     return Gaussians(**stored, features=torch.zeros(len(stored["means"]), 0))
 
@@ -42,6 +44,14 @@ def put_curves(artifact: Writer, curves: Curves) -> None:
     artifact.put("history/iteration", np.array(curves.evaluated, np.int64))
     artifact.put("history/psnr", np.array(curves.psnr, np.float64))
     artifact.put("history/ssim", np.array(curves.ssim, np.float64))
+
+
+def read_exposure(splats: Artifact) -> tuple[Tensor | None, Tensor | None]:
+    """Read the (F, 3) logarithms of the gains of all frames, and the (1,) compression of highlights; None if neither is corrected."""
+    if not splats.has("corrections/gain"):
+        return None, None
+    compression = torch.tensor([splats.facts["highlight_compression"]], dtype=torch.float64)
+    return torch.from_numpy(splats.read("corrections/gain")).log(), compression
 
 
 def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.gaussians.io import STORED
+from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array
 from egosplat.query.relevancy import relevancy
@@ -38,11 +38,8 @@ class Rests:
     @staticmethod
     def read(rests: Artifact, seconds: Array, device: torch.device) -> "Rests":
         """Read rests.zarr; ``seconds`` (F,) time of each frame since the first."""
-        names = [name for name in STORED if name != "features"]
-        stored = {name: torch.from_numpy(rests.read(f"gaussians/{name}")) for name in names}
-        gaussians = Gaussians(**stored, features=torch.zeros(len(stored["means"]), 0))
         return Rests(
-            gaussians.to(device),
+            read_gaussians(rests, "gaussians/").to(device),
             rests.read("gaussians/rest").astype(np.int64),
             rests.read("thing").astype(np.int64),
             seconds[rests.read("from_frame")],

@@ -1,13 +1,12 @@
 """Stage ``rests``: Gaussians of what lies somewhere for a while, and which rests and carries are of one thing
 (docs/method.md#rests)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.carries import CARRIES
@@ -22,12 +21,12 @@ from egosplat.artifacts.splats import SPLATS, camera_poses
 from egosplat.artifacts.view_features import VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.carries.depth import SceneDepth
-from egosplat.gaussians.device import training_device
-from egosplat.gaussians.io import STORED, read_gaussians, read_render_settings
+from egosplat.gaussians.io import STORED, read_exposure
 from egosplat.gaussians.model import Gaussians
-from egosplat.geometry import Array, Camera, known_poses
+from egosplat.geometry import known_poses
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.progress import log
+from egosplat.query.scene import read_trained_scene
 from egosplat.query.text import load_clip_of
 from egosplat.rests.finding import Rest, ends_of, find_rests, link, places_of
 from egosplat.rests.options import RestsOptions
@@ -67,8 +66,20 @@ def run(
     model = {CLIP.config_key: options.clip_model, CLIP.checkpoint_key: options.clip_checkpoint}
     hashes = {CLIP.checkpoint_key: model_hash(CLIP, model)}
     record = provenance.begin_from("rests", options.as_dict(), inputs, hashes)
-    scene, seconds = _read_scene(splats, options.backend), seconds_of(frames)
-    recording = _recording(frames, instances, splats, camera_poses(poses, splats), masks, options.backend)
+    trained, seconds = read_trained_scene(splats, options.backend), seconds_of(frames)
+    log_gains, compression = read_exposure(splats)
+    scene = Scenery(trained.gaussians, trained.settings, trained.sh_degree, compression)
+    camera_to_world = camera_poses(poses, splats)
+    recording = Recording(
+        lambda frame: frames.row("rgb", frame),
+        lambda frame: instances.row("labels", frame),
+        _moving(instances, masks),
+        SceneDepth(trained.gaussians, trained.settings, trained.camera, camera_to_world).of,
+        lambda frame: None if log_gains is None else log_gains[frame],
+        frames.read("valid"),
+        trained.camera,
+        camera_to_world,
+    )
     ends = ends_of(carries, seconds)
     places = places_of(ends)
     trained = frames.read("train")
@@ -98,49 +109,19 @@ def run(
             artifact.put(name, values)
 
 
-def _read_scene(splats: Artifact, backend: str) -> Scenery:
-    compression = splats.facts.get("highlight_compression")
-    return Scenery(
-        read_gaussians(splats).to(training_device(backend)),
-        read_render_settings(splats, backend),
-        splats.facts["sh_degree_in_use"],
-        None if compression is None else torch.tensor([compression], dtype=torch.float64),
-    )
+def _moving(
+    instances: Artifact, masks: Sequence[Artifact]
+) -> Callable[[int, NDArray[np.int32]], NDArray[np.bool_]]:
+    """Tell the pixels of what moves in a frame with these labels: tracks, and refined masks if there are any."""
+    # Label -1 indexes the last entry.
+    tracks = np.append(is_track(instances), False)
 
+    def of(frame: int, labels: NDArray[np.int32]) -> NDArray[np.bool_]:
+        return np.logical_or.reduce(
+            [tracks[labels].any(axis=0), *(one.row("refined", frame) for one in masks)]
+        )
 
-def _recording(
-    frames: Artifact,
-    instances: Artifact,
-    splats: Artifact,
-    camera_to_world: Array,
-    masks: Sequence[Artifact],
-    backend: str,
-) -> Recording:
-    tracks, gains = is_track(instances), None
-    if splats.has("corrections/gain"):
-        gains = torch.from_numpy(splats.read("corrections/gain")).log()
-
-    def moving(frame: int) -> NDArray[np.bool_]:
-        labels = instances.row("labels", frame)
-        # Label -1 indexes the last entry.
-        found = np.append(tracks, False)[labels].any(axis=0)
-        for one in masks:
-            found |= one.row("refined", frame)
-        return found
-
-    def log_gain(frame: int) -> Tensor | None:
-        return None if gains is None else gains[frame]
-
-    return Recording(
-        lambda frame: frames.row("rgb", frame),
-        lambda frame: instances.row("labels", frame),
-        moving,
-        SceneDepth(splats, camera_to_world, backend).of,
-        log_gain,
-        frames.read("valid"),
-        Camera(**splats.facts["camera"]),
-        camera_to_world,
-    )
+    return of
 
 
 def _columns(rests: Sequence[Rest], things: NDArray[np.int32], looks: Sequence[Look]) -> dict[str, NDArray]:

@@ -118,7 +118,7 @@ class Recording:
     Attributes:
         picture: (H, W, 3) uint8.
         labels: (L, H, W) int32 instances.
-        moving: (H, W) bool pixels of what moves.
+        moving: (H, W) bool pixels of what moves; also takes the labels of the frame.
         depth: (h, w) float64 camera z of the scene, at any size [m].
         log_gain: (3,) of the exposure; None for 0.
         valid: (H, W) bool pixels that show the scene.
@@ -127,7 +127,7 @@ class Recording:
 
     picture: Callable[[int], NDArray[np.uint8]]
     labels: Callable[[int], NDArray[np.int32]]
-    moving: Callable[[int], Mask]
+    moving: Callable[[int, NDArray[np.int32]], Mask]
     depth: Callable[[int], Array]
     log_gain: Callable[[int], Tensor | None]
     valid: Mask
@@ -169,7 +169,7 @@ class _Frame:
         """Read a frame; the scene's Gaussians are at (N, 3) points of its camera's axes, and as wide as their (N,) reach."""
         self._frame, self._recording, self._gaussians = frame, recording, (local, reach)
         self._picture, self._labels = recording.picture(frame), recording.labels(frame)
-        self._moving = recording.moving(frame)
+        self._moving = recording.moving(frame, self._labels)
 
     def cut(self, crop: tuple[int, int, int, int], track: int) -> PlaceView:
         """Cut a crop (left, top, right, bottom) around a thing with a track."""
