@@ -1,8 +1,7 @@
 """Carries against the truth of rooms where people carry things.
 
-    snakemake --cores 2 results/adt/busy{1,2,3}/variants/refined_masks/{metrics.json,carries.zarr}
-    python -m benchmarks.carries results/adt/busy{1,2,3}/variants/refined_masks
-    python -m benchmarks.carries --true-tracks results/adt/busy{1,2,3}/variants/refined_masks
+    snakemake --cores 2 results/adt/busy{1,2,3,4,5}/variants/refined_masks/{metrics.json,carries.zarr,rests.zarr}
+    python -m benchmarks.carries [--true-tracks] results/adt/busy{1,2,3,4,5}/variants/refined_masks
 
 Every thing that people carry is asked for by the name of its category.
 """
@@ -14,13 +13,14 @@ from pathlib import Path
 import click
 import numpy as np
 
-from benchmarks.carries.true_tracks import with_true_tracks
+from benchmarks.carries.true_tracks import true_tracks
 from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests, recording_of
 from benchmarks.common import command, markdown, scene_folders
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
+from egosplat.query.histories import Histories
 from egosplat.query.history import Carried
 from egosplat.query.opening import open_scene
 
@@ -89,17 +89,18 @@ class Figures:
         return Figures(**values)
 
 
-def measure(folder: Path, true_tracks: bool) -> Figures:
-    """Compare the carries and the answers of a scene with its truth; with true tracks in place of SAM2's."""
+def measure(folder: Path, truly: bool) -> Figures:
+    """Compare the carries and the answers of a scene with its truth; ``truly`` with true tracks in place of SAM2's."""
     scene = open_scene(folder)
     times = scene.artifact("frames").read("timestamp_ns")
     recording = recording_of(folder)
     rests = read_rests(recording, times)
     carries = read_carries(recording, rests, times)
-    if true_tracks:
-        scene.__dict__["histories"] = with_true_tracks(folder, scene.seconds)
+    if truly:
+        with true_tracks(folder) as made:
+            scene.__dict__["histories"] = Histories(*made, scene.seconds)
     if scene.histories is None:
-        raise click.ClickException(f"{folder}: lacks carries.zarr of its Gaussians")
+        raise click.ClickException(f"{folder}: lacks rests.zarr of its Gaussians")
     names = sorted({one.category for one in rests})
     answers = dict(zip(names, scene.ask(*names), strict=True))
     pairs = [(one, match) for one in carries if (match := _match(one, scene.histories.every)) is not None]
@@ -170,13 +171,13 @@ def _without_time(rest: Rest, scene: Scene, answer: Answer, rests: Sequence[Rest
 
 @command(__doc__)
 @scene_folders
-@click.option("--true-tracks", is_flag=True, help="With true tracks of what moves.")
-def main(folders: tuple[Path, ...], true_tracks: bool) -> None:
+@click.option("--true-tracks", "truly", is_flag=True, help="With true tracks of what moves.")
+def main(folders: tuple[Path, ...], truly: bool) -> None:
     """Print the table."""
     rows, figures = [], []
     for folder in folders:
         log(f"{folder}")
-        figures.append(measure(folder, true_tracks))
+        figures.append(measure(folder, truly))
         log_file = Path("logs") / folder.absolute().relative_to(Path("results").absolute()) / "carries.tsv"
         spent = log_file.read_text().splitlines()[1].split("\t")[-1] if log_file.exists() else "-"
         rows.append([title_of(folder), *figures[-1].cells(), spent])

@@ -1,6 +1,6 @@
 """Rests against the truth of rooms where people carry things.
 
-python -m benchmarks.carries.rests results/adt/busy{1,2,3}/variants/refined_masks
+python -m benchmarks.carries.rests [--true-tracks] results/adt/busy{1,2,3,4,5}/variants/refined_masks
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.carries.true_tracks import true_tracks
 from benchmarks.carries.truth import Rest, read_rests, recording_of, scene_of
 from benchmarks.common import command, markdown, scene_folders
 from egosplat.artifacts.annotations import ANNOTATIONS
@@ -78,13 +79,21 @@ def _decibels(errors: Array) -> Array:
     return (-10 * np.log10(np.maximum(errors, 1e-10))).mean(axis=0) if len(errors) else np.full(2, np.nan)
 
 
-def measure(folder: Path) -> Figures:
-    """Compare the rests of a scene, and the renders of its held-out frames, with its truth."""
+def measure(folder: Path, truly: bool) -> Figures:
+    """Compare the rests of a scene with its truth; ``truly`` with true tracks in place of SAM2's."""
+    if truly:
+        with true_tracks(folder) as (_, rests):
+            return compare(folder, rests)
+    made = open_rests(folder, open_scene(folder).artifact("carries"))
+    if made is None:
+        raise click.ClickException(f"{folder}: lacks rests.zarr of its carries")
+    return compare(folder, made)
+
+
+def compare(folder: Path, rests: Artifact) -> Figures:
+    """Compare rests of a scene, and the renders of its held-out frames, with its truth."""
     scene = open_scene(folder)
     frames, splats = scene.artifact("frames"), scene.artifact("splats")
-    rests = open_rests(folder, scene.artifact("carries"))
-    if rests is None:
-        raise click.ClickException(f"{folder}: lacks rests.zarr of its carries")
     annotations = open_artifact(scene_of(folder) / "annotations.zarr", ANNOTATIONS)
     evaluation = read_evaluation(frames, scene.artifact("poses"), annotations, splats)
     true = read_rests(recording_of(folder), frames.read("timestamp_ns"))
@@ -144,12 +153,13 @@ def _error(
 
 @command(__doc__)
 @scene_folders
-def main(folders: tuple[Path, ...]) -> None:
+@click.option("--true-tracks", "truly", is_flag=True, help="With true tracks of what moves.")
+def main(folders: tuple[Path, ...], truly: bool) -> None:
     """Print the table."""
     rows, figures = [], []
     for folder in folders:
         log(f"{folder}")
-        figures.append(measure(folder))
+        figures.append(measure(folder, truly))
         rows.append([title_of(folder), *figures[-1].cells()])
     rows.append(["all", *Figures.total(figures).cells()])
     click.echo(markdown(COLUMNS, rows))

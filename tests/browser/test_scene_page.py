@@ -104,9 +104,13 @@ def test_the_first_view_is_the_one_that_shows_most(scene):
     )
 
 
-def test_the_answer_follows_the_time_line(scene):
+def test_the_answer_follows_the_time_line(tmp_path, open_tab):
     """The cup is carried from 0.1 s to 0.2 s, frames 1 and 2: before, it is at one end of the wall, afterwards at the other."""
-    tab = scene()
+    put_page_scene(tmp_path)
+    put_rests(tmp_path)
+    tab = open_tab(WIDE)
+    tab.page.goto(write_page(tmp_path).as_uri())
+    tab.page.wait_for_function(READY)
     answer = tab.page.evaluate(ASK, "cup")
     assert answer["things"], "it is found where it stands, too"
     assert tab.page.locator("#history button").all_inner_texts() == [

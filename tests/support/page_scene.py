@@ -131,11 +131,14 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
     return gaussians
 
 
-def put_rests(folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4))) -> Gaussians:
+def put_rests(
+    folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)), absent_after: Sequence[int] = ()
+) -> Gaussians:
     """Write rests.zarr of ``put_page_scene`` with its Gaussians: where the cup is taken up, and then where it is put down.
 
     Args:
         spans: first and last frame of the rests, in turn at both places; further ones are of a second thing without views.
+        absent_after: frames that show their places without them; none by default.
     """
     count, of_cup = len(spans), min(len(spans), 2)
     center = np.array([(TAKEN_UP, PUT_DOWN)[number % 2] for number in range(count)]).reshape(-1, 3)
@@ -160,7 +163,7 @@ def put_rests(folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)))
         "from_frame": frames[:, 0],
         "until_frame": frames[:, 1],
         "absent_before": np.full(count, -1),
-        "absent_after": np.full(count, -1),
+        "absent_after": np.array(absent_after or [-1] * count, np.int64),
         "center": center,
         "carries/thing": np.array([0 if of_cup else -1, -1], np.int32),
         "carries/from_rest": np.array([0 if of_cup else -1, -1], np.int32),

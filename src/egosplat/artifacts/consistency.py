@@ -43,13 +43,12 @@ def made_from_another(path: Path, source: Path) -> UserError:
     )
 
 
-def check_frames(carries: Artifact, count: int, **frames: NDArray[np.int64]) -> None:
-    """Check that carries lie in a recording, and that none ends before it begins.
+def check_spans(artifact: Artifact, count: int, frames: Mapping[str, NDArray[np.int64]]) -> None:
+    """Check that the spans of an artifact lie in a recording of ``count`` frames, and that none ends before it begins.
 
     Args:
-        carries: the artifact, for the error.
-        count: number of frames of the recording.
-        frames: its arrays of frames by name, ``first_frame`` and ``last_frame`` among them.
+        artifact: for the error.
+        frames: its arrays of frames by name: where spans begin, where they end, and others.
 
     Raises:
         ArtifactError: one does not, as in a file that was edited.
@@ -57,11 +56,14 @@ def check_frames(carries: Artifact, count: int, **frames: NDArray[np.int64]) -> 
     for name, values in frames.items():
         if (values >= count).any():
             raise damaged(
-                carries.path, f"{name!r} tells of frame {values.max()}, and the recording has {count}"
+                artifact.path, f"{name!r} tells of frame {values.max()}, and the recording has {count}"
             )
-    back = frames["first_frame"] > frames["last_frame"]
+    first, last, *_ = frames.values()
+    back = first > last
     if back.any():
-        raise damaged(carries.path, f"{back.sum()} of {len(back)} carries end before they begin")
+        raise damaged(
+            artifact.path, f"{back.sum()} of {len(back)} {artifact.schema.name} end before they begin"
+        )
 
 
 def _size(artifact: Artifact, axis: str) -> int:

@@ -21,10 +21,10 @@ def export_carries(scene: Scene, output: Path) -> None:
     """Write a row for each carry, in the order of time.
 
     Raises:
-        UserError: carries.zarr is not there, is damaged, or is of other Gaussians.
+        UserError: carries.zarr or rests.zarr is not there, is damaged, or is of other Gaussians.
     """
     if scene.histories is None:
-        path = scene.folder / "carries.zarr"
+        path = scene.folder / "rests.zarr"
         raise UserError(f"{path}: nothing tells what is carried in this scene. Make it: {make_command(path)}")
     carried = scene.carried()
     with atomic_file(output) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:

@@ -123,8 +123,7 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     sections = {section for section, _ in decided_by_survey(config)}
     masked = "splats" in sections and "masks" in STAGES[stage].optional
     corrected = "camera" in sections and "camera" in stage_sections(stage)
-    of_tracks = not {"carries", "rests"}.isdisjoint(optional)
-    tracked = "segments" in sections and (stage == "segments" or of_tracks)
+    tracked = "segments" in sections and (stage == "segments" or "rests" in optional)
     merged = stage == "instances" and merges_masks(config) and not sections.isdisjoint({"splats", "segments"})
     by_survey = masked or corrected or tracked or merged
     return (*found, "survey") if by_survey and "survey" not in found else found
@@ -139,9 +138,8 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     if stage == "splats" and takes_splat(config):
         return ()
     given = ("splats",) if stage == "instances" and merges_on_splats(config) else ()
-    carried = ("carries",) if tracks_what_moves(config) else ()
-    resting = ("rests",) if shows_rests(config) else ()
-    wanted = views + given + _MASKS[config["splats"]["masking"]] + carried + resting
+    resting = ("carries", "rests") if shows_rests(config) else ()
+    wanted = views + given + _MASKS[config["splats"]["masking"]] + resting
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 
 

@@ -91,7 +91,6 @@ _LEARNT_FROM = {
     **dict.fromkeys(("instances", "features"), "unless language.method is field or quantized"),
     "tiles": "if language.method is field or quantized",
 }
-_CARRIED = {"carries": "if what moves is tracked"}
 _RESTING = {"rests": "if what moves is tracked and language.method is lifted"}
 _OPENCV = "opencv-contrib-python-headless"
 _SETUP = ("preset", "world_seed", "camera")
@@ -393,7 +392,7 @@ _STAGES = (
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
-        optional=_CARRIED | _RESTING,
+        optional={"carries": _RESTING["rests"], **_RESTING},
         libraries=("open_clip_torch", _OPENCV, "torch"),
         scene=("title",),
     ),

@@ -39,7 +39,7 @@ from egosplat.query.grades.calibration import (
     grading_of,
 )
 from egosplat.query.grades.evidence import measure_evidence
-from egosplat.query.histories import Histories, ThingHistories
+from egosplat.query.histories import Histories
 from egosplat.query.history import Carried
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
@@ -180,21 +180,19 @@ class Scene:
 
     @cached_property
     def histories(self) -> Histories | None:
-        """What is carried from where to where; None if carries.zarr is not there, or is of other Gaussians or another OpenCLIP.
+        """What is carried from where to where; None if carries.zarr or rests.zarr is not there, or is of other Gaussians or another OpenCLIP.
 
         Raises:
             UserError: it is damaged.
         """
-        carries, rests = self._carries, self._rests
-        if carries is None:
+        carries, rests = self._carries, self.rests
+        if carries is None or rests is None:
             return None
-        # Features of another OpenCLIP compare with no word; carries.zarr does not name it.
+        # Features of another OpenCLIP compare with no word; rests.zarr does not name it.
         encoded = self.encoded.shape("consistent" if self.encoded.schema.name == "features" else "scale/0")
-        if carries.shape("feature")[1] != encoded[-1]:
+        if rests.feature.shape[1] != encoded[-1]:
             return None
-        if rests is None:
-            return Histories(carries, self.seconds)
-        return ThingHistories(carries, rests, self.seconds)
+        return Histories(carries, rests, self.seconds)
 
     @cached_property
     def rests(self) -> Rests | None:
@@ -221,7 +219,7 @@ class Scene:
         merged = instances is not None and instances.facts["source"] != TRACKS
         if not merged or self.histories is not None or not instances.read("instances/moving").any():
             return None
-        command = make_command(self.folder / "carries.zarr")
+        command = make_command(self.folder / "rests.zarr")
         return f"things are tracked here; to learn where they were carried: {command}"
 
     @cached_property
@@ -322,7 +320,7 @@ class Scene:
         """List what is carried, in the order of time, each with the word that fits best of those whose history it is in, or "".
 
         >>> [(name, carried.told) for name, carried in scene.carried()]
-        [('cup', '0:00 to 0:00'), ('', '0:00 to 0:00')]
+        [('cup', '0:00 to 0:00')]
         """
         every = () if self.histories is None else self.histories.every
         named = {}

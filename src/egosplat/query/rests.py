@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.consistency import check_spans
 from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
@@ -26,6 +27,10 @@ class Rests:
         thing: (R,) int64 thing of each rest.
         from_s, until_s: (R,) float64 seconds since the first frame, both included.
         feature: (T, D) float32 of unit norm, of each thing; zeros without one.
+        absent_s: (2, R) float64 time of the last frame before and the first one after that shows the place without it; NaN without one.
+        center: (R, 3) float64 in the world; ``size`` (R,) [m].
+        frame: (R,) int64 the frame that shows most of it; ``box`` (R, 4) x0, y0, x1, y1 around it there [px].
+        links: (3, C) int32 of each carry: its thing, the rest before and the rest after it, -1 for none.
     """
 
     gaussians: Gaussians
@@ -34,17 +39,41 @@ class Rests:
     from_s: Array
     until_s: Array
     feature: Tensor
+    absent_s: Array
+    center: Array
+    size: Array
+    frame: NDArray[np.int64]
+    box: NDArray[np.int32]
+    links: NDArray[np.int32]
 
     @staticmethod
     def read(rests: Artifact, seconds: Array, device: torch.device) -> "Rests":
-        """Read rests.zarr; ``seconds`` (F,) time of each frame since the first."""
+        """Read rests.zarr.
+
+        Args:
+            seconds: (F,) float64 time of each frame since the first.
+
+        Raises:
+            ArtifactError: a rest lies outside of these frames, or ends before it begins.
+        """
+        names = ("from_frame", "until_frame", "absent_before", "absent_after", "best_frame")
+        frames = {name: rests.read(name) for name in names}
+        check_spans(rests, len(seconds), frames)
+        first, last, before, after, best = frames.values()
+        absent = np.stack([before, after])
         return Rests(
             read_gaussians(rests, "gaussians/").to(device),
             rests.read("gaussians/rest").astype(np.int64),
             rests.read("thing").astype(np.int64),
-            seconds[rests.read("from_frame")],
-            seconds[rests.read("until_frame")],
+            seconds[first],
+            seconds[last],
             torch.from_numpy(rests.read("things/feature")).to(device),
+            np.where(absent < 0, np.nan, seconds[absent]),
+            rests.read("center"),
+            rests.read("size"),
+            best,
+            rests.read("box"),
+            np.stack([rests.read(f"carries/{name}") for name in ("thing", "from_rest", "to_rest")]),
         )
 
     def covers(self, second: float) -> NDArray[np.bool_]:

@@ -25,7 +25,7 @@ from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.grades.evidence import SYNONYM
-from egosplat.query.histories import TOGETHER, Histories, ThingHistories
+from egosplat.query.histories import FITS, Histories
 from egosplat.query.history import APART
 from egosplat.query.rests import Rests
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
@@ -145,9 +145,8 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
             "least": LEAST_GAUSSIANS,
             "same": SAME,
             "synonym": SYNONYM,
-            "together": TOGETHER,
             "apart": APART,
-            "fits": (scene.histories or Histories).fits,
+            "fits": FITS,
         },
     }
 
@@ -168,23 +167,24 @@ def add_rests(gaussians: Gaussians, rests: Rests | None) -> tuple[Gaussians, Fac
 
 
 def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
-    """Pack ``carried_vectors`` (C, D) float16, features of what is carried, and when it is and from where to where."""
-    every = () if histories is None else histories.every
+    """Pack ``carried_vectors`` (T, D) float16, features of things that are carried, and when each is and from where to where."""
+    things = () if histories is None else histories.things
     facts = [
-        {
-            "from": one.from_s,
-            "until": one.until_s,
-            "start": one.start.tolist() if one.start_is_known else None,
-            "end": one.end.tolist() if one.end_is_known else None,
-            "size": one.size,
-            "certain": one.certain,
-        }
-        for one in every
+        [
+            {
+                "from": one.from_s,
+                "until": one.until_s,
+                "start": one.start.tolist() if one.start_is_known else None,
+                "end": one.end.tolist() if one.end_is_known else None,
+                "size": one.size,
+                "certain": one.certain,
+            }
+            for one in carries
+        ]
+        for carries in things
     ]
-    if isinstance(histories, ThingHistories):
-        facts = [one | {"thing": thing} for one, thing in zip(facts, histories.things.tolist(), strict=True)]
-    arrays = {"carried_vectors": histories.features.numpy().astype(np.float16)} if histories and every else {}
-    return arrays, {"carries": facts}
+    arrays = {"carried_vectors": histories.features.numpy().astype(np.float16)} if things else {}
+    return arrays, {"carried_things": facts}
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tuple[Arrays, Facts]:

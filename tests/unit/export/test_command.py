@@ -15,15 +15,13 @@ from gsply.spz import read_spz
 from PIL import Image
 
 from egosplat import cli
-from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.query.opening import open_scene
-from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_page_scene
-from tests.support.scenes import put
+from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_page_scene, put_rests
 
 POSED = [0, 1, 2, 4]
 """Frames of the scene that have a pose."""
@@ -34,6 +32,7 @@ def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results") / "scene1"
     folder.mkdir()
     put_page_scene(folder)
+    put_rests(folder)
     return folder
 
 
@@ -114,32 +113,36 @@ def test_rerun_reads_what_is_carried_over_time(scene, export, tmp_path):
     ways = {row["frame"]: row for row in rows["/world/carries/1"]}
     assert sorted(ways) == [1, 3] and ways[3].get("Clear:is_recursive") is not None
     np.testing.assert_allclose(ways[1]["LineStrips3D:strips"][0], [TAKEN_UP, PUT_DOWN])
-    assert "/world/carries/2" not in rows, "nobody knows from where to where"
+    assert "/world/carries/2" not in rows, "nothing that rests was carried then"
 
 
 def test_what_is_carried_as_a_table(scene, export, tmp_path):
-    """A row for each carry with times, places and a name; the second looks like nothing."""
+    """A row for each carry of something that rests, with times, places and a name."""
     status, said = export("--output", tmp_path / "x.csv")
-    assert status == 0 and "2 carries, 1 with a name" in said
+    assert status == 0 and "1 carries, 1 with a name" in said
     with (tmp_path / "x.csv").open(newline="") as file:
-        cup, other = csv.DictReader(file)
+        [cup] = csv.DictReader(file)
     assert (cup["name"], cup["from_s"], cup["until_s"], cup["frame"]) == ("cup", "0.100", "0.200", "2")
     for part, place in (("start", TAKEN_UP), ("end", PUT_DOWN)):
         assert tuple(float(cup[f"{part}_{axis}"]) for axis in "xyz") == place
-    assert float(cup["size"]) == 0.1 and other["name"] == "" and other["end_y"] == ""
+    assert float(cup["size"]) == 0.1
 
 
-def test_a_start_that_is_not_known_is_empty_in_the_table(tmp_path):
+def test_a_place_and_a_name_that_are_not_known_are_empty_in_the_table(tmp_path):
+    """The cup was put down where nobody sees it; the other thing, which looks like nothing, was taken up there."""
     put_page_scene(tmp_path)
-    carries = open_artifact(tmp_path / "carries.zarr", CARRIES)
-    arrays = {name: carries.read(name) for name in CARRIES.fields} | {"start": np.full((2, 3), np.nan)}
-    shutil.rmtree(tmp_path / "carries.zarr")
-    put(tmp_path, "carries", arrays, made_from=["splats"])
+    put_rests(tmp_path, ((0, 1),), absent_after=(2,))
     open_scene(tmp_path).export(tmp_path / "x.csv", format="carries")
     with (tmp_path / "x.csv").open(newline="") as file:
-        assert [row["start_x"] + row["start_z"] for row in csv.DictReader(file)] == ["", ""]
-    shutil.rmtree(tmp_path / "carries.zarr")
-    with pytest.raises(UserError, match=r"carries\.zarr.*Make it"):
+        [row] = csv.DictReader(file)
+    assert (row["name"], row["start_x"], row["end_x"], row["end_z"]) == ("cup", "-1", "", "")
+    put_rests(tmp_path, ((0, 1), (2, 4), (0, 2)), absent_after=(-1, -1, 3))
+    assert [(name, one.end_is_known) for name, one in open_scene(tmp_path).carried()] == [
+        ("cup", True),
+        ("", False),
+    ]
+    shutil.rmtree(tmp_path / "rests.zarr")
+    with pytest.raises(UserError, match=r"rests\.zarr.*Make it"):
         open_scene(tmp_path).export(tmp_path / "y.csv")
     assert open_scene(tmp_path).carried() == [] and not (tmp_path / "y.csv").exists()
 

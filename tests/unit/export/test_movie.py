@@ -9,7 +9,7 @@ from PIL import Image
 from egosplat import cli
 from egosplat.export.movie import way
 from egosplat.query.opening import open_scene
-from tests.support.page_scene import put_page_scene
+from tests.support.page_scene import put_page_scene, put_rests
 
 
 @pytest.fixture(scope="module")
@@ -17,6 +17,7 @@ def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results") / "scene1"
     folder.mkdir()
     put_page_scene(folder)
+    put_rests(folder)
     return folder
 
 
@@ -59,7 +60,7 @@ def test_a_ring_is_where_the_carried_thing_lies(scene, movie, tmp_path):
         assert moving.n_frames == 4, "frame 3 has no pose"
         for place, frame in enumerate((0, 1, 2, 4)):
             moving.seek(place)
-            shown = np.asarray(moving.convert("RGB"))[:96].astype(int)
+            shown = np.asarray(moving.convert("RGB"))[:96, :96].astype(int)
             added = (shown.min(axis=2) > 225) & (photographs[frame].max(axis=2) < 215)
             white[frame] = np.flatnonzero(added.any(axis=0))
     assert len(white[1]) == len(white[2]) == 0

@@ -3,6 +3,7 @@
 import contextlib
 import re
 import shutil
+from dataclasses import replace
 
 import click
 import numpy as np
@@ -12,16 +13,19 @@ import torch
 from egosplat import cli
 from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.registry import SCHEMAS
 from egosplat.cli.flags import Time
 from egosplat.errors import UserError
-from egosplat.query.histories import Histories, ThingHistories
+from egosplat.query.histories import Histories
 from egosplat.query.history import Carried, clock, meet, place_at
 from egosplat.query.opening import open_scene
+from egosplat.query.rests import Rests
 from egosplat.query.text import Texts
 from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_page_scene, put_rests
 from tests.support.scenes import put
 
 TABLE, DESK, SHELF = np.eye(3)
+SECONDS = np.arange(100.0)
 # Axes of features: a cup, a box, a hand, and any object.
 CUP, BOX, HAND, OBJECT = torch.eye(4)
 
@@ -89,37 +93,63 @@ def test_clock():
 
 
 class Carries:
-    """carries.zarr with these features, in turn at 0, 10, 20 ... s for five seconds each, or at once."""
+    """carries.zarr, in turn at 0, 10, 20 ... s for five seconds each, or at once."""
 
-    def __init__(self, features, step=10):
-        count = len(features)
+    def __init__(self, count, step=10):
         first = step * np.arange(count)
         self.arrays = {
             "first_frame": first,
             "last_frame": first + 5,
-            "start": np.zeros((count, 3)),
-            "end": np.ones((count, 3)),
             "size": np.full(count, 0.1),
             "best_frame": first,
             "box": np.zeros((count, 4), np.int32),
-            "feature": np.array(features, np.float32).reshape(count, 4),
         }
 
     def read(self, name):
         return self.arrays[name]
 
 
-def history(features, step=10):
-    """Seconds at which what "cup" means was taken up."""
-    return told(Carries(features, step))
+def rests_of(rests, carries, features, seconds=SECONDS):
+    """(thing, first frame, last frame, place) of each rest, (thing, rest before, rest after) of each carry."""
+    things, first, last, place = (
+        (np.array(one) for one in zip(*rests, strict=True)) if rests else [np.zeros(0, int)] * 4
+    )
+    nothing = np.zeros(0, np.int64)
+    return Rests(
+        gaussians=None,
+        rest=nothing,
+        thing=things,
+        from_s=seconds[first],
+        until_s=seconds[last],
+        feature=torch.tensor(features, dtype=torch.float32).reshape(-1, 4),
+        absent_s=np.full((2, len(rests)), np.nan),
+        center=place.reshape(-1, 3).astype(np.float64),
+        size=np.full(len(rests), 0.2),
+        frame=first,
+        box=np.zeros((len(rests), 4), np.int32),
+        links=np.array(carries, np.int32).reshape(-1, 3).T,
+    )
 
 
-def told(carries, meaning=CUP):
-    """The same of carries.zarr, for any meaning."""
-    made = Histories(carries, np.arange(100.0))
+def history_of_things(carries, rests, query=CUP, seconds=SECONDS):
+    """What a query means was carried, of a scene whose words are cup, box and hand."""
+    made = Histories(carries, rests, seconds)
     words = Texts(("cup", "box", "hand"), torch.stack([CUP, BOX, HAND]), OBJECT[None])
-    query = Texts(("it",), meaning[None], OBJECT[None])
-    return [one.from_s for one in made.of(query, words, 10.0)]
+    return made.of(Texts(("it",), query[None], OBJECT[None]), words, 10.0)
+
+
+def of_one_carry_each(features, step=10, seconds=SECONDS):
+    """Things with these features, each carried from the table to the desk in turn at 0, 10, 20 ... s for five seconds, or at once."""
+    rests, links = [], []
+    for thing, first in enumerate(step * np.arange(len(features))):
+        rests += [(thing, first, first, TABLE), (thing, first + 5, first + 5, DESK)]
+        links.append((thing, 2 * thing, 2 * thing + 1))
+    return Carries(len(features), step), rests_of(rests, links, features, seconds)
+
+
+def told(features, query=CUP, step=10):
+    """Seconds at which what a query means was taken up."""
+    return [one.from_s for one in history_of_things(*of_one_carry_each(features, step), query)]
 
 
 def mixed(*parts):
@@ -129,40 +159,33 @@ def mixed(*parts):
 
 def test_only_what_looks_most_like_the_query_is_its_history():
     cup, box = CUP.tolist(), mixed((0.4, CUP), (0.6, BOX))
-    assert history([cup, box, mixed((0.6, CUP), (0.4, HAND))]) == [0.0, 20.0]
-    assert history([mixed((0.4, CUP), (0.6, OBJECT))]) == [], "like any object"
+    assert told([box, mixed((0.6, CUP), (0.4, HAND)), cup]) == [20.0]
+    assert told([box, mixed((0.6, CUP), (0.4, HAND))]) == [10.0]
+    assert told([box]) == [] and told([mixed((0.4, CUP), (0.6, OBJECT))]) == [], "like any object"
 
 
 def test_only_names_of_what_people_carry_compete():
     """The masks of a cup show more of the hand that holds it; nobody carries a hand about."""
-    assert history([mixed((0.4, CUP), (0.6, HAND))]) == [0.0]
-    assert told(Carries([HAND.tolist()]), HAND) == []
+    assert told([mixed((0.4, CUP), (0.6, HAND))]) == [0.0]
+    assert told([HAND.tolist()], HAND) == []
 
 
 def test_of_carries_at_one_time_the_longest_stays():
-    made = Carries([mixed((0.8, CUP), (0.2, BOX)), CUP.tolist()], step=1)
-    made.arrays["last_frame"] = np.array([9, 4])
-    assert told(made) == [0.0]
-
-
-def test_a_carry_without_its_name_joins_two_that_do_not_meet():
-    """The middle carry looks like a hand; it begins where the first one ends, and ends where the last one begins."""
-    made = Carries([CUP.tolist(), HAND.tolist(), CUP.tolist(), HAND.tolist()])
-    made.arrays["start"] = np.array([TABLE, DESK, SHELF, DESK])
-    made.arrays["end"] = np.array([DESK, SHELF, TABLE, SHELF])
-    assert told(made) == [0.0, 10.0, 20.0]
-    made.arrays["start"][1] = TABLE
-    assert told(made) == [0.0, 20.0], "it does not begin there"
+    """Two tracks end where one thing is put down."""
+    carries = Carries(2, step=3)
+    rests = rests_of([(0, 9, 20, DESK)], [(0, -1, 0), (0, -1, 0)], [CUP.tolist()])
+    assert [one.from_s for one in history_of_things(carries, rests)] == [0.0]
 
 
 def test_no_carry_and_no_view_have_no_history():
-    assert history([]) == []
-    assert history([[0.0] * 4]) == []
+    assert told([]) == []
+    assert told([[0.0] * 4]) == []
 
 
 def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     """The cup of the small scene: in the library, in the table, and at a time."""
     put_page_scene(tmp_path)
+    put_rests(tmp_path)
     scene = open_scene(tmp_path, min_score=0.7)
     cup, couch = scene.ask("cup", "couch")
     [carried] = cup.history
@@ -206,39 +229,10 @@ def test_carries_of_other_gaussians_tell_nothing(tmp_path):
     assert scene.histories is None and scene.ask("cup")[0].history == ()
 
 
-class RestsOf(Carries):
-    """rests.zarr: (thing, first frame, last frame, place) of each rest, (thing, rest before, rest after) of each carry."""
-
-    def __init__(self, rests, carries, features):
-        things, first, last, place = zip(*rests, strict=True) if rests else ((),) * 4
-        of, before, after = np.array(carries, np.int32).reshape(-1, 3).T
-        self.arrays = {
-            "thing": np.array(things, np.int32),
-            "from_frame": np.array(first, np.int64),
-            "until_frame": np.array(last, np.int64),
-            "best_frame": np.array(first, np.int64),
-            "box": np.zeros((len(rests), 4), np.int32),
-            "size": np.full(len(rests), 0.2),
-            "absent_before": np.full(len(rests), -1),
-            "absent_after": np.full(len(rests), -1),
-            "center": np.array(place, np.float64).reshape(-1, 3),
-            "carries/thing": of,
-            "carries/from_rest": before,
-            "carries/to_rest": after,
-            "things/feature": np.array(features, np.float32).reshape(-1, 4),
-        }
-
-
-def history_of_things(carries, rests, query=CUP):
-    made = ThingHistories(carries, rests, np.arange(100.0))
-    words = Texts(("cup", "box", "hand"), torch.stack([CUP, BOX, HAND]), OBJECT[None])
-    return made.of(Texts(("cup",), query[None], OBJECT[None]), words, 10.0)
-
-
 def test_a_thing_with_rests_is_told_from_rest_to_rest():
     """The carries look like hands; their thing is a cup. Times and places are those of its rests."""
-    carries = Carries([HAND.tolist()] * 3)
-    rests = RestsOf(
+    carries = Carries(3)
+    rests = rests_of(
         [(0, 0, 1, TABLE), (0, 6, 9, DESK), (0, 17, 30, SHELF)],
         [(0, 0, 1), (0, 1, 2), (-1, -1, -1)],
         [CUP.tolist()],
@@ -252,9 +246,9 @@ def test_a_thing_with_rests_is_told_from_rest_to_rest():
 
 def test_a_place_that_is_seen_empty_is_not_told():
     """It lay on the table from second 6 to 9: seconds 3 and 14 show the table without it, and no carry is known."""
-    rests = RestsOf([(0, 6, 9, TABLE)], [(-1, -1, -1)], [CUP.tolist()])
-    rests.arrays |= {"absent_before": np.array([3]), "absent_after": np.array([14])}
-    told = history_of_things(Carries([CUP.tolist()]), rests)
+    rests = rests_of([(0, 6, 9, TABLE)], [(-1, -1, -1)], [CUP.tolist()])
+    rests = replace(rests, absent_s=np.array([[3.0], [14.0]]))
+    told = history_of_things(Carries(1), rests)
     assert [(one.from_s, one.until_s) for one in told] == [(3, 6), (9, 14)]
     places = [place_at(told, second).position for second in (1, 5, 7, 12, 20)]
     assert [place is not None for place in places] == [False, False, True, False, False]
@@ -263,22 +257,22 @@ def test_a_place_that_is_seen_empty_is_not_told():
 
 def test_a_track_alone_confirms_no_place():
     """The track ends at the desk, and no frame shows the thing at rest there."""
-    rests = RestsOf([(0, 0, 4, TABLE)], [(0, 0, -1)], [CUP.tolist()])
-    [one] = history_of_things(Carries([CUP.tolist()]), rests)
+    rests = rests_of([(0, 0, 4, TABLE)], [(0, 0, -1)], [CUP.tolist()])
+    [one] = history_of_things(Carries(1), rests)
     assert one.start_is_known and not one.end_is_known
 
 
 def test_a_history_is_of_the_thing_that_fits_best():
     """Two cups are two things; a carry of no thing that rests is told by nobody, nor one that would join two."""
     better, worse = mixed((0.9, CUP), (0.1, HAND)), mixed((0.7, CUP), (0.3, HAND))
-    carries = Carries([CUP.tolist()] * 4)
-    rests = RestsOf(
+    carries = Carries(4)
+    rests = rests_of(
         [(0, 6, 9, TABLE), (1, 16, 19, DESK)],
         [(0, -1, 0), (1, -1, 1), (-1, -1, -1), (0, 0, -1)],
         [worse, better],
     )
     assert [one.until_s for one in history_of_things(carries, rests)] == [16]
-    rests.arrays["things/feature"][1] = 0
+    rests = replace(rests, feature=rests.feature * torch.tensor([[1.0], [0.0]]))
     told = history_of_things(carries, rests)
     assert [(one.from_s, one.until_s) for one in told] == [(0, 6), (9, 35)]
     assert place_at(told, 7).position.tolist() == TABLE.tolist()
@@ -286,15 +280,15 @@ def test_a_history_is_of_the_thing_that_fits_best():
 
 def test_a_carry_whose_rests_overlap_lasts_between_these_times():
     """Frames may show a thing at its new place before it has left all frames of the old one."""
-    rests = RestsOf([(0, 0, 4, TABLE), (0, 3, 9, DESK)], [(0, 0, 1)], [CUP.tolist()])
-    [one] = history_of_things(Carries([CUP.tolist()]), rests)
+    rests = rests_of([(0, 0, 4, TABLE), (0, 3, 9, DESK)], [(0, 0, 1)], [CUP.tolist()])
+    [one] = history_of_things(Carries(1), rests)
     assert (one.from_s, one.until_s) == (3, 4)
 
 
 @pytest.mark.parametrize("features", [[], [CUP.tolist()]])
 def test_no_rest_has_no_history(features):
-    rests = RestsOf([], [(-1, -1, -1)] * len(features), [])
-    assert history_of_things(Carries(features), rests) == ()
+    rests = rests_of([], [(-1, -1, -1)] * len(features), [])
+    assert history_of_things(Carries(len(features)), rests) == ()
 
 
 def test_a_scene_with_rests_tells_of_its_things(tmp_path):
@@ -314,7 +308,7 @@ def test_rests_of_other_carries_tell_nothing(tmp_path):
     arrays = {"feature": np.zeros((1, 128), np.float32)}
     shutil.rmtree(tmp_path / "carries.zarr")
     put(tmp_path, "carries", arrays, made_from=["frames", "poses", "instances", "splats"])
-    assert type(open_scene(tmp_path).histories) is Histories
+    assert open_scene(tmp_path).histories is None
 
 
 def test_a_time_that_is_none_is_an_error():
@@ -325,18 +319,17 @@ def test_a_time_that_is_none_is_an_error():
 
 
 def test_of_two_equal_things_that_change_places_one_is_told():
-    """Carries are named by words alone: at one time, one of them is the history."""
-    made = Carries([CUP.tolist()] * 2, step=0)
-    made.arrays["start"], made.arrays["end"] = np.array([TABLE, DESK]), np.array([DESK, TABLE])
-    assert told(made) == [0.0]
+    """Things are named by words alone: one of them is the history."""
+    carries, rests = of_one_carry_each([CUP.tolist()] * 2, step=0)
+    exchanged = replace(rests, center=np.array([TABLE, DESK, DESK, TABLE]))
+    [one] = history_of_things(carries, exchanged)
+    np.testing.assert_array_equal([one.start, one.end], [TABLE, DESK])
 
 
-@pytest.mark.parametrize("seconds", [np.zeros(100), np.arange(100.0)[::-1]], ids=["one time", "backwards"])
+@pytest.mark.parametrize("seconds", [np.zeros(100), SECONDS[::-1]], ids=["one time", "backwards"])
 def test_times_that_do_not_rise_tell_finite_places(seconds):
     """Readers of recordings refuse such times; a file that was edited may hold them."""
-    made = Histories(Carries([CUP.tolist()] * 3), seconds)
-    words = Texts(("cup", "box"), torch.stack([CUP, BOX]), OBJECT[None])
-    found = made.of(Texts(("cup",), CUP[None], OBJECT[None]), words, 10.0)
+    found = history_of_things(*of_one_carry_each([CUP.tolist()] * 3, seconds=seconds), seconds=seconds)
     assert found
     for second in (-1.0, 0.0, 50.0, 99.0):
         place = place_at(found, second)
@@ -350,41 +343,63 @@ def test_the_start_of_a_thing_with_a_size_of_zero():
 
 
 EDITED = [
-    ({"last_frame": [2, 99]}, "'last_frame' tells of frame 99, and the recording has 5"),
-    ({"first_frame": [5, 1]}, "'first_frame' tells of frame 5"),
-    ({"best_frame": [2, 2**40]}, "'best_frame' tells of frame 1099511627776"),
-    ({"first_frame": [3, 2], "last_frame": [2, 3]}, "1 of 2 carries end before they begin"),
+    ("carries", {"last_frame": [2, 99]}, "'last_frame' tells of frame 99, and the recording has 5"),
+    ("carries", {"first_frame": [5, 1]}, "'first_frame' tells of frame 5"),
+    ("carries", {"best_frame": [2, 2**40]}, "'best_frame' tells of frame 1099511627776"),
+    ("carries", {"first_frame": [3, 2], "last_frame": [2, 3]}, "1 of 2 carries end before they begin"),
+    ("rests", {"until_frame": [1, 99]}, "'until_frame' tells of frame 99, and the recording has 5"),
+    ("rests", {"absent_after": [-1, 5]}, "'absent_after' tells of frame 5"),
+    ("rests", {"from_frame": [2, 2]}, "1 of 2 rests end before they begin"),
 ]
 
 
-@pytest.mark.parametrize(("changes", "said"), EDITED, ids=["after the end", "start", "best", "backwards"])
-def test_carries_outside_of_the_recording_are_damaged(tmp_path, changes, said):
+@pytest.mark.parametrize(("name", "changes", "said"), EDITED)
+def test_spans_outside_of_the_recording_are_damaged(tmp_path, name, changes, said):
     """The message names the file, what is wrong, and the command that makes it anew."""
     folder = tmp_path / "results/adt/scene1"
     folder.mkdir(parents=True)
     put_page_scene(folder)
     edited = {key: np.array(values) for key, values in changes.items()}
-    put_carries(folder, edited)
+    if name == "carries":
+        put_anew(folder, "carries", edited)
+    put_rests(folder)
+    if name == "rests":
+        put_anew(folder, "rests", edited)
     with pytest.raises(UserError) as caught:
         open_scene(folder).ask("cup")
     message = str(caught.value)
-    assert message.startswith(f"{folder / 'carries.zarr'}: {said}")
-    assert f"Rebuild it: rm -r {folder / 'carries.zarr'} && snakemake" in message
+    assert message.startswith(f"{folder / name}.zarr: {said}")
+    assert f"Rebuild it: rm -r {folder / name}.zarr && snakemake" in message
 
 
-def put_carries(folder, arrays, made_from=("splats",)):
-    """Write carries.zarr anew, with features as wide as those of the scene."""
-    carries = open_artifact(folder / "carries.zarr", CARRIES)
-    before = {name: carries.read(name) for name in CARRIES.fields}
-    shutil.rmtree(folder / "carries.zarr")
-    put(folder, "carries", before | arrays, made_from=made_from)
+def test_spans_of_rests_are_checked_before_a_frame_is_asked(tmp_path):
+    put_page_scene(tmp_path)
+    put_rests(tmp_path)
+    put_anew(tmp_path, "rests", {"from_frame": np.array([1, 2**40])})
+    with pytest.raises(UserError, match="'from_frame' tells of frame 1099511627776"):
+        open_scene(tmp_path).ask("cup", frame=0)
+
+
+def put_anew(folder, name, arrays):
+    """Write carries.zarr or rests.zarr anew with other arrays."""
+    path, schema = folder / f"{name}.zarr", SCHEMAS[name]
+    artifact = open_artifact(path, schema)
+    before = {name: artifact.read(name) for name in schema.fields}
+    shutil.rmtree(path)
+    put(folder, name, before | arrays, made_from=["splats", *(["carries"] if name == "rests" else [])])
 
 
 def test_without_a_carry_no_time_tells_a_place(tmp_path, monkeypatch, capfd):
     """Nothing was carried: a time within the recording says so, in the library and in the table."""
     put_page_scene(tmp_path)
     carries = open_artifact(tmp_path / "carries.zarr", CARRIES)
-    put_carries(tmp_path, {name: carries.read(name)[:0] for name in CARRIES.fields})
+    put_anew(tmp_path, "carries", {name: carries.read(name)[:0] for name in CARRIES.fields})
+    put_rests(tmp_path, ())
+    put_anew(
+        tmp_path,
+        "rests",
+        dict.fromkeys(("carries/thing", "carries/from_rest", "carries/to_rest"), np.zeros(0, np.int32)),
+    )
     scene = open_scene(tmp_path)
     [cup] = scene.ask("cup")
     assert scene.histories.every == () and cup.history == () and cup.at(0.1) is None
@@ -394,10 +409,13 @@ def test_without_a_carry_no_time_tells_a_place(tmp_path, monkeypatch, capfd):
     assert "nothing of this was carried, as far as is known" in capfd.readouterr().out
 
 
-def test_carries_with_features_of_another_openclip_tell_nothing(tmp_path):
+def test_things_with_features_of_another_openclip_tell_nothing(tmp_path):
     """Their features compare with no word: a channel more or less was an error of torch."""
     put_page_scene(tmp_path)
-    put_carries(tmp_path, {"feature": np.ones((2, 3), np.float32) / np.sqrt(3, dtype=np.float32)})
+    put_rests(tmp_path)
+    put_anew(
+        tmp_path, "rests", {"things/feature": np.ones((1, 3), np.float32) / np.sqrt(3, dtype=np.float32)}
+    )
     scene = open_scene(tmp_path)
     assert scene.histories is None and scene.ask("cup")[0].history == ()
 

@@ -58,7 +58,21 @@ def rests_of(*spans):
     features = torch.eye(4)[1:2]
     gaussians = balls(*((0.3 + 0.1 * number, 0, 2) for number in numbers))
     things = torch.cat([features, torch.zeros(1, 4)])
-    return Rests(gaussians, numbers, np.zeros(len(spans), np.int64), span[:, 0], span[:, 1], things)
+    count, nothing = len(spans), np.zeros(len(spans), np.int64)
+    return Rests(
+        gaussians,
+        rest=numbers,
+        thing=nothing,
+        from_s=span[:, 0],
+        until_s=span[:, 1],
+        feature=things,
+        absent_s=np.full((2, count), np.nan),
+        center=np.zeros((count, 3)),
+        size=np.ones(count),
+        frame=nothing,
+        box=np.zeros((count, 4), np.int32),
+        links=np.zeros((3, 0), np.int32),
+    )
 
 
 @pytest.mark.parametrize(

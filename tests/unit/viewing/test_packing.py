@@ -163,7 +163,7 @@ def test_rests_follow_what_stays(tmp_path, spans):
     for name in ("code_index", "code_share", "instance", "visible", "seen"):
         np.testing.assert_array_equal(arrays[name], before[1][name])
     assert before[0]["rests"] == [] and before[0]["count"] == before[0]["drawn"] == 700
-    assert [carry.get("thing") for carry in facts["carries"]] == ([0] if spans else [])
+    assert [len(carries) for carries in facts["carried_things"]] == ([1] if spans else [])
 
 
 def test_tracks_have_no_place_in_3d(tmp_path):

@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
-from egosplat.artifacts.consistency import check_frames
+from egosplat.artifacts.consistency import check_spans
 from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
@@ -43,9 +43,9 @@ TICKS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600)
 def run(frames: Artifact, poses: Artifact, splats: Artifact, carries: Artifact) -> tuple[Figure, str]:
     """Draw the ways of the carries from above, their times, and photographs of the longest."""
     times = seconds_of(frames)
-    every = {name: carries.read(name) for name in ("first_frame", "last_frame", "best_frame")}
-    check_frames(carries, len(times), **every)
-    spans = np.stack([times[every["first_frame"]], times[every["last_frame"]]], axis=1)
+    frames_of = {name: carries.read(name) for name in ("first_frame", "last_frame", "best_frame")}
+    check_spans(carries, len(times), frames_of)
+    spans = np.stack([times[frames_of[name]] for name in ("first_frame", "last_frame")], axis=1)
     longest = np.argsort(spans[:, 0] - spans[:, 1], kind="stable")[:PICTURES]
     rows, colors = -(-len(longest) // COLUMNS), DARKER * palette(len(spans))
     heights = [max(CHARTS, BAR * len(spans)), *([rows * (CELL + 0.3) + 0.4] if rows else [])]

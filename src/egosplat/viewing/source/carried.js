@@ -1,37 +1,19 @@
 // What was carried from where to where: egosplat/query/history.py and histories.py.
 
-// The carries of what a query means, in the order of time.
+// The carries of the thing that fits a query best, in the order of time.
 function historyOf(scene, vector) {
-  const { carries, carriedVectors, facts } = scene, { synonym, temperature, together, fits } = facts.query;
+  const { carriedThings, carriedVectors, facts } = scene, { synonym, temperature, fits } = facts.query;
   const meant = scene.wordVectors.map((word) => dot(word, 0, vector));
   // What stays is not carried.
   if (!facts.carried[meant.indexOf(Math.max(...meant))]) return [];
   const others = scene.wordVectors.filter((_, number) => facts.carried[number] && meant[number] < synonym);
-  const found = carries.map((carry, number) => {
-    const feature = carriedVectors[number], own = dot(feature, 0, vector);
-    const named = others.every((word) => dot(feature, 0, word) < own);
-    const usual = Math.max(...scene.canonical.map((phrase) => dot(feature, 0, phrase)));
-    const score = feature.some((value) => value !== 0) ? 1 / (1 + Math.exp(-temperature * (own - usual))) : 0;
-    return { ...carry, score, named };
+  const scores = carriedVectors.map((feature) => {
+    const own = dot(feature, 0, vector), usual = Math.max(...scene.canonical.map((phrase) => dot(feature, 0, phrase)));
+    const named = feature.some((value) => value !== 0) && others.every((word) => dot(feature, 0, word) < own);
+    return named ? 1 / (1 + Math.exp(-temperature * (own - usual))) : 0;
   });
-  const kept = [], fitting = found.filter(({ score, named }) => named && score > fits);
-  // Where carries are of things that rest, a history is of the one that fits best.
-  const { thing } = fitting.reduce((best, one) => (one.score > best.score ? one : best), { score: 0 });
-  const own = (one) => one.thing === thing;
-  for (const one of fitting.filter(own).sort((one, other) => one.from - one.until - (other.from - other.until))) {
-    const same = (other) => Math.min(one.until, other.until) - Math.max(one.from, other.from) >= together * Math.min(one.until - one.from, other.until - other.from);
-    if (!kept.some(same)) kept.push(one);
-  }
-  kept.sort((one, other) => one.from - other.from);
-  const apart = facts.query.apart;
-  // Where two carries do not meet, one of any name that leads from the first to the second.
-  return kept.flatMap((one, place) => {
-    const next = kept[place + 1];
-    if (!next || meet(one, one.end, next.start, apart)) return [one];
-    const between = found.filter((each) => own(each) && one.until <= each.from && each.until <= next.from && each.start && each.end && meet(one, one.end, each.start, apart) && meet(one, each.end, next.start, apart));
-    between.sort((each, other) => length(plus(one.end, each.start, -1)) - length(plus(one.end, other.start, -1)));
-    return [one, ...between.slice(0, 1)];
-  });
+  const best = Math.max(...scores);
+  return best > fits ? carriedThings[scores.indexOf(best)] : [];
 }
 
 const length = (vector) => Math.hypot(...vector);

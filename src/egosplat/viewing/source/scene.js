@@ -21,7 +21,7 @@ function buildScene({ facts, arrays }) {
     channels: arrays.palette.shape[2],
     wordVectors: split(values("word_vectors"), facts.words.length, arrays.word_vectors.shape[1]),
     canonical: split(values("canonical_vectors"), ...arrays.canonical_vectors.shape),
-    carries: facts.carries,
+    carriedThings: facts.carried_things,
     carriedVectors: arrays.carried_vectors ? split(values("carried_vectors"), ...arrays.carried_vectors.shape) : [],
     poses: values("poses"),
     pictures: values("pictures"),
