@@ -3,7 +3,7 @@
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, instances.zarr and
 features.zarr or tiles.zarr, survey.json; of carries, instances.zarr and view_features.zarr. Never annotations.zarr.
-OUTPUTS: splats.zarr, language.zarr, carries.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
+OUTPUTS: splats.zarr, language.zarr, carries.zarr, rests.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
 TOOLS: PyTorch, egosplat's kernels or gsplat.
 """
 
