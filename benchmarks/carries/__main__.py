@@ -3,19 +3,23 @@
     snakemake --cores 2 results/adt/busy{1,2,3,4,5}/variants/refined_masks/{metrics.json,carries.zarr,rests.zarr}
     python -m benchmarks.carries [--true-tracks] results/adt/busy{1,2,3,4,5}/variants/refined_masks
 
-Every thing that people carry is asked for by the name of its category.
+Every thing that people carry is asked for by the name of its category. The second table is of rests.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 import numpy as np
 
+from benchmarks.carries import rests as of_rests
 from benchmarks.carries.true_tracks import true_tracks
 from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests, recording_of
 from benchmarks.common import command, markdown, scene_folders
+from egosplat.artifacts.locating import open_carries, open_rests
+from egosplat.artifacts.reader import Artifact
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
@@ -23,6 +27,7 @@ from egosplat.query.finished_scene import Scene
 from egosplat.query.histories import Histories
 from egosplat.query.history import Carried
 from egosplat.query.opening import open_scene
+from egosplat.query.rests import Rests
 
 # An answer is right within this distance of the thing's box [m].
 NEAR_M = 0.25
@@ -89,18 +94,26 @@ class Figures:
         return Figures(**values)
 
 
-def measure(folder: Path, truly: bool) -> Figures:
-    """Compare the carries and the answers of a scene with its truth; ``truly`` with true tracks in place of SAM2's."""
-    scene = open_scene(folder)
+@contextmanager
+def made(scene: Scene, truly: bool) -> Iterator[tuple[Artifact, Artifact]]:
+    """Open carries.zarr and rests.zarr of a scene; ``truly`` those of true tracks, for as long as the context lasts."""
+    if truly:
+        with true_tracks(scene.folder) as found:
+            yield found
+        return
+    carries = open_carries(scene.folder, scene.artifact("splats"))
+    rests = open_rests(scene.folder, carries)
+    if carries is None or rests is None:
+        raise click.ClickException(f"{scene.folder}: lacks rests.zarr of its Gaussians")
+    yield carries, rests
+
+
+def measure(scene: Scene) -> Figures:
+    """Compare the carries and the answers of a scene with its truth."""
     times = scene.artifact("frames").read("timestamp_ns")
-    recording = recording_of(folder)
+    recording = recording_of(scene.folder)
     rests = read_rests(recording, times)
     carries = read_carries(recording, rests, times)
-    if truly:
-        with true_tracks(folder) as made:
-            scene.__dict__["histories"] = Histories(*made, scene.seconds)
-    if scene.histories is None:
-        raise click.ClickException(f"{folder}: lacks rests.zarr of its Gaussians")
     names = sorted({one.category for one in rests})
     answers = dict(zip(names, scene.ask(*names), strict=True))
     pairs = [(one, match) for one in carries if (match := _match(one, scene.histories.every)) is not None]
@@ -169,20 +182,31 @@ def _without_time(rest: Rest, scene: Scene, answer: Answer, rests: Sequence[Rest
     return any(_distance(thing.center, one) <= NEAR_M for thing in things for one in _there(rest, rests))
 
 
+def _cpu_seconds(folder: Path, stage: str) -> str:
+    """What the rule of a stage took; "-" where nothing tells it."""
+    log_file = Path("logs") / folder.absolute().relative_to(Path("results").absolute()) / f"{stage}.tsv"
+    return log_file.read_text().splitlines()[1].split("\t")[-1] if log_file.exists() else "-"
+
+
 @command(__doc__)
 @scene_folders
 @click.option("--true-tracks", "truly", is_flag=True, help="With true tracks of what moves.")
 def main(folders: tuple[Path, ...], truly: bool) -> None:
-    """Print the table."""
-    rows, figures = [], []
+    """Print the tables."""
+    rows, resting, figures = [], [], []
     for folder in folders:
         log(f"{folder}")
-        figures.append(measure(folder, truly))
-        log_file = Path("logs") / folder.absolute().relative_to(Path("results").absolute()) / "carries.tsv"
-        spent = log_file.read_text().splitlines()[1].split("\t")[-1] if log_file.exists() else "-"
-        rows.append([title_of(folder), *figures[-1].cells(), spent])
-    rows.append(["all", *Figures.total(figures).cells(), ""])
-    click.echo(markdown(COLUMNS, rows))
+        scene = open_scene(folder)
+        with made(scene, truly) as (carries, rests):
+            read = Rests.read(rests, scene.seconds, scene.gaussians.means.device)
+            scene.__dict__["histories"] = Histories(carries, read, scene.seconds)
+            figures.append((measure(scene), of_rests.measure(scene, rests)))
+        for table, part, stage in zip((rows, resting), figures[-1], ("carries", "rests"), strict=True):
+            table.append([title_of(folder), *part.cells(), _cpu_seconds(folder, stage)])
+    told, lying = zip(*figures, strict=True)
+    rows.append(["all", *Figures.total(told).cells(), ""])
+    resting.append(["all", *of_rests.Figures.total(lying).cells(), ""])
+    click.echo("\n\n".join([markdown(COLUMNS, rows), markdown(of_rests.COLUMNS, resting)]))
 
 
 if __name__ == "__main__":

@@ -1,28 +1,17 @@
-"""Rests against the truth of rooms where people carry things.
-
-python -m benchmarks.carries.rests [--true-tracks] results/adt/busy{1,2,3,4,5}/variants/refined_masks
-"""
+"""Rests against the truth of rooms where people carry things."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.carries.true_tracks import true_tracks
 from benchmarks.carries.truth import Rest, read_rests, recording_of, scene_of
-from benchmarks.common import command, markdown, scene_folders
 from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.locating import open_rests
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.evaluation.evaluation_frames import Evaluation, Frame, read_evaluation
 from egosplat.geometry import Array
-from egosplat.pipeline.scene_folder import title_of
-from egosplat.progress import log
 from egosplat.query.finished_scene import Scene
-from egosplat.query.opening import open_scene
 from egosplat.query.rests import Rests, scene_at
 
 # A rest is right if it overlaps a true one by this IoU in time, at this distance of its box at most [m].
@@ -43,6 +32,7 @@ COLUMNS = (
     "at its time",
     "static",
     "static at its time",
+    "CPU-s",
 )
 
 
@@ -79,24 +69,12 @@ def _decibels(errors: Array) -> Array:
     return (-10 * np.log10(np.maximum(errors, 1e-10))).mean(axis=0) if len(errors) else np.full(2, np.nan)
 
 
-def measure(folder: Path, truly: bool) -> Figures:
-    """Compare the rests of a scene with its truth; ``truly`` with true tracks in place of SAM2's."""
-    if truly:
-        with true_tracks(folder) as (_, rests):
-            return compare(folder, rests)
-    made = open_rests(folder, open_scene(folder).artifact("carries"))
-    if made is None:
-        raise click.ClickException(f"{folder}: lacks rests.zarr of its carries")
-    return compare(folder, made)
-
-
-def compare(folder: Path, rests: Artifact) -> Figures:
+def measure(scene: Scene, rests: Artifact) -> Figures:
     """Compare rests of a scene, and the renders of its held-out frames, with its truth."""
-    scene = open_scene(folder)
     frames, splats = scene.artifact("frames"), scene.artifact("splats")
-    annotations = open_artifact(scene_of(folder) / "annotations.zarr", ANNOTATIONS)
+    annotations = open_artifact(scene_of(scene.folder) / "annotations.zarr", ANNOTATIONS)
     evaluation = read_evaluation(frames, scene.artifact("poses"), annotations, splats)
-    true = read_rests(recording_of(folder), frames.read("timestamp_ns"))
+    true = read_rests(recording_of(scene.folder), frames.read("timestamp_ns"))
     ious, near = _overlaps(rests, true, scene.seconds)
     right = (ious >= IOU) & (near <= NEAR_M)
     device = scene.gaussians.means.device
@@ -149,21 +127,3 @@ def _error(
     )
     photograph = evaluation.frames_artifact.row("rgb", frame.index) / 255.0
     return ((shown - photograph) ** 2).mean(axis=-1)
-
-
-@command(__doc__)
-@scene_folders
-@click.option("--true-tracks", "truly", is_flag=True, help="With true tracks of what moves.")
-def main(folders: tuple[Path, ...], truly: bool) -> None:
-    """Print the table."""
-    rows, figures = [], []
-    for folder in folders:
-        log(f"{folder}")
-        figures.append(measure(folder, truly))
-        rows.append([title_of(folder), *figures[-1].cells()])
-    rows.append(["all", *Figures.total(figures).cells()])
-    click.echo(markdown(COLUMNS, rows))
-
-
-if __name__ == "__main__":
-    main()
