@@ -168,11 +168,25 @@ def test_instances_as_a_point_cloud(scene, export, tmp_path):
     status, said = export("--format", "instances", "--output", tmp_path / "x.ply")
     assert status == 0, said
     cloud = trimesh.load(tmp_path / "x.ply")
-    raw = cloud.metadata["_ply_raw"]["vertex"]["data"]
-    owner = raw["instance_whole"].ravel()
-    assert len(cloud.vertices) == 700 and owner.max() > 0
-    for one in np.unique(owner):
-        assert len(np.unique(cloud.colors[owner == one], axis=0)) == 1, "an instance has one color"
+    data = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    raw = {name: data[name].ravel() for name in data.dtype.names}
+    stays, owner = raw["thing"] < 0, raw["instance_whole"]
+    assert stays.sum() == 700 and owner.max() > 0
+    for one in np.unique(owner[stays]):
+        assert len(np.unique(cloud.colors[stays & (owner == one)], axis=0)) == 1, "an instance has one color"
+    spans = np.unique(np.stack([raw["thing"], raw["from_s"], raw["until_s"]], axis=1), axis=0)
+    np.testing.assert_allclose(spans, [[-1, 0, 0.4], [0, 0, 0.1], [0, 0.2, 0.4]], atol=1e-6)
+    assert (owner[~stays] == -1).all() and (~stays).sum() == 8, (
+        "what lies somewhere for a while is no instance"
+    )
+
+
+def test_a_scene_without_rests_has_a_point_cloud_without_times(tmp_path):
+    put_page_scene(tmp_path)
+    open_scene(tmp_path).export(tmp_path / "x.ply", format="instances")
+    cloud = trimesh.load(tmp_path / "x.ply")
+    assert len(cloud.vertices) == 700
+    assert not {"thing", "from_s"} & set(cloud.metadata["_ply_raw"]["vertex"]["data"].dtype.names)
 
 
 def test_nerfstudio_cameras(scene, export, tmp_path):
