@@ -1,6 +1,6 @@
 """PSNR of presets at one picture size: held-out renders and photographs of each, averaged to the smallest preset's pixels.
 
-    python -m benchmarks.tradeoff.one_size ledger/0.2.0-names-COMMIT/results/ledger/apartment* --variants draft
+    python -m benchmarks.tradeoff.one_size ledger/0.2.0-COMMIT/results/ledger/apartment* --variants draft
 
 Presets read pictures of different sizes, and a smaller picture has less detail to miss: their own PSNR is not comparable.
 """
