@@ -24,10 +24,12 @@ from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
+from egosplat.query.grades.evidence import SYNONYM
 from egosplat.query.histories import Histories
 from egosplat.query.history import Carried
 from egosplat.query.opening import open_scene
 from egosplat.query.rests import Rests
+from egosplat.query.vocabulary import CARRIED
 
 # An answer is right within this distance of the thing's box [m].
 NEAR_M = 0.25
@@ -50,6 +52,7 @@ COLUMNS = (
     "end [s]",
     "told",
     "of them right",
+    "told of others",
     "rests",
     "right without time",
     "at their time",
@@ -69,6 +72,7 @@ class Figures:
     errors: tuple[list[float], list[float], list[float], list[float]]
     told: int
     right: int
+    of_others: int
     rests: int
     without_time: int
     at_time: int
@@ -77,8 +81,8 @@ class Figures:
     def cells(self) -> list[object]:
         """Cells of a row."""
         medians = [f"{np.median(one):.1f}" if one else "-" for one in self.errors]
-        counts = self.told, self.right, self.rests, self.without_time, self.at_time, self.wrong
-        return [self.carries, self.seen, self.found, self.named, *medians, *counts]
+        told = self.told, self.right, self.of_others, self.rests, self.without_time, self.at_time, self.wrong
+        return [self.carries, self.seen, self.found, self.named, *medians, *told]
 
     @staticmethod
     def total(parts: Sequence["Figures"]) -> "Figures":
@@ -129,11 +133,20 @@ def measure(scene: Scene) -> Figures:
         right=sum(
             _is_true(one, [each for each in carries if each.before.category == name]) for one, name in told
         ),
+        of_others=_of_others(scene, names),
         rests=len(rests),
         without_time=sum(_without_time(one, scene, answers[one.category], rests) for one in rests),
         at_time=sum(place is True for place in places),
         wrong=sum(place is False for place in places),
     )
+
+
+def _of_others(scene: Scene, names: Sequence[str]) -> int:
+    """The carries that answers to words for other things tell: nothing of these names is carried."""
+    words, carried = scene.encode(CARRIED), scene.encode(names)
+    same = (words.queries @ carried.queries.T >= SYNONYM).any(dim=1)
+    others = [word for word, known in zip(CARRIED, same.tolist(), strict=True) if not known]
+    return sum(len(answer.history) for answer in scene.ask(*others))
 
 
 def _distance(point: np.ndarray, rest: Rest) -> float:

@@ -1,5 +1,6 @@
 """Which rests and carries are of one thing, and what it looks like."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +18,8 @@ from egosplat.rests.finding import Rest
 from egosplat.rests.fitting import improved
 from egosplat.rests.views import PlaceView, Scenery
 
-# Things whose features have this cosine look alike; they are two if rests of both last at once for more than this part of one.
+# Things whose features have this cosine look alike; they are two if rests of both last at once, at places that do not touch, for more
+# than this part of one.
 _ALIKE, _AT_ONCE = 0.85, 0.25
 
 # Outliers among rests and carries of a thing: see ``aggregate``.
@@ -65,7 +67,7 @@ def match(
     rests: Sequence[Rest],
     features: NDArray[np.float32],
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Join things that look alike and rest one after the other: a carry between them was missed.
+    """Join things that look alike and rest one after the other, or at one place: a carry between them was missed, or they are parts.
 
     Args:
         things, of_carries: as ``group`` returns them.
@@ -82,11 +84,11 @@ def match(
         if alike[first, second] < _ALIKE:
             break
         one, other = label[first], label[second]
-        times = [
-            [rest.frames for rest, thing in zip(rests, things, strict=True) if label[thing] == each]
+        of_both = [
+            [rest for rest, thing in zip(rests, things, strict=True) if label[thing] == each]
             for each in (one, other)
         ]
-        if one != other and not _at_once(*times):
+        if one != other and not any(_are_two(*pair) for pair in itertools.product(*of_both)):
             label[label == other] = one
     numbers, label = np.unique(label, return_inverse=True)
     joined = label.astype(np.int32)
@@ -95,13 +97,12 @@ def match(
     )
 
 
-def _at_once(some: Sequence[tuple[int, int]], others: Sequence[tuple[int, int]]) -> bool:
-    """Whether two things are seen in the same frames, more than at one end."""
-    return any(
-        min(last, end) - max(first, begin) > min(last - first, end - begin) * _AT_ONCE
-        for first, last in some
-        for begin, end in others
-    )
+def _are_two(rest: Rest, other: Rest) -> bool:
+    """Whether two rests are of two things: seen in the same frames, more than at one end, at places that do not touch."""
+    (first, last), (begin, end) = rest.frames, other.frames
+    at_once = min(last, end) - max(first, begin) > min(last - first, end - begin) * _AT_ONCE
+    apart = float(np.linalg.norm(rest.center - other.center))
+    return at_once and apart > rest.place.radius + other.place.radius
 
 
 def look_at(rest: Rest, scene: Scenery, clip: OpenClip, turned: bool) -> Look:

@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.rests import finding
 from egosplat.rests.finding import End, link, places_of
-from egosplat.rests.things import features_of, group
+from egosplat.rests.things import features_of, group, match
 from egosplat.rests.views import Place
 
 SECONDS = np.arange(100) / 10
@@ -90,6 +90,35 @@ def test_a_carry_without_a_rest_is_of_no_thing():
     things, of_carries = group(0, np.full((2, 3), -1, np.int32))
     assert things.tolist() == [] and of_carries.tolist() == [-1, -1, -1]
     assert group(0, np.zeros((2, 0), np.int32))[1].tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("second", "one"),
+    [
+        (rest(1.0, 50, 99), True),
+        (rest(0.3, 10, 40), True),
+        (rest(0.5, 10, 40), False),
+        (rest(0.5, 28, 90), True),
+    ],
+    ids=["afterwards", "part of it", "beside it", "at one end"],
+)
+def test_what_looks_alike_is_one_thing_unless_it_rests_at_two_places_at_once(second, one):
+    """The second thing has a carry, the third looks otherwise."""
+    rests = [rest(0.0, 0, 30), second, rest(0.0, 50, 99)]
+    features = np.float32([[1, 0], [0.9, 0.19**0.5], [0, 1]])
+    things, of_carries = match(np.arange(3), np.array([1, -1]), rests, features)
+    assert things.tolist() == ([0, 0, 1] if one else [0, 1, 2])
+    assert of_carries.tolist() == [0 if one else 1, -1]
+
+
+def test_parts_of_a_thing_do_not_join_what_rests_elsewhere_at_once():
+    """The second looks like both others, which are two."""
+    rests = [rest(0.0, 0, 30), rest(0.3, 10, 40), rest(0.6, 0, 30)]
+    features = np.float32([[1, 0], [0.99, 0.14], [0.99, 0.14]])
+    things, _ = match(
+        np.arange(3), np.zeros(0, int), rests, features / np.linalg.norm(features, axis=1)[:, None]
+    )
+    assert things[0] != things[2] and len(set(things.tolist())) == 2
 
 
 def test_a_thing_looks_like_its_rests_and_carries():
