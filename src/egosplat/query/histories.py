@@ -18,8 +18,8 @@ from egosplat.query.rests import Rests
 from egosplat.query.text import Texts
 from egosplat.query.vocabulary import CARRIED
 
-# Relevancy from which a thing may be what a query means: hands and tables around it are like the canonical phrases.
-FITS = 0.35
+# Relevancy from which a thing may be what a query means: it is as like the query as the most alike canonical phrase.
+FITS = 0.5
 
 # Two carries of a thing show one way if they share this part of the shorter one's time.
 _TOGETHER = 0.25
@@ -67,7 +67,7 @@ class Histories:
     def of(self, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
         """Find the carries of the thing that fits a query best, in the order of time.
 
-        No word with another meaning, of what people carry, fits it better, and the query fits it about as well as every canonical
+        No word with another meaning, of what people carry, fits it better, and the query fits it as well as every canonical
         phrase. What stays has no carries.
 
         Args:
