@@ -23,9 +23,9 @@ from egosplat.progress import track
 @contextmanager
 def true_tracks(folder: Path) -> Iterator[tuple[Artifact, Artifact]]:
     """Make carries.zarr and rests.zarr of a finished scene from true tracks, for as long as the context lasts."""
-    names = ("frames", "poses", "splats", "masks")
-    *paths, masks = locate(folder, *names)
-    given = dict(zip(names, paths, strict=False))
+    names = ("frames", "poses", "splats")
+    *paths, masks = locate(folder, *names, "masks")
+    given = dict(zip(names, paths, strict=True))
     config = configuration.resolve({}, PRESETS)
     frames = open_artifact(given["frames"], FRAMES)
     truth = read_truth(recording_of(folder), frames)
