@@ -6,8 +6,7 @@
 Every thing that people carry is asked for by the name of its category. The second table is of rests.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,20 +14,16 @@ import click
 import numpy as np
 
 from benchmarks.carries import rests as of_rests
-from benchmarks.carries.true_tracks import true_tracks
+from benchmarks.carries.true_tracks import with_true_tracks
 from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests, recording_of
 from benchmarks.common import command, markdown, scene_folders
-from egosplat.artifacts.locating import open_carries, open_rests
-from egosplat.artifacts.reader import Artifact
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.evidence import SYNONYM
-from egosplat.query.histories import Histories
 from egosplat.query.history import Carried
 from egosplat.query.opening import open_scene
-from egosplat.query.rests import Rests
 from egosplat.query.vocabulary import CARRIED
 
 # An answer is right within this distance of the thing's box [m].
@@ -96,20 +91,6 @@ class Figures:
                 else sum(columns)
             )
         return Figures(**values)
-
-
-@contextmanager
-def made(scene: Scene, truly: bool) -> Iterator[tuple[Artifact, Artifact]]:
-    """Open carries.zarr and rests.zarr of a scene; ``truly`` those of true tracks, for as long as the context lasts."""
-    if truly:
-        with true_tracks(scene.folder) as found:
-            yield found
-        return
-    carries = open_carries(scene.folder, scene.artifact("splats"))
-    rests = open_rests(scene.folder, carries)
-    if carries is None or rests is None:
-        raise click.ClickException(f"{scene.folder}: lacks rests.zarr of its Gaussians")
-    yield carries, rests
 
 
 def measure(scene: Scene) -> Figures:
@@ -210,10 +191,11 @@ def main(folders: tuple[Path, ...], truly: bool) -> None:
     for folder in folders:
         log(f"{folder}")
         scene = open_scene(folder)
-        with made(scene, truly) as (carries, rests):
-            read = Rests.read(rests, scene.seconds, scene.gaussians.means.device)
-            scene.__dict__["histories"] = Histories(carries, read, scene.seconds)
-            figures.append((measure(scene), of_rests.measure(scene, rests)))
+        histories, rests = with_true_tracks(scene) if truly else (scene.histories, scene.rests)
+        if histories is None or rests is None:
+            raise click.ClickException(f"{folder}: lacks rests.zarr of its Gaussians")
+        scene.__dict__["histories"] = histories
+        figures.append((measure(scene), of_rests.measure(scene, rests)))
         for table, part, stage in zip((rows, resting), figures[-1], ("carries", "rests"), strict=True):
             table.append([title_of(folder), *part.cells(), _cpu_seconds(folder, stage)])
     told, lying = zip(*figures, strict=True)

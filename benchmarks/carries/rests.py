@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from benchmarks.carries.truth import Rest, read_rests, recording_of, scene_of
 from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.evaluation.evaluation_frames import Evaluation, Frame, read_evaluation
 from egosplat.geometry import Array
 from egosplat.query.finished_scene import Scene
@@ -69,16 +69,15 @@ def _decibels(errors: Array) -> Array:
     return (-10 * np.log10(np.maximum(errors, 1e-10))).mean(axis=0) if len(errors) else np.full(2, np.nan)
 
 
-def measure(scene: Scene, rests: Artifact) -> Figures:
+def measure(scene: Scene, rests: Rests) -> Figures:
     """Compare rests of a scene, and the renders of its held-out frames, with its truth."""
     frames, splats = scene.artifact("frames"), scene.artifact("splats")
     annotations = open_artifact(scene_of(scene.folder) / "annotations.zarr", ANNOTATIONS)
     evaluation = read_evaluation(frames, scene.artifact("poses"), annotations, splats)
     true = read_rests(recording_of(scene.folder), frames.read("timestamp_ns"))
-    ious, near = _overlaps(rests, true, scene.seconds)
+    ious, near = _overlaps(rests, true)
     right = (ious >= IOU) & (near <= NEAR_M)
-    device = scene.gaussians.means.device
-    errors = [*_errors(scene, evaluation, Rests.read(rests, scene.seconds, device), true)]
+    errors = [*_errors(scene, evaluation, rests, true)]
     return Figures(
         true=len(true),
         found=int(right.any(axis=0).sum()),
@@ -90,11 +89,11 @@ def measure(scene: Scene, rests: Artifact) -> Figures:
     )
 
 
-def _overlaps(rests: Artifact, true: Sequence[Rest], seconds: Array) -> tuple[Array, Array]:
+def _overlaps(rests: Rests, true: Sequence[Rest]) -> tuple[Array, Array]:
     """(R, T) IoU in time and distance [m] of rests and true ones."""
-    spans = zip(seconds[rests.read("from_frame")], seconds[rests.read("until_frame")], strict=True)
+    spans = zip(rests.from_s, rests.until_s, strict=True)
     ious = [[one.iou(first, last) for one in true] for first, last in spans]
-    near = [one.distances(rests.read("center")) for one in true]
+    near = [one.distances(rests.center) for one in true]
     return np.array(ious).reshape(-1, len(true)), np.array(near).T.reshape(-1, len(true))
 
 

@@ -1,7 +1,6 @@
 """The carries and rests that the stages find with true tracks of what moves, in place of SAM2's."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,32 +13,35 @@ from benchmarks.true_instances.__main__ import PRESETS, run, write_instances
 from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.locating import locate
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.rests import RESTS
 from egosplat.pipeline import config as configuration
 from egosplat.progress import track
+from egosplat.query.finished_scene import Scene
+from egosplat.query.histories import Histories
+from egosplat.query.rests import Rests
 
 
-@contextmanager
-def true_tracks(folder: Path) -> Iterator[tuple[Artifact, Artifact]]:
-    """Make carries.zarr and rests.zarr of a finished scene from true tracks, for as long as the context lasts."""
+def with_true_tracks(scene: Scene) -> tuple[Histories, Rests]:
+    """What a finished scene would tell from true tracks."""
     names = ("frames", "poses", "splats")
-    *paths, masks = locate(folder, *names, "masks")
+    *paths, masks = locate(scene.folder, *names, "masks")
     given = dict(zip(names, paths, strict=True))
     config = configuration.resolve({}, PRESETS)
     frames = open_artifact(given["frames"], FRAMES)
-    truth = read_truth(recording_of(folder), frames)
+    truth = read_truth(recording_of(scene.folder), frames)
     labels = _moving_labels(truth, frames.read("valid"), config["segments"]["min_area"])
     with TemporaryDirectory() as name:
         own = {one: Path(name) / f"{one}.zarr" for one in ("instances", "view_features")}
-        counted = track(labels, "writing true tracks", total=frames.shape("rgb")[0])
+        counted = track(labels, "writing true tracks", total=len(scene.seconds))
         write_instances(own["instances"], frames, counted, truth.moves)
         shown = {"frames": given["frames"], "instances": own["instances"]}
         run("view_features", config, **shown, output=own["view_features"])
         carries, rests = Path(name) / "carries.zarr", Path(name) / "rests.zarr"
         run("carries", config, **given, **own, output=carries)
         run("rests", config, **given, **own, masks=masks, carries=carries, output=rests)
-        yield open_artifact(carries, CARRIES), open_artifact(rests, RESTS)
+        read = Rests.read(open_artifact(rests, RESTS), scene.seconds, scene.gaussians.means.device)
+        return Histories(open_artifact(carries, CARRIES), read, scene.seconds), read
 
 
 def _moving_labels(truth: Truth, valid: NDArray[np.bool_], min_area: float) -> Iterator[NDArray[np.int32]]:

@@ -13,7 +13,7 @@ from egosplat.pipeline.stages import STAGES
 FORMATS = {
     "ply": ("splats",),
     "spz": ("splats",),
-    "instances": ("splats", "instances", "frames"),
+    "instances": ("splats", "instances"),
     "carries": ASKED,
     "nerfstudio": ("frames", "poses", "splats"),
     "colmap": ("frames", "poses", "splats"),

@@ -32,8 +32,7 @@ def export_instances(scene: Path, output: Path) -> None:
     Raises:
         UserError: an artifact is missing or damaged, or the instances are tracks.
     """
-    names, schemas = ("splats", "instances", "frames"), (SPLATS, INSTANCES, FRAMES)
-    splats, instances, frames = map(open_artifact, locate(scene, *names), schemas)
+    splats, instances = map(open_artifact, locate(scene, "splats", "instances"), (SPLATS, INSTANCES))
     gaussians = read_gaussians(splats)
     on_surface = gaussians.opacities >= LEAST_OPACITY
     xyz = gaussians.select(on_surface).means.numpy()
@@ -50,8 +49,9 @@ def export_instances(scene: Path, output: Path) -> None:
     columns |= {f"instance_{level}": owner[index] for index, level in enumerate(levels)}
     told = f"{len(np.unique(coarsest[coarsest >= 0]))} instances of level {levels[-1]}"
     if (made := open_rests(scene, open_carries(scene, splats))) is not None:
-        rests = Rests.read(made, seconds_of(frames), gaussians.means.device)
-        columns = _with_rests(columns, rests, float(seconds_of(frames)[-1]))
+        seconds = seconds_of(open_artifact(*locate(scene, "frames"), FRAMES))
+        rests = Rests.read(made, seconds, gaussians.means.device)
+        columns = _with_rests(columns, rests, float(seconds[-1]))
         told += f", {len(rests.thing)} rests"
     write_ply(output, columns, splats.origin)
     log(f"{output}: {len(columns['x'])} points, {told}")
