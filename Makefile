@@ -88,7 +88,8 @@ lint: develop
 	$(BIN)/ruff format --check setup.py src tests benchmarks training
 	$(BIN)/snakefmt --check workflow
 	$(BIN)/snakemake --lint --config container=image.sif
-	$(BIN)/python -m tests.support.lines
+	$(BIN)/python -m tests.support.rooms
+	$(BIN)/python -m tests.support.types
 
 # The lock files anew, from the ranges in pyproject.toml: all that tests need, and of that what running needs.
 LOCK := $(BIN)/pip-compile --quiet --allow-unsafe --strip-extras --no-header --no-annotate \
