@@ -1,5 +1,6 @@
 # make demo     set up, then run the main job on the first scene
 # make test     set up, then run the tests
+# make test-slow  run the tests that take ten seconds or more each
 # make numerics run the tests of numbers at their extremes, and write docs/numerics.md
 # make install  set up for running alone, into .venv
 # make develop  set up for tests too
@@ -32,7 +33,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile
 # pip compiles 20,000 modules on one core. Packages hold a few that no Python compiles, and a third that nothing here imports.
 COMPILE_ALL := $(BIN)/python -m compileall -qq -j $(CORES) -x '/(tests|sympy|mpmath|_dynamo|_inductor)/' .venv/lib || true
 
-.PHONY: install develop demo test numerics lint lock
+.PHONY: install develop demo test test-slow numerics lint lock
 
 install: $(COMPILED)
 
@@ -75,10 +76,14 @@ demo: install
 # One process more than cores, because some tests wait for SLURM or a browser. One thread each. The longest files come first.
 # Compiled once, or each of the many processes compiles what it imports where PYTHONDONTWRITEBYTECODE is set. Rewriting asserts takes
 # each process 5.6 CPU-seconds of its 15.6 until its first test: what fails runs once more to tell values.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
+IN_PARALLEL := --numprocesses $$(( $(CORES) + 1 )) --dist loadfile --no-loadscope-reorder --assert plain
 test: develop
 	$(BIN)/python -m compileall -q -j $(CORES) src benchmarks training || true
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $$(( $(CORES) + 1 )) --dist loadfile --no-loadscope-reorder --assert plain \
-	    || { test $$? -eq 1 && OMP_NUM_THREADS=1 $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; exit 1; }
+	$(PYTEST) -m "not slow" $(IN_PARALLEL) || { test $$? -eq 1 && $(PYTEST) --last-failed --last-failed-no-failures none; exit 1; }
+
+test-slow: develop
+	$(PYTEST) -m slow $(IN_PARALLEL)
 
 numerics: develop
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/numerics --numerics-table docs/numerics.md
