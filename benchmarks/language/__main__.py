@@ -32,8 +32,8 @@ from egosplat.codes.rendering import render_codes
 from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import open_masking
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.training_views import open_masking
 from egosplat.language.lifting import lift
 from egosplat.language.loop import train
 from egosplat.language.options import LanguageOptions

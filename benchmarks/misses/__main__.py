@@ -35,7 +35,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import Mask, read_map
 from egosplat.evaluation.scored_scenes import read_scored_scene
-from egosplat.gaussians.pixel_weights import open_masking
+from egosplat.gaussians.training_views import open_masking
 from egosplat.language.dominant import mean_of_dominant, target_votes
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.scene_folder import title_of

@@ -8,13 +8,12 @@ import torch
 from benchmarks.rasterizer.scenes import NEAR_PLANE, SCENES, Scene, channels, make_scene
 from benchmarks.rasterizer.timing import Sample, sample
 from egosplat.gaussians import trainer as train
+from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.objective import L1Ssim
 from egosplat.gaussians.optimizer import Adam, LearningRates
-from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.render import RenderSettings, render
-from egosplat.gaussians.schedule import Schedule
-from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.schedule import Schedule, TrainingOptions
+from egosplat.gaussians.trainer import TrainingState
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 

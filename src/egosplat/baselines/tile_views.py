@@ -12,7 +12,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.tiles import scale_name
 from egosplat.baselines.tiles import Scale, at_pixels
 from egosplat.errors import UserError
-from egosplat.gaussians.stored_rows import StoredRows, stored_rows
+from egosplat.gaussians.training_views import StoredRows, stored_rows
 
 
 def open_tile_views(learnt_from: Sequence[Artifact], frames: Artifact, device: torch.device) -> "TileViews":

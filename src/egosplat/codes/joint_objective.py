@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from egosplat.codes.targets import CodeTargets, Targets
-from egosplat.gaussians.objective import L1Ssim, Objective
+from egosplat.gaussians.loss import L1Ssim, Objective
 from egosplat.gaussians.training_views import Views
 
 
@@ -37,7 +37,7 @@ class JointLanguage(Objective):
         self._feature_weight, self._targets = feature_weight, targets
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """See ``egosplat.gaussians.objective.Objective``."""
+        """See ``egosplat.gaussians.loss.Objective``."""
         targets = self._targets.of(int(views.frame[index]))
         # Channels 0 to 2 are colors; the codes of all levels follow.
         codes = image[..., 3:].permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])

@@ -1,11 +1,13 @@
 """Corrections of each training view, optimized together with the Gaussians: its pose and its exposure.
 
-docs/method.md#corrections has the formulas.
+docs/method.md#corrections has the formulas. A pose's correction is a translation of the camera's center and a rotation vector about
+it, both along the axes of the world, so neither depends on where the world's origin lies.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -14,23 +16,24 @@ from torch import Tensor
 
 from egosplat.gaussians.exposure import simulate_photograph
 from egosplat.gaussians.initialization import in_picture
-from egosplat.gaussians.rigid import corrected
+from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import invert, transform
+from egosplat.pipeline.shared_options import CameraOptions
+from egosplat.pipeline.survey_file import read_survey
 
 # Columns of a correction: translation [m], rotation vector [rad], natural logarithm of the gain of R, G and B.
 POSE, LOG_GAIN, COLUMNS = slice(0, 6), slice(6, 9), 9
 
 # How far a correction can move in one training, all steps added up: an angle [rad], the same as a translation in
 # depths of the scene, so that both move the picture equally far; and a log gain.
-REACH_RAD = 0.1
-REACH_LOG_GAIN = 0.5
+REACH_RAD, REACH_LOG_GAIN = 0.1, 0.5
 
 # How far the compression of highlights can move. All views share it, and most of their steps cancel.
 _REACH_COMPRESSION = 4.0
 
 # The learning rate falls to this fraction, as that of the Gaussians' centers.
-_LAST_RATE = 0.01
+LAST_RATE = 0.01
 
 # Fewer visits than this do not raise the learning rate any more.
 _LEAST_VISITS = 20
@@ -40,18 +43,31 @@ _BETA1, _BETA2, _EPS = 0.9, 0.99, 1e-15
 # Views that measure the depth of the scene.
 _DEPTH_VIEWS = 20
 
+# Below this squared angle [rad²], Taylor series replace quotients of 0 by 0. Their error is below 1e-17.
+_SMALL = 1e-8
 
-@dataclass(frozen=True)
-class CorrectionOptions:
-    """Which corrections are optimized."""
+Options = TypeVar("Options", bound=CameraOptions)
 
-    refine_poses: bool = False
-    compensate_exposure: bool = False
 
-    @property
-    def active(self) -> bool:
-        """Whether any is."""
-        return self.refine_poses or self.compensate_exposure
+def resolve_camera(options: Options, survey_path: Path | None) -> Options:
+    """Replace ``auto`` by the decision of the survey, or by ``off`` without one. The workflow gives no ``auto``.
+
+    Raises:
+        UserError: the survey cannot be read.
+    """
+    keys = [key for key in CameraOptions.model_fields if getattr(options, key) == "auto"]
+    decisions = read_survey(survey_path)["camera"] if keys and survey_path is not None else {}
+    return options.change(**{name: "on" if decisions.get(name) else "off" for name in keys})
+
+
+def make_corrections(
+    options: CameraOptions, start: Gaussians, views: Views, near_plane: float, iterations: int
+) -> "Corrections | None":
+    """The corrections of a training from ``start``, of options after ``resolve_camera``; None if nothing is corrected."""
+    if "on" not in (options.refine_poses, options.compensate_exposure):
+        return None
+    depth = scene_depth(start.means.double().cpu().numpy(), views, near_plane)
+    return Corrections(options, views, depth, iterations)
 
 
 class Corrections:
@@ -61,19 +77,17 @@ class Corrections:
     turn, and the geometric mean of the gains is 1, so that the Gaussians keep the recording's mean exposure.
 
     Attributes:
-        options: what is optimized; the other columns stay 0.
+        options: what is ``on`` is optimized; the other columns stay 0.
         values: (V, 9) float64 on the CPU, see ``POSE`` and ``LOG_GAIN``.
         compression: (1,) float64 of the camera's tone curve, 0 or more, see ``exposed``; one for all views.
         steps: (V,) int64 number of steps of each view.
         depth: median depth of the scene [m], the unit of translations.
     """
 
-    def __init__(self, options: CorrectionOptions, views: Views, depth: float, iterations: int) -> None:
+    def __init__(self, options: CameraOptions, views: Views, depth: float, iterations: int) -> None:
         """Start without any correction; ``iterations`` is the length of the training."""
-        self.options = options
-        self.depth = depth
-        self._camera_to_world = torch.from_numpy(views.camera_to_world)
-        self._frame = views.frame
+        self.options, self.depth = options, depth
+        self._camera_to_world, self._frame = torch.from_numpy(views.camera_to_world), views.frame
         self._iterations = iterations
         self._rates = learning_rates(options, depth, iterations / max(len(views), 1))
         self.values = torch.zeros(len(views), COLUMNS, dtype=torch.float64)
@@ -87,13 +101,13 @@ class Corrections:
     def camera_to_world(self, index: int) -> Tensor | NDArray[np.float64]:
         """Pose of a view for ``render``, (4, 4) float64; a tensor with a gradient if poses are refined."""
         self._leaf = torch.cat([self.values[index], self.compression]).requires_grad_()
-        if not self.options.refine_poses:
+        if self.options.refine_poses != "on":
             return self._camera_to_world[index].numpy()
         return corrected(self._camera_to_world[index], self._leaf[POSE])
 
     def exposed(self, image: Tensor, picture: Tensor) -> Tensor:
         """Expose an (H, W, 3 + F) render of the view of the last ``camera_to_world`` as its (H, W, 3) photograph is."""
-        if not self.options.compensate_exposure:
+        if self.options.compensate_exposure != "on":
             return image
         # Copied to a GPU together: each copy waits for it on the way back.
         tone = self._leaf[LOG_GAIN.start :].to(image)
@@ -109,18 +123,16 @@ class Corrections:
         if gradient is None or not bool(gradient.isfinite().all()):
             return
         self.steps[index] += 1
-        decay = _LAST_RATE ** (iteration / self._iterations)
+        decay = LAST_RATE ** (iteration / self._iterations)
         moments, own = self._moments[:, index], gradient[:COLUMNS]
         adam(self.values[index], moments, own, self._rates * decay, int(self.steps[index]))
-        if self.options.compensate_exposure:
-            self._step_compression(gradient[COLUMNS:], decay)
+        if self.options.compensate_exposure == "on":
+            rate = torch.tensor([_first_rate(_REACH_COMPRESSION, self._iterations) * decay])
+            shared = self.compression, self._compression_moments
+            adam(*shared, gradient[COLUMNS:], rate, int(self.steps.sum()))
+            self.compression.clamp_(min=0.0)
         trained = self.steps > 0
         self.values[trained] -= self.values[trained].mean(dim=0)
-
-    def _step_compression(self, gradient: Tensor, decay: float) -> None:
-        rate = torch.tensor([_first_rate(_REACH_COMPRESSION, self._iterations) * decay])
-        adam(self.compression, self._compression_moments, gradient, rate, int(self.steps.sum()))
-        self.compression.clamp_(min=0.0)
 
     @property
     def trained_frames(self) -> NDArray[np.int64]:
@@ -142,7 +154,7 @@ class Corrections:
         own = self.values[self.steps > 0].numpy()
         return torch.from_numpy(interpolated(self.trained_frames, own, frames))
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Tensor]:
         """Return the state for ``load_state_dict``."""
         return {
             "values": self.values,
@@ -159,17 +171,17 @@ class Corrections:
         )
 
 
-def learning_rates(options: CorrectionOptions, depth: float, visits: float) -> Tensor:
+def learning_rates(options: CameraOptions, depth: float, visits: float) -> Tensor:
     """(9,) learning rates of the first step: they add up to the reach over the ``visits`` of a view; 0 if not optimized."""
     reach = [REACH_RAD * depth] * 3 + [REACH_RAD] * 3 + [REACH_LOG_GAIN] * 3
-    used = [options.refine_poses] * 6 + [options.compensate_exposure] * 3
+    used = [options.refine_poses == "on"] * 6 + [options.compensate_exposure == "on"] * 3
     return torch.tensor(reach) * torch.tensor(used) * _first_rate(1.0, max(visits, _LEAST_VISITS))
 
 
 def _first_rate(reach: float, steps: float) -> float:
     """First of ``steps`` learning rates that fall to the last rate and add up to ``reach``."""
     # Mean of a geometric sequence from 1 to the last rate.
-    mean = (1.0 - _LAST_RATE) / -math.log(_LAST_RATE)
+    mean = (1.0 - LAST_RATE) / -math.log(LAST_RATE)
     return reach / (steps * mean)
 
 
@@ -221,6 +233,36 @@ def applied(views: Views, values: Tensor, compression: Tensor | None = None) -> 
 def corrected_poses(camera_to_world: NDArray[np.float64], values: Tensor) -> NDArray[np.float64]:
     """Poses (V, 4, 4) float64 after corrections (V, 9); NaN stays."""
     return corrected(torch.from_numpy(camera_to_world), values[:, POSE]).numpy()
+
+
+def corrected(camera_to_world: Tensor, correction: Tensor) -> Tensor:
+    """Apply (..., 6) float64 translations [m] and rotation vectors [rad] to (..., 4, 4) poses; zeros keep every bit."""
+    rotation = rotation_of(correction[..., 3:]) @ camera_to_world[..., :3, :3]
+    center = camera_to_world[..., :3, 3] + correction[..., :3]
+    above = torch.cat([rotation, center[..., None]], dim=-1)
+    return torch.cat([above, camera_to_world[..., 3:, :]], dim=-2)
+
+
+def rotation_of(vector: Tensor) -> Tensor:
+    """(..., 3, 3) rotation of (..., 3) vectors [rad], by the formula of Rodrigues; differentiable at 0, too."""
+    squared = (vector * vector).sum(-1)[..., None, None]
+    small = squared < _SMALL
+    # The root has no gradient at 0, and ``where`` alone would pass on its NaN.
+    angle = torch.where(small, 1.0, squared).sqrt()
+    first = torch.where(small, 1.0 - squared / 6.0, angle.sin() / angle)
+    # 1 - cos(a) = 2 sin(a / 2)^2, which keeps its digits for small angles.
+    second = torch.where(small, 0.5 - squared / 24.0, 2.0 * ((angle / 2.0).sin() / angle).square())
+    x, y, z = vector.unbind(-1)
+    zero = torch.zeros_like(x)
+    rows = [torch.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    cross = torch.stack(rows, -2)
+    return torch.eye(3, dtype=vector.dtype) + first * cross + second * (cross @ cross)
+
+
+def angle_of(vector: Tensor) -> Tensor:
+    """The angle [rad], 0 to pi, of (..., 3) rotation vectors of any length."""
+    length = torch.linalg.vector_norm(vector, dim=-1)
+    return (length.remainder(2.0 * torch.pi) - torch.pi).abs().neg() + torch.pi
 
 
 def scene_depth(points: NDArray[np.float64], views: Views, near_plane: float) -> float:

@@ -6,12 +6,19 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from egosplat.gaussians.corrections import LOG_GAIN, POSE, Corrections, adam, learning_rates
+from egosplat.gaussians.corrections import (
+    LAST_RATE,
+    LOG_GAIN,
+    POSE,
+    Corrections,
+    adam,
+    corrected,
+    learning_rates,
+)
 from egosplat.gaussians.exposure import SATURATED, simulate_photograph
 from egosplat.gaussians.loss import l1_ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
-from egosplat.gaussians.rigid import corrected
 from egosplat.gaussians.training_views import Views
 
 # Steps of each photograph. Each renders it once, forwards and backwards.
@@ -20,7 +27,6 @@ STEPS = 40
 # All steps add up to this part of the reach of training: with longer steps, 40 do not settle.
 _REACH = 0.4
 
-_LAST_RATE = 0.01
 _SSIM_LAMBDA = 0.2
 
 # Largest logarithm of a gain that the first guess may have.
@@ -47,14 +53,14 @@ def fit(
     """
     rates = _REACH * learning_rates(corrections.options, corrections.depth, STEPS)
     views = replace(views, compression=corrections.compression)
-    found = torch.zeros_like(guess)
+    fitted = torch.zeros_like(guess)
     for index in range(len(views)):
         photograph = _Photograph(gaussians.detach(), views, index, settings, sh_degree)
         starts = [torch.zeros_like(guess[index]), guess[index]]
-        if corrections.options.compensate_exposure:
+        if corrections.options.compensate_exposure == "on":
             starts += [photograph.with_best_gain(start) for start in starts]
-        found[index] = _lowest(photograph, starts, rates)
-    return found
+        fitted[index] = _lowest(photograph, starts, rates)
+    return fitted
 
 
 @dataclass(frozen=True)
@@ -70,15 +76,9 @@ class _Photograph:
     def render(self, values: Tensor) -> Tensor:
         """Render (H, W, 3) with the pose of a correction (9,), without its gain."""
         pose = corrected(torch.from_numpy(self.views.camera_to_world[self.index]), values[POSE])
-        background = self.settings.still_background
-        image, _, _ = render(
-            self.gaussians,
-            self.views.camera,
-            pose,
-            self.settings,
-            sh_degree=self.sh_degree,
-            background=background,
-        )
+        background, degree = self.settings.still_background, self.sh_degree
+        camera, settings = self.views.camera, self.settings
+        image, _, _ = render(self.gaussians, camera, pose, settings, sh_degree=degree, background=background)
         return image[..., :3]
 
     def loss(self, values: Tensor) -> Tensor:
@@ -109,10 +109,10 @@ def _lowest(photograph: _Photograph, starts: list[Tensor], rates: Tensor) -> Ten
         leaf = values.clone().requires_grad_()
         loss = photograph.loss(leaf)
         loss.backward()
-        if not bool(leaf.grad.isfinite().all()):
+        if leaf.grad is None or not bool(leaf.grad.isfinite().all()):
             break
         if float(loss.detach()) < least:
             best, least = values.clone(), float(loss.detach())
         with torch.no_grad():
-            adam(values, moments, leaf.grad, rates * _LAST_RATE ** (step / STEPS), step + 1)
+            adam(values, moments, leaf.grad, rates * LAST_RATE ** (step / STEPS), step + 1)
     return best

@@ -9,7 +9,7 @@ from egosplat.artifacts.writer import Writer
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.gaussians.training_state import Curves
+from egosplat.gaussians.trainer import Curves
 
 STORED = ("means", "quats", "log_scales", "logit_opacities", "sh", "features")
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.rigid import inverted
 from egosplat.geometry import Camera, invert
 from egosplat.rasterize.api import rasterization
 from egosplat.rasterize.contract import check_cameras, shows_colors
@@ -126,9 +125,12 @@ def render(
 
 
 def _world_to_camera(camera_to_world: NDArray[np.float64] | Tensor) -> Tensor:
-    if isinstance(camera_to_world, Tensor):
-        return inverted(camera_to_world)
-    return torch.from_numpy(invert(camera_to_world))
+    """Inverse of a (4, 4) rigid motion in float64; differentiable by a tensor."""
+    if not isinstance(camera_to_world, Tensor):
+        return torch.from_numpy(invert(camera_to_world))
+    rotation = camera_to_world[:3, :3].T
+    above = torch.cat([rotation, -(rotation @ camera_to_world[:3, 3:])], dim=1)
+    return torch.cat([above, camera_to_world[3:]])
 
 
 def _backgrounds(background: Tensor | None, gaussians: Gaussians) -> Tensor | None:

@@ -1,7 +1,9 @@
-"""The training schedule: learning rate of the means, SH degree, density control."""
+"""The training schedule: learning rate of the means, SH degree, density control; and the options of a training."""
 
 import math
 from dataclasses import dataclass, replace
+
+from egosplat.gaussians.render import RenderSettings
 
 # A shorter run does not shorten these intervals, except to at most this part of the run (1/5, 1/20, 1/7):
 # gradients and opacities need the same number of iterations in any run.
@@ -102,11 +104,10 @@ def scaled(schedule: Schedule, iterations: int) -> Schedule:
     Raises:
         ValueError: ``iterations`` is less than 1.
     """
-    if iterations < 1:
-        raise ValueError(f"a run of {iterations} iterations")
     # Shorter intervals would do harm: a gradient averaged over 25 views instead of 100 multiplies Gaussians before
     # they have moved, and opacities need their 3,000 iterations to recover from a reset. A run of fewer than
     # 12,000 iterations therefore has no reset.
+    _check_length(iterations)
     longer = max(iterations, schedule.iterations)
 
     def part(milestone: int) -> int:
@@ -128,17 +129,63 @@ def scaled(schedule: Schedule, iterations: int) -> Schedule:
     )
 
 
+def _check_length(iterations: int) -> None:
+    if iterations < 1:
+        raise ValueError(f"a run of {iterations} iterations")
+
+
 def cut(schedule: Schedule, iterations: int) -> Schedule:
     """Truncate a schedule after ``iterations``; milestones and learning rates stay.
 
     Raises:
         ValueError: ``iterations`` is less than 1.
     """
-    if iterations < 1:
-        raise ValueError(f"a run of {iterations} iterations")
+    _check_length(iterations)
     return replace(
         schedule,
         iterations=iterations,
         densify_from=min(schedule.densify_from, iterations),
         densify_until=min(schedule.densify_until, iterations),
     )
+
+
+# 3DGS's learning rate and densification threshold.
+POSITION_LR = 1.6e-4
+GROW_GRAD2D = 2e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions:
+    """Options of one training run.
+
+    Attributes:
+        max_gaussians: largest number of Gaussians.
+        grow_grad2d: image position gradient above which a Gaussian grows.
+        reset_opacity: largest opacity after a reset.
+        reset_at_start: also reset opacities when density control begins.
+        prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
+        cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
+        evaluate_every: iterations between two evaluations.
+        position_lr: initial learning rate of the means, per unit of scene extent; it decays to 1/100.
+    """
+
+    render: RenderSettings
+    iterations: int
+    max_gaussians: int
+    grow_grad2d: float
+    evaluate_every: int
+    seed: int
+    reset_opacity: float = 0.05
+    reset_at_start: bool = False
+    prune_screen_px: float | None = None
+    cuts_schedule: bool = False
+    position_lr: float = POSITION_LR
+
+    @property
+    def schedule(self) -> Schedule:
+        """Return the schedule for ``iterations``."""
+        stock = replace(STOCK, reset_at_start=self.reset_at_start)
+        # 3DGS's ratio: 1.6e-4 to 1.6e-6.
+        rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
+        fitted = cut if self.cuts_schedule else scaled
+        return replace(fitted(stock, self.iterations), **rates)

@@ -1,18 +1,63 @@
-"""Photographs with poses, for training and evaluation, and the role of each frame."""
+"""Photographs with poses, for training and evaluation: the role of each frame, and which pixels are masked."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import shown_pixels
-from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.masks import MASKS
+from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.transient import TRANSIENT
 from egosplat.errors import UserError
-from egosplat.gaussians.stored_rows import StoredRows, stored_rows
 from egosplat.geometry import Camera
 from egosplat.images import resize_mask, shrink_image, shrunk_size
+
+# Memory for the rows of one array [bytes]: 1,900 pictures of 512 x 512 pixels, or 270 of 1408 x 1408.
+IN_MEMORY = 1_610_612_736
+
+
+class StoredRows:
+    """(V, ...) array of which the first rows are in memory and the others are read at each access.
+
+    Attributes:
+        shape: as of a tensor.
+    """
+
+    def __init__(self, held: Tensor, shape: tuple[int, ...], read: Callable[[int], NDArray]) -> None:
+        """Take the ``held`` first rows, the shape of all, and a function that reads a row by its position."""
+        self.shape = shape
+        self._held, self._read = held, read
+
+    def __getitem__(self, position: int) -> Tensor:
+        """One row on the CPU."""
+        if position < len(self._held):
+            return self._held[position]
+        return torch.from_numpy(np.array(self._read(position)))
+
+
+def stored_rows(
+    count: int, shape: tuple[int, ...], dtype: str, read: Callable[[int], NDArray]
+) -> Tensor | StoredRows:
+    """Return a (count, *shape) CPU tensor, or ``StoredRows`` if it would take more than ``IN_MEMORY`` bytes.
+
+    Args:
+        read: returns the row at a position, with this shape and dtype; it is kept if not all rows fit.
+    """
+    row_bytes = np.dtype(dtype).itemsize * int(np.prod(shape))
+    kept = min(count, IN_MEMORY // max(row_bytes, 1))
+    rows = np.empty((kept, *shape), dtype)
+    for position in range(kept):
+        rows[position] = read(position)
+    held = torch.from_numpy(rows)
+    # Views are visited in random order, once an epoch: which rows are held does not matter.
+    return held if kept == count else StoredRows(held, (count, *shape), read)
+
 
 Mask = NDArray[np.bool_]
 
@@ -145,3 +190,78 @@ def read_views(
 def valid_weight(valid: Mask, device: torch.device) -> Tensor | None:
     """Return the (H, W) float32 weight of the lens circle ``valid`` (H, W), 0 outside; None if all pixels are valid."""
     return None if valid.all() else torch.from_numpy(valid).to(device, torch.float32)
+
+
+# Artifact, schema and array, by kind of masking.
+_SOURCES = {"initial": ("transient", TRANSIENT, "probability"), "refined": ("masks", MASKS, "refined")}
+
+
+@dataclass(frozen=True)
+class Masking:
+    """Probability that a pixel is transient, the paper's M in the weight 1 - M; 1 for pixels that the user masks.
+
+    Attributes:
+        artifact: transient or masks artifact; None if nothing is transient.
+        array: name of its (F, H, W) array.
+        masked: frames artifact, if masks of single frames came with the recording; else None.
+    """
+
+    artifact: Artifact | None
+    array: str
+    masked: Artifact | None = None
+
+    @property
+    def artifacts(self) -> tuple[Artifact, ...]:
+        """The artifact, for the provenance of a stage; empty if nothing is transient."""
+        return () if self.artifact is None else (self.artifact,)
+
+    def frames(self, rows: NDArray[np.integer]) -> Tensor | StoredRows | None:
+        """Get M of the frames ``rows`` on the CPU: (V, H, W) bool, or float16 in [0, 1]; None if nothing is masked."""
+        found = [(one, name) for one, name in ((self.artifact, self.array), (self.masked, "masked")) if one]
+        if not found:
+            return None
+        artifact, array = found[0]
+        _, height, width = artifact.shape(array)
+        dtype = artifact.schema.fields[array].dtype
+
+        # Read row by row: most frames may be unused.
+        def read(position: int) -> NDArray:
+            values = [one.row(name, rows[position]) for one, name in found]
+            return np.maximum.reduce(values, dtype=dtype)
+
+        return stored_rows(len(rows), (height, width), dtype, read)
+
+    def of_the_user(self) -> "Masking":
+        """What came with the recording alone."""
+        return Masking(None, "", self.masked)
+
+
+def open_masking(
+    kind: str, frames: Artifact, *, transient_path: Path | None, masks_path: Path | None
+) -> Masking:
+    """Open the artifact that a kind of masking needs.
+
+    Args:
+        kind: ``none``, ``initial`` (M of the network) or ``refined`` (M of the instances).
+        frames: the frames to mask.
+        transient_path, masks_path: only the artifact that is needed is opened.
+
+    Raises:
+        UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is missing, unreadable or
+            made from other frames.
+    """
+    masked = frames if frames.has("masked") else None
+    if kind == "none":
+        return Masking(None, "", masked)
+    if kind == "auto":
+        raise UserError(
+            "splats.masking = auto: only the workflow resolves it, from survey.json; "
+            "here give --masking none or refined"
+        )
+    name, schema, array = _SOURCES[kind]
+    path = {"transient": transient_path, "masks": masks_path}[name]
+    if path is None:
+        raise UserError(f"splats.masking = {kind} needs the {name} artifact: give --{name}")
+    artifact = open_artifact(path, schema)
+    check_made_from(artifact, frames, axes=("frame", "height", "width"))
+    return Masking(artifact, array, masked)

@@ -10,18 +10,16 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import camera_poses
 from egosplat.compute import single_thread
-from egosplat.gaussians.camera_options import chosen_corrections, make_corrections
-from egosplat.gaussians.corrections import applied, corrected_poses
+from egosplat.gaussians.corrections import applied, corrected_poses, make_corrections
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.objective import L1Ssim
-from egosplat.gaussians.options import GROW_GRAD2D, TrainingOptions
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.schedule import GROW_GRAD2D, TrainingOptions
 from egosplat.gaussians.starting_points import starting_gaussians
-from egosplat.gaussians.trainer import ViewSets, resume_and_train
-from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import Mask, Views, read_views
 from egosplat.geometry import Camera
 from egosplat.instances.options import InstancesOptions
@@ -67,7 +65,7 @@ def train_geometry(
         seed=keys.seed,
     )
     options = training_options(keys)
-    corrections = make_corrections(chosen_corrections(keys), start, views, keys.near_plane, keys.iterations)
+    corrections = make_corrections(keys, start, views, keys.near_plane, keys.iterations)
     extent = scene_extent(views.camera_to_world, keys.near_plane)
     state = TrainingState(start, options, extent, L1Ssim(ssim_lambda=0.2), corrections)
     view_sets = ViewSets(views, held_out=none)

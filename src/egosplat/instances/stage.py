@@ -18,7 +18,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.splats import SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.gaussians.camera_options import resolve_camera
+from egosplat.gaussians.corrections import resolve_camera
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import given_geometry, train_geometry
 from egosplat.instances.lifted_masks import MaskLifter

@@ -23,7 +23,7 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
-from egosplat.gaussians.pixel_weights import open_masking
+from egosplat.gaussians.training_views import open_masking
 from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded

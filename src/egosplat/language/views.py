@@ -13,9 +13,8 @@ from egosplat.artifacts.splats import camera_poses
 from egosplat.codes.centers import Centers, look_at_centers
 from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings, view_of
-from egosplat.gaussians.training_views import pixel_weight, split_views, valid_weight
+from egosplat.gaussians.training_views import Masking, pixel_weight, split_views, valid_weight
 from egosplat.geometry import Camera
 from egosplat.rasterize.view import View
 

@@ -9,13 +9,11 @@ import torch
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.splats import AS_GIVEN, FITTED, INTERPOLATED, TRAINED
 from egosplat.artifacts.writer import Writer
-from egosplat.gaussians.corrections import LOG_GAIN, Corrections, applied, corrected_poses
+from egosplat.gaussians.corrections import LOG_GAIN, Corrections, angle_of, applied, corrected_poses
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
-from egosplat.gaussians.rigid import angle_of
-from egosplat.gaussians.training_views import Views
+from egosplat.gaussians.training_views import Masking, Views
 from egosplat.progress import log
 from egosplat.splats.held_out import put_held_out
 

@@ -22,22 +22,21 @@ from egosplat.calibration.splat_source import source_files
 from egosplat.codes.joint_objective import JointLanguage, initial_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
-from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolve_camera
-from egosplat.gaussians.corrections import Corrections
+from egosplat.gaussians.corrections import Corrections, make_corrections, resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
-from egosplat.gaussians.objective import L1Ssim, Objective
-from egosplat.gaussians.options import GROW_GRAD2D, TrainingOptions
-from egosplat.gaussians.pixel_weights import Masking, open_masking
+from egosplat.gaussians.loss import L1Ssim, Objective
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.schedule import GROW_GRAD2D, TrainingOptions
 from egosplat.gaussians.starting_points import starting_gaussians
-from egosplat.gaussians.trainer import ViewSets, resume_and_train
-from egosplat.gaussians.training_state import Curves, TrainingState
+from egosplat.gaussians.trainer import Curves, TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import (
     Mask,
+    Masking,
     Views,
+    open_masking,
     read_views,
     split_views,
 )
@@ -108,9 +107,8 @@ def run(
         start = replace(start, features=initial_codes(start.count, targets, start.means.device))
     checkpoint = Checkpoint(output, provenance.key_of(record))
     extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
-    corrections = make_corrections(
-        chosen_corrections(options), start, view_sets.training, options.near_plane, options.iterations
-    )
+    views, near_plane = view_sets.training, options.near_plane
+    corrections = make_corrections(options, start, views, near_plane, options.iterations)
     state = TrainingState(start, training, extent, objective, corrections)
     resume_and_train(state, view_sets, training, checkpoint)
     _write(output, record, state, view_sets, training, poses, masking)

@@ -9,8 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.gaussians.loss import l2
-from egosplat.gaussians.objective import Objective
+from egosplat.gaussians.loss import Objective, l2
 from egosplat.gaussians.training_views import Views
 from egosplat.transient.network import TransientNet
 from egosplat.transient.residual_scale import ResidualScale
@@ -63,7 +62,7 @@ class InitialObjective(Objective):
         self.residuals = ResidualScale(device)
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """Return L_init of one image; see ``egosplat.gaussians.objective.Objective``."""
+        """Return L_init of one image; see ``egosplat.gaussians.loss.Objective``."""
         picture = views.picture(index)
         factor = CHANNELS[self._options.residual]
         self._iteration += 1

@@ -20,14 +20,13 @@ from egosplat.artifacts.transient import TRANSIENT
 from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
 from egosplat.files import expand_home
-from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolve_camera
+from egosplat.gaussians.corrections import make_corrections, resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.initialization import scene_extent
-from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.starting_points import starting_gaussians
-from egosplat.gaussians.trainer import ViewSets, resume_and_train
-from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import Mask, Views, read_views, split_views
 from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
@@ -78,7 +77,7 @@ def run(
     training = training_options(options)
     near_plane = options.near_plane
     extent = scene_extent(views.camera_to_world, near_plane)
-    corrections = make_corrections(chosen_corrections(options), start, views, near_plane, options.iterations)
+    corrections = make_corrections(options, start, views, near_plane, options.iterations)
     state = TrainingState(start, training, extent, objective, corrections)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     # Sums over several threads on a CPU would differ from run to run.

@@ -5,18 +5,24 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from egosplat.gaussians.camera_options import make_corrections
-from egosplat.gaussians.corrections import COLUMNS, CorrectionOptions, applied
+from egosplat.gaussians.corrections import (
+    COLUMNS,
+    angle_of,
+    applied,
+    corrected,
+    make_corrections,
+    rotation_of,
+)
 from egosplat.gaussians.exposure import apply_exposure
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import l1_ssim
 from egosplat.gaussians.render import RenderSettings
-from egosplat.gaussians.rigid import angle_of, corrected, rotation_of
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
+from egosplat.pipeline.shared_options import CameraOptions
 
-BOTH = CorrectionOptions(refine_poses=True, compensate_exposure=True)
+BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 
 

@@ -9,8 +9,8 @@ import torch
 from egosplat.codes.joint_objective import code_l1
 from egosplat.codes.targets import Targets
 from egosplat.errors import UserError
-from egosplat.gaussians import objective
-from egosplat.gaussians import training_state as state
+from egosplat.gaussians import loss as objective
+from egosplat.gaussians import trainer as state
 from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import LearningRates

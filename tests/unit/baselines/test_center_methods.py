@@ -10,8 +10,8 @@ from egosplat.baselines.occam import average_at_centers
 from egosplat.baselines.semantic_gaussians import EVERY, pixel_features, project_views
 from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.training_views import Masking
 from egosplat.geometry import Camera
 from egosplat.language.lifting import lift
 from egosplat.language.views import CodeViews

@@ -18,7 +18,7 @@ from egosplat.frames.files import frames_files, pictures_of
 from egosplat.frames.pictures import PlainRecording
 from egosplat.frames.stage import FramesOptions
 from egosplat.frames.stage import run as make_frames
-from egosplat.gaussians.pixel_weights import open_masking
+from egosplat.gaussians.training_views import open_masking
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
 from egosplat.poses.stage import PosesOptions

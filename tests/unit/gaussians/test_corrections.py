@@ -10,31 +10,32 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.gaussians import fitting
-from egosplat.gaussians.camera_options import chosen_corrections, make_corrections, resolve_camera
 from egosplat.gaussians.corrections import (
     COLUMNS,
-    CorrectionOptions,
     Corrections,
     applied,
+    corrected,
     interpolated,
+    make_corrections,
     predicts,
+    resolve_camera,
+    rotation_of,
 )
 from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.exposure import apply_exposure, simulate_photograph
 from egosplat.gaussians.fitting import _Photograph
 from egosplat.gaussians.initialization import from_points
-from egosplat.gaussians.objective import L1Ssim
-from egosplat.gaussians.options import TrainingOptions
+from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.render import RenderSettings, render
-from egosplat.gaussians.rigid import corrected, rotation_of
-from egosplat.gaussians.trainer import ViewSets, resume_and_train, train
-from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.schedule import TrainingOptions
+from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train, train
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import make_pose
 from egosplat.pipeline.shared_options import CameraOptions
 from tests.support.gaussian_scene import CAMERA
 
-BOTH = CorrectionOptions(refine_poses=True, compensate_exposure=True)
+OFF = CameraOptions(refine_poses="off", compensate_exposure="off")
+BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 OPTIONS = TrainingOptions(
     render=SETTINGS,
@@ -136,26 +137,18 @@ def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_worl
     assert corrected_psnr > without + 3.0
 
 
-def test_the_mean_correction_is_zero(start, pictures, camera_to_world, tmp_path):
-    """Protects the gauge: neither the cameras nor the exposure drift as a whole."""
-    sets = view_sets(pictures, camera_to_world)
-    corrections = make_corrections(BOTH, start, sets.training, 0.1, 60)
-    state = TrainingState(start, OPTIONS, 1.0, L1Ssim(0.2), corrections)
-    train(state, sets, OPTIONS, Checkpoint(tmp_path / "none.zarr", "", 1e9))
-    assert bool((corrections.values.abs().amax(dim=0) > 0).all())
-    np.testing.assert_allclose(corrections.values.mean(dim=0).numpy(), 0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     "options, columns",
     [
-        (CorrectionOptions(refine_poses=True), slice(0, 6)),
-        (CorrectionOptions(compensate_exposure=True), slice(6, 9)),
+        (OFF.change(refine_poses="on"), slice(0, 6)),
+        (OFF.change(compensate_exposure="on"), slice(6, 9)),
+        (BOTH, slice(0, 9)),
     ],
 )
 def test_each_key_changes_its_own_columns(start, pictures, camera_to_world, tmp_path, options, columns):
-    """Protects the independence of the two keys."""
+    """Protects the independence of the two keys, and the gauge: neither cameras nor exposure drift as a whole."""
     sets = view_sets(pictures, camera_to_world)
+    assert make_corrections(OFF, start, sets.training, 0.1, 60) is None
     corrections = make_corrections(options, start, sets.training, 0.1, 60)
     state = TrainingState(start, OPTIONS, 1.0, L1Ssim(0.2), corrections)
     train(state, sets, OPTIONS, Checkpoint(tmp_path / "none.zarr", "", 1e9))
@@ -163,6 +156,7 @@ def test_each_key_changes_its_own_columns(start, pictures, camera_to_world, tmp_
     expected = torch.zeros(COLUMNS, dtype=torch.bool)
     expected[columns] = True
     assert torch.equal(changed, expected)
+    np.testing.assert_allclose(corrections.values.mean(dim=0).numpy(), 0.0, atol=1e-12)
 
 
 class Stopped(Exception):
@@ -200,12 +194,6 @@ def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world
     assert bool((unbroken.corrections.steps > 0).all())
 
 
-def test_no_correction_is_made_where_both_keys_are_off(start, pictures, camera_to_world):
-    """Protects today's bits: without corrections the trainer takes the path of before."""
-    sets = view_sets(pictures, camera_to_world)
-    assert make_corrections(CorrectionOptions(), start, sets.training, 0.1, 60) is None
-
-
 def test_gains_change_colors_and_not_features():
     """Protects the codes of joint training from the exposure."""
     image = torch.rand(3, 4, 5)
@@ -222,7 +210,7 @@ def test_highlights_gain_less(start, camera_to_world, pictures):
     photographs = [apply_exposure(ramp, gain, truth) for gain in gains]
     torch.testing.assert_close(photographs[0][-1, -1], torch.full((3,), math.exp(0.3 * 1.1 / 1.4)))
     views = views_of(pictures, camera_to_world, 0, 1)
-    corrections = make_corrections(CorrectionOptions(compensate_exposure=True), start, views, 0.1, 1500)
+    corrections = make_corrections(OFF.change(compensate_exposure="on"), start, views, 0.1, 1500)
     order = np.random.default_rng(0).integers(2, size=1500)
     for iteration, index in enumerate(order.tolist()):
         corrections.camera_to_world(index)
@@ -297,8 +285,7 @@ def test_corrections_are_interpolated_only_where_they_change_slowly():
 def test_auto_follows_the_survey_that_is_given(monkeypatch, tmp_path, found, expected):
     """Protects commands by hand; the workflow never passes auto."""
     document = {"camera": {"refine_poses": found, "compensate_exposure": not found}}
-    monkeypatch.setattr("egosplat.gaussians.camera_options.read_survey", lambda path: document)
+    monkeypatch.setattr("egosplat.gaussians.corrections.read_survey", lambda path: document)
     options = CameraOptions(refine_poses="auto", compensate_exposure="off")
     done = resolve_camera(options, None if found is None else tmp_path / "survey.json")
     assert done == CameraOptions(refine_poses=expected, compensate_exposure="off")
-    assert chosen_corrections(done) == CorrectionOptions(refine_poses=expected == "on")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.gaussians import stored_rows as module
-from egosplat.gaussians.stored_rows import StoredRows, stored_rows
+from egosplat.gaussians import training_views as module
+from egosplat.gaussians.training_views import StoredRows, stored_rows
 
 
 @pytest.mark.parametrize("kept", [0, 2, 5])

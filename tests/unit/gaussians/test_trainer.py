@@ -9,15 +9,20 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
-from egosplat.gaussians import objective
+from egosplat.gaussians import loss as objective
 from egosplat.gaussians.initialization import from_points
+from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
-from egosplat.gaussians.objective import L1Ssim
-from egosplat.gaussians.options import TrainingOptions
 from egosplat.gaussians.render import RenderSettings, render
-from egosplat.gaussians.schedule import STOCK
-from egosplat.gaussians.trainer import ViewSets, draw_background, record, train
-from egosplat.gaussians.training_state import TrainingState
+from egosplat.gaussians.schedule import STOCK, TrainingOptions
+from egosplat.gaussians.trainer import (
+    TrainingState,
+    ViewSets,
+    density_control,
+    draw_background,
+    record,
+    train,
+)
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 
@@ -179,13 +184,13 @@ def test_options_reach_density_control(trained):
     options = replace(
         OPTIONS, iterations=30_000, reset_at_start=True, reset_opacity=0.01, prune_screen_px=20.0
     )
-    found = options.density_control(EXTENT)
+    found = density_control(options, EXTENT)
     assert (found.options.reset_opacity, found.options.prune_screen_px) == (0.01, 20.0)
     resets = [i for i in range(1, 30_001) if found.schedule.resets_opacity(i)]
     assert resets == [500, 3_000, 6_000, 9_000, 12_000]
     stock = replace(OPTIONS, iterations=30_000)
     assert not stock.schedule.resets_opacity(500)
-    assert stock.density_control(EXTENT).options.prune_screen_px is None
+    assert density_control(stock, EXTENT).options.prune_screen_px is None
     # In training: opacities are lowered where density control begins, and not otherwise.
     short = {"iterations": 5, "evaluate_every": 5}
     begins = replace(OPTIONS, **short).schedule.densify_from
@@ -215,9 +220,8 @@ def test_screen_size_pruning_uses_the_renderer_s_radii(trained):
         sh_degree=0,
         background=None,
     )
-    density = replace(
-        OPTIONS, iterations=30_000, prune_screen_px=float(meta["radii"].max()) - 1
-    ).density_control(EXTENT)
+    limit = float(meta["radii"].max()) - 1
+    density = density_control(replace(OPTIONS, iterations=30_000, prune_screen_px=limit), EXTENT)
     density.observe(torch.zeros(1, state.gaussians.count, 2), meta["radii"], 24, 24)
     seen_large = (meta["radii"].amax(dim=(0, 2)) > meta["radii"].max() - 1).sum()
     left = density.step(3_100, state.gaussians, state.optimizer, state.generator)

@@ -11,8 +11,8 @@ from egosplat.artifacts.language import GAUSSIANS
 from egosplat.codes.centers import project_centers
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import Masking, open_masking
 from egosplat.gaussians.render import view_of
+from egosplat.gaussians.training_views import Masking, open_masking
 from egosplat.language.dominant import lift_instances, mean_of_dominant, target_votes
 from egosplat.language.views import select_code_views
 from egosplat.rasterize.view import composite

@@ -25,8 +25,8 @@ from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.pixel_weights import Masking
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.training_views import Masking
 from egosplat.language import loop
 from egosplat.language.loop import train
 from egosplat.language.method import Method

@@ -7,7 +7,7 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.codes.joint_objective import code_l1
 from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.errors import UserError
-from egosplat.gaussians.pixel_weights import Masking
+from egosplat.gaussians.training_views import Masking
 from egosplat.language.loop import Training, train
 from egosplat.language.options import LanguageOptions
 from egosplat.language.training import PlainCodes, codes_to_render

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.gaussians.stored_rows import IN_MEMORY
+from egosplat.gaussians.training_views import IN_MEMORY
 from egosplat.pipeline import costs
 from egosplat.pipeline.config import defaults, merge, resolve
 from egosplat.pipeline.costs import COSTS, Sizes, cost_of, gpus, memory_mb, minutes, runtime_min

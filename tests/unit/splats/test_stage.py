@@ -18,7 +18,7 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.splats import FITTED, TRAINED, camera_poses
 from egosplat.errors import UserError
-from egosplat.gaussians import stored_rows
+from egosplat.gaussians import training_views
 from egosplat.gaussians.io import STORED, read_gaussians
 from egosplat.splats import stage
 from tests.support.scenes import put
@@ -51,7 +51,7 @@ def test_views_read_from_the_artifact_give_the_same_gaussians(scene, monkeypatch
     """A long recording does not fit in memory."""
     folder = scene()
     held = run(folder)
-    monkeypatch.setattr(stored_rows, "IN_MEMORY", 2 * 24 * 24 * 3)
+    monkeypatch.setattr(training_views, "IN_MEMORY", 2 * 24 * 24 * 3)
     assert run(folder, "read.zarr").digest == held.digest
 
 

@@ -10,7 +10,7 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.gaussians import stored_rows
+from egosplat.gaussians import training_views
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 
@@ -44,7 +44,7 @@ def test_views_read_from_the_artifact_give_the_same_prediction(scene, monkeypatc
     """A long recording does not fit in memory."""
     folder = scene()
     held = run(folder)
-    monkeypatch.setattr(stored_rows, "IN_MEMORY", 2 * 24 * 24 * 3)
+    monkeypatch.setattr(training_views, "IN_MEMORY", 2 * 24 * 24 * 3)
     assert run(folder, "read.zarr").digest == held.digest
 
 
