@@ -14,7 +14,7 @@ from egosplat.evaluation.intervals import (
     mean_of_scenes,
 )
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene
-from egosplat.report.tables.paper_tables import average_chance
+from egosplat_rivals.tables.paper_tables import average_chance
 
 # Name and query group of the scores in a table.
 SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), ("mean_iou", "all"))

@@ -172,16 +172,20 @@ class Workdir:
         return own
 
     def edit(self, module: str, old: str, new: str) -> None:
-        """Replace text in its own code; ``module`` is a path below the package egosplat."""
-        path = self.own_code() / "egosplat" / module
+        """Replace text in its own code; ``module`` is a path below the package egosplat, or begins with another's name."""
+        path = self._path(module)
         text = path.read_text()
         assert old in text, f"{module} lacks {old!r}"
         path.write_text(text.replace(old, new, 1))
 
+    def _path(self, module: str) -> Path:
+        root = self.own_code()
+        return root / module if module.startswith("egosplat_") else root / "egosplat" / module
+
     @contextmanager
     def edited(self, module: str, old: str, new: str) -> Iterator[None]:
         """``edit``, until the block ends."""
-        path = self.own_code() / "egosplat" / module
+        path = self._path(module)
         before = path.read_bytes()
         self.edit(module, old, new)
         try:

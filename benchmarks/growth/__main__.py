@@ -28,10 +28,10 @@ FRAMES, THINGS = (5, 50, 500), (10, 100, 1000)
 # Side of the grid of prompts.
 PROMPTS = (4, 13, 40)
 
-# Of methods of others: maps that were made elsewhere, and tiles, of which a frame takes a CPU-second.
-LEFT_OUT = ("method_metrics", "tiles")
+# Of methods of others: a frame takes a CPU-second.
+LEFT_OUT = ("tiles",)
 
-# Stages that should take the same time for any number of frames (egosplat.pipeline.costs).
+# Stages that should take the same time for any number of frames.
 FIXED = ("annotations", "poses", "transient", "splats", "metrics", *PAGES)
 
 # Stages that read instances, or what is made of them; pages draw few of them.

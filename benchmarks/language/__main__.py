@@ -35,12 +35,12 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.lifting import lift
-from egosplat.language.loop import train
 from egosplat.language.options import LanguageOptions
-from egosplat.language.training import PlainCodes
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
+from egosplat_rivals.langsplat import PlainCodes
+from egosplat_rivals.loop import train
 
 CPU = torch.device("cpu")
 MEANS, TOGETHER, APART = (

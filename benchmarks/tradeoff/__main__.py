@@ -19,9 +19,9 @@ from benchmarks.scores import METHOD, accuracy_difference, chance, format_score,
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.files import read_json
 from egosplat.pipeline.scene_folder import title_of
-from egosplat.report.tables.paper_tables import average
-from egosplat.report.tradeoff.measured import COSTS, PSNR, Measure
-from egosplat.report.tradeoff.scenes import mean_points
+from egosplat_rivals.tables.paper_tables import average
+from egosplat_rivals.tradeoff.measured import COSTS, PSNR, Measure
+from egosplat_rivals.tradeoff.scenes import mean_points
 
 HEADINGS = (
     "point",

@@ -11,6 +11,7 @@ from egosplat.pipeline.stages import STAGES
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "egosplat"
 APARTMENTS = ROOT / "src" / "egosplat_apartments"
+RIVALS = ROOT / "src" / "egosplat_rivals"
 
 
 def layers(page: str) -> list[tuple[str, ...]]:
@@ -68,7 +69,9 @@ def test_imports_point_down():
 
 def test_the_synthetic_world_imports_small_libraries_alone():
     libraries = {"errors", "files", "geometry", "images", "progress"}
-    libraries |= {f"pipeline.{name}" for name in ("home", "options", "shared_options", "source_hash")}
+    libraries |= {
+        f"pipeline.{name}" for name in ("home", "options", "shared_options", "source_hash", "stage")
+    }
     for path in sorted(APARTMENTS.rglob("*.py")):
         for name in imports_of(path):
             if name.startswith("egosplat."):
@@ -82,9 +85,16 @@ def test_only_the_compile_step_and_the_doctor_import_the_synthetic_world():
         path.relative_to(PACKAGE).as_posix()
         for path in PACKAGE.rglob("*.py")
         for name in imports_of(path)
-        if name.startswith("egosplat_apartments")
+        if name.startswith("egosplat_")
     }
     assert found == {"rasterize/kernels/compiling.py", "doctor/machine.py"}
+
+
+def test_the_packages_beside_egosplat_do_not_import_each_other():
+    for package, other in ((APARTMENTS, "egosplat_rivals"), (RIVALS, "egosplat_apartments")):
+        assert not [
+            path for path in package.rglob("*.py") for name in imports_of(path) if name.startswith(other)
+        ]
 
 
 def test_no_stage_but_synthetic_reaches_the_synthetic_world():

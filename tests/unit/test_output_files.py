@@ -20,7 +20,7 @@ from egosplat.files import (
     read_user_text,
 )
 from egosplat.pipeline.stages import FILES, STAGES
-from egosplat.report.tables import stage as tables_stage
+from egosplat_rivals.tables import stage as tables_stage
 
 
 def stage_words(stage: str) -> list[str]:
@@ -34,7 +34,6 @@ COMMANDS = {
     "export": ("scene.ply", ["{folder}"]),
     "movie": ("query.webp", ["{folder}", "cup"]),
     "page": ("scene.html", ["{folder}"]),
-    "methods_sheet": ("methods.png", ["{folder}/metrics.json", "--title", "x"]),
     "story": ("story.html", ["{folder}/metrics.json", "--title", "x"]),
     **{stage: (STAGES[stage].output, stage_words(stage)) for stage in FILES},
 }

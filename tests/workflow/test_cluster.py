@@ -14,8 +14,8 @@ from benchmarks.robustness.scene import remove
 from egosplat.artifacts.check import check_tree
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES as TILES_SCHEMA
-from egosplat.baselines import tiles_stage
-from egosplat.baselines.options import TilesOptions
+from egosplat_rivals import tiles_stage
+from egosplat_rivals.options import TilesOptions
 from tests.support.local_slurm import UNDER_WAY
 from tests.support.waiting import wait_for
 from tests.support.warm import on_cluster, run_snakemake
@@ -194,9 +194,9 @@ def test_a_lost_node_loses_its_own_chunk_alone(slurm, submit, workdir):
     (folder / "tiny.yaml").write_text(tiny.replace("masking: refined", "masking: auto"))
     workdir.edit("pipeline/chunks.py", "CHUNK_FRAMES = 500", "CHUNK_FRAMES = 4")
     workdir.edit(
-        "baselines/tiles_stage.py", "        for row in rows:\n", WAITS + "        for row in rows:\n"
+        "egosplat_rivals/tiles_stage.py", "        for row in rows:\n", WAITS + "        for row in rows:\n"
     )
-    workdir.edit("baselines/tiles_stage.py", "\nfrom pathlib", "\nimport os\nfrom pathlib")
+    workdir.edit("egosplat_rivals/tiles_stage.py", "\nfrom pathlib", "\nimport os\nfrom pathlib")
     with ThreadPoolExecutor() as pool:
         run = pool.submit(submit, workdir, "--", str(TILES))
         lost = wait_for(lambda: (folder / "waits").exists() and (folder / "waits").read_text())

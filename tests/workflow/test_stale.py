@@ -137,7 +137,7 @@ WITHOUT_EFFECT = (
     ("poses/colmap.py", "\ndef colmap_poses", "\nCHANGED = 1\n\n\ndef colmap_poses"),
     ("frames/pictures.py", "FOCAL_PRIOR = 1.2", "FOCAL_PRIOR = 1.3"),
     ("frames/hoi4d_annotations.py", "_MAX_LABEL = 6", "_MAX_LABEL = 7"),
-    ("baselines/lerf.py", "LARGEST_SCALE = 1.5", "LARGEST_SCALE = 1.6"),
+    ("egosplat_rivals/lerf.py", "LARGEST_SCALE = 1.5", "LARGEST_SCALE = 1.6"),
     ("language/joint.py", "\nMETHOD = ", "\nCHANGED = 1\nMETHOD = "),
 )
 

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from benchmarks.tradeoff import __main__ as benchmark
 from egosplat.pipeline.config import defaults
-from egosplat.pipeline.stages import ARTIFACTS, OF_OTHERS
+from egosplat.pipeline.stages import ARTIFACTS
 from tests.support.tables import cells
 
 SCENE = "results/adt/scene1"
@@ -75,7 +75,7 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     own, small = document["points"]
     assert own["measures"]["psnr"] == small["measures"]["psnr"]  # the same Gaussians
     assert own["settings"] == [{"knob": "features.dims", "value": DIMS}]
-    assert set(small["stages"]) == {*ARTIFACTS, "metrics"} - {*OF_OTHERS, "carries", "rests"}
+    assert set(small["stages"]) == {*ARTIFACTS, "metrics"} - {"tiles", "carries", "rests"}
     assert small["stages"]["splats"] == own["stages"]["splats"] != small["stages"]["features"]
     # metrics.json does not record its own size.
     costs = [cost for stage in small["stages"].values() for name, cost in stage.items() if name != "disk_mb"]
@@ -83,5 +83,5 @@ def test_a_page_of_one_knob_is_made_and_then_up_to_date(workdir):
     assert planned(workdir, narrow) == {}
     table = CliRunner().invoke(benchmark.main, [str(workdir.folder / SCENE)], catch_exceptions=False)
     assert [row[0].strip("*") for row in cells(table.stdout)[1:]] == ["the scene", "features.dims=4"]
-    workdir.edit("report/tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
+    workdir.edit("egosplat_rivals/tradeoff/estimates.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
     assert planned(workdir, narrow) == {"tradeoff": 1}

@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from egosplat.evaluation.scored_scenes import read_scored_scene
-from egosplat.report.tables.paper_numbers import in_a_table
+from egosplat_rivals.tables.paper_numbers import in_a_table
 
 SCENE = "results/adt/scene1"
 VARIANT = f"{SCENE}/variants"

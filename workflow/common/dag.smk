@@ -20,7 +20,6 @@ from egosplat.pipeline.home import snakemake_in
 from egosplat.pipeline.results import (
     default_results,
     default_scenes,
-    maps_of,
     results_by_survey,
 )
 from egosplat.pipeline.scenes import check_recording
@@ -97,8 +96,6 @@ def required_paths(stage, wildcards):
     """Get the paths of the inputs that a stage always reads, by name; a recording is one folder or video file."""
     scene, names = scene_of(wildcards), STAGES[stage].inputs
     given = {"recording": str(scene.recording)}
-    if "relevancy" in names:
-        given["relevancy"] = str(maps_of(scene, wildcards.method))
     return {
         name: given.get(name) or path_named(name, *names_of(wildcards))
         for name in names

@@ -9,21 +9,12 @@ from functools import cache
 from egosplat.doctor.inputs import left_out_notices, plan_notices
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks
-from egosplat.pipeline.replacements import asked_results, replacement_notices
 from egosplat.pipeline.scenes import find_scene, requested_targets
 from egosplat.pipeline.variants import check_target
 from egosplat.pipeline.sweeps import measured_points, read_scenes_with_points
 
-
-@cache
-def scenes_with_preset(preset):
-    """Get the table of scenes resolved with another preset."""
-    user = dict(config) | {"preset": preset} if preset else config
-    return read_scenes_with_points(configuration.resolve(user, PRESETS), PRESETS)
-
-
 try:
-    scenes = scenes_with_preset(None)
+    scenes = read_scenes_with_points(configuration.resolve(config, PRESETS), PRESETS)
     targets = requested_targets(CALL.targets)
     for target in targets:
         check_target(scenes, target)
@@ -34,9 +25,6 @@ except UserError as error:
 
 if IS_MAIN:
     notices = [*plan_notices(scenes, targets), *left_out_notices(scenes, targets)]
-    if CALL.makes_results or CALL.dry_run:
-        asked = asked_results(scenes, targets, scenes_with_preset)
-        notices += replacement_notices(asked)
     for line in notices:
         print(f"egosplat: {line}", file=sys.stderr)
 

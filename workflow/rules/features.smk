@@ -1,11 +1,10 @@
 """
-OpenCLIP features of each instance: per view, aggregated over the views, and compressed to codes. OpenCLIP features of tiles
-of frames, for methods that use no masks.
+OpenCLIP features of each instance: per view, aggregated over the views, and compressed to codes.
 
 REQUIRED INPUTS: frames.zarr, instances.zarr. Never annotations.zarr.
-OUTPUTS: view_features.zarr, features.zarr, tiles.zarr. While view_features and tiles run, .view_features.zarr.checkpoint and
-.tiles.zarr.checkpoint, from which a killed run resumes. Of a long recording, {stage}.{chunk}.chunk, which the stage gathers; temporary.
-TOOLS: OpenCLIP, PyTorch; SAM2 for tiles.
+OUTPUTS: view_features.zarr, features.zarr. While view_features runs, .view_features.zarr.checkpoint, from which a killed run
+resumes. Of a long recording, {stage}.{chunk}.chunk, which the stage gathers; temporary.
+TOOLS: OpenCLIP, PyTorch.
 """
 
 
@@ -57,33 +56,3 @@ rule features:
         **params("features"),
     shell:
         "egosplat features {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
-
-
-rule tiles:
-    """Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them."""
-    input:
-        **inputs("tiles"),
-    output:
-        directory("results/{dataset}/{scene}/{variant}tiles.zarr"),
-    log:
-        "logs/{dataset}/{scene}/{variant}tiles.log",
-    benchmark:
-        "logs/{dataset}/{scene}/{variant}tiles.tsv"
-    threads: 8
-    resources:
-        mem_mb=8000,
-        runtime=240,
-        gpu=gpus("tiles"),
-    params:
-        **params("tiles"),
-    shell:
-        "egosplat tiles {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
-
-
-use rule tiles as tiles_chunk with:
-    output:
-        temp("results/{dataset}/{scene}/{variant}tiles.{chunk}.chunk"),
-    log:
-        "logs/{dataset}/{scene}/{variant}tiles.{chunk}.log",
-    benchmark:
-        "logs/{dataset}/{scene}/{variant}tiles.{chunk}.tsv"

@@ -4,7 +4,7 @@ Figures of a scene, and the scene as one page that answers queries.
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
 tiles.zarr, transient.zarr, masks.zarr, splats.zarr, language.zarr, carries.zarr, rests.zarr, metrics.json.
 OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, carries.png, language.png, queries.png,
-methods.png, scene.html, story.html.
+scene.html, story.html.
 TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP; Jinja.
 """
 
@@ -45,35 +45,6 @@ for sheet, label in SHEETS.items():
             command=sheet.replace("_", "-"),
         shell:
             "egosplat {params.command} {params.arguments} --output {output:q} 2>&1 | tee {log:q}"
-
-
-rule methods_sheet:
-    """Draw the answers of the compared methods to the same queries side by side."""
-    input:
-        metrics=lambda wildcards: compared_methods(scene_of(wildcards)),
-    output:
-        report(
-            "results/{dataset}/{scene}/methods.png",
-            caption="../report/methods.rst",
-            category="Scenes",
-            labels=labels("methods"),
-        ),
-    log:
-        "logs/{dataset}/{scene}/methods_sheet.log",
-    resources:
-        mem_mb=2000,
-        runtime=30,
-    params:
-        title=get_title,
-        code=code_hash(
-            "egosplat.report.sheets.methods_sheet", libraries=("matplotlib", "torch")
-        ),
-    shell:
-        "egosplat methods-sheet"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " {input.metrics:q}"
-        " 2>&1 | tee {log:q}"
 
 
 rule scene_page:

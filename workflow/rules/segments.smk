@@ -3,7 +3,7 @@ Masks at three levels, and the instances they show: tracked through the video, o
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: transient.zarr, if moving things are tracked;
 splats.zarr, if masks are prompted by depth or merged on its Gaussians; survey.json. Never annotations.zarr.
-OUTPUTS: segments.zarr, instances.zarr, prompts.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes. Of a
+OUTPUTS: segments.zarr, instances.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes. Of a
 long recording, segments.{chunk}.chunk, which segments gathers; temporary.
 TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; egosplat's kernels.
 """
@@ -37,26 +37,6 @@ use rule segments as segments_chunk with:
         "logs/{dataset}/{scene}/{variant}segments.{chunk}.log",
     benchmark:
         "logs/{dataset}/{scene}/{variant}segments.{chunk}.tsv"
-
-
-rule prompts:
-    """Place the point prompts of each training frame by depth, for the method of others that needs them."""
-    input:
-        **inputs("prompts"),
-    output:
-        directory("results/{dataset}/{scene}/{variant}prompts.zarr"),
-    log:
-        "logs/{dataset}/{scene}/{variant}prompts.log",
-    benchmark:
-        "logs/{dataset}/{scene}/{variant}prompts.tsv"
-    threads: 8
-    resources:
-        mem_mb=4000,
-        runtime=60,
-    params:
-        **params("prompts"),
-    shell:
-        "egosplat prompts {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
 rule instances:

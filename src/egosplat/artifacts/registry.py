@@ -8,7 +8,6 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.poses import POSES
-from egosplat.artifacts.prompts import PROMPTS
 from egosplat.artifacts.rests import RESTS
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.segments import SEGMENTS
@@ -29,7 +28,6 @@ _ALL = (
     MASKS,
     SPLATS,
     TILES,
-    PROMPTS,
     LANGUAGE,
     CARRIES,
     RESTS,

@@ -13,7 +13,7 @@ import click
 import egosplat
 from egosplat.cli import scenes
 from egosplat.cli.collection import end_without_collection, without_collection
-from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE, KeysCommand, path_flags
+from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, path_flags
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
@@ -99,57 +99,6 @@ def check(folders: tuple[Path, ...]) -> None:
     found = [problem for folder in folders for problem in check_tree(folder, click.echo).values()]
     if problems := len(list(filter(None, found))):
         raise UserError(f"{problems} artifact{'s are' if problems > 1 else ' is'} not sound")
-
-
-@cli.command(short_help="Write the scores of several scenes as the paper's tables.")
-@click.argument("metrics", nargs=-1, type=ARTIFACT)
-@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the tables.")
-@click.option(
-    "--picture", "pictures", multiple=True, type=ARTIFACT, help="Figure on the page. May be repeated."
-)
-def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) -> None:
-    """Write METRICS, metrics.json of several scenes, as the paper's tables, next to its printed numbers."""
-    from egosplat.report.tables.stage import run
-
-    run(metrics, output, pictures=pictures)
-
-
-@cli.command()
-@click.option(
-    "--points",
-    type=JSON,
-    required=True,
-    help="Settings and metrics.json files of each point; the scene itself first.",
-)
-@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
-def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
-    """Compare cost and accuracy of points. The workflow lists the points."""
-    from egosplat.report.tradeoff.stage import run
-
-    run(points, output)
-
-
-@cli.command(short_help="Compare cost and accuracy over several scenes.")
-@click.argument("documents", nargs=-1, required=True, type=ARTIFACT)
-@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
-def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
-    """Compare cost and accuracy over several scenes: DOCUMENTS are their files tradeoff.json."""
-    from egosplat.report.tradeoff.stage import run_scenes
-
-    run_scenes(documents, output)
-
-
-@cli.command(short_help="Draw the answers of several methods side by side.")
-@click.argument("metrics", nargs=-1, required=True, type=ARTIFACT)
-@click.option("--title", required=True, help="Name of the scene.")
-@click.option("--output", type=ARTIFACT, required=True, help="Output picture, .png.")
-@click.option("--overwrite", **OVERWRITE)
-def methods_sheet(metrics: tuple[Path, ...], title: str, output: Path, overwrite: bool) -> None:
-    """Draw answers of methods side by side: METRICS are metrics.json of one scene's variants."""
-    from egosplat.report.sheets.methods_sheet import run
-
-    check_output(output, "methods.png", overwrite=overwrite)
-    run(metrics, output, title)
 
 
 @cli.command(short_help="Tell on one page what became of a scene.")
@@ -274,7 +223,12 @@ def stage_command(stage: str) -> click.Command:
 
 
 def main() -> None:
-    """Run the command line. A user's mistake gives one or two lines without a traceback and exit status 2."""
+    """Run the command line ``egosplat``."""
+    run_commands(cli)
+
+
+def run_commands(group: click.Group) -> None:
+    """Run a command line. A user's mistake gives one or two lines without a traceback and exit status 2."""
     # torch reads it on import. Waiting threads that spin take cores from working ones: on two shared cores training was
     # 3 to 7 times slower.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -285,7 +239,7 @@ def main() -> None:
     end_without_collection()
     show_log()
     try:
-        cli.main(standalone_mode=False)
+        group.main(standalone_mode=False)
     except click.ClickException as error:
         if len(text := error.message) > 2 * _LONGEST:
             error.message = f"{text[:_LONGEST]} ... {text[-_LONGEST:]}"

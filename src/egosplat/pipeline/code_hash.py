@@ -14,7 +14,7 @@ from egosplat.pipeline.parsed_modules import keep_parsed, parse_module
 from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 
 # The packages whose modules count.
-ROOTS = {"egosplat", "egosplat_apartments"}
+ROOTS = {"egosplat", "egosplat_apartments", "egosplat_rivals"}
 
 # Text that code beside it reads: templates of pages, and tables.
 TEXTS = (".csv", ".j2")
@@ -27,7 +27,7 @@ NEUTRAL = {
         for names in (
             "alarms.texts artifacts.consistency artifacts.provenance artifacts.usage errors files progress pipeline",
             "pipeline.code_hash pipeline.home pipeline.messages pipeline.options pipeline.parsed_modules",
-            "pipeline.process_guards pipeline.shared_options pipeline.source_hash pipeline.stages",
+            "pipeline.process_guards pipeline.shared_options pipeline.source_hash pipeline.stage pipeline.stages",
             "pipeline.strict_yaml pipeline.validation",
         )
         for name in names.split()

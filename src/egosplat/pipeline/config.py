@@ -17,9 +17,6 @@ from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
 
 Config = dict[str, Any]
 
-# Value of segments.point_prompts for points by depth.
-DEPTH = "depth"
-
 # Options of the sections that no stage has for itself.
 _SHARED = {
     "tables": "egosplat.pipeline.general_options:TablesOptions",
@@ -94,15 +91,6 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
         section, _, name = key.partition(".")
         part = section_keys(section).get(name, {})
         found["tradeoff"]["sweep"][key] = [convert(value, part) for value in swept]
-    if found["segments"]["point_prompts"] == DEPTH:
-        # The points come from Gaussians, which must not come from segments in turn. Only single frames have points.
-        needs = {
-            ("segments", "prompting"): ("each_frame",),
-            ("splats", "masking"): ("none",),
-            ("splats", "language"): ("after",),
-        }
-        what = f"{where}: segments.point_prompts = {DEPTH}"
-        _check_needs(found, needs, what, "; in a variant, extend each_frame")
     if found["splats"]["source"] is not None:
         needs = {("splats", "language"): ("after",)}
         needs |= {("camera", key): ("off", "auto") for key in keys_of(sections["camera"])}
@@ -110,13 +98,11 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
     return found
 
 
-def _check_needs(
-    values: Config, needs: Mapping[tuple[str, str], tuple[str, ...]], what: str, advice: str = ""
-) -> None:
+def _check_needs(values: Config, needs: Mapping[tuple[str, str], tuple[str, ...]], what: str) -> None:
     """Check that keys have a value that another one needs."""
     for (section, key), allowed in needs.items():
         if (given := values[section][key]) not in allowed:
-            raise UserError(f"{what} needs {section}.{key} = {allowed[0]}, not {given}{advice}")
+            raise UserError(f"{what} needs {section}.{key} = {allowed[0]}, not {given}")
 
 
 def _section(name: str, values: Any, where: str) -> Config:

@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Iterable, Mapping
 
 from egosplat.pipeline.chunks import split_frames
-from egosplat.pipeline.config import DEPTH, Config, merge, stage_sections, stage_values
+from egosplat.pipeline.config import Config, merge, stage_sections, stage_values
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
 
@@ -46,11 +46,6 @@ def segments_single_frames(config: Config) -> bool:
     """Whether SAM2 segments each frame by itself."""
     keys = config["segments"]
     return keys["prompting"] == "each_frame" and keys["segmenter"] == "sam2"
-
-
-def prompts_by_depth(config: Config) -> bool:
-    """Whether the stage ``prompts`` places the points of single frames."""
-    return segments_single_frames(config) and config["segments"]["point_prompts"] == DEPTH
 
 
 def tracks_what_moves(config: Config) -> bool:
@@ -134,7 +129,7 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     views = ("survey",) if leaves_frames_out(config) else ()
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
         moving = ("transient",) if tracks_what_moves(config) else ()
-        return (*views, *moving, *(("prompts",) if prompts_by_depth(config) else ()))
+        return (*views, *moving)
     if stage == "splats" and takes_splat(config):
         return ()
     given = ("splats",) if stage == "instances" and merges_on_splats(config) else ()

@@ -65,7 +65,6 @@ VARIANTS: dict[str, VariantKeys] = {
     "gags": {
         "extends": "each_frame",
         "method": "GAGS",
-        "segments": {"point_prompts": "depth"},
         "language": {"method": "granular"},
     },
     "langsplat2": {"extends": "each_frame", "method": "LangSplatV2", "language": {"method": "sparse"}},
@@ -143,10 +142,6 @@ class TablesOptions(Options, section="tables"):
     )
     """Variants whose scores the tables wait for, in each scene. Each stands in the row of its `method`
     (docs/methods.md). A run without a target does not make them."""
-
-    maps: str | None = None
-    """Folder of relevancy maps of methods that were run elsewhere, DATASET/SCENE/NAME.zarr
-    (docs/methods.md). Those that exist are scored and get a row."""
 
 
 SWEEP: dict[str, tuple[Any, ...]] = {

@@ -57,22 +57,9 @@ def compared_methods(scene: Scene) -> list[str]:
     return [str(scene.results / folder / "metrics.json") for folder in folders]
 
 
-def maps_of(scene: Scene, method: str) -> Path:
-    """Get the path of a method's relevancy maps of a scene (UserError: no folder of maps is configured)."""
-    folder = scene.config["tables"]["maps"]
-    if folder is None:
-        raise UserError(
-            f"{scene.name}: no folder of relevancy maps is configured; set tables.maps, as in "
-            f"--config 'tables={{maps: FOLDER}}' with FOLDER/{scene.name}/{method}.zarr"
-        )
-    return Path(folder) / scene.dataset / scene.scene / f"{method}.zarr"
-
-
 def _scores(scene: Scene) -> list[Path]:
     keys = scene.config["tables"]
     folders = ["", *(f"variants/{name}" for name in (*ABLATIONS, *keys["methods"]))]
-    if keys["maps"] is not None:
-        folders += [f"methods/{path.stem}" for path in sorted(maps_of(scene, "*").parent.glob("*.zarr"))]
     return [scene.results / folder / "metrics.json" for folder in folders]
 
 

@@ -104,12 +104,6 @@ class MaskSourceOptions(Options, section="segments"):
     """Segmentation method. sam2: the model of the section models. classical: color and edges, tracked by optical
     flow; it needs no weights and suits recordings that the small SAM2 was not trained for."""
 
-    point_prompts: Literal["grid", "depth"] = "grid"
-    """Where a frame is prompted, where prompting is each_frame. grid: points_per_side squared, in the frame and its
-    crops. depth: 64 to 25,600 points in the frame alone, more where the scene's Gaussians show surfaces farther
-    than in other frames (docs/methods.md#gags). It needs prompting each_frame, splats.masking none and
-    splats.language after."""
-
 
 class CameraOptions(Options, section="camera"):
     """What the training of Gaussians corrects about the camera (docs/method.md#corrections)."""

@@ -1,91 +1,30 @@
 """The table of stages: code, inputs, outputs and dependencies of each stage.
 
 The command line, the checks, the sharing between variants and the rules' paths use ``STAGES``. A stage's keys
-are the fields of its class of options.
+are the fields of its class of options. The packages beside this one add stages, and modules that stages choose by a value: each
+entry point of the group ``egosplat.plugins`` names a module with ``STAGES`` and ``MODULES``.
 """
 
 import functools
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from importlib import import_module
+from dataclasses import replace
+from importlib import import_module, metadata
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from egosplat.errors import UserError
 from egosplat.pipeline.code_hash import code_hash
+from egosplat.pipeline.stage import Choice, Stage
 
 if TYPE_CHECKING:
     from egosplat.pipeline.options import Options
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Modules of which a stage loads one, by a value; only that one is a part of its code.
-
-    Attributes:
-        by: what the value is, for errors; ``variants.chosen_value`` gets the value of a scene.
-        modules: names of modules by value.
-    """
-
-    by: str
-    modules: Mapping[str, str]
-
-    def find(self, value: str) -> str:
-        """Get the name of the module of a value (UserError: the value has none)."""
-        if value not in self.modules:
-            raise UserError(f"{self.by}: {value!r} is unknown; choose from {', '.join(self.modules)}.")
-        return self.modules[value]
-
-
-def by(what: str, **modules: str) -> Choice:
-    """A ``Choice`` among modules of the package, by value."""
-    return Choice(what, {value: f"egosplat.{name}" for value, name in modules.items()})
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One stage of the pipeline.
-
-    Attributes:
-        name: name of the stage and of its configuration section, if it has keys.
-        module: module whose function ``run`` writes the output.
-        help: one-line help of its command.
-        output: name of the file or folder that it writes in the scene's folder.
-        inputs: inputs that it always reads: names of stages (their outputs) or of ``PATHS``.
-        optional: inputs that some configurations need, with the condition as text, by name of the stage.
-        libraries: distributions whose version changes the output.
-        options: class of its options, MODULE:CLASS; empty for a stage without keys.
-        scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
-            pages, ``method``, the published method that a variant stands for, and what ``metrics.json`` tells of the
-            configuration: ``preset``, and ``world_seed`` and ``camera`` of a synthetic apartment.
-        modules: modules of which it loads one with ``load_module``.
-        by_chunks: whether jobs can work on chunks of its frames. ``run`` takes ``chunk`` and ``gather`` then, see ``Work``.
-    """
-
-    name: str
-    module: str
-    help: str
-    output: str
-    inputs: tuple[str, ...] = ()
-    optional: Mapping[str, str] = field(default_factory=dict)
-    libraries: tuple[str, ...] = ()
-    options: str = ""
-    scene: tuple[str, ...] = ()
-    modules: Choice | None = None
-    by_chunks: bool = False
-
-
-# Inputs that no stage writes under this name.
-PATHS = {
-    "recording": "the recording's folder or video file",
-    "relevancy": "the other method's relevancy maps in the layout of docs/methods.md",
-}
+# The input that no stage writes.
+PATHS = {"recording": "the recording's folder or video file"}
 
 _TRAINING_FRAMES = {"survey": "to train only on frames that add views"}
 _MASKING = {"transient": "if splats.masking is initial", "masks": "if splats.masking is refined"}
 _MOVING = {"transient": "to track what moves: if segments.prompting is each_frame"}
 _GIVEN = {"splats": "to merge masks on: if splats.source is given, or nothing is masked or tracked"}
-_PROMPTS = {"prompts": "if segments.point_prompts is depth"}
 _JOINT = dict.fromkeys(("instances", "features"), "if splats.language is joint")
 _LEARNT_FROM = {
     **dict.fromkeys(("instances", "features"), "unless language.method is field or quantized"),
@@ -95,6 +34,11 @@ _RESTING = {"rests": "if what moves is tracked and language.method is lifted"}
 _OPENCV = "opencv-contrib-python-headless"
 _SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
+
+
+def _by(what: str, **modules: str) -> Choice:
+    """A ``Choice`` among modules of this package, by value."""
+    return Choice(what, {value: f"egosplat.{name}" for value, name in modules.items()})
 
 
 def _sheet(
@@ -107,14 +51,6 @@ def _sheet(
 
 _STAGES = (
     Stage(
-        "synthetic",
-        "egosplat_apartments.stage",
-        "Make the recording of a synthetic apartment.",
-        options="egosplat_apartments.options:SyntheticOptions",
-        output="recording",
-        libraries=("numpy", _OPENCV, "scipy", "projectaria-tools"),
-    ),
-    Stage(
         "frames",
         "egosplat.frames.stage",
         "Read and rectify frames, and choose those to evaluate.",
@@ -123,14 +59,14 @@ _STAGES = (
         inputs=("recording",),
         libraries=("numpy", _OPENCV, "projectaria-tools", "pycolmap", "zarr"),
         scene=("format",),
-        modules=by(
+        modules=_by(
             "format",
             adt="frames.adt",
             hoi4d="frames.hoi4d",
             plain="frames.pictures",
-            lerf="frames.lerf",
-            **{"3d_ovs": "frames.ovs"},
         ),
+        memory=(1500, 200),
+        minutes=(20, 20),
     ),
     Stage(
         "annotations",
@@ -140,14 +76,13 @@ _STAGES = (
         output="annotations.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", _OPENCV, "projectaria-tools", "zarr"),
-        modules=by(
+        modules=_by(
             "format",
             adt="frames.adt_annotations",
             hoi4d="frames.hoi4d_annotations",
             plain="frames.plain_annotations",
-            lerf="frames.lerf_annotations",
-            **{"3d_ovs": "frames.ovs_annotations"},
         ),
+        memory=(1500, 200),
     ),
     Stage(
         "poses",
@@ -157,7 +92,9 @@ _STAGES = (
         output="poses.zarr",
         inputs=("recording", "frames"),
         libraries=("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
-        modules=by("poses.method", device="poses.adt", known="poses.known", colmap="poses.colmap"),
+        modules=_by("poses.method", device="poses.adt", known="poses.known", colmap="poses.colmap"),
+        memory=(5000, 3000),
+        minutes=(60, 2000),
     ),
     Stage(
         "survey",
@@ -177,6 +114,8 @@ _STAGES = (
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
         libraries=("numpy", _OPENCV, "scipy", "timm", "torch", "zarr"),
+        memory=(6500, 1000),
+        minutes=(120, 1000),
     ),
     Stage(
         "segments",
@@ -185,9 +124,11 @@ _STAGES = (
         options="egosplat.segments.options:SegmentsOptions",
         output="segments.zarr",
         inputs=("frames",),
-        optional=_TRAINING_FRAMES | _MOVING | _PROMPTS,
+        optional=_TRAINING_FRAMES | _MOVING,
         libraries=("numpy", "scipy", _OPENCV, "torch", "torchvision", "sam2", "zarr"),
         by_chunks=True,
+        memory=(9000, 500),
+        minutes=(120, 4000),
     ),
     Stage(
         "instances",
@@ -198,6 +139,8 @@ _STAGES = (
         inputs=("frames", "poses", "segments"),
         optional=_TRAINING_FRAMES | _GIVEN,
         libraries=("numpy", _OPENCV, "scipy", "torch", "zarr"),
+        memory=(6500, 2500),
+        minutes=(60, 2000),
     ),
     Stage(
         "view_features",
@@ -208,6 +151,8 @@ _STAGES = (
         inputs=("frames", "instances"),
         libraries=("numpy", "open_clip_torch", "pillow", "scipy", "torch", "zarr"),
         by_chunks=True,
+        memory=(6000, 2000),
+        minutes=(60, 1000),
     ),
     Stage(
         "features",
@@ -217,6 +162,7 @@ _STAGES = (
         output="features.zarr",
         inputs=("view_features",),
         libraries=("numpy", "torch", "zarr"),
+        memory=(3000, 600),
     ),
     Stage(
         "masks",
@@ -236,27 +182,8 @@ _STAGES = (
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES | _MASKING | _JOINT,
         libraries=("numpy", "scipy", "torch", "zarr"),
-    ),
-    Stage(
-        "tiles",
-        "egosplat.baselines.tiles_stage",
-        "Encode tiles of the frames, for methods of others.",
-        options="egosplat.baselines.options:TilesOptions",
-        output="tiles.zarr",
-        inputs=("frames",),
-        optional=_TRAINING_FRAMES,
-        libraries=("numpy", "open_clip_torch", "pillow", "torch", "torchvision", "sam2", "zarr"),
-        by_chunks=True,
-    ),
-    Stage(
-        "prompts",
-        "egosplat.baselines.depth_prompts_stage",
-        "Place point prompts by depth, for a method of others.",
-        options="egosplat.baselines.options:PromptsOptions",
-        output="prompts.zarr",
-        inputs=("frames", "poses", "splats"),
-        optional=_TRAINING_FRAMES,
-        libraries=("numpy", "torch", "zarr"),
+        memory=(6500, 1500),
+        minutes=(120, 1500),
     ),
     Stage(
         "language",
@@ -267,19 +194,9 @@ _STAGES = (
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("numpy", "scipy", "torch", "zarr"),
-        modules=by(
-            "language.method",
-            joint="language.joint",
-            lifted="language.dominant",
-            trained="language.training",
-            projected="baselines.semantic_gaussians",
-            center="baselines.occam",
-            clustered="baselines.splat_feature_solver",
-            sparse="baselines.langsplat_v2",
-            granular="baselines.gags",
-            field="baselines.lerf",
-            quantized="baselines.legaussians",
-        ),
+        modules=_by("language.method", joint="language.joint", lifted="language.dominant"),
+        memory=(6500, 1500),
+        minutes=(60, 1000),
     ),
     Stage(
         "carries",
@@ -289,6 +206,8 @@ _STAGES = (
         output="carries.zarr",
         inputs=("frames", "poses", "instances", "view_features", "splats"),
         libraries=("numpy", _OPENCV, "torch", "zarr"),
+        memory=(5000, 500),
+        minutes=(30, 300),
     ),
     Stage(
         "rests",
@@ -299,6 +218,8 @@ _STAGES = (
         inputs=("frames", "poses", "instances", "view_features", "splats", "carries"),
         optional={"masks": _MASKING["masks"]},
         libraries=("numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
+        memory=(6000, 500),
+        minutes=(30, 1500),
     ),
     Stage(
         "metrics",
@@ -310,16 +231,8 @@ _STAGES = (
         optional=_ENCODED | _RESTING,
         libraries=("jsonschema", "numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", "method", *_SETUP),
-    ),
-    Stage(
-        "method_metrics",
-        "egosplat.baselines.external_maps",
-        "Score another method's relevancy maps like egosplat's own.",
-        options="egosplat.baselines.options:MethodMetricsOptions",
-        output="method_metrics.json",
-        inputs=("frames", "poses", "annotations", "relevancy"),
-        libraries=("jsonschema", "numpy", _OPENCV, "scipy", "torch", "zarr"),
-        scene=("title", *_SETUP),
+        memory=(7000, 1000),
+        minutes=(60, 600),
     ),
     _sheet(
         "contact_sheet",
@@ -337,6 +250,7 @@ _STAGES = (
             "scipy",
             "torch",
         ),
+        memory=(6500, 600),
     ),
     _sheet(
         "transient_sheet",
@@ -347,6 +261,7 @@ _STAGES = (
             "adjustText",
             "torch",
         ),
+        memory=(6500, 600),
     ),
     _sheet(
         "carries_sheet",
@@ -384,6 +299,7 @@ _STAGES = (
             _OPENCV,
             "torch",
         ),
+        memory=(6500, 600),
     ),
     Stage(
         "scene_page",
@@ -398,8 +314,28 @@ _STAGES = (
     ),
 )
 
+
+def _with_plugins(own: tuple[Stage, ...]) -> dict[str, Stage]:
+    """Get the stages by name in the order of the pipeline, with those of the packages beside this one."""
+    stages = [*own]
+    plugins = [point.load() for point in _entry_points()]
+    for stage in (stage for plugin in plugins for stage in plugin.STAGES):
+        stages.insert([other.name for other in stages].index(stage.before), stage)
+    found = {stage.name: stage for stage in stages}
+    for name, modules in (item for plugin in plugins for item in plugin.MODULES.items()):
+        choice = found[name].modules
+        assert choice is not None
+        found[name] = replace(found[name], modules=replace(choice, modules={**choice.modules, **modules}))
+    return found
+
+
+def _entry_points() -> metadata.EntryPoints:
+    # Of this distribution alone: those of all installed ones take as long as the rest of the start.
+    return metadata.distribution("egosplat").entry_points.select(group="egosplat.plugins")
+
+
 # Stages by name, in the order of the pipeline.
-STAGES = {stage.name: stage for stage in _STAGES}
+STAGES = _with_plugins(_STAGES)
 
 # The stages that write an artifact, in the order of the pipeline.
 ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
@@ -410,11 +346,8 @@ FILES = tuple(name for name, stage in STAGES.items() if stage.output.endswith(("
 # The stages that draw a page.
 PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".png", ".html")))
 
-# The stages that only methods of others need.
-OF_OTHERS = ("tiles", "prompts", "method_metrics")
-
 # The stages from a scene's recording to its scores.
-PIPELINE = tuple(name for name in STAGES if name not in (*PAGES, *OF_OTHERS))
+PIPELINE = tuple(name for name, stage in STAGES.items() if name not in PAGES and not stage.aside)
 
 
 def path_help(stage: Stage) -> dict[str, str]:

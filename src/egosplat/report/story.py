@@ -20,7 +20,7 @@ from egosplat.pipeline.home import make_command
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.pipeline.validation import read_document
 from egosplat.progress import log
-from egosplat.report.tables.page import read_picture, render_page
+from egosplat.report.html_page import read_picture, render_page
 
 _COMMAND = "egosplat story"
 

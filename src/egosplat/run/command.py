@@ -3,7 +3,6 @@
 import os
 import re
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -20,7 +19,9 @@ from egosplat.pipeline.scenes import Scene, local_table, read_rows, scene_of_row
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
 from egosplat.run.sources import name_of, read_source
-from egosplat.run.steps import GOAL, Forecast, Steps, machine_pace
+
+# The page that a run makes, whose inputs are all that a query needs.
+GOAL = "scene_page"
 
 # The dataset of a scene that is named without one.
 DATASET = "mine"
@@ -61,9 +62,8 @@ def make_scene(
     cores = cores or len(os.sched_getaffinity(0))
     words = _command(scene, cores, settings)
     log(f"Snakemake's command, to go on with: {shlex.join(words)}")
-    steps = Steps(Forecast(scene, found.count, found.known), machine_pace(cores))
-    if run_snakemake(words, steps):
-        raise UserError(steps.explain())
+    if run_snakemake(words):
+        raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
     return scene
 
 
@@ -84,61 +84,29 @@ def _command(scene: Scene, cores: int, settings: Sequence[str]) -> list[str]:
     return ["snakemake", *place, "--cores", str(cores), *config, "--", str(goal)]
 
 
-def run_snakemake(words: Sequence[str], steps: Steps) -> int:
-    """Run Snakemake, and show a line for each step; get its exit status."""
+def run_snakemake(words: Sequence[str]) -> int:
+    """Run Snakemake, and get its exit status. A signal that ends this process ends Snakemake and its steps first."""
     # A group of its own, so that Ctrl-C, a lost terminal or a scheduler's end reaches it once, by ``_stop``.
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, signal.default_int_handler)
-    process = subprocess.Popen(
-        [sys.executable, "-m", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors="replace",
-        start_new_session=True,
-    )
-    screen = Screen()
+    process = subprocess.Popen([sys.executable, "-m", *words], start_new_session=True)
     try:
-        assert process.stdout is not None
-        for line in process.stdout:
-            screen.show(steps.read(line.rstrip("\n")), steps.work)
         return process.wait()
     except BaseException:
         _stop(process)
         raise
-    finally:
-        screen.show([], "")
 
 
-def _stop(process: "subprocess.Popen[str]") -> None:
+def _stop(process: "subprocess.Popen[bytes]") -> None:
     """End Snakemake and its steps: their unfinished outputs are removed. A second Ctrl-C kills them."""
     try:
         os.killpg(process.pid, signal.SIGINT)
-        process.communicate()
+        process.wait()
     except ProcessLookupError:
         process.wait()
     except KeyboardInterrupt:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-
-
-class Screen:
-    """Lines that stay, and on a terminal below them one that is written over: the last line of a running step."""
-
-    def __init__(self) -> None:
-        self._is_terminal, self._hint = sys.stderr.isatty(), ""
-
-    def show(self, lines: Sequence[str], hint: str) -> None:
-        """Show lines, then a hint in place of the last one."""
-        redrawn = self._is_terminal and (bool(lines) or hint != self._hint)
-        if redrawn:
-            sys.stderr.write("\r\x1b[K")
-        for line in lines:
-            log(line)
-        if redrawn:
-            sys.stderr.write(hint[: shutil.get_terminal_size().columns - 1])
-            sys.stderr.flush()
-        self._hint = hint
 
 
 def split_name(name: str) -> tuple[str, str]:

@@ -112,8 +112,3 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     def single_frames(self) -> bool:
         """Whether masks of single frames are instances of their own, and at most what moves is tracked."""
         return self.segmenter == "sam2" and self.prompting == "each_frame"
-
-    @property
-    def by_depth(self) -> bool:
-        """Whether the stage ``prompts`` places the points of single frames."""
-        return self.single_frames and self.point_prompts == "depth"

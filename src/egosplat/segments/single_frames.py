@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from egosplat.artifacts.checkpoint import State
 from egosplat.models.image_encoder import encode
@@ -26,7 +25,6 @@ class SingleFrames:
         images: Callable[[int], NDArray[np.uint8]],
         valid: NDArray[np.bool_],
         options: SegmentsOptions,
-        points: Callable[[int], Tensor | None] = lambda _: None,
         shown: Callable[[int], NDArray[np.bool_]] | None = None,
     ) -> None:
         """Set up for a video.
@@ -34,11 +32,10 @@ class SingleFrames:
         Args:
             sam2: the model at its own image size. Only whole frames are prompted at that of the options: crops are
                 larger anyway, and tracking takes time by its fourth power.
-            points: returns the (P, 2) points of a frame index, x, y in [0, 1]; None for a grid, in crops as well.
             images, valid, options, shown: see ``Tracker``.
         """
         self._sam2, self._images, self._options = sam2, images, options
-        self._points, self._shown = points, shown or (lambda _: valid)
+        self._shown = shown or (lambda _: valid)
 
     def segment(self, frame: int) -> State:
         """Segment a frame: its compressed ``labels``, and ``[level, predicted IoU, stability]`` of each of its ``masks``."""
@@ -46,14 +43,14 @@ class SingleFrames:
             return self._segment(frame)
 
     def _segment(self, frame: int) -> State:
-        image, placed = self._images(frame), self._points(frame)
-        points = grid_points(self._options.points_per_side) if placed is None else placed
+        image = self._images(frame)
+        points = grid_points(self._options.points_per_side)
         shown = self._shown(frame)
         # Where a frame shows nothing, there is nothing to segment.
         points = points[lie_in(points, torch.from_numpy(shown))]
         with self._sam2.at_side(self._options.image_size):
             found = prompt(self._sam2, encode(self._sam2, image), points, self._options)
-        if self._options.crops_per_side > 1 and placed is None:
+        if self._options.crops_per_side > 1:
             found = prompt_with_crops(self._sam2, image, shown, found, self._options)
         labels, instances = [], []
         for level, candidates in enumerate(found):

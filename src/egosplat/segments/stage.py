@@ -6,16 +6,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.prompts import PROMPTS
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.segments import SEGMENTS
 from egosplat.artifacts.transient import TRANSIENT
@@ -36,7 +33,6 @@ def run(
     *,
     survey_path: Path | None = None,
     transient_path: Path | None = None,
-    prompts_path: Path | None = None,
     chunk: int | None = None,
     gather: Sequence[Path] = (),
 ) -> None:
@@ -47,7 +43,6 @@ def run(
     Args:
         survey_path: frames that the survey drops are skipped; all their labels are -1.
         transient_path: where things move, if the prompting is ``each_frame``; None to track nothing. A chunk needs none.
-        prompts_path: required if the points of single frames are placed by depth; frames without points are not segmented.
         chunk, gather: as in ``Work``, if the prompting is ``each_frame``.
 
     Raises:
@@ -63,13 +58,11 @@ def run(
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
     transient = None if chunk else _open_transient(transient_path, frames, options)
-    placed = _PlacedPoints(prompts_path, frames) if options.by_depth else None
-    video = _Video(frames, np.flatnonzero(kept), transient, placed)
-    of_frames = [frames, *([placed.artifact] if placed else [])]
+    video = _Video(frames, np.flatnonzero(kept), transient)
     about = "segments", options.as_dict() | by_survey
-    made = provenance.begin_from(*about, [*of_frames, *([transient] if transient else [])], models)
+    made = provenance.begin_from(*about, [frames, *([transient] if transient else [])], models)
     # Masks of single frames do not depend on what moves.
-    alone = provenance.begin_from(*about, of_frames, models)
+    alone = provenance.begin_from(*about, [frames], models)
     work = Work(output, alone, len(kept), chunk, gather)
     if options.segmenter == "classical":
         segmented = segment_video(video.image, len(video.frame), video.valid, video.shown)
@@ -90,28 +83,6 @@ def run(
     work.finish()
 
 
-class _PlacedPoints:
-    """The points that each frame is prompted with."""
-
-    def __init__(self, path: Path | None, frames: Artifact) -> None:
-        """Read the points of ``prompts.zarr``; UserError without a path, or if they are of other frames."""
-        if path is None:
-            raise UserError("segments.point_prompts = depth needs the prompts artifact: give --prompts")
-        self.artifact = open_artifact(path, PROMPTS)
-        check_made_from(self.artifact, frames)
-        self._frame = self.artifact.read("frame")
-        self._position = torch.from_numpy(self.artifact.read("position"))
-
-    def has(self, frames: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Whether each of (N,) frames has points."""
-        return np.isin(frames, self._frame)
-
-    def of(self, frame: int) -> Tensor:
-        """Get the (P, 2) points of a frame, x, y in [0, 1]."""
-        begin, end = np.searchsorted(self._frame, [frame, frame + 1])
-        return self._position[begin:end]
-
-
 @dataclass(frozen=True)
 class _Video:
     """The frames to segment.
@@ -119,13 +90,11 @@ class _Video:
     Attributes:
         frame: (N,) index of each in frames.zarr.
         transient: where things move.
-        placed: points by depth; None for a grid.
     """
 
     source: Artifact
     frame: NDArray[np.intp]
     transient: Artifact | None
-    placed: _PlacedPoints | None
 
     def image(self, place: int) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 RGB image of the frame at a place in the video."""
@@ -146,13 +115,8 @@ class _Video:
         return self.transient.row("probability", self.frame[place])
 
     def trained(self) -> NDArray[np.intp]:
-        """Places of the training frames; where points are placed by depth, of those that have any."""
-        chosen = self.source.read("train")[self.frame]
-        return np.flatnonzero(chosen & self.placed.has(self.frame) if self.placed else chosen)
-
-    def points(self, place: int) -> Tensor | None:
-        """(P, 2) points that the frame at a place is prompted with, x, y in [0, 1]; None for a grid."""
-        return self.placed and self.placed.of(int(self.frame[place]))
+        """Places of the training frames."""
+        return np.flatnonzero(self.source.read("train")[self.frame])
 
 
 def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOptions) -> Artifact | None:
@@ -184,7 +148,7 @@ def _segment_with_sam2(
     sam2, valid, shown = load_sam2(*model, side), video.valid, video.shown
     if not options.single_frames:
         return Tracker(sam2, video.image, len(video.frame), valid, options, shown).run(checkpoint)
-    single = SingleFrames(sam2, video.image, valid, options, video.points, shown)
+    single = SingleFrames(sam2, video.image, valid, options, shown)
     frames = np.array(prompted_frames(video.trained(), options), np.intp)
     found = work.results(
         lambda chunks: frames[lie_within(video.frame[frames], chunks)].tolist(),

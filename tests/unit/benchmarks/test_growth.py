@@ -2,12 +2,7 @@
 
 import pytest
 
-from benchmarks.growth.__main__ import FIXED, LEFT_OUT, configuration, growth, row
-from egosplat.pipeline.costs import COSTS, Sizes, cost_of
-from egosplat.pipeline.stages import STAGES
-
-# Units of the expected time that grow with the frames.
-OF_FRAMES = {"video", "frames", "searched", "prompts", "features"}
+from benchmarks.growth.__main__ import growth, row
 
 
 @pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
@@ -39,17 +34,3 @@ def test_a_row_names_a_growth_of_time_or_memory_above_its_law():
     assert (
         row("splats", [(3.0, memory) for _, memory in linear[:2]] + [(3.0, 1900.0)], 1)[-1] == "1, **worse**"
     )
-
-
-def test_the_laws_of_frames_are_those_by_which_the_workflow_requests_time():
-    config, known = configuration(), set(COSTS) | {name for name in STAGES if name.endswith("sheet")}
-    units = {
-        name: {
-            unit
-            for product in cost_of(name, config, Sizes(name, config)).minutes
-            for unit in product.split("*")
-        }
-        for name in STAGES
-        if name in known and name not in LEFT_OUT
-    }
-    assert {name for name, grow in units.items() if not grow & OF_FRAMES} == set(FIXED) & set(units)

@@ -64,7 +64,6 @@ def test_nothing_is_missing_on_a_complete_machine(folder):
     assert "sam2.yaml, checkpoint sam2.pt, 0.0 MiB, hash " in findings["SAM2"].value
     assert findings["models run on"].value == "cpu, float32"
     assert "synthetic apartments replace its 1 scenes" in findings["adt recordings"].value
-    assert findings["expected time"].value.startswith("mine/a, mine/b: ")
 
 
 def test_scenes_that_run_only_by_name_are_not_estimated(folder):
@@ -212,13 +211,12 @@ def test_words_for_photographs_are_checked_where_a_recording_takes_them(folder, 
 
 
 def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(folder, monkeypatch):
-    """Without kernels the reference renders, and its time is not known."""
+    """Without kernels the reference renders."""
     monkeypatch.setattr(library, "why_not", lambda: "The C++ kernels are not compiled.\nRun make install")
     monkeypatch.setattr(library, "is_usable", lambda: False)
     assert found()["kernels"] == Finding(
         Mark.NOTE, "kernels", "The C++ kernels are not compiled.", "Run make install"
     )
-    assert "transient, instances, splats" in found()["expected time"].advice
     assert marks("run={backend: cpu}")["kernels"] == Mark.MISSING
 
 
@@ -315,22 +313,6 @@ def test_a_wrong_table_of_scenes_is_a_finding(folder):
     """The machine is examined all the same."""
     (folder / "config/scenes.tsv").write_text("dataset\n")
     assert found()["scenes"].mark == Mark.MISSING
-
-
-def test_no_time_is_estimated_without_a_recording(folder):
-    """There is nothing to run."""
-    (folder / "config/scenes.tsv").write_text(HEADER + "mine\ta\tplain\tnone.mp4\t\n")
-    assert found()["expected time"].value == "no scene of the table has a recording"
-
-
-def test_each_scene_has_a_time_and_equal_ones_share_a_line(folder):
-    """Scenes of different length take different times."""
-    rows = [f"adt\ts{seed}\tadt\tseq\tsynthetic.seed={seed}" for seed in (1, 2)]
-    rows += ["adt\tlong\tadt\tseq\tsynthetic.seed=3 synthetic.seconds=240", "mine\ta\tplain\ta.mp4\t"]
-    (folder / "config/scenes.tsv").write_text(HEADER + "\n".join([*rows, "mine\tx\tplain\tnone.mp4\t"]))
-    times = [finding.value for finding in examine([], []) if finding.what == "expected time"]
-    assert [value.partition(": ")[0] for value in times] == ["adt/s1, adt/s2", "adt/long", "mine/a"]
-    assert times[0].endswith(" each") and not times[1].endswith(" each")
 
 
 def test_a_wrong_configuration_is_an_error(folder):

@@ -15,10 +15,6 @@ from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.tiles import TILES, scale_name
-from egosplat.baselines.lerf import Field, evaluate_at_centers
-from egosplat.baselines.pixel_views import PixelViews
-from egosplat.baselines.tile_views import TileViews
-from egosplat.baselines.tiles import pyramid
 from egosplat.codes.decoder import Decoder, decode
 from egosplat.codes.rendering import render_codes
 from egosplat.codes.targets import CodeTargets
@@ -27,8 +23,6 @@ from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Masking
-from egosplat.language import loop
-from egosplat.language.loop import train
 from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded
@@ -39,6 +33,12 @@ from egosplat.query.answer import ViewAnswer, ask
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
+from egosplat_rivals import loop
+from egosplat_rivals.lerf import Field, evaluate_at_centers
+from egosplat_rivals.loop import train
+from egosplat_rivals.pixel_views import PixelViews
+from egosplat_rivals.tile_views import TileViews
+from egosplat_rivals.tiles import pyramid
 from tests.support.scenes import camera_facts, put, put_scene
 from tests.unit.language.conftest import CAMERA, FRAME_COUNT, HELD_OUT, SIZE
 
@@ -274,22 +274,6 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
     assert torch.equal(whole.code, rest.code) and whole.curve == rest.curve
     assert np.array_equal(whole.decoder.values, rest.decoder.values)
     assert replace(whole.decoder, values=rest.decoder.values).widths == rest.decoder.widths
-
-
-@pytest.mark.parametrize(
-    "segmenter, points, told",
-    [
-        ("sam2", "depth", "1 of 30,000 iterations"),
-        ("sam2", "grid", "distillation alone"),
-        ("classical", "depth", "distillation alone"),
-    ],
-)
-def test_the_row_of_gags_says_whether_its_masks_are_prompted_by_depth(
-    scene, tmp_path, segmenter, points, told
-):
-    checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 1e9)
-    coded = scene.coded("granular", checkpoint, iterations=1, segmenter=segmenter, point_prompts=points)
-    assert coded.stands_in[0].startswith(told) and "1 of 30,000 iterations" in coded.stands_in
 
 
 def test_methods_from_tiles_say_which_frame_lacks_them(scene, tmp_path):

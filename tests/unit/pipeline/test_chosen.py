@@ -51,15 +51,16 @@ def test_no_import_leads_to_the_modules_of_other_values(stage, value):
     others = {*CHOICES[stage].values()} - {CHOICES[stage][value]}
     reached = {*modules_of(STAGES[stage].module, CHOICES[stage][value])}
     # Splat Feature Solver scales codes as training does, and benchmarks are read as plain pictures are.
-    shared = {"clustered": "language.training", "lerf": "frames.pictures", "3d_ovs": "frames.pictures"}
-    assert reached & others <= {f"egosplat.{shared.get(value)}"}
+    pictures = "egosplat.frames.pictures"
+    shared = {"clustered": "egosplat_rivals.langsplat", "lerf": pictures, "3d_ovs": pictures}
+    assert reached & others <= {shared.get(value)}
 
 
-def test_other_formats_and_methods_never_reach_colmap_and_baselines():
+def test_other_formats_and_methods_never_reach_colmap_and_rivals():
     for stage, value in (("frames", "adt"), ("annotations", "adt"), ("poses", "device"), ("poses", "known")):
         reached = modules_of(STAGES[stage].module, CHOICES[stage][value])
         assert not [name for name in reached if name.startswith("egosplat.calibration.colmap.")]
-    assert not [name for name in modules_of("egosplat.language.stage") if "baselines" in name]
+    assert not [name for name in modules_of("egosplat.language.stage") if "rivals" in name]
 
 
 def test_a_value_without_a_record_is_refused():

@@ -193,7 +193,7 @@ def test_pictures_and_poses_never_reach_annotations_even_by_code():
 
 def test_every_template_and_table_is_code_of_a_page():
     pages = [stage.module for stage in STAGES.values()]
-    pages += [f"egosplat.report.{name}.stage" for name in ("tables", "tradeoff")] + ["egosplat.report.story"]
+    pages += [f"egosplat_rivals.{name}.stage" for name in ("tables", "tradeoff")] + ["egosplat.report.story"]
     folders = {path.parent for page in pages for path in modules_of(page).values() if path.stem != "__init__"}
     texts = [path for path in PACKAGE.rglob("*") if path.suffix in fingerprint.TEXTS]
     assert texts and {path.parent for path in texts} <= folders

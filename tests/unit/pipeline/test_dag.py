@@ -84,42 +84,6 @@ def test_codes_and_their_scores_read_what_the_method_learns_from(method):
     assert optional_inputs_of("language", joint) == ("instances", "features")
 
 
-BY_DEPTH = {
-    "segments": {"point_prompts": "depth", "track_moving": "never"},
-    "splats": {"masking": "none", "language": "after"},
-}
-
-
-@pytest.mark.parametrize(
-    "keys, needed", [({}, True), ({"prompting": "key_frames"}, False), ({"segmenter": "classical"}, False)]
-)
-def test_masks_that_are_prompted_by_depth_need_gaussians_and_these_no_segments(keys, needed):
-    config = merge(merge(EVERY_FRAME, BY_DEPTH), {"segments": keys})
-    assert inputs_of("segments", config) == (("frames", "prompts") if needed else ("frames",))
-    assert inputs_of("prompts", config) == ("frames", "poses", "splats")
-    assert stages_behind(["prompts"], config) == ["frames", "poses", "splats", "prompts"]
-    assert ("prompts" in stages_behind(["language"], config)) == needed
-    assert "prompts" not in stages_behind(
-        ["language", "metrics"], merge(config, {"segments": {"point_prompts": "grid"}})
-    )
-
-
-@pytest.mark.parametrize(
-    "section, key, value",
-    [
-        ("splats", "masking", "refined"),
-        ("splats", "masking", "auto"),
-        ("splats", "language", "joint"),
-        ("segments", "prompting", "key_frames"),
-    ],
-)
-def test_keys_that_prompts_by_depth_do_not_go_with_are_an_error_that_names_both(section, key, value):
-    config = merge(EVERY_FRAME, BY_DEPTH)
-    validate(config)
-    with pytest.raises(UserError, match=rf"segments\.point_prompts.*{section}\.{key} = .*, not {value};"):
-        validate(merge(config, {section: {key: value}}))
-
-
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
 def test_training_stages_read_the_survey_where_it_leaves_frames_out(stage):
     """Protects the list of stages that follow kept frames."""

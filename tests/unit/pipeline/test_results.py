@@ -5,18 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge
-from egosplat.pipeline.replacements import asked_results
 from egosplat.pipeline.results import (
     default_results,
     default_scenes,
-    maps_of,
     results_by_survey,
     table_pictures,
     table_scores,
 )
-from egosplat.pipeline.scenes import Scene, Target
+from egosplat.pipeline.scenes import Scene
 
 CONFIG = merge(defaults(), {"variants": {"v": {"features": {"dims": 4}}}})
 
@@ -71,33 +68,13 @@ def test_the_tables_hold_ablations_and_scores_by_name_that_exist(scenes):
     assert "results/mine/here/splats.png" in table_pictures(scenes.values())
 
 
-def test_the_tables_wait_for_the_methods_of_the_configuration_and_for_maps_that_exist(scenes, tmp_path):
+def test_the_tables_wait_for_the_methods_of_the_configuration(scenes):
     """A run without a target makes neither."""
     before = table_scores(scenes.values())
     assert "results/adt/one/variants/langsplat/metrics.json" in before
     assert not [path for path in default_results(scenes["adt", "one"]) if "variants" in path]
-    (tmp_path / "maps/adt/one/theirs.zarr").mkdir(parents=True)
-    keys = {"tables": {"maps": str(tmp_path / "maps"), "methods": []}}
+    keys = {"tables": {"methods": []}}
     told = [replace(scene, config=merge(scene.config, keys)) for scene in scenes.values()]
-    after = table_scores(told)
-    assert "results/adt/one/methods/theirs/metrics.json" in after
     drawn = "results/adt/one/methods.png"
     assert drawn in table_pictures(scenes.values()) and drawn not in table_pictures(told)
-    assert not [path for path in after if "langsplat" in path or "here/methods" in path]
-    assert maps_of(told[0], "theirs") == tmp_path / "maps/adt/one/theirs.zarr"
-
-
-def test_maps_without_a_folder_are_an_error_that_names_the_key(scenes):
-    with pytest.raises(UserError, match=r"tables\.maps.*FOLDER/adt/one/theirs\.zarr"):
-        maps_of(scenes["adt", "one"], "theirs")
-
-
-def test_what_is_asked_for_is_grouped_by_scene_and_variant(scenes):
-    """Protects the notices of what a run replaces."""
-    every = asked_results(scenes, [], lambda preset: scenes)
-    assert [str(one.folder) for one in every] == ["results/adt/one", "results/mine/here"]
-    targets = [Target("adt", "one", "v", name) for name in ("metrics.json", "splats.png")]
-    (one,) = asked_results(scenes, targets, lambda preset: scenes)
-    assert one.goals == ("metrics.json", "splats.png") and one.config["features"]["dims"] == 4
-    assert str(one.path_of("features")) == "results/adt/one/variants/v/features.zarr"
-    assert one.with_preset("draft")["features"]["dims"] == 4
+    assert not [path for path in table_scores(told) if "langsplat" in path]

@@ -86,7 +86,7 @@ def test_a_seed_changes_only_training_stages():
     config = scene(seeds=[5])
     found = variant_config(config, "seed-5", "adt/scene1")
     changed = {stage for stage in STAGES if stage_values(stage, found) != stage_values(stage, config)}
-    assert changed == {"instances", "features", "transient", "splats", "prompts", "language", "rests"}
+    assert changed == {"instances", "features", "transient", "splats", "language", "rests"}
     assert found["run"] == config["run"] | {"seed": 5}
 
 

@@ -237,7 +237,6 @@ def test_other_methods_never_read_what_moves_and_share_the_geometry_without_mask
         else {"segments", "instances", "features"}
     )
     assert read & {"tiles", "segments", "instances", "features"} == learnt
-    assert ("prompts" in read) == (name == "gags")
     assert owner("splats", BASE, name, "adt/scene1") == "no_masks"
     assert owner("language", BASE, name, "adt/scene1") == name
 
@@ -251,13 +250,10 @@ def test_other_methods_train_their_codes_after_geometry_that_they_share_also_whe
 
 
 def test_methods_on_masks_of_single_frames_share_them():
-    for name in ("langsplat", "semantic_gaussians", "occam", "splat_feature_solver"):
+    for name in ("langsplat", "semantic_gaussians", "occam", "gags", "splat_feature_solver"):
         assert {
             owner(stage, BASE, name, "adt/scene1") for stage in ("segments", "instances", "view_features")
         } == {"each_frame"}
-    assert owner("prompts", BASE, "gags", "adt/scene1") == owner("splats", BASE, "gags", "adt/scene1")
-    for stage in ("segments", "instances", "view_features", "features"):
-        assert owner(stage, BASE, "gags", "adt/scene1") == "gags", stage
     assert owner("features", BASE, "langsplat", "adt/scene1") == "langsplat"
     assert owner("features", BASE, "occam", "adt/scene1") == "each_frame"
     keys = variant_config(BASE, "occam", "adt/scene1")

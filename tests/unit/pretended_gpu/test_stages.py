@@ -14,12 +14,12 @@ from egosplat.artifacts.registry import SCHEMAS
 from egosplat.compute import Compute
 from egosplat.gaussians import trainer
 from egosplat.instances import geometry
-from egosplat.language import loop
 from egosplat.language import stage as language
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.tracker import Tracker
 from egosplat.splats import stage as splats
 from egosplat.transient import stage as transient
+from egosplat_rivals import loop
 from tests.support.pretended_gpu import DEVICE, PretendedGpu
 from tests.unit.instances.conftest import masks_of_wall
 from tests.unit.instances.test_stage import run as merge

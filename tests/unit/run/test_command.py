@@ -44,7 +44,7 @@ def calls(tmp_path, monkeypatch):
     (work := tmp_path / "work").mkdir()
     monkeypatch.chdir(work)
     found = []
-    monkeypatch.setattr(command, "run_snakemake", lambda words, steps: found.append(words) or 0)
+    monkeypatch.setattr(command, "run_snakemake", lambda words: found.append(words) or 0)
     return found
 
 
@@ -95,10 +95,8 @@ def test_a_word_that_is_no_key_with_its_value_is_refused(calls, tmp_path, pair):
 
 
 def test_a_failed_run_is_an_error_with_its_message(calls, tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        command, "run_snakemake", lambda words, steps: steps.read("egosplat: a: is wrong") and 1
-    )
-    with pytest.raises(UserError, match="^a: is wrong$"):
+    monkeypatch.setattr(command, "run_snakemake", lambda words: 1)
+    with pytest.raises(UserError, match="mine/photos: a step failed"):
         make_scene(tmp_path / "photos")
 
 
@@ -112,7 +110,7 @@ def test_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):
 SNAKEMAKE = """
 import pathlib, signal, time
 try:
-    print("egosplat: begun", flush=True)
+    print("begun", flush=True)
     time.sleep(600)
 except KeyboardInterrupt:
     time.sleep(0.2)
@@ -120,12 +118,9 @@ except KeyboardInterrupt:
     raise SystemExit(1)
 """
 CALLER = """
-from egosplat.progress import show_log
 from egosplat.run.command import run_snakemake
-from egosplat.run.steps import Steps
-show_log()
 try:
-    run_snakemake(["pretended"], Steps(None, 1.0))
+    run_snakemake(["pretended"])
 except KeyboardInterrupt:
     raise SystemExit(130)
 """
@@ -141,10 +136,10 @@ def test_snakemake_ends_first_and_once(tmp_path, ending):
         ["env", "--default-signal=INT", sys.executable, "-c", CALLER],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": path},
-        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         text=True,
     )
-    assert process.stderr is not None and process.stderr.readline() == "begun\n"
+    assert process.stdout is not None and process.stdout.readline() == "begun\n"
     process.send_signal(ending)
     assert process.wait(timeout=300) == 130
     assert (tmp_path / "ended").read_text() == "as asked"

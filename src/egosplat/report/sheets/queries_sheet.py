@@ -24,6 +24,7 @@ from egosplat.drawing import (
 )
 from egosplat.evaluation.evaluation_frames import SCORED
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
+from egosplat.evaluation.series import find_series
 from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
 from egosplat.report.sheets.queries_asking import (
@@ -33,7 +34,6 @@ from egosplat.report.sheets.queries_asking import (
     scored_queries,
     scoring_options,
 )
-from egosplat.report.tables.series import find_series
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4

@@ -1,0 +1,21 @@
+"""What this package adds to the pipeline: the stage ``synthetic``."""
+
+from typing import Any
+
+from egosplat.pipeline.stage import Stage
+
+STAGES = (
+    Stage(
+        "synthetic",
+        "egosplat_apartments.stage",
+        "Make the recording of a synthetic apartment.",
+        options="egosplat_apartments.options:SyntheticOptions",
+        output="recording",
+        libraries=("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
+        memory=(2000, 1500),
+        minutes=(60, 500),
+        before="frames",
+    ),
+)
+
+MODULES: dict[str, Any] = {}

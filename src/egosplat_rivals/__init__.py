@@ -1,0 +1,1 @@
+"""Methods of others on the same data, the paper's tables, and speed against accuracy. egosplat never imports it."""

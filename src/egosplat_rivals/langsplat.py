@@ -1,0 +1,80 @@
+"""Train codes by gradient descent with fixed geometry: LangSplat's second stage, for all levels at once."""
+
+import torch
+from torch import Tensor, nn
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.codes.joint_objective import code_l1
+from egosplat.codes.targets import CodeTargets
+from egosplat.language.lifting import shares
+from egosplat.language.method import Method
+from egosplat.language.options import LanguageOptions
+from egosplat.language.result import Coded, fewer_iterations
+from egosplat.language.views import CodeViews
+from egosplat.rasterize.view import composite
+from egosplat_rivals.loop import Step, Trainee, adam, train
+
+# LangSplat's iterations.
+_ITERATIONS = 30_000
+
+# Norm of the random codes that normalized ones start from (docs/methods.md#langsplat). From LangSplat's 0, divided by
+# 1e-9, the first gradient is a million times the next ones, and Adam hardly moves the codes until it has forgotten it,
+# 20,000 iterations later.
+_FIRST_NORM = 0.1
+
+
+def train_codes(
+    views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
+) -> Coded:
+    """Method ``train_codes``: codes by gradient descent, from the last checkpoint if there is one; shares of ``shares``.
+
+    Raises:
+        UserError: training diverges.
+    """
+    share = shares(views, targets.known)
+    codes = PlainCodes(views, (len(targets.levels), targets.channels), options)
+    curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
+    # Stored as they are rendered, so that queries need not know whether codes are normalized.
+    code = codes_to_render(codes.code.detach(), options.normalize_codes)
+    start = "random codes at the start in place of 0"
+    stands_in = (
+        *fewer_iterations(options.iterations, _ITERATIONS),
+        *([start] if options.normalize_codes else []),
+    )
+    return Coded(code, share, targets.levels, curve=curve, stands_in=stands_in)
+
+
+class PlainCodes(Trainee):
+    """Codes that render as they are.
+
+    Attributes:
+        code: (N, L, C).
+    """
+
+    def __init__(self, views: CodeViews, shape: tuple[int, int], options: LanguageOptions) -> None:
+        """Start from codes of ``shape`` (L, C): 0 as in LangSplat, or short random ones that are normalized."""
+        super().__init__()
+        first = torch.zeros(views.gaussians.count, *shape)
+        if options.normalize_codes:
+            random = torch.Generator().manual_seed(options.seed)
+            first = _FIRST_NORM * codes_to_render(first.normal_(generator=random), True)
+        self.code = nn.Parameter(first.to(views.device))
+        self.optimizers = [adam([([self.code], options.lr)])]
+        self._views, self._normalize = views, options.normalize_codes
+
+    def loss(self, step: Step) -> Tensor:
+        """Return the L1 loss of the whole image."""
+        views, index = self._views, step.view
+        targets = views.targets(int(views.frame[index]))
+        values = codes_to_render(self.code, self._normalize).flatten(1)
+        image, _ = composite(views.view(index), values)
+        codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
+        return code_l1(codes, targets, views.weight(index))
+
+
+def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
+    """(N, L, C) codes as rendered: normalized if ``normalize_codes``; zero codes stay 0."""
+    return torch.nn.functional.normalize(code, dim=-1) if normalize_codes else code
+
+
+METHOD = Method(train_codes, masks="{} in place of SAM")

@@ -1,0 +1,176 @@
+"""Method ``train_indices``: LEGaussians (Shi et al., CVPR 2024). Dense features become indices into a codebook."""
+
+import math
+from functools import cached_property
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.tiles import TILES
+from egosplat.codes.decoder import Decoder
+from egosplat.language.lifting import evaluate_everywhere, shares
+from egosplat.language.method import Method
+from egosplat.language.options import LanguageOptions
+from egosplat.language.result import Coded, fewer_iterations
+from egosplat.language.views import CodeViews
+from egosplat.progress import track
+from egosplat_rivals.codebook import Codebook, dense_features
+from egosplat_rivals.decoders import Layers
+from egosplat_rivals.loop import Step, Trainee, adam, train
+from egosplat_rivals.pixel_views import PixelViews
+from egosplat_rivals.tile_views import TileViews, nearest, open_tile_views
+
+# Published: numbers of a code, hidden layers of its decoder, and layers of the network of positions.
+CHANNELS, HIDDEN = 8, (128, 256)
+POSITIONS = (3, 128, 128, 128, 128, CHANNELS)
+
+# Published: learning rates of codes, of their uncertainty and of networks; decay of the decoder; iterations.
+_CODE_RATE, _UNCERTAINTY_RATE, _LAYER_RATE = 1e-3, 0.05, 1e-3
+_DECAY = 1e-5
+_ITERATIONS = 30_000
+
+# Published: uncertainty at the start, iterations from one smoothing to the next, and its weight at no uncertainty.
+_UNCERTAIN, _SMOOTH_EVERY, LEAST_SMOOTHING = 0.01, 10, 0.1
+
+# Published: images in a batch of the codebook's training, and passes over all images.
+_BATCH, _EPOCHS = 32, 300
+
+# Features of the codebook's training that are held: 100 MiB at 192 channels, a third of those of 100 views.
+_POOL = 2**17
+
+# Keeps the logarithm finite where rendered uncertainty is 1.
+_MOST_UNCERTAIN = 1 - 1e-6
+
+
+def train_indices(
+    views: CodeViews, tiles: TileViews, options: LanguageOptions, checkpoint: Checkpoint
+) -> Coded:
+    """Train the codebook, then codes with the decoder of indices; the curve has both, one after the other.
+
+    Raises:
+        UserError: a view has no tiles, or training diverges.
+    """
+    tiles.check_has(views.frame)
+    pixels = PixelViews(views, options.pixels)
+    codes = QuantizedCodes(pixels, tiles, options.seed)
+    total = codes.first_phase + options.iterations
+    curve = train(codes, len(views), total, options.seed, checkpoint)
+    share = shares(views, evaluate_everywhere(views))
+    stands_in = (
+        tiles.stands_in,
+        *fewer_iterations(options.iterations, _ITERATIONS),
+        f"the loss of {options.pixels:,} pixels of a view, and of as many features a batch",
+        "color and geometry fixed, not trained along with it",
+    )
+    return Coded(codes.code.detach()[:, None], share, ["quantized"], codes.stored(), curve, stands_in)
+
+
+def uncertain_loss(entropy: Tensor, uncertainty: Tensor) -> Tensor:
+    """() mean of (P,) ``entropy (1 - u) - log(1 - u)`` with u in [0, 1); gradients reach both. 0 without pixels."""
+    sure = 1 - uncertainty.clamp(max=_MOST_UNCERTAIN)
+    return (entropy * sure - sure.log()).sum() / max(1, len(entropy))
+
+
+def smoothing(codes: Tensor, predicted: Tensor, uncertainty: Tensor) -> Tensor:
+    """() two terms: the prediction follows the codes, and codes follow the prediction, the more the less certain.
+
+    Codes and their prediction from positions are (S, C); the (S,) uncertainty of the Gaussians gets no gradient.
+    """
+    weight = LEAST_SMOOTHING * (1 - uncertainty.detach()) + uncertainty.detach()
+    fit = (predicted - codes.detach()).square().mean()
+    return fit + (weight * (predicted.detach() - codes).square().mean(dim=1)).mean()
+
+
+class QuantizedCodes(Trainee):
+    """A codebook, then codes with uncertainty and the decoder of indices.
+
+    Attributes:
+        code: (N, 8), random at first.
+        uncertainty: (N,) logits.
+        codebook: of features.
+        decoder: from codes to logits of the words.
+        positions: from positions to codes, for smoothness.
+        first_phase: iterations of the codebook alone.
+    """
+
+    advice = "use another language.seed"
+
+    def __init__(self, pixels: PixelViews, tiles: TileViews, seed: int) -> None:
+        """Start from random numbers."""
+        super().__init__()
+        gaussians, device = pixels.views.gaussians, pixels.views.device
+        draw = torch.Generator().manual_seed(seed)
+        self.code = nn.Parameter(torch.randn(gaussians.count, CHANNELS, generator=draw).to(device))
+        start = math.log(_UNCERTAIN / (1 - _UNCERTAIN))
+        self.uncertainty = nn.Parameter(torch.full((gaussians.count,), start, device=device))
+        self.codebook = Codebook(tiles.channels, tiles.components, draw).to(device)
+        widths = (CHANNELS, *HIDDEN, len(self.codebook.words))
+        self.decoder = Layers(widths, seed, device, unit_input=True)
+        self.positions = Layers(POSITIONS, seed, device)
+        self.optimizers = [
+            self.codebook.optimizer,
+            adam([([self.code], _CODE_RATE), ([self.uncertainty], _UNCERTAINTY_RATE)]),
+            torch.optim.AdamW([self.decoder.values], lr=_LAYER_RATE, weight_decay=_DECAY),
+            torch.optim.AdamW([self.positions.values], lr=_LAYER_RATE),
+        ]
+        self._pixels, self._tiles = pixels, tiles
+        self._indices: dict[int, Tensor] = {}
+        self.first_phase = _EPOCHS * math.ceil(len(pixels.views) / _BATCH)
+
+    def loss(self, step: Step) -> Tensor:
+        """Return the codebook's loss in the first phase, then that of the codes."""
+        if step.iteration <= self.first_phase:
+            return self._codebook_loss(step)
+        pixels, weight = self._pixels.draw(step.view, step.draw)
+        codes, uncertainty = self._rendered(step.view, pixels)
+        entropy = F.cross_entropy(self.decoder(codes), self._index(step.view, pixels), reduction="none")
+        loss = uncertain_loss(entropy * weight, uncertainty)
+        return loss + self._smoothing(step.draw) if step.iteration % _SMOOTH_EVERY == 0 else loss
+
+    def stored(self) -> Decoder:
+        """From codes to features: the words, as long as they are, weighted by the softmax of the logits."""
+        decoder, words = self.decoder.trained(), self.codebook.words.detach().cpu()[:, : self._tiles.channels]
+        values = [torch.from_numpy(decoder.values), words.T.reshape(-1), torch.zeros(words.shape[1])]
+        after = ("relu",) * len(HIDDEN) + ("softmax", "none")
+        return Decoder((*decoder.widths, words.shape[1]), torch.cat(values).numpy(), after, unit_input=True)
+
+    def _codebook_loss(self, step: Step) -> Tensor:
+        chosen = torch.randint(len(self._pool), (self._pixels.count,), generator=step.draw)
+        self.codebook.set_rate(step.iteration * _EPOCHS / self.first_phase)
+        return self.codebook.loss(self._pool[chosen].to(self.code.device))
+
+    @cached_property
+    def _pool(self) -> Tensor:
+        """(R, D + K) features of all views, about ``_POOL`` of them. They are equal after a kill."""
+        views, draw = self._pixels.views, torch.Generator().manual_seed(0)
+        few, rows = max(1, _POOL // len(views)), []
+        for view in track(range(len(views)), "mixing tiles", unit="view"):
+            features = dense_features(self._tiles, self._pixels.frame(view), views.camera).flatten(0, 1)
+            rows.append(features[torch.randperm(len(features), generator=draw)[:few]])
+        return torch.cat(rows)
+
+    def _rendered(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor]:
+        """(P, 8) codes and (P,) uncertainty."""
+        values = torch.cat([self.code, self.uncertainty.sigmoid()[:, None]], dim=1)
+        rendered = self._pixels.renderer(view, pixels)(values)
+        return rendered[:, :CHANNELS], rendered[:, CHANNELS]
+
+    @torch.no_grad()
+    def _index(self, view: int, pixels: Tensor) -> Tensor:
+        """(P,) index of the word at each pixel. A view's are kept, because words do not change after the first phase."""
+        camera = self._pixels.views.camera
+        if view not in self._indices:
+            features = dense_features(self._tiles, self._pixels.frame(view), camera).to(self.code.device)
+            self._indices[view] = self.codebook.indices(features.flatten(0, 1)).view(features.shape[:2])
+        return nearest(self._indices[view], pixels.to(self.code.device), camera.width, camera.height)
+
+    def _smoothing(self, draw: torch.Generator) -> Tensor:
+        means = self._pixels.views.gaussians.means
+        chosen = torch.randint(len(means), (self._pixels.count,), generator=draw)
+        predicted = self.positions(means[chosen])
+        return smoothing(self.code[chosen], predicted, self.uncertainty[chosen].sigmoid())
+
+
+METHOD = Method(train_indices, (TILES,), open_tile_views)

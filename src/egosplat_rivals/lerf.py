@@ -1,0 +1,199 @@
+"""Method ``train_field``: LERF (Kerr et al., ICCV 2023). A field of features by position and scale, over the Gaussians' surfaces."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional as F
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.tiles import TILES
+from egosplat.codes.centers import median_depths
+from egosplat.codes.decoder import Decoder
+from egosplat.geometry import invert
+from egosplat.language.lifting import evaluate_everywhere, shares
+from egosplat.language.method import Method
+from egosplat.language.options import LanguageOptions
+from egosplat.language.result import Coded, fewer_iterations
+from egosplat.language.views import CodeViews
+from egosplat.rasterize.view import pixel_lists
+from egosplat_rivals.decoders import Layers
+from egosplat_rivals.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract, exponential
+from egosplat_rivals.loop import Step, Trainee, train
+from egosplat_rivals.pixel_views import PixelViews
+from egosplat_rivals.tile_views import TileViews, nearest, open_tile_views
+
+# Published: hidden layers of the features' and the regulariser's network, the learning rate and where it ends, decay,
+# iterations, and the largest scale of a query.
+HIDDEN, REGULARISED = (256, 256, 256, 256), (256,)
+_FIRST_RATE, _LAST_RATE, _RATE_STEPS = 1e-2, 1e-3, 4000
+_DECAY, _EPSILON = 1e-9, 1e-15
+_ITERATIONS = 30_000
+LARGEST_SCALE = 1.5
+
+# Published: weight of the features' loss, and where Huber's loss turns linear.
+FEATURE_WEIGHT, _HUBER = 0.1, 1.25
+
+# Weight of the regulariser's squared error, our choice: sums over DINO's 384 raw channels would drown the features.
+REGULARISER_WEIGHT = 1e-3
+
+# Values of the widest layer that are held while the field is evaluated at all Gaussians.
+_ROWS_AT_ONCE = 2**14
+
+# Scales at which the field is stored, from 0 to LARGEST_SCALE; each is a level. LERF asks 30.
+SCALES = 8
+
+# Numbers of a code, a linear basis of the field's features. LERF has no codes.
+CHANNELS = 32
+
+
+def train_field(
+    views: CodeViews, tiles: TileViews, options: LanguageOptions, checkpoint: Checkpoint
+) -> Coded:
+    """Train the field at the depths that the Gaussians show, then evaluate it at their centers, at several scales.
+
+    Raises:
+        UserError: a view has no tiles, or training diverges.
+    """
+    tiles.check_has(views.frame)
+    pixels = PixelViews(views, options.pixels)
+    trained = Field(pixels, tiles, options.seed)
+    curve = train(trained, len(views), options.iterations, options.seed, checkpoint)
+    scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=views.device)
+    code, decoder = evaluate_at_centers(trained, views.gaussians.means, scales, CHANNELS)
+    share = shares(views, evaluate_everywhere(views))
+    weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
+    stands_in = (
+        tiles.stands_in + weight,
+        *fewer_iterations(options.iterations, _ITERATIONS),
+        f"{options.pixels:,} rays of one view an iteration",
+        "one sample a ray, at the depth of the shared geometry, not nerfacto's 24",
+        f"{SCALES} scales of a query for 30",
+    )
+    levels = [f"scale {scale:.2f}" for scale in scales.tolist()]
+    return Coded(code, share.repeat(1, len(levels)), levels, decoder, curve, stands_in)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """The world as the field sees it: the cameras' (3,) mean position [m] at 0, their largest coordinate [m] at 1."""
+
+    center: Tensor
+    unit: float
+
+    def local(self, points: Tensor) -> Tensor:
+        """(..., 3) points of the world."""
+        return (points - self.center) / self.unit
+
+
+def world_of(camera_to_world: NDArray[np.float64], device: torch.device) -> World:
+    """World of (V, 4, 4) poses; of unit 1 m if all cameras stand at one place."""
+    positions = camera_to_world[:, :3, 3]
+    center = positions.mean(axis=0)
+    most = float(np.abs(positions - center).max())
+    # In proportion, because the world may be in any unit.
+    least = 1e-9 * float(np.abs(positions).max())
+    return World(torch.from_numpy(center).to(device, torch.float32), most if most > least else 1.0)
+
+
+def feature_loss(found: Tensor, wanted: Tensor) -> Tensor:
+    """() weighted mean over rays of the sum over channels of Huber's loss between (P, D) features; 0 without rays."""
+    return FEATURE_WEIGHT * F.huber_loss(found, wanted, reduction="sum", delta=_HUBER) / max(1, len(found))
+
+
+def input_scale(scale: Tensor, distance: Tensor, height: int, focal: float) -> Tensor:
+    """(P,) input of the field for a scale of 0 to 1 seen from a distance, in units of the field's world."""
+    return scale * height * distance / focal
+
+
+class Field(Trainee):
+    """Features by position and scale, from a grid of positions; and a regulariser by position, or None."""
+
+    advice = "use another language.seed"
+
+    def __init__(self, pixels: PixelViews, tiles: TileViews, seed: int) -> None:
+        """Start from random weights."""
+        super().__init__()
+        width = len(RESOLUTIONS) * FEATURES
+        draw, cpu = torch.Generator().manual_seed(seed), torch.device("cpu")
+        self.grid = HashGrid(draw)
+        self.features = Layers((width + 1, *HIDDEN, tiles.channels), seed, cpu)
+        self.regulariser = None
+        if tiles.components:
+            self.regulariser = Layers((width, *REGULARISED, tiles.components), seed + 1, cpu)
+        self.to(pixels.views.device)
+        networks = [part for name, part in self.named_parameters() if not name.startswith("grid")]
+        self.optimizers = [
+            torch.optim.SparseAdam([self.grid.table], lr=_FIRST_RATE, eps=_EPSILON),
+            torch.optim.RAdam(networks, lr=_FIRST_RATE, eps=_EPSILON, weight_decay=_DECAY),
+        ]
+        self.world = world_of(pixels.views.camera_to_world, pixels.views.device)
+        self._pixels, self._tiles = pixels, tiles
+
+    def forward(self, points: Tensor, scale: Tensor) -> Tensor:
+        """Return (P, D) features of unit norm at (P, 3) points [m] and (P,) scales."""
+        return self._features(self.grid(contract(self.world.local(points))), scale)
+
+    def loss(self, step: Step) -> Tensor:
+        """Return the loss of the features, and of the regulariser, of the rays of one view."""
+        for optimizer in self.optimizers:
+            rate = exponential(_FIRST_RATE, _LAST_RATE, _RATE_STEPS, step.iteration)
+            optimizer.param_groups[0]["lr"] = rate
+        pixels, _ = self._pixels.draw(step.view, step.draw)
+        points, distance, shown = self._surface(step.view, pixels)
+        pixels = pixels[shown]
+        number = torch.randint(len(self._tiles.scales) - 1, (len(pixels),), generator=step.draw)
+        part = torch.rand(len(pixels), generator=step.draw)
+        frame, camera = self._pixels.frame(step.view), self._pixels.views.camera
+        wanted = self._tiles.between(frame, pixels, number, part)
+        scale = (number + part) / (len(self._tiles.scales) - 1)
+        hashed = self.grid(contract(self.world.local(points)))
+        sigma = input_scale(scale, distance / self.world.unit, camera.height, camera.fy).to(hashed)
+        loss = feature_loss(self._features(hashed, sigma), wanted.to(hashed))
+        if self.regulariser is None:
+            return loss
+        image = nearest(self._tiles.regulariser(frame), pixels, camera.width, camera.height)
+        error = (self.regulariser(hashed) - image.to(hashed)).square().sum() / max(1, len(points))
+        return loss + REGULARISER_WEIGHT * error
+
+    def _features(self, hashed: Tensor, scale: Tensor) -> Tensor:
+        return F.normalize(self.features(torch.cat([hashed, scale[:, None]], dim=1)), dim=-1)
+
+    def _surface(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The points [m] at the median depth of pixels, their distances from the camera [m], and which pixels have one."""
+        views = self._pixels.views
+        gaussians, camera, pose = views.gaussians, views.camera, views.camera_to_world[view]
+        shown = pixel_lists(views.view(view), pixels)
+        inverse = torch.from_numpy(invert(pose))
+        depth = median_depths(*shown, gaussians.means.cpu().double() @ inverse[2, :3] + inverse[2, 3])
+        seen = depth.isfinite()
+        at = pixels[seen].double() + 0.5
+        focal, middle = torch.tensor([camera.fx, camera.fy]), torch.tensor([camera.cx, camera.cy])
+        rays = torch.cat([(at - middle) / focal, at.new_ones(len(at), 1)], dim=1) * depth[seen, None]
+        to_world = torch.from_numpy(pose)
+        points = rays @ to_world[:3, :3].T + to_world[:3, 3]
+        return points.to(gaussians.means), rays.norm(dim=1).float(), seen
+
+
+@torch.no_grad()
+def evaluate_at_centers(
+    trained: Field, means: Tensor, scales: Tensor, channels: int
+) -> tuple[Tensor, Decoder]:
+    """Evaluate a field at (N, 3) centers of Gaussians [m] and (S,) scales: (N, S, C) codes of a linear basis, and their decoder."""
+    rows = [
+        torch.stack([trained(part, scale.expand(len(part))) for scale in scales], dim=1)
+        for part in means.split(_ROWS_AT_ONCE)
+    ]
+    few = torch.cat([part[:: max(1, len(rows))] for part in rows]).flatten(0, 1).double()
+    mean = few.mean(dim=0)
+    # The largest directions last.
+    _, vectors = torch.linalg.eigh((few - mean).T @ (few - mean))
+    basis = vectors.flip(1)[:, : min(channels, vectors.shape[1])].float()
+    code = torch.cat([(part - mean.float()) @ basis for part in rows])
+    values = torch.cat([basis.reshape(-1), mean.float()]).cpu().numpy()
+    return code, Decoder((basis.shape[1], basis.shape[0]), values)
+
+
+METHOD = Method(train_field, (TILES,), open_tile_views)

@@ -1,0 +1,109 @@
+"""Draw the answers of several methods to the same queries side by side."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import fmean
+
+from matplotlib.axes import Axes
+from matplotlib.figure import SubFigure
+
+from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
+from egosplat.evaluation.scored_scenes import read_scored_scene
+from egosplat.evaluation.series import OWN
+from egosplat.report.sheets.queries_asking import (
+    ScoredQuery,
+    ShownQuery,
+    ask_again,
+    best_and_worst,
+    is_in_time,
+    open_scored,
+    scored_queries,
+    scoring_options,
+)
+
+# Maximum number of best queries, and of worst ones.
+ROWS = 4
+
+# Width of an image on the page [inches].
+CELL = 2.1
+
+# Frame and category of a query.
+Asked = tuple[int, str]
+
+# Titles of the two blocks.
+BEST = "best: hits of half of the methods with the highest mean IoU, one per category"
+WORST = "worst: misses of most methods with the lowest mean IoU, one per category"
+
+
+def run(metrics: Sequence[Path], output: Path, title: str) -> None:
+    """Draw the page as PNG, atomically; queries are answered again, as in the page of queries.
+
+    Args:
+        metrics: ``metrics.json`` of variants of one scene, each beside its language.zarr, in the order of the columns.
+
+    Raises:
+        UserError: a file cannot be read, its artifacts are gone, or another program ran the method.
+    """
+    scenes = [read_scored_scene(path) for path in metrics]
+    by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]
+    chosen = best_and_worst(over_methods(by_scene), ROWS)
+    best, worst = ([(one.frame, one.category) for one in queries] for queries in chosen)
+    shown = []
+    for scene, queries in zip(scenes, by_scene, strict=True):
+        opened = open_scored(scene.path.parent, scoring_options(scene), in_time=is_in_time(scene))
+        answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene)
+        shown.append({(one.scored.frame, one.scored.category): one for one in answers})
+    names = [scene.method or OWN for scene in scenes]
+    rows = len(best) + len(worst)
+    size = (len(scenes) + 1) * CELL, (CELL + 0.25) * max(rows, 1) + 1.2
+    figure = plt.figure(figsize=size, layout="constrained")
+    if rows:
+        parts = figure.subfigures(2, 1, height_ratios=(max(len(best), 0.2), max(len(worst), 0.2)))
+        for part, heading, queries in zip(parts, (BEST, WORST), (best, worst), strict=True):
+            part.suptitle(heading, fontsize=11, fontweight="bold")
+            _draw(part, queries, names, shown)
+    else:
+        figure.text(0.5, 0.4, "No query was asked of all methods.", ha="center")
+    legend = "white: annotated instances; colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel"
+    draw_heading(figure, f"{title}\n{legend}", [])
+    save_figure(figure, output)
+
+
+def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuery]:
+    """Average the queries that were asked of all methods: a hit if half of them hit, and the mean of relevancy and IoU."""
+    common = set(methods[0]).intersection(*methods[1:])
+    return [
+        ScoredQuery(
+            *asked,
+            relevancy=fmean(queries[asked].relevancy for queries in methods),
+            hit=2 * sum(queries[asked].hit for queries in methods) >= len(methods),
+            iou=fmean(queries[asked].iou for queries in methods),
+        )
+        for asked in sorted(common)
+    ]
+
+
+def _draw(
+    page: SubFigure, queries: Sequence[Asked], names: Sequence[str], shown: Sequence[dict[Asked, ShownQuery]]
+) -> None:
+    """Draw a row for each query: its photograph, then the relevancy of each method."""
+    if not queries:
+        return
+    for cells, asked in zip(empty_grid(page, len(queries), len(names) + 1), queries, strict=True):
+        first = shown[0][asked]
+        cells[0].imshow(first.photograph)
+        cells[0].set_title(f'"{asked[1]}", frame {asked[0]}', fontsize=8)
+        draw_outline(cells[0], first.target)
+        for axes, name, answers in zip(cells[1:], names, shown, strict=True):
+            _draw_answer(axes, name, answers[asked])
+
+
+def _draw_answer(axes: Axes, name: str, query: ShownQuery) -> None:
+    verdict, marker, color = HIT if query.scored.hit else MISS
+    draw_heat(axes, query.view, query.answer.relevancy)
+    draw_outline(axes, query.target)
+    axes.set_title(f"{name}: {verdict}, IoU {query.scored.iou:.2f}", fontsize=8, color=color)
+    if query.answer.pixel is not None:
+        axes.scatter(
+            *query.answer.pixel, s=60, marker=marker, color=color, edgecolors="white", linewidths=1.2
+        )

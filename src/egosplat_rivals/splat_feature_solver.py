@@ -1,0 +1,163 @@
+"""Splat Feature Solver (Xiong et al., ICLR 2026): lift with sharpened opacities, and average the masks that agree with a cluster."""
+
+import importlib.util
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import sparse
+from torch import Tensor
+
+from egosplat.codes.targets import CodeTargets
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.language.lifting import lift
+from egosplat.language.method import Method
+from egosplat.language.options import LanguageOptions
+from egosplat.language.result import Coded
+from egosplat.language.views import CodeViews
+from egosplat.progress import track
+from egosplat.rasterize.view import composite_sparse
+from egosplat_rivals.langsplat import codes_to_render
+
+# Published: factor of the logits of opacities; least IoU of a mask with its cluster.
+SHARPENING, AGREEMENT = 1.2, 0.8
+
+
+def lift_clusters(views: CodeViews, targets: CodeTargets, options: LanguageOptions, *_: object) -> Coded:
+    """Method ``lift_clusters``: lifted codes; those of a cluster become the mean code of the masks that agree with it.
+
+    Each level is clustered by itself. Gaussians in no cluster, or in one that no mask agrees with, keep their lifted
+    code.
+
+    Raises:
+        UserError: scikit-learn is not installed.
+    """
+    if importlib.util.find_spec("sklearn") is None:
+        raise UserError(
+            'scikit-learn is not installed; it comes with the extra "clusters": pip install "egosplat[clusters]"'
+        )
+    sharp = replace(views, gaussians=sharpen(views.gaussians))
+    found = lift(sharp)
+    levels = zip(found.code.unbind(1), found.share.unbind(1), strict=True)
+    labels = torch.stack([clusters_of(code, share, options.seed) for code, share in levels], dim=1)
+    means, known = mask_means(sharp, targets, labels)
+    # Gaussians in no cluster read the last row, which is never known.
+    level = torch.arange(len(targets.levels), device=views.device)
+    code = torch.where(known[level, labels][..., None], means[level, labels], found.code)
+    code = codes_to_render(code, options.normalize_codes)
+    stands_in = ["opacities sharpened where codes are lifted, not where they are rendered"]
+    if views.gaussians.count > SAMPLE:
+        stands_in.append(f"clusters of {SAMPLE:,} Gaussians, which the others join by their nearest")
+    return Coded(code, found.share, targets.levels, stands_in=tuple(stands_in))
+
+
+def sharpen(gaussians: Gaussians) -> Gaussians:
+    """The Gaussians with opacities nearer to 0 and 1; 0, 1/2 and 1 stay."""
+    return replace(gaussians, logit_opacities=SHARPENING * gaussians.logit_opacities)
+
+
+def mask_means(views: CodeViews, targets: CodeTargets, labels: Tensor) -> tuple[Tensor, Tensor]:
+    """Average the codes of the masks that agree with each cluster, each mask of a frame counting once.
+
+    Args:
+        labels: (N, L) int64 cluster of each Gaussian at each level, -1 for none.
+
+    Returns:
+        (L, K + 1, C) means of K clusters, and (L, K + 1) whether any mask agrees; the last row is 0.
+    """
+    shape = labels.shape[1], int(labels.max()) + 2
+    sums = torch.zeros(*shape, targets.channels, device=views.device)
+    counts = torch.zeros(shape, device=views.device)
+    members = [_members(column.cpu().numpy() + 1, shape[1]) for column in labels.unbind(1)]
+    for index in track(range(len(views)), "comparing masks with clusters", unit="view"):
+        frame, weight, view = int(views.frame[index]), views.weight(index), views.view(index)
+        for level, masks in enumerate(targets.labels(frame)):
+            shown = composite_sparse(view, members[level]).argmax(dim=0)
+            instances, cluster = agreeing(masks, shown - 1, weight)
+            codes, usable = targets.of_labels(frame, instances)
+            sums[level].index_add_(0, cluster, codes * usable[:, None])
+            counts[level].index_add_(0, cluster, usable.float())
+    return sums / counts.clamp(min=1)[..., None], counts > 0
+
+
+def _members(column: NDArray[np.int64], count: int) -> sparse.csr_array:
+    """(N, count) float32, 1 in the column of each row and 0 elsewhere."""
+    return sparse.csr_array(
+        (np.ones(len(column), np.float32), column, np.arange(len(column) + 1)), (len(column), count)
+    )
+
+
+def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
+    """Find the masks of a picture that overlap with their most frequent cluster by an IoU above ``AGREEMENT``.
+
+    Args:
+        masks, clusters, weight: (H, W) int64 index, -1 for none, and weight of each pixel; None for ones.
+
+    Returns:
+        (M,) int64 masks, and (M,) their clusters.
+    """
+    names, mask = masks.unique(return_inverse=True)
+    count = int(clusters.max()) + 2
+    pairs = (mask * count + clusters + 1).flatten()
+    area = None if weight is None else weight.flatten()
+    table = torch.bincount(pairs, area, minlength=len(names) * count).view(len(names), count).double()
+    shared, cluster = table.max(dim=1)
+    union = table.sum(dim=1) + table.sum(dim=0)[cluster] - shared
+    agrees = (names >= 0) & (cluster > 0) & (shared > AGREEMENT * union)
+    return names[agrees], cluster[agrees] - 1
+
+
+# Published: principal components; Gaussians near a dense one; Gaussians of the smallest cluster.
+COMPONENTS, NEIGHBORS, LEAST = 50, 10, 500
+
+# Decimals kept of coordinates whose largest is 1: what is left out is rounding of sums, and no cluster.
+_DECIMALS = 5
+
+# Gaussians that are clustered: the time grows with the square of their number.
+SAMPLE = 20_000
+
+
+def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
+    """Cluster (N, C) codes; a random sample is clustered, and the others take the cluster of the nearest one.
+
+    Returns:
+        (N,) int64 cluster, from 0, or -1 for none and for codes whose (N,) share is 0.
+    """
+    # Imported here: it takes a second, which other methods need not wait.
+    from sklearn.cluster import HDBSCAN
+    from sklearn.metrics import pairwise_distances_argmin
+
+    labels = torch.full((len(code),), -1)
+    rows = share.cpu().nonzero()[:, 0]
+    if len(rows) < LEAST:
+        return labels.to(code.device)
+    values = code.cpu()[rows]
+    draw = torch.Generator().manual_seed(seed)
+    chosen = torch.randperm(len(rows), generator=draw)[:SAMPLE]
+    parts = principal_components(values, chosen).numpy()
+    least = max(2, round(LEAST * len(chosen) / len(rows)))
+    # Other algorithms than a k-d tree may hold all distances.
+    model = HDBSCAN(min_cluster_size=least, min_samples=NEIGHBORS, algorithm="kd_tree", copy=True)
+    found = model.fit_predict(parts[chosen])
+    labels[rows] = torch.from_numpy(found[pairwise_distances_argmin(parts, parts[chosen])]).long()
+    return labels.to(code.device)
+
+
+def principal_components(values: Tensor, sample: Tensor) -> Tensor:
+    """Coordinates of (N, C) values along the axes of most variance in a sample of them, (S,) int64 rows.
+
+    Returns:
+        (N, min(C, COMPONENTS)), scaled so that the largest is 1, and rounded.
+    """
+    drawn = values[sample].double()
+    mean = drawn.mean(dim=0)
+    # In float64 also where the variance is far below the mean. Eigenvalues ascend.
+    axes = torch.linalg.eigh((drawn - mean).T @ (drawn - mean)).eigenvectors[:, -COMPONENTS:]
+    parts = (values - mean.float()) @ axes.float()
+    largest = parts.abs().max()
+    return (parts / torch.where(largest > 0, largest, 1.0)).round(decimals=_DECIMALS)
+
+
+METHOD = Method(lift_clusters, masks="{} in place of SAM")

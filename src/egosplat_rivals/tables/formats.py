@@ -1,0 +1,225 @@
+"""Write a table as CSV, GitHub Markdown, LaTeX or HTML, from one frame of texts and one of styles."""
+
+import re
+from typing import Any
+
+import pandas as pd
+from pandas.io.formats.style import Styler
+
+from egosplat.evaluation.scored_scenes import Cell
+from egosplat_rivals.tables.table import SYNTHETIC, Layout, Note, Row, blocks, number, ranks
+
+COMMAND = "egosplat tables"
+# First line of each file, a comment.
+MARKDOWN_MARK, LATEX_MARK = f"<!-- {COMMAND} -->", f"% {COMMAND}"
+
+# A table with more columns shows no intervals in Markdown, and fills both columns of a page in LaTeX.
+MANY = 8
+
+# Decimals of the numbers in CSV.
+DECIMALS = 3
+
+_MARKDOWN = str.maketrans(
+    {"&": "&amp;", "<": "&lt;", ">": "&gt;"} | {one: f"\\{one}" for one in r"\`*_{}[]|~$#"}
+)
+_COMMANDS = {"\\": "textbackslash", "~": "textasciitilde", "^": "textasciicircum", "<": "textless"}
+_COMMANDS |= {">": "textgreater", "|": "textbar", '"': "textquotedbl"}
+_LATEX = str.maketrans(
+    {one: f"\\{name}{{}}" for one, name in _COMMANDS.items()}
+    | {one: f"\\{one}" for one in "{}$&#_%"}
+    | {"✓": r"\checkmark"}
+)
+
+# By rank: none, the best number, the second best one.
+_MARKDOWN_RANKS = ("{}", "**{}**", "*{}*")
+_STYLE_RANKS = ("", "font-weight: bold; color: #c00000", "font-weight: bold; color: #007070")
+_LABEL = "text-align: left; white-space: normal; min-width: 19rem; font-size: .85rem"
+_TITLE, _SYNTHETIC = "font-style: italic", "background-color: #fdf3dc"
+
+
+def markdown(text: str) -> str:
+    """Escape the special characters of Markdown, also inside a table."""
+    return text.translate(_MARKDOWN)
+
+
+def latex(text: str) -> str:
+    """Escape the special characters of LaTeX."""
+    return text.translate(_LATEX)
+
+
+def to_markdown(table: Layout) -> str:
+    """Write one Markdown table. The best number of a block is bold, the second best italic."""
+    few = len(table.columns) <= MANY
+    texts, titles = _texts(table, " ({}–{})" if few else ""), _titles(table)
+    texts = texts.map(markdown)
+    for (line, column), rank in _ranked(table):
+        texts.iloc[line, column] = _MARKDOWN_RANKS[rank].format(texts.iloc[line, column])
+    label = len(table.components)
+    texts.iloc[titles, label] = [f"**{title}**" for title in texts.iloc[titles, label]]
+    texts.columns = [markdown(" ".join(filter(None, one))) for one in texts.columns]
+    align = ["center"] * label + ["left"] + ["right"] * (texts.shape[1] - label - 1)
+    body = texts.to_markdown(index=False, disable_numparse=True, colalign=align)
+    notes = "\n".join(f"- {markdown(note_text(note))}" for note in table.notes)
+    return f"{MARKDOWN_MARK}\n\n### {markdown(table.caption)}\n\n{body}\n\n{notes}".strip() + "\n"
+
+
+def to_latex(table: Layout) -> str:
+    """Write a float with caption, notes and label ``tab:NAME``. The best number is red, the second best teal."""
+    style = _styler(table, "").format(latex).format_index(latex, axis=1)
+    after = len(table.columns) + 2 * table.has_costs
+    columns = "c" * len(table.components) + r"p{.3\linewidth}" + "c" * after
+    text = style.to_latex(hrules=True, convert_css=True, column_format=columns, multicol_align="c")
+    lines = text.splitlines()
+    first = lines.index(r"\midrule") + 1
+    for title in reversed(_titles(table)[1:]):
+        lines.insert(first + title, r"\midrule")
+    environment = "table" if len(table.columns) <= MANY else "table*"
+    notes = (rf"\par\smallskip\raggedright {latex(note_text(note))}" for note in table.notes)
+    parts = (
+        LATEX_MARK,
+        r"% needs \usepackage{amssymb,booktabs,graphicx,xcolor} and \usepackage[T1]{fontenc}",
+        rf"\begin{{{environment}}}[htbp]",
+        r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",
+        rf"\caption{{{latex(table.caption)}}}",
+        r"\resizebox{\linewidth}{!}{%",
+        *lines,
+        "}",
+        *notes,
+        rf"\label{{tab:{table.name}}}",
+        rf"\end{{{environment}}}",
+    )
+    return "\n".join(parts) + "\n"
+
+
+def to_html(table: Layout) -> str:
+    """Write a table element; below a measured number is its interval. Synthetic rows are yellow, the best numbers red and teal."""
+    label = len(table.components)
+    style = _styler(table, "\n{}–{}").format(escape="html").format_index(escape="html", axis=1)
+    synthetic = [row is not None and row.kind == SYNTHETIC for row in _lines(table)]
+    style.apply(lambda column: [_SYNTHETIC if one else "" for one in synthetic])
+    left = {"selector": f".col{label}:not(.col_heading)", "props": _LABEL}
+    style.set_table_styles([left], overwrite=False)
+    tips = pd.DataFrame("", style.data.index, style.data.columns)
+    for line, row in enumerate(_lines(table)):
+        for column, cell in enumerate(row.cells if row else ()):
+            if cell.queries is not None:
+                tips.iloc[line, label + 1 + column] = (
+                    f"{cell.queries} queries of {cell.categories} categories"
+                )
+    return style.set_tooltips(tips).to_html()
+
+
+def to_csv(table: Layout) -> str:
+    """Write one line per number; unknown values are empty.
+
+    Columns: ``kind`` is ``printed``, ``real`` or ``synthetic``; ``percent``, ``low`` and ``high`` are a score and its
+    interval [%]; ``queries`` and ``categories`` are their numbers; ``scenes`` are the scenes of a measured average;
+    ``steps`` are the enabled components of an ablation; ``cpu_min`` and ``memory_gib`` are the row's cost of a scene;
+    ``stands_in`` is what replaces parts of a method.
+    """
+    lines = pd.DataFrame(
+        _csv_line(table, row, *pair)
+        for row in table.rows
+        for pair in zip(table.columns, row.cells, strict=True)
+    )
+    lines = lines.astype({"queries": "Int64", "categories": "Int64"})
+    floats = ("percent", "low", "high", "cpu_min", "memory_gib")
+    return lines.astype(dict.fromkeys(floats, float)).round(DECIMALS).to_csv(index=False)
+
+
+def _csv_line(table: Layout, row: Row, column: tuple[str, str, str], cell: Cell) -> dict[str, Any]:
+    low, high = cell.interval or (None, None)
+    return {
+        "table": table.name,
+        "kind": row.kind,
+        "method": _harmless(row.method),
+        "data": row.data,
+        "checkpoints": _harmless(row.checkpoints),
+        "variant": row.variant,
+        "notice": row.notice,
+        "steps": "; ".join(name for name, used in zip(table.components, row.steps, strict=True) if used),
+        **dict(zip(("scene", "metric", "group"), column, strict=True)),
+        "percent": cell.percent,
+        "low": low,
+        "high": high,
+        "queries": cell.queries,
+        "categories": cell.categories,
+        "scenes": " ".join(cell.scenes),
+        "cpu_min": row.cost and row.cost.cpu_min,
+        "memory_gib": row.cost and row.cost.memory_gib,
+        "stands_in": "; ".join(row.stands_in),
+    }
+
+
+def _harmless(text: str) -> str:
+    """Quote a name that a spreadsheet would read as a formula."""
+    return f"'{text}" if re.match("[=+@-]", text) else text
+
+
+def note_text(note: Note) -> str:
+    """A footnote with its letter."""
+    return f"[{note.mark}] {note.text}" if note.mark else note.text
+
+
+def _lines(table: Layout) -> list[Row | None]:
+    """The rows, with None for the title above each block."""
+    return [line for _, own in blocks(table.rows) for line in (None, *own)]
+
+
+def _titles(table: Layout) -> list[int]:
+    return [line for line, row in enumerate(_lines(table)) if row is None]
+
+
+def _ranked(table: Layout) -> list[tuple[tuple[int, int], int]]:
+    """Line and column of each cell with a rank, and the rank."""
+    before = len(table.components) + 1
+    found = [rank for _, own in blocks(table.rows) for rank in ([], *ranks(own))]
+    return [
+        ((line, before + column), rank)
+        for line, own in enumerate(found)
+        for column, rank in enumerate(own)
+        if rank
+    ]
+
+
+def _texts(table: Layout, interval: str) -> pd.DataFrame:
+    """The table as texts, with a line for the title of each block.
+
+    Args:
+        interval: format of the bounds of an interval, or empty.
+    """
+    costs = (("a scene", "CPU min"), ("a scene", "GiB")) if table.has_costs else ()
+    numbers = (*table.headings, *costs)
+    columns = [*(("", name) for name in table.components), ("", "Method"), *numbers]
+    lines: list[list[str]] = []
+    for title, own in blocks(table.rows):
+        lines.append([*[""] * len(table.components), title, *[""] * len(numbers)])
+        lines += [_text_line(table, row, interval) for row in own]
+    return pd.DataFrame(lines, columns=pd.MultiIndex.from_tuples(columns))
+
+
+def _text_line(table: Layout, row: Row, interval: str) -> list[str]:
+    steps = ["✓" if used else "" for used in row.steps]
+    marks = row.marks or ("",) * len(row.cells)
+    cells = [
+        number(cell.percent)
+        + (f" (of {len(cell.scenes)})" if cell.scenes and cell.scenes != row.scenes else "")
+        + (f" [{mark}]" if mark else "")
+        + (interval.format(*map(number, cell.interval)) if interval and cell.interval else "")
+        for cell, mark in zip(row.cells, marks, strict=True)
+    ]
+    cost = (row.cost.cpu_min, row.cost.memory_gib) if row.cost else (None, None)
+    costs = [number(one) for one in cost] if table.has_costs else []
+    return [*steps, table.label(row), *cells, *costs]
+
+
+def _styler(table: Layout, interval: str) -> Styler:
+    """The texts with titles in italics, and the best numbers of each block marked."""
+    texts = _texts(table, interval)
+    if not any(over for over, _ in texts.columns):
+        texts.columns = texts.columns.droplevel(0)
+    styles = pd.DataFrame("", texts.index, texts.columns)
+    styles.iloc[_titles(table), len(table.components)] = _TITLE
+    for (line, column), rank in _ranked(table):
+        styles.iloc[line, column] = _STYLE_RANKS[rank]
+    return Styler(texts, uuid=table.name, cell_ids=True).apply(lambda _: styles, axis=None).hide(axis="index")

@@ -1,0 +1,41 @@
+"""Parts of a page of tables and pictures."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from egosplat.report.html_page import Picture
+
+# The package and the name of the template of all pages here.
+TEMPLATE = __package__, "page.html.j2"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page.
+
+    Attributes:
+        table: HTML of a table, with escaped texts.
+        style: classes of the table: ``texts``, ``words`` (texts to be wrapped), ``named`` (a name in the first column),
+            ``synthetic`` (numbers of synthetic apartments).
+        notes: below the table.
+    """
+
+    id: str
+    heading: str = ""
+    lead: str = ""
+    table: str = ""
+    style: str = ""
+    notes: Sequence[str] = ()
+    pictures: Sequence[Picture] = ()
+
+
+def plain_table(records: Sequence[Mapping[str, Any]]) -> str:
+    """A table element with a column for each key, a text or two headings; every text is escaped."""
+    frame = pd.DataFrame(records)
+    if isinstance(frame.columns[0], tuple):
+        frame.columns = pd.MultiIndex.from_tuples(frame.columns)
+    # Without formatters, line breaks would be written as backslash and n.
+    return frame.to_html(index=False, border=0, formatters=[str] * frame.shape[1])

@@ -1,0 +1,243 @@
+"""Build the paper's five tables: printed numbers, and measured numbers below."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import astuple, replace
+from itertools import count, product
+from string import ascii_lowercase
+
+from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
+from egosplat.evaluation.scored_scenes import CHANCE, FULL, VALIDATION, Cell, Cost, ScoredScene
+from egosplat.evaluation.series import APARTMENTS, NAMES, OWN, VALIDATION_APARTMENTS, Series
+from egosplat_rivals.tables.paper_numbers import LAYOUTS, PAPER_NOTES, find_printed, scenes_of
+from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
+
+INTERVALS = (
+    "Intervals are for other categories, and for averages also for other scenes. Categories are resampled, not queries, "
+    "because the queries of one category show one thing in several frames. A score of a single category has no interval."
+)
+
+
+def paper_tables(series: Sequence[Series]) -> list[Layout]:
+    """Build all five tables, with a row for each series that belongs to one."""
+    return [_fill(layout, series) for layout in LAYOUTS]
+
+
+def _fill(layout: Layout, series: Sequence[Series]) -> Layout:
+    own = [one for one in series if one.first.dataset == layout.dataset and _scenes_of(layout, one)]
+    if layout.components:  # an ablation of EgoSplat
+        own = [one for one in own if one.own]
+    letters = _letters()
+    notes = [replace(one, mark=next(letters) if one.cells else "") for one in PAPER_NOTES[layout.name]]
+    measured = _measured_rows(layout, own)
+    marks = {text: next(letters) for text in dict.fromkeys(one for row in measured for one in row.stands_in)}
+    measured = [
+        replace(row, mark=",".join(sorted(marks[text] for text in row.stands_in))) for row in measured
+    ]
+    synthetic = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
+    return replace(
+        layout,
+        caption=layout.caption + (synthetic if any(row.kind == SYNTHETIC for row in measured) else ""),
+        rows=(*_printed_rows(layout, notes), *measured),
+        notes=(
+            *notes,
+            *(Note(_sentence(text), mark=mark) for text, mark in marks.items()),
+            *map(Note, _remarks(measured)),
+            *map(Note, _presence_remarks(layout, own)),
+        ),
+    )
+
+
+def _printed_rows(layout: Layout, notes: Sequence[Note]) -> Iterator[Row]:
+    name = NAMES[layout.dataset]
+    for line, (_, steps) in layout.lines.items():
+        method = OWN if layout.components else line
+        keys = [(scene, line, metric, group) for scene, metric, group in layout.columns]
+        yield Row(
+            PRINTED,
+            f"Printed in the paper, on {name}",
+            f"{method} (paper, {name})",
+            method,
+            name,
+            steps,
+            tuple(Cell(find_printed(layout.numbers, *key)) for key in keys),
+            checkpoints="the paper's",
+            variant=line if steps else "",
+            marks=tuple(next((note.mark for note in notes if key in note.cells), "") for key in keys),
+        )
+
+
+def _measured_rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
+    name = NAMES[layout.dataset]
+    titles = {
+        (REAL, False): f"Measured by egosplat on {name}",
+        (SYNTHETIC, False): f"Measured on {APARTMENTS}: not {name}, not comparable with any row above",
+        (SYNTHETIC, True): (
+            f"Measured on {VALIDATION_APARTMENTS} ({VALIDATION[0]} to {VALIDATION[-1]}): "
+            f"not {name}, not comparable with any row above"
+        ),
+    }
+    rows: list[Row] = []
+    for kind, title in titles.items():
+        own = [one for one in series if (one.first.origin, one.first.validation) == kind]
+        rows += _block(layout, title, own)
+    return rows or [_empty_row(layout, REAL, titles[REAL, False], line, name) for line in layout.lines]
+
+
+def _block(layout: Layout, title: str, series: Sequence[Series]) -> Iterator[Row]:
+    """Rows of one block in the paper's order, methods that it lacks, then the chance level.
+
+    A line without scores gets an empty row.
+    """
+    # EgoSplat's series belong to the line of their variant, others to that of their method.
+    known = {
+        line: [one for one in series if (one.first.variant == variant if one.own else one.method == line)]
+        for line, (variant, _) in layout.lines.items()
+    }
+    more = [one for one in series if not one.own and one.method not in layout.lines]
+    if not more and not any(known.values()):
+        return
+    kind, data = series[0].first.origin, series[0].data
+    for line, own in known.items():
+        yield from (_row(layout, title, layout.lines[line][1], one) for one in own)
+        if not own:
+            yield _empty_row(layout, kind, title, line, data)
+    yield from (_row(layout, title, (), one) for one in more)
+    yield from _chance_rows(layout, title, series)
+
+
+def _chance_rows(layout: Layout, title: str, series: Sequence[Series]) -> Iterator[Row]:
+    """Rows with the accuracy of each of ``CHANCE`` on the scenes of a block."""
+    if not any(metric == "accuracy" for _, metric, _ in layout.columns):
+        return
+    scenes: dict[str, ScoredScene] = {}
+    for one in series:
+        scenes = _scenes_of(layout, one) | scenes
+    kind, data, steps = series[0].first.origin, series[0].data, (False,) * len(layout.components)
+    for answerer, name in CHANCE.items():
+        cells = tuple(
+            _cell(place, answerer, group, scenes) if metric == "accuracy" else Cell()
+            for place, metric, group in layout.columns
+        )
+        yield Row(kind, title, f"Chance: {name} ({data})", name, data, steps, cells)
+
+
+def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) -> Row:
+    scenes = _scenes_of(layout, series)
+    return Row(
+        series.first.origin,
+        title,
+        series.label,
+        series.method,
+        series.data,
+        steps,
+        tuple(_cell(*column, scenes) for column in layout.columns),
+        checkpoints=series.checkpoints,
+        variant=series.first.variant,
+        notice=series.notice,
+        cost=_mean_cost([scene.cost for scene in scenes.values()]),
+        stands_in=tuple(dict.fromkeys(text for scene in scenes.values() for text in scene.stands_in)),
+    )
+
+
+def _mean_cost(costs: Sequence[Cost | None]) -> Cost | None:
+    """The mean of the costs of scenes; None if one is not known."""
+    if not costs or None in costs:
+        return None
+    return Cost(*(sum(values) / len(costs) for values in zip(*map(astuple, costs), strict=True)))
+
+
+def _cell(place: str, score: str, group: str, scenes: Mapping[str, ScoredScene]) -> Cell:
+    """A metric or a chance level of a scene or on average."""
+    if place == AVERAGE:
+        return (average_chance if score in CHANCE else average)(scenes, score, group)
+    if place not in scenes:
+        return Cell()
+    scene = scenes[place]
+    return scene.chance(score, group) if score in CHANCE else scene.cell(score, group)
+
+
+def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
+    """The scenes of a series that belong to a table."""
+    names = scenes_of(layout, series.first.validation)
+    return {name: series.scenes[name] for name in names if name in series.scenes}
+
+
+def _empty_row(layout: Layout, kind: str, title: str, line: str, data: str) -> Row:
+    variant, steps = layout.lines[line]
+    method, by = (line, "") if variant is None else (OWN, "egosplat, ")
+    label, cells = f"{method} ({by}{data}: not measured)", (Cell(),) * len(layout.columns)
+    return Row(kind, title, label, method, data, steps, cells, variant=variant or "")
+
+
+def _letters() -> Iterator[str]:
+    """a to z, then aa, ab and so on."""
+    for length in count(1):
+        yield from map("".join, product(ascii_lowercase, repeat=length))
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Notes on measured rows."""
+    yield from map(_sentence, dict.fromkeys(row.notice for row in rows if row.notice))
+    if any(cell.interval for row in rows for cell in row.cells):
+        yield INTERVALS
+    for _, own in blocks(rows):
+        data = own[0].data
+        if len({row.scenes for row in own if row.scenes}) > 1:
+            yield f"Averages on {data} are over different scenes, and not comparable."
+        if own[0].kind == REAL and any(cell.queries for row in own for cell in row.cells):
+            yield f"Measured on {data} in egosplat's own evaluation frames; the paper's frames are not known."
+
+
+def _presence_remarks(layout: Layout, series: Sequence[Series]) -> Iterator[str]:
+    """Notes on the answers of each row to queries of present and absent things, in tables with accuracies."""
+    if not any(metric == "accuracy" for _, metric, _ in layout.columns):
+        return
+    for one in series:
+        if summary := _presence_summary(_scenes_of(layout, one).values()):
+            variant = "" if one.first.variant == FULL else f", {one.first.variant}"
+            yield f"{one.label}{variant}: {summary}."
+
+
+def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
+    """The plain mean of a metric over the scenes that have a score, as in the paper's tables, with ``clustered_interval``."""
+    clusters = {name: scene.clusters(metric, group) for name, scene in sorted(scenes.items())}
+    scored = {name: values for name, values in clusters.items() if len(values.counts)}
+    if not scored:
+        return Cell()
+    values = list(scored.values())
+    return Cell(
+        percent=100 * mean_of_scenes(values),
+        interval=scaled(clustered_interval(values, RESAMPLING), 100),
+        queries=int(sum(scene.counts.sum() for scene in values)),
+        categories=sum(len(scene.counts) for scene in values),
+        scenes=tuple(scored),
+    )
+
+
+def average_chance(scenes: Mapping[str, ScoredScene], answerer: str, group: str) -> Cell:
+    """The plain mean over scenes of the accuracy by chance, see ``ScoredScene.chance``; without an interval."""
+    cells = {name: scene.chance(answerer, group) for name, scene in sorted(scenes.items())}
+    scored = {name: cell for name, cell in cells.items() if cell.percent is not None}
+    if not scored:
+        return Cell()
+    return Cell(percent=sum(cell.percent for cell in scored.values()) / len(scored), scenes=tuple(scored))
+
+
+def _presence_summary(scenes: Iterable[ScoredScene]) -> str | None:
+    """How often queries of whole scenes are answered; None without queries of absent things, as for other methods."""
+    entries = [scene.document["presence"] for scene in scenes if "presence" in scene.document]
+
+    def total(kind: str, key: str) -> int:
+        return sum(entry[kind][key] for entry in entries)
+
+    if not total("absent", "asked"):
+        return None
+    return (
+        f"in queries of the whole scene, {total('present', 'answered')} of {total('present', 'asked')} present things "
+        f"are found, {total('present', 'right')} of them correctly, and {total('absent', 'answered')} of "
+        f"{total('absent', 'asked')} absent things; best guesses are right for {total('present', 'guessed_right')} more"
+    )

@@ -1,0 +1,114 @@
+"""Stage ``tables``: write the paper's tables, with measured numbers below the printed ones."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from egosplat.alarms.texts import TEXTS, found_text, normal_range
+from egosplat.evaluation.intervals import RESAMPLING
+from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat.evaluation.series import Series, find_series
+from egosplat.files import write_text
+from egosplat.progress import log
+from egosplat.report.html_page import read_picture, render_page
+from egosplat_rivals.tables.formats import COMMAND, note_text, to_csv, to_html, to_latex, to_markdown
+from egosplat_rivals.tables.page import TEMPLATE, Section, plain_table
+from egosplat_rivals.tables.paper_numbers import in_a_table
+from egosplat_rivals.tables.paper_tables import paper_tables
+from egosplat_rivals.tables.table import Layout
+
+PAGE = "tables.html"
+
+_FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
+
+
+def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
+    """Write each of ``egosplat_rivals.tables.paper_numbers.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
+
+    Files are written atomically; equal inputs give equal bytes.
+
+    Args:
+        metrics: ``metrics.json`` files of egosplat's variants and of other methods; those of no table are logged and left out.
+        pictures: PNG or JPEG files of scenes, for the end of the page.
+
+    Raises:
+        UserError: a file cannot be read, two files are of the same scene, or protocols differ.
+    """
+    read = [read_scored_scene(path) for path in metrics]
+    scenes = [one for one in read if in_a_table(one)]
+    for one in read:
+        if one not in scenes:
+            log(f"{one.path}: no table shows {one.dataset}/{one.scene}, variant {one.variant}")
+    check_protocol(scenes)
+    series = find_series(scenes)
+    tables = paper_tables(series)
+    page = write_page(tables, series, pictures)
+    for table in tables:
+        for suffix, form in _FORMATS.items():
+            write_text(output / f"{table.name}.{suffix}", form(table))
+    write_text(output / PAGE, page)
+    log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
+
+
+def write_page(tables: Sequence[Layout], series: Sequence[Series], pictures: Sequence[Path]) -> str:
+    """Write all tables, the measured scenes, their alarms and pictures as one page."""
+    scenes = [(one, scene) for one in series for scene in one.scenes.values()]
+    measured_on = "; ".join(sorted({one.about for one in series}))
+    sections = [
+        Section(table.name, table.caption, table=to_html(table), notes=[*map(note_text, table.notes)])
+        for table in tables
+    ]
+    if scenes:
+        sources = plain_table([_source(*one) for one in scenes])
+        sections.append(Section("sources", "Measured scenes", table=sources, style="words"))
+    if alarms := [line for _, scene in scenes for line in _alarms(scene)]:
+        about = "Values found by the stages that make a scene's scores unreliable."
+        sections.append(Section("alarms", "Alarms", about, plain_table(alarms), "words"))
+    sections.append(Section("pictures", pictures=[read_picture(path) for path in pictures]))
+    return render_page(
+        *TEMPLATE,
+        generator=COMMAND,
+        title=f"EgoSplat's tables{f': measured on {measured_on}' if measured_on else ''}",
+        heading="EgoSplat's tables",
+        intro=_intro(measured_on),
+        warnings=(),
+        sections=sections,
+    )
+
+
+def _intro(measured_on: str) -> Iterator[str]:
+    yield f"Numbers printed in the paper, and numbers measured by egosplat on {measured_on or 'nothing (none yet)'}."
+    yield (
+        "Compare rows only within a block. Scores on synthetic apartments have a yellow background and are not ranked. In the "
+        "other blocks, the best number is red and the second best is teal."
+    )
+    if measured_on:
+        yield (
+            f"Below a measured number is its {100 * RESAMPLING.confidence:g} % interval; the last rows of a block are the chance level."
+        )
+    yield "The cost of a measured row is what a scene takes from its frames to its codes, with all that its variants share."
+
+
+def _source(series: Series, scene: ScoredScene) -> dict[str, str | int]:
+    models = ", ".join(f"{model.key} {model.checkpoint} {model.hash}" for model in scene.models)
+    return {
+        "Row": series.label,
+        "Scene": f"{scene.dataset}/{scene.scene}",
+        "Variant": scene.variant,
+        "Origin": scene.origin,
+        "Queries": scene.document["scores"]["all"]["count"],
+        "Models": models or "unknown",
+        "Scored": scene.document["provenance"]["created"],
+        "File": str(scene.path),
+    }
+
+
+def _alarms(scene: ScoredScene) -> Iterator[dict[str, str]]:
+    for alarm in scene.alarms:
+        yield {
+            "Scene": f"{scene.dataset}/{scene.scene}",
+            "Variant": scene.variant,
+            "Alarm": alarm.key,
+            "Found": found_text(alarm),
+            "Normal": normal_range(alarm.key),
+            "What to do": TEXTS[alarm.key].advice,
+        }

@@ -1,0 +1,180 @@
+"""Stage ``tiles``: encode the tiles of each training frame with OpenCLIP, at seven scales, as LERF does."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from egosplat.artifacts import provenance
+from egosplat.artifacts.frames import FRAMES, lies_on_its_side
+from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.tiles import TILES, scale_name
+from egosplat.artifacts.work import Work, lie_within
+from egosplat.artifacts.writer import Writer, create
+from egosplat.errors import UserError
+from egosplat.features.crops import encode, resize
+from egosplat.models import image_encoder
+from egosplat.models.checkpoints import CLIP, SAM2, model_hash
+from egosplat.models.configs import SMALL
+from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.models.sam2_loader import Sam2, load_sam2
+from egosplat.progress import log, track
+from egosplat_rivals.options import TilesOptions
+from egosplat_rivals.tiles import Scale, pyramid
+
+Pixels = NDArray[np.uint8]
+Halves = NDArray[np.float16]
+
+# Tiles per OpenCLIP batch. The order of sums, and so the last digit, depends on it.
+BATCH = 128
+
+
+def run(
+    frames_path: Path,
+    output: Path,
+    options: TilesOptions,
+    *,
+    survey_path: Path | None = None,
+    chunk: int | None = None,
+    gather: Sequence[Path] = (),
+) -> None:
+    """Write the tiles of the training frames. A killed run resumes and gives identical features.
+
+    Args:
+        survey_path: excludes frames.
+        chunk, gather: as in ``Work``.
+
+    Raises:
+        UserError: an input or a model cannot be read, or no frame trains.
+    """
+    frames = open_artifact(frames_path, FRAMES)
+    kept, by_survey = kept_frames(frames, survey_path)
+    rows = np.flatnonzero(frames.read("train") & kept)
+    if not len(rows):
+        raise UserError(f"{frames_path}: no frame is for training; see frames.holdout")
+    keys, models = options.as_dict(), [CLIP, *([SAM2] if options.regulariser == "sam2" else [])]
+    used = {model.checkpoint_key: model_hash(model, keys) for model in models}
+    record = provenance.begin_from("tiles", keys | by_survey, [frames], used)
+    _, height, width, _ = frames.shape("rgb")
+    scales, turned = pyramid(height, width), lies_on_its_side(frames)
+
+    def encode_rows(rows: NDArray[np.integer]) -> Iterator[Tensor]:
+        clip = load_open_clip(options.clip_model, options.clip_checkpoint, options.device, options.precision)
+        for row in rows:
+            tiles = encode_tiles(clip, frames.row("rgb", row), scales, turned, BATCH)
+            yield torch.from_numpy(tiles)
+
+    work = Work(output, record, frames.shape("rgb")[0], chunk, gather)
+    found = work.results(lambda chunks: rows[lie_within(rows, chunks)], encode_rows, "encoding tiles")
+    if found is None:
+        return
+    done = [tiles.numpy() for tiles in found]
+    small = options.clip_checkpoint == SMALL
+    made_with = {"model": options.clip_model, "checkpoint": options.clip_checkpoint, "small": small}
+    facts = {
+        "clip": made_with | {"hash": used[CLIP.checkpoint_key]},
+        "scales": [asdict(scale) for scale in scales],
+        "regulariser": options.regulariser,
+    }
+    with create(output, TILES, replace(record, gathered=work.costs)) as artifact:
+        artifact.put("frame", rows.astype(np.int32))
+        _put_tiles(artifact, done, scales)
+        if options.regulariser == "sam2":
+            given = options.sam2_config, options.sam2_checkpoint, options.device, options.precision
+            maps, facts["variance"] = image_maps(load_sam2(*given), lambda row: frames.row("rgb", row), rows)
+            artifact.put("regulariser", maps)
+        artifact.facts = facts
+    work.finish()
+    lost = sum(int((~one.any(axis=1)).sum()) for one in done)
+    without = f", {lost} without a feature" if lost else ""
+    log(f"{sum(map(len, done)):,} tiles of {len(rows)} frames{without}")
+
+
+def encode_tiles(clip: OpenClip, rgb: Pixels, scales: list[Scale], turned: bool, batch: int) -> Halves:
+    """Encode all tiles of an (H, W, 3) uint8 frame, scale by scale, row by row, ``turned`` upright first.
+
+    Returns:
+        (T, D) float16 of unit norm; 0 where the model gives no finite feature.
+    """
+    wanted = clip.preprocessing
+    tiles = [
+        resize(np.rot90(tile, -1) if turned else tile, wanted.image_size, wanted.interpolation)
+        for scale in scales
+        for tile in cut_tiles(rgb, scale)
+    ]
+    parts = [encode(clip, np.stack(tiles[begin : begin + batch])) for begin in range(0, len(tiles), batch)]
+    return np.nan_to_num(np.concatenate(parts)).astype(np.float16)
+
+
+def cut_tiles(rgb: Pixels, scale: Scale) -> Iterator[Pixels]:
+    """Yield the (K, K, 3) tiles of an image, row by row; black beyond its border."""
+    margin, side = scale.kernel // 2, scale.kernel
+    padded = np.pad(rgb, ((margin, margin), (margin, margin), (0, 0)))
+    for row in range(scale.rows):
+        for column in range(scale.columns):
+            top, left = row * scale.stride, column * scale.stride
+            yield padded[top : top + side, left : left + side]
+
+
+def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> None:
+    begin = 0
+    for number, scale in enumerate(scales):
+        end, shape = begin + scale.rows * scale.columns, (scale.rows, scale.columns, done[0].shape[1])
+        artifact.allocate(scale_name(number), (len(done), *shape))
+        for view, tiles in enumerate(done):
+            artifact.put_row(scale_name(number), view, tiles[begin:end].reshape(shape))
+        begin = end
+
+
+# Most principal components that are kept.
+COMPONENTS = 64
+
+# Most frames that the principal components are computed from.
+_FRAMES = 32
+
+
+def image_maps(
+    sam2: Sam2, images: Callable[[int], NDArray[np.uint8]], rows: NDArray[np.integer]
+) -> tuple[NDArray[np.float16], float]:
+    """Encode frames at SAM2's coarsest resolution, one sixteenth of its square, and keep the principal components.
+
+    Args:
+        images: returns the (H, W, 3) uint8 image of a frame, by its row.
+
+    Returns:
+        (V, h, w, K) float16: components of the channels, each channel of mean 0 and variance 1 over the scene; and
+        the part of the variance that they keep.
+    """
+    few = rows[np.linspace(0, len(rows) - 1, min(len(rows), _FRAMES)).astype(int)]
+    sample = torch.cat([_map(sam2, images(row)).flatten(0, 1) for row in few]).double()
+    mean, deviation = sample.mean(dim=0), sample.std(dim=0)
+    # A channel that never changes says nothing.
+    scale = torch.where(deviation > 1e-6 * (1 + mean.abs()), 1 / deviation.clamp(min=1e-12), 0.0)
+    basis, kept = principal_components((sample - mean) * scale, COMPONENTS)
+    found = []
+    for row in track(rows, "encoding frames with SAM2"):
+        values = (_map(sam2, images(row)).double() - mean) * scale
+        found.append((values @ basis).numpy().astype(np.float16))
+    return np.stack(found), kept
+
+
+def principal_components(centered: Tensor, count: int) -> tuple[Tensor, float]:
+    """(C, K) directions of largest variance of (R, C) float64 rows of mean 0, K <= ``count``, and their part of it."""
+    values, vectors = torch.linalg.eigh(centered.T @ centered)
+    chosen = vectors.flip(1)[:, :count]
+    # The sign of an eigenvector is arbitrary: its largest number is positive.
+    largest = chosen.gather(0, chosen.abs().argmax(dim=0, keepdim=True))
+    total = float(values.clamp(min=0).sum())
+    kept = float(values.clamp(min=0).flip(0)[:count].sum()) / total if total > 0 else 1.0
+    return chosen * largest.sign(), kept
+
+
+def _map(sam2: Sam2, image: NDArray[np.uint8]) -> Tensor:
+    """(h, w, C) float32 on the CPU."""
+    with sam2.compute.inference():
+        return image_encoder.encode(sam2, image).image(-1)[0].permute(1, 2, 0).float().cpu()

@@ -1,0 +1,99 @@
+"""Training of codes converges, resumes identically, and reports divergence."""
+
+import pytest
+import torch
+
+from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.codes.joint_objective import code_l1
+from egosplat.codes.targets import CodeTargets, Targets
+from egosplat.errors import UserError
+from egosplat.gaussians.training_views import Masking
+from egosplat.language.options import LanguageOptions
+from egosplat.language.views import select_code_views
+from egosplat_rivals.langsplat import PlainCodes, codes_to_render
+from egosplat_rivals.loop import Training, train
+
+CPU = torch.device("cpu")
+OPTIONS = LanguageOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
+
+
+@pytest.fixture
+def views(scene, opened, unrefined, wall, settings):
+    frames, poses, instances, features = opened(scene())
+    return select_code_views(
+        frames, poses, unrefined, CodeTargets(instances, features, CPU).of, Masking(None, ""), wall, settings
+    )
+
+
+@pytest.fixture
+def checkpoint(tmp_path):
+    return Checkpoint(tmp_path / "language.zarr", "key", 1e9)
+
+
+@pytest.fixture
+def codes(views):
+    """``codes(lr, normalize)``: new codes of two levels."""
+
+    def make(lr: float = 0.05, normalize: bool = False) -> PlainCodes:
+        return PlainCodes(views, (2, 3), OPTIONS.model_copy(update={"lr": lr, "normalize_codes": normalize}))
+
+    return make
+
+
+def test_the_loss_falls_and_each_half_learns_its_code(wall, views, codes, checkpoint):
+    found = codes()
+    curve = train(found, len(views), 60, 0, checkpoint)
+    assert curve.iteration == [10, 20, 30, 40, 50, 60]
+    assert curve.loss[-1] < 0.2 * curve.loss[0]
+    left = (wall.means[:, 0] < -0.4) & (wall.means[:, :2].abs() < 0.9).all(dim=1)
+    expected = torch.tensor([1.0, 0.0, 0.5])
+    assert float((found.code.detach()[left, 1].mean(dim=0) - expected).abs().max()) < 0.2
+
+
+def test_normalized_codes_leave_their_first_direction(wall, views, codes, checkpoint):
+    """The first view shows the opposite of all others; Adam must not be stuck with its gradient, as it is from 0."""
+    found = codes(0.01, normalize=True)
+    targets, turned = views.targets, [True]
+
+    def first_opposite(frame: int) -> Targets:
+        given = targets(frame)
+        sign = -1.0 if turned and turned.pop() else 1.0
+        return Targets(sign * given.codes, given.known)
+
+    object.__setattr__(views, "targets", first_opposite)
+    train(found, len(views), 100, 0, checkpoint)
+    left = (wall.means[:, 0] < -0.4) & (wall.means[:, :2].abs() < 0.9).all(dim=1)
+    code = codes_to_render(found.code.detach(), True)[left, 1]
+    wanted = torch.nn.functional.normalize(torch.tensor([1.0, 0.0, 0.5]), dim=0)
+    assert float((code @ wanted).mean()) > 0.9
+
+
+def test_a_run_resumes_to_the_same_codes(views, codes, checkpoint):
+    whole, begun, rest = codes(), codes(), codes()
+    curve = train(whole, len(views), 60, 0, checkpoint)
+    half = Training(begun, len(views), 30, 0)
+    half.run(checkpoint)
+    saved = Checkpoint(checkpoint.file.parent.parent / "language.zarr", "key", 0.0)
+    saved.save_if_due(half.state_dict)
+    assert train(rest, len(views), 60, 0, saved) == curve and torch.equal(whole.code, rest.code)
+
+
+def test_a_learning_rate_far_too_large_ends_training_and_its_checkpoint(views, codes, tmp_path):
+    checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 0.0)
+    with pytest.raises(UserError, match=r"language\.lr"):
+        train(codes(3e37), len(views), 40, 0, checkpoint)
+    assert checkpoint.load() is None
+
+
+def test_normalized_codes_have_unit_norm():
+    code = torch.tensor([[[3.0, 4.0], [0.0, 0.0]]])
+    assert codes_to_render(code, True).tolist() == [[[pytest.approx(0.6), pytest.approx(0.8)], [0.0, 0.0]]]
+    assert codes_to_render(code, False) is code
+
+
+def test_pixels_without_a_code_or_weight_count_in_the_denominator_alone():
+    rendered = torch.tensor([1.0, 2.0, 3.0, 4.0]).reshape(1, 1, 2, 2)
+    targets = Targets(torch.zeros(1, 1, 2, 2), torch.tensor([[[True, True], [False, True]]]))
+    weight = torch.tensor([[1.0, 0.5], [1.0, 0.0]])
+    assert float(code_l1(rendered, targets, weight)) == pytest.approx((1.0 + 1.0) / 4)
+    assert float(code_l1(rendered, targets, None)) == pytest.approx((1.0 + 2.0 + 4.0) / 4)

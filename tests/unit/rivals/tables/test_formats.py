@@ -1,0 +1,163 @@
+"""A table in each format, with names that mean something in it."""
+
+import io
+import re
+from html.parser import HTMLParser
+
+import pandas as pd
+import pytest
+
+from egosplat.evaluation.scored_scenes import Cell
+from egosplat_rivals.tables.formats import latex, markdown, to_csv, to_html, to_latex, to_markdown
+from egosplat_rivals.tables.stage import write_page
+from egosplat_rivals.tables.table import Layout, Note, Row
+
+HOSTILE = '<script>alert("1")</script> & \\input{x} | a_b % $x$ #1 ~ ^ *b* `c` [d](e)'
+
+COLUMNS = (("average", "accuracy", "all"), ("average", "mean_iou", "all"))
+HEADINGS = (("Acc (%)", "accuracy"), ("mIoU (%)", "mean_iou"))
+PAPER, OTHER = ("printed", "Printed"), ("synthetic", "Synthetic: not ADT")
+CELLS = (
+    Cell(40.0, (30.0, 52.0), 80, 20, ("scene1", "scene2")),
+    Cell(12.3456, (10.0, 15.0), 40, 10, ("scene1",)),
+)
+
+
+def row(block: tuple[str, str], label: str, *cells: Cell, **more) -> Row:
+    return Row(*block, label, label, "ADT", (True, False), cells, variant="full", **more)
+
+
+def layout(*rows: Row, times: int = 1) -> Layout:
+    scenes = ("scene1", "scene2", "x")
+    notes = (Note("Odd & strange_one.", mark="a"), Note("Another."))
+    texts = ("ablation", "A caption.", "adt", "adt", scenes)
+    return Layout(*texts, COLUMNS * times, HEADINGS * times, {}, ("One", "Two"), rows, notes)
+
+
+@pytest.fixture
+def table() -> Layout:
+    return layout(
+        row(PAPER, "LERF", Cell(67.5), Cell(0.0), marks=("a", "")),
+        row(PAPER, "GAGS", Cell(50.0), Cell(9.96)),
+        row(OTHER, HOSTILE, *CELLS),
+        row(OTHER, "none", Cell(), Cell()),
+    )
+
+
+class Page(HTMLParser):
+    """What a browser would see: elements that are open, all tags, all text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict]] = []
+        self.text: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+@pytest.fixture
+def page(table) -> Page:
+    found = Page(write_page([table], [], []))
+    assert not found.open
+    return found
+
+
+def test_html_shows_hostile_names_as_text(page):
+    assert not any(tag in ("script", "img") for tag, _ in page.tags)
+    assert any(text.startswith(f"{HOSTILE}, average of 2 of 3 scenes") for text in page.text)
+    assert not any(key.startswith("on") for _, attributes in page.tags for key in attributes)
+
+
+def test_html_is_self_contained(page):
+    for tag, attributes in page.tags:
+        assert tag not in ("link", "script", "iframe")
+        assert not {"src", "href"} & set(attributes)
+    policy = next(one["content"] for tag, one in page.tags if "http-equiv" in one)
+    assert policy.startswith("default-src 'none'")
+
+
+def test_html_has_a_row_a_line_and_intervals_below_their_numbers(table):
+    text = to_html(table)
+    rows = re.findall(r"<tr>(.*?)</tr>", text[text.index("<tbody>") :], re.DOTALL)
+    assert len(rows) == 6 and {one.count("<td") for one in rows} == {5}
+    assert "40.0\n30.0–52.0" in text and "80 queries of 20 categories" in text
+
+
+def test_html_colors_the_best_numbers_and_synthetic_rows(table):
+    text = to_html(table)
+    styles = dict(re.findall(r"#T_ablation_([^ ]+) {([^}]+)}", text.replace(", #T", " {} #T")))
+    assert "#c00000" in text and "#007070" in text and "row0_col3" not in styles
+    assert "#T_ablation_row5_col4" in text and "#T_ablation_row1_col0" not in text
+
+
+def test_markdown_shows_ranks_notes_and_intervals(table):
+    text = re.sub(" +", " ", to_markdown(table))
+    assert "| ✓ | | LERF | **67.5 \\[a\\]** | *0.0* |" in text
+    assert "average of 2 of 3 scenes | 40.0 (30.0–52.0) | 12.3 (of 1) (10.0–15.0) |" in text
+    assert "| none | - | - |" in text
+    assert "- \\[a\\] Odd &amp; strange\\_one.\n- Another." in text
+    assert "**Synthetic: not ADT**" in text and "<script" not in text
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in rows} == {6}
+
+
+def test_markdown_of_many_columns_has_no_room_for_intervals():
+    wide = layout(row(("real", "b"), "m", *[CELLS[0]] * 18), times=9)
+    assert "30.0" not in to_markdown(wide)
+
+
+@pytest.mark.parametrize("special", "\\`*_{}[]|~$#<>&")
+def test_markdown_escapes(special):
+    escaped = markdown(f"a{special}b")
+    assert escaped in (f"a\\{special}b", {"<": "a&lt;b", ">": "a&gt;b", "&": "a&amp;b"}.get(special))
+
+
+def test_latex_shows_ranks_and_notes(table):
+    text = to_latex(table)
+    best, second = r"\bfseries \color[HTML]{C00000}", r"\bfseries \color[HTML]{007070}"
+    assert rf"\checkmark &  & LERF & {best} 67.5 [a] & {second} 0.0 \\" in text
+    assert "12.3 (of 1)" in text and r"\itshape Synthetic: not ADT" in text
+    assert r"Odd \& strange\_one." in text and r"\label{tab:ablation}" in text
+    assert r"\input" not in text and "<script" not in text
+    assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
+    rows = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
+    assert {len(re.findall(r"(?<!\\)&", line)) for line in rows} == {4}
+    assert text.count(r"\midrule") == 2, "below the head, and above the second block"
+
+
+@pytest.mark.parametrize("special", "{}$&#_%")
+def test_latex_escapes_with_a_backslash(special):
+    assert latex(f"a{special}b") == f"a\\{special}b"
+
+
+@pytest.mark.parametrize("special", '\\~^<>|"')
+def test_latex_names_characters_without_an_escape(special):
+    assert re.fullmatch(r"a\\text[a-z]+\{\}b", latex(f"a{special}b"))
+
+
+def test_csv_holds_every_number_of_a_cell(table):
+    found = pd.read_csv(io.StringIO(to_csv(table)))
+    assert len(found) == 8 and list(found["kind"].unique()) == ["printed", "synthetic"]
+    first = found[found.method == HOSTILE].iloc[0]
+    assert (first.percent, first.low, first.high) == (40.0, 30.0, 52.0)
+    assert (first.queries, first.categories) == (80, 20)
+    assert (first.scenes, first.steps, first.data) == ("scene1 scene2", "One", "ADT")
+    assert found[found.method == "none"].percent.isna().all()
+    assert found.percent.dropna().tolist() == [67.5, 0.0, 50.0, 9.96, 40.0, 12.346]
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+a", "-a", "@a"])
+def test_csv_holds_no_formulas(name):
+    text = to_csv(layout(row(("real", "b"), name, Cell(), Cell())))
+    assert pd.read_csv(io.StringIO(text)).method.unique().tolist() == [f"'{name}"]

@@ -1,0 +1,179 @@
+"""Tables of results: ranks, averages with intervals, the paper's numbers and its layout."""
+
+from pathlib import Path
+
+import pytest
+
+from egosplat.evaluation.intervals import RESAMPLING, clustered_interval
+from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene
+from egosplat_rivals.tables.paper_numbers import METHODS, SCENES, find_printed
+from egosplat_rivals.tables.paper_tables import average, average_chance, paper_tables
+from egosplat_rivals.tables.table import PRINTED, SYNTHETIC, Row, number, ranks
+
+
+def row(*cells: Cell, kind: str = PRINTED, method: str = "a") -> Row:
+    return Row(kind, "block", method, method, "ADT", (), cells)
+
+
+def test_numbers_are_formatted_as_the_paper_formats_them():
+    assert [number(value) for value in (35.9, 0.0, 100.0, 12.349, 9.96, None)] == [
+        "35.9",
+        "0.0",
+        "100.0",
+        "12.3",
+        "10.0",
+        "-",
+    ]
+
+
+@pytest.mark.parametrize(
+    "key, percent",
+    [
+        (("adt", "scene1", "LERF", "accuracy", "all"), 12.6),
+        (("adt", "scene2", "GAGS", "accuracy", "dynamic"), 25.6),
+        (("adt", "scene4", "EgoSplat", "accuracy", "dynamic"), 22.7),
+        (("adt", "average", "SG", "accuracy", "static"), 25.1),
+        (("adt", "scene5", "LEGaussian", "mean_iou", "dynamic"), 5.2),
+        (("adt", "average", "EgoSplat", "mean_iou", "all"), 14.1),
+        (("hoi4d", "average", "LangSplat", "mean_iou", "all"), 43.1),
+        (("hoi4d", "average", "LERF", "accuracy", "all"), 67.5),
+        (("adt-ablation", "average", "aggregation", "accuracy", "all"), 33.3),
+        (("adt-ablation", "average", "full", "mean_iou", "dynamic"), 14.2),
+        (("adt-transient", "scene1", "none", "mean_iou", "static"), 13.5),
+        (("adt-transient", "scene1", "initial", "mean_iou", "all"), 12.6),
+        (("adt-transient", "scene1", "refined", "accuracy", "dynamic"), 28.3),
+    ],
+)
+def test_paper_numbers_are_those_printed(key, percent):
+    assert find_printed(*key) == percent
+
+
+def test_paper_rows_in_two_tables_are_equal():
+    for metric in ("accuracy", "mean_iou"):
+        for group in ("static", "dynamic", "all"):
+            assert find_printed("adt-ablation", "average", "full", metric, group) == find_printed(
+                "adt", "average", "EgoSplat", metric, group
+            )
+            assert find_printed("adt-transient", "scene1", "refined", metric, group) == find_printed(
+                "adt", "scene1", "EgoSplat", metric, group
+            )
+
+
+def test_printed_averages_are_means_but_for_those_with_a_note():
+    noted = {
+        (metric, method, group)
+        for table in paper_tables([])[:2]
+        for row in table.rows[:6]
+        for (scene, metric, group), mark in zip(table.columns, row.marks, strict=True)
+        if scene == "average" and mark
+        for method in [row.method]
+    }
+    wrong = {
+        (metric, method, group)
+        for metric in ("accuracy", "mean_iou")
+        for method in METHODS
+        for group in ("static", "dynamic", "all")
+        if abs(
+            sum(find_printed("adt", scene, method, metric, group) for scene in SCENES["adt"]) / 5
+            - find_printed("adt", "average", method, metric, group)
+        )
+        > 0.1
+    }
+    assert noted == wrong and len(wrong) == 3
+
+
+def test_the_five_tables_are_laid_out_as_the_papers():
+    tables = {table.name: table for table in paper_tables([])}
+    assert list(tables) == ["adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient"]
+    for name in ("adt_accuracy", "adt_iou"):
+        over = [f"scene {one}" for one in range(1, 6)] + ["avg"]
+        assert list(tables[name].headings) == [
+            (one, group) for one in over for group in ("St.", "Dy.", "All")
+        ]
+        assert [one.method for one in tables[name].rows[:6]] == list(METHODS)
+    for name in ("adt_ablation", "adt_transient"):
+        assert [over for over, _ in tables[name].headings] == ["Acc (%)"] * 3 + ["mIoU (%)"] * 3
+        assert len(tables[name].components) == 2
+    ticks = [one.steps for one in tables["adt_ablation"].rows[:3]]
+    assert ticks == [(False, False), (True, False), (True, True)]
+    assert tables["hoi4d"].headings == (("", "Acc"), ("", "mIoU"))
+
+
+def test_the_best_of_the_paper_are_marked_as_there():
+    table = paper_tables([])[0]
+    assert [one[-2] for one in ranks(table.rows[:6])] == [0, 0, 0, 2, 0, 1]
+
+
+def test_notes_are_attached_to_their_cells():
+    table = paper_tables([])[0]
+    texts = {note.mark: note.text for note in table.notes if note.mark}
+    lerf, *_, own = table.rows[:6]
+    assert "below both 29.7 and 13.0" in texts[lerf.marks[2]]
+    assert "Below LangSplat and GAGS" in texts[own.marks[10]]
+    assert {mark for one in table.rows[:6] for mark in one.marks} == {"", *texts}
+
+
+def test_equal_numbers_share_the_rank():
+    assert ranks([row(Cell(29.4)), row(Cell(29.41)), row(Cell(28.3)), row(Cell())]) == [[1], [1], [2], [0]]
+
+
+def test_a_row_alone_and_averages_over_different_scenes_are_not_ranked():
+    assert ranks([row(Cell(50.0))]) == [[0]]
+    scenes = [row(Cell(50.0, scenes=("scene1",))), row(Cell(40.0, scenes=("scene1", "scene2")))]
+    assert ranks(scenes) == [[0], [0]]
+
+
+def test_chance_and_synthetic_rows_are_not_ranked():
+    chance = row(Cell(99.0), method=CHANCE["random_pixel"])
+    assert ranks([row(Cell(50.0)), row(Cell(40.0)), chance]) == [[1], [2], [0]]
+    assert ranks([row(Cell(50.0), kind=SYNTHETIC), row(Cell(40.0), kind=SYNTHETIC)]) == [[0], [0]]
+
+
+def scored(name: str, hits: dict[str, list[bool]], chance: float | None = 0.05) -> ScoredScene:
+    """A scene with queries of each category, found or not."""
+    rows = [
+        {"frame": frame, "category": category, "groups": {"all": {"hit": hit, "iou": 0.5 * hit}}}
+        for category, own in hits.items()
+        for frame, hit in enumerate(own)
+    ]
+    document = {
+        "queries": rows,
+        "scores": {"all": {"random_pixel": chance, "middle_pixel": chance}},
+    }
+    return ScoredScene(Path(name), "adt", name, "full", None, "synthetic", (), document)
+
+
+@pytest.fixture
+def three_scenes() -> dict[str, ScoredScene]:
+    """40 % of 80 queries, none asked, and 60 % of 20."""
+    first = {f"thing {n}": [n < 8] * 4 for n in range(20)}
+    last = {f"thing {n}": [n < 6] * 2 for n in range(10)}
+    scenes = [scored("scene1", first), scored("scene2", {}, None), scored("scene3", last, 0.15)]
+    return {one.scene: one for one in scenes}
+
+
+def test_an_average_is_over_the_scenes_that_are_there(three_scenes):
+    found = average(three_scenes, "accuracy", "all")
+    assert found.percent == pytest.approx(50.0)
+    assert (found.queries, found.categories, found.scenes) == (100, 30, ("scene1", "scene3"))
+    assert average(three_scenes, "mean_iou", "all").percent == pytest.approx(25.0)
+    assert average(three_scenes, "accuracy", "static") == Cell()
+
+
+def test_the_interval_of_an_average_is_over_scenes_and_categories(three_scenes):
+    """Wider than that of one scene's categories alone would be, halved by two scenes."""
+    found = average(three_scenes, "accuracy", "all")
+    clusters = [three_scenes[name].clusters("accuracy", "all") for name in ("scene1", "scene3")]
+    expected = clustered_interval(clusters, RESAMPLING)
+    assert found.interval == (100 * expected.low, 100 * expected.high)
+    alone = average({"scene1": three_scenes["scene1"]}, "accuracy", "all")
+    assert alone.interval[1] - alone.interval[0] > 30.0
+
+
+def test_an_average_of_a_single_category_has_no_interval():
+    assert average({"scene1": scored("scene1", {"cup": [True, False]})}, "accuracy", "all").interval is None
+
+
+def test_chance_is_averaged_over_scored_scenes(three_scenes):
+    found = average_chance(three_scenes, "random_pixel", "all")
+    assert found.percent == pytest.approx(10.0) and found.scenes == ("scene1", "scene3")

@@ -1,0 +1,199 @@
+"""Semantic Gaussians and Occam's LGS: what their definitions say, in scenes of few Gaussians."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.codes.targets import Targets
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.training_views import Masking
+from egosplat.geometry import Camera
+from egosplat.language.lifting import lift
+from egosplat.language.views import CodeViews
+from egosplat_rivals.occam import average_at_centers
+from egosplat_rivals.semantic_gaussians import EVERY, pixel_features, project_views
+from tests.support.blobs import blobs
+
+CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+CPU = torch.device("cpu")
+LEFT, RIGHT = [1.0, 0.0], [0.0, 1.0]
+
+
+@dataclass
+class Painted:
+    """Stands for ``CodeTargets``: (F, L, C, H, W) codes; a pixel whose codes are all 0 has none."""
+
+    codes: torch.Tensor
+
+    @property
+    def levels(self) -> list[str]:
+        return [f"level {number}" for number in range(self.codes.shape[1])]
+
+    @property
+    def channels(self) -> int:
+        return self.codes.shape[2]
+
+    def of(self, frame: int) -> Targets:
+        return Targets(self.codes[frame], (self.codes[frame] != 0).any(1))
+
+    def at(self, frame: int, pixels: np.ndarray) -> Targets:
+        whole = self.of(frame)
+        columns, rows = torch.from_numpy(pixels).unbind(1)
+        return Targets(whole.codes[..., rows, columns], whole.known[:, rows, columns])
+
+
+def painted(
+    frames: int = 1, levels: int = 1, left: list[float] = LEFT, right: list[float] = RIGHT
+) -> Painted:
+    """The left half of every picture has one code, the right half another."""
+    codes = torch.zeros(frames, levels, 2, CAMERA.height, CAMERA.width)
+    codes[..., :32], codes[..., 32:] = (torch.tensor(one)[:, None, None] for one in (left, right))
+    return Painted(codes)
+
+
+def look(gaussians: Gaussians, targets: Painted, poses: np.ndarray | None = None) -> CodeViews:
+    """Views of all frames, by default from the origin along z."""
+    count = len(targets.codes)
+    poses = np.tile(np.eye(4), (count, 1, 1)) if poses is None else poses
+    return CodeViews(
+        gaussians, SETTINGS, np.arange(count), poses, CAMERA, targets.of, None, Masking(None, "")
+    )
+
+
+def code_of(method, gaussians: Gaussians, targets: Painted, views: CodeViews | None = None):
+    """(N, L, C) codes and (N, L) shares."""
+    found = method(views or look(gaussians, targets), targets)
+    assert bool(found.code.isfinite().all()) and found.levels
+    return found.code, found.share
+
+
+def plane(z: float, x: float = 0.0, opacity: float = 0.98) -> Gaussians:
+    """A dense patch of Gaussians in front of the camera, one of them at the column ``x``."""
+    grid = torch.cartesian_prod(
+        torch.linspace(-0.3, 0.3, 7) * z / 2 + x, torch.linspace(-0.3, 0.3, 7) * z / 2
+    )
+    means = torch.cat([grid, torch.full((len(grid), 1), z)], 1)
+    return blobs(means.tolist(), [opacity] * len(means), size=0.06 * z / 2)
+
+
+def test_a_hidden_plane_gets_nothing_and_without_the_depth_test_the_front_s_feature(monkeypatch):
+    front, rear = plane(2.0), plane(4.0)
+    both = Gaussians.concatenate([front, rear])
+    code, share = code_of(project_views, both, painted(left=RIGHT))
+    assert bool((share[: front.count] == 1).all()) and bool((share[front.count :] == 0).all())
+    assert not code[front.count :].any()
+    monkeypatch.setattr("egosplat_rivals.semantic_gaussians.TOLERANCE", 1e9)
+    code, share = code_of(project_views, both, painted(left=RIGHT))
+    torch.testing.assert_close(code[:, 0], torch.tensor(RIGHT).expand(both.count, 2))
+
+
+def test_every_fifth_view_is_projected():
+    """Views 0, 5 and 10 of 12: the mean counts only these."""
+    targets = painted(frames=12, left=[0.0, 0.0], right=[0.0, 0.0])
+    targets.codes[[0, 5, 10], :, 0] = 1.0
+    targets.codes[[1, 4, 6, 11], :, 1] = 1.0
+    code, _ = code_of(project_views, plane(2.0), targets)
+    assert EVERY == 5
+    torch.testing.assert_close(code[:, 0], torch.tensor([1.0, 0.0]).expand(len(code), 2))
+
+
+def test_a_pixel_under_two_masks_has_the_unit_sum_of_their_features():
+    codes = torch.tensor([[[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [4.0, 2.0, 0.0]]])
+    torch.testing.assert_close(pixel_features(codes), torch.tensor([[0.6, 0.8], [0.0, 1.0], [0.0, 0.0]]))
+
+
+def test_views_without_a_mask_shorten_the_mean_and_do_not_turn_it():
+    """Two of three views show a mask: the mean of two unit features and a 0 is not normalized."""
+    targets = painted(frames=11, left=LEFT, right=LEFT)
+    targets.codes[10] = 0.0
+    code, share = code_of(project_views, plane(2.0), targets)
+    torch.testing.assert_close(code[:, 0], torch.tensor([2 / 3, 0.0]).expand(len(code), 2))
+    assert bool((share == 1).all())
+
+
+@pytest.mark.parametrize("opacity, seen", [(0.4, 0.0), (0.9, 1.0)])
+def test_a_lone_gaussian_without_a_median_depth_is_not_seen(opacity, seen):
+    _, share = code_of(project_views, blobs([[0.1, 0.0, 2.0]], [opacity]), painted())
+    assert float(share) == seen
+
+
+@pytest.mark.parametrize("behind, seen", [(0.049, 1.0), (0.051, 0.0)])
+def test_the_depth_test_is_5_percent_of_the_surface_s_depth(behind, seen):
+    """A faint Gaussian behind a strong one, whose depth is the median."""
+    pair = blobs([[0.1, 0.0, 2.0], [0.1 * (1 + behind), 0.0, 2.0 * (1 + behind)]], [0.9, 0.3])
+    _, share = code_of(project_views, pair, painted())
+    assert share[:, 0].tolist() == [1.0, seen]
+
+
+@pytest.mark.parametrize("method", [project_views, average_at_centers])
+def test_gaussians_behind_the_camera_and_outside_the_image_get_no_code(method):
+    lost = blobs([[0.0, 0.0, -2.0], [5.0, 0.0, 2.0], [0.1, 0.0, 2.0]], [0.9] * 3)
+    code, share = code_of(method, lost, painted())
+    assert share[:, 0].tolist() == [0.0, 0.0, 1.0] and not code[:2].any()
+
+
+def test_a_gaussian_near_the_border_is_not_seen():
+    """10 of 648 pixels are 0.99 px here: the outermost column and row do not count."""
+    x = [(column + 0.5 - 32.0) / 60.0 * 2.0 for column in (0, 1, 62, 63)]
+    _, share = code_of(
+        project_views, blobs([[each, 0.0, 2.0] for each in x], [0.9] * 4, size=0.02), painted()
+    )
+    assert share[:, 0].tolist() == [0.0, 1.0, 1.0, 0.0]
+
+
+def test_a_gaussian_across_two_segments_takes_the_one_at_its_center_and_lifting_mixes():
+    large = blobs([[0.05, 0.0, 2.0]], [0.9], size=0.3)
+    targets = painted()
+    code, _ = code_of(average_at_centers, large, targets)
+    torch.testing.assert_close(code[0, 0], torch.tensor(RIGHT))
+    mixed = lift(look(large, targets)).code[0, 0]
+    assert float(mixed.min()) > 0.3
+
+
+def test_occam_s_mean_is_weighted_by_what_each_view_shows_at_the_center():
+    """A second view lies behind a Gaussian of opacity 0.5, so that it counts half."""
+    pair = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 5.0]], [0.5, 0.8], size=0.3)
+    beyond = np.eye(4)
+    beyond[2, 3] = 3.0
+    targets = painted(frames=2)
+    targets.codes[0, 0], targets.codes[1, 0] = (torch.tensor(one)[:, None, None] for one in (LEFT, RIGHT))
+    code, share = code_of(
+        average_at_centers, pair, targets, look(pair, targets, np.stack([np.eye(4), beyond]))
+    )
+    torch.testing.assert_close(code[1, 0], torch.tensor([1 / 3, 2 / 3]), atol=0.01, rtol=0)
+    torch.testing.assert_close(code[0, 0], torch.tensor(LEFT))
+    assert share[:, 0].tolist() == [1.0, 1.0]
+
+
+def test_views_without_a_mask_at_the_center_do_not_count_in_occam_s_mean():
+    targets = painted(frames=2, levels=2, left=RIGHT)
+    targets.codes[1, 0] = 0.0
+    targets.codes[:, 1] = 0.0
+    code, share = code_of(average_at_centers, blobs([[0.1, 0.0, 2.0]], [0.9]), targets)
+    torch.testing.assert_close(code[0], torch.tensor([RIGHT, [0.0, 0.0]]))
+    assert share.tolist() == [[1.0, 0.0]]
+
+
+@pytest.mark.parametrize("method", [project_views, average_at_centers])
+def test_pixels_outside_the_lens_circle_do_not_count(method):
+    targets = painted()
+    pair = blobs([[-0.4, 0.0, 2.0], [0.4, 0.0, 2.0]], [0.9] * 2, size=0.05)
+    valid = torch.ones(CAMERA.height, CAMERA.width)
+    valid[:, :32] = 0.0
+    dark = replace(look(pair, targets), valid=valid)
+    _, share = code_of(method, pair, targets, dark)
+    assert share[:, 0].tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("method", [project_views, average_at_centers])
+def test_two_flat_squares_get_their_features(method):
+    """A plane whose left half is one thing and whose right half another, seen in two views."""
+    left, right = plane(2.0, x=-0.45), plane(2.0, x=0.45)
+    code, share = code_of(method, Gaussians.concatenate([left, right]), painted(frames=6))
+    assert bool((share == 1).all())
+    wanted = torch.tensor([LEFT] * left.count + [RIGHT] * right.count)
+    torch.testing.assert_close(code[:, 0], wanted)

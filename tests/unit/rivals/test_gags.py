@@ -1,0 +1,129 @@
+"""GAGS' distillation against numbers worked out by hand."""
+
+import math
+
+import pytest
+import torch
+
+from egosplat.codes.decoder import split_layers
+from egosplat_rivals.decoders import Layers
+from egosplat_rivals.gags import (
+    CHANNELS,
+    HIDDEN,
+    SCALES,
+    SKIPS,
+    Sample,
+    entropy,
+    mean_over_regions,
+    regions,
+    sample_regions,
+    variance_within,
+    weighted_target,
+)
+
+CPU = torch.device("cpu")
+
+
+def whole(region: torch.Tensor) -> Sample:
+    """All pixels of all regions."""
+    return sample_regions(region, 2 * len(region) ** 2, torch.Generator().manual_seed(0))
+
+
+def test_the_decoders_have_as_many_numbers_as_published():
+    assert len(Layers((CHANNELS, *HIDDEN, 512), 0, CPU, skips=SKIPS).values) == 596_480
+    assert len(Layers(SCALES, 0, CPU).values) == 20_323
+
+
+def test_the_decoder_adds_the_first_and_third_layer_and_those_and_the_sixth():
+    layers = Layers((CHANNELS, *HIDDEN, 5), 0, CPU, skips=SKIPS)
+    code = torch.randn(3, CHANNELS)
+    linear = split_layers(layers.values, (CHANNELS, *HIDDEN, 5))
+
+    def layer(number: int, values: torch.Tensor) -> torch.Tensor:
+        weights, biases = linear[number - 1]
+        return (values @ weights.T + biases).relu()
+
+    x1 = layer(1, code)
+    x3 = x1 + layer(3, layer(2, x1))
+    x5 = x3 + layer(6, layer(5, layer(4, x3)))
+    wanted = layer(8, layer(7, x5)) @ linear[8][0].T + linear[8][1]
+    torch.testing.assert_close(layers(code), wanted)
+
+
+def test_entropy_of_equal_weights():
+    assert float(entropy(torch.full((7, 3), 1 / 3))) == pytest.approx(math.log(3) / 3, abs=1e-5)
+    assert float(entropy(torch.eye(3))) == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_small_region_counts_as_much_as_a_large_one():
+    region = torch.tensor([4] * 10 + [9] * 1000)
+    losses = (region == 4).float()
+    sample = whole(region)
+    assert float(mean_over_regions(losses[sample.pixel], sample)) == pytest.approx(0.5)
+
+
+def test_sampled_regions_have_the_mean_of_all_pixels():
+    draw = torch.Generator().manual_seed(0)
+    region = torch.randint(-1, 40, (4000,), generator=draw)
+    values = torch.rand(4000, generator=draw) + 0.1 * region
+    everything = whole(region)
+    wanted = float(mean_over_regions(values[everything.pixel], everything))
+    found = []
+    for _ in range(100):
+        sample = sample_regions(region, 30, draw)  # fewer than two pixels a region
+        assert len(sample.pixel) == 30 and int(region[sample.pixel].min()) >= 0
+        found.append(float(mean_over_regions(values[sample.pixel], sample)))
+    error = 4 * float(torch.tensor(found).std()) / 10
+    assert wanted == pytest.approx(float(torch.tensor(found).mean()), abs=error)
+
+
+def test_variance_of_two_pixels_in_one_of_the_channels():
+    values = torch.zeros(5, CHANNELS)
+    values[1, 3] = 1.0
+    sample = whole(torch.tensor([0, 0, 1, -1, -1]))  # region 1 has one pixel
+    found = variance_within(values[sample.pixel], sample, pixels=400)
+    assert float(found) == pytest.approx(2 * 0.5 / CHANNELS / 400)
+
+
+def test_without_regions_both_are_zero():
+    sample = whole(torch.tensor([-1, -1]))
+    assert float(mean_over_regions(torch.zeros(0), sample)) == 0.0
+    assert float(variance_within(torch.zeros(0, 2), sample, 4)) == 0.0
+
+
+def test_a_pixel_without_a_level_has_no_target_and_weights_get_a_gradient_through_it():
+    weights = torch.tensor([[0.5, 0.25, 0.25]] * 2, requires_grad=True)
+    features = torch.eye(3)[:, None].repeat(1, 2, 1)
+    known = torch.tensor([[True, True], [True, False], [True, True]])
+    target = weighted_target(weights, features, known)
+    assert target.tolist() == [[0.5, 0.25, 0.25], [0.0, 0.0, 0.0]]
+    target.sum().backward()
+    assert weights.grad[0].abs().sum() > 0 and weights.grad[1].abs().sum() == 0
+
+
+def test_regions_are_the_instances_of_the_level_that_prevails_around_a_pixel():
+    weights = torch.zeros(9, 9, 3)
+    weights[..., 1] = 1.0
+    weights[4, 4] = torch.tensor([1.0, 0.0, 0.0])  # alone among its neighbors
+    labels = torch.stack([torch.full((9, 9), 7), torch.full((9, 9), 3), torch.full((9, 9), -1)])
+    assert regions(weights, labels).unique().tolist() == [3]
+    weights[..., :] = torch.tensor([0.0, 0.1, 0.9])
+    assert regions(weights, labels).unique().tolist() == [-1]
+
+
+def test_the_level_on_which_views_agree_prevails():
+    """Two views whose first and last features disagree, and whose middle ones agree."""
+    torch.manual_seed(0)
+    code = torch.full((1, CHANNELS), 0.1, requires_grad=True)
+    decoder, scales = Layers((CHANNELS, 32, 6), 0, CPU), Layers(SCALES, 1, CPU)
+    adam = torch.optim.Adam([code, *decoder.parameters(), *scales.parameters()], lr=3e-3)
+    axes = torch.eye(6)
+    views = [torch.stack([axes[first], axes[0], axes[last]])[:, None] for first, last in ((1, 2), (3, 4))]
+    for step in range(400):
+        weights = scales(code.detach()).softmax(dim=-1)
+        target = weighted_target(weights, views[step % 2], torch.ones(3, 1, dtype=torch.bool))
+        found = torch.nn.functional.normalize(decoder(code), dim=-1)
+        adam.zero_grad()
+        ((found - target).abs().mean() + 0.001 * entropy(weights)).backward()
+        adam.step()
+    assert float(weights[0, 1]) > 0.95

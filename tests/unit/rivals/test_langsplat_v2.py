@@ -1,0 +1,58 @@
+"""LangSplatV2's coefficients: four words a code, and no gradient for the others."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.errors import UserError
+from egosplat_rivals.langsplat_v2 import WORDS, codebook, coefficients
+
+
+def test_only_the_four_largest_logits_get_a_gradient():
+    generator = torch.Generator().manual_seed(0)
+    logits = torch.randn(50, WORDS, generator=generator).requires_grad_()
+    words = torch.randn(WORDS, 16, generator=generator)
+    code = coefficients(logits)
+    assert bool(((code > 0).sum(dim=-1) == 4).all())
+    torch.testing.assert_close(code.sum(dim=-1), torch.ones(50))
+    (code @ words).square().sum().backward()
+    chosen = code.detach() > 0
+    assert float(logits.grad[~chosen].abs().max()) < 1e-8 < float(logits.grad[chosen].abs().min())
+
+
+def test_a_code_is_the_softmax_cut_to_four_and_divided_by_its_sum():
+    logits = torch.randn(20, WORDS, generator=torch.Generator().manual_seed(1))
+    whole = logits.softmax(dim=-1)
+    least = whole.topk(4, dim=-1).values[:, -1:]
+    cut = torch.where(whole >= least, whole, 0.0)
+    torch.testing.assert_close(coefficients(logits), cut / cut.sum(dim=-1, keepdim=True))
+
+
+def test_a_gaussian_seen_by_one_word_alone_ends_with_nearly_all_its_weight():
+    words = torch.eye(WORDS)
+    logits = torch.zeros(1, WORDS, requires_grad=True)
+    adam = torch.optim.Adam([logits], lr=0.05)
+    first = int(coefficients(logits.detach()).argmax())
+    for _ in range(600):
+        adam.zero_grad()
+        (1 - torch.cosine_similarity(coefficients(logits) @ words, words[first : first + 1])).sum().backward()
+        adam.step()
+    assert float(coefficients(logits.detach())[0, first]) > 0.9
+
+
+def test_the_codebook_holds_the_centers_of_clusters():
+    rng = np.random.default_rng(0)
+    centers = np.eye(WORDS, 80, dtype=np.float32)
+    rows = np.repeat(centers, 20, axis=0) + rng.normal(0, 1e-3, (20 * WORDS, 80)).astype(np.float32)
+    found = codebook(rows, seed=0)
+    assert found.shape == (WORDS, 80)
+    nearest = np.linalg.norm(found[:, None] - centers, axis=-1).min(axis=1)
+    assert np.median(nearest) < 0.01
+    np.testing.assert_array_equal(found, codebook(rows, seed=0))
+
+
+def test_few_different_features_are_the_codebook_and_none_is_an_error():
+    rows = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]], np.float32)
+    assert sorted(map(tuple, codebook(rows, 0))) == [(0.0, 1.0), (1.0, 0.0)]
+    with pytest.raises(UserError, match=r"language\.method"):
+        codebook(rows[:0], 0)

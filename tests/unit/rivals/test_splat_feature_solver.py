@@ -1,0 +1,231 @@
+"""Splat Feature Solver: what its definition says, in scenes of few Gaussians."""
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.codes.targets import Targets
+from egosplat.errors import UserError
+from egosplat.gaussians.model import Gaussians
+from egosplat.language.lifting import lift
+from egosplat.language.options import LanguageOptions
+from egosplat.pipeline.config import defaults, stage_values
+from egosplat_rivals import splat_feature_solver as solver
+from egosplat_rivals.splat_feature_solver import (
+    SHARPENING,
+    agreeing,
+    clusters_of,
+    lift_clusters,
+    mask_means,
+    principal_components,
+    sharpen,
+)
+from tests.support.blobs import blobs
+from tests.unit.rivals.test_center_methods import CAMERA, LEFT, RIGHT, look, plane
+
+pytest.importorskip("sklearn", reason='scikit-learn is absent: pip install "egosplat[clusters]"')
+
+NOTHING = [0.0, 0.0]
+
+# Rows and columns that show the two patches of ``halves``.
+SHOWN, LEFT_HALF, RIGHT_HALF = slice(10, 38), slice(2, 30), slice(34, 62)
+
+
+@pytest.fixture(autouse=True)
+def small_clusters(monkeypatch):
+    """Clusters of 20 Gaussians instead of 500."""
+    monkeypatch.setattr(solver, "LEAST", 20)
+
+
+class Masks:
+    """Stands for ``CodeTargets``: a left and a right mask in each view, instances 2 v and 2 v + 1, with given codes."""
+
+    def __init__(self, codes: list[tuple[list[float], list[float]]]) -> None:
+        self.codes = torch.tensor(codes).flatten(0, 1)
+        self.levels, self.channels = ["whole"], self.codes.shape[1]
+        self.painted = torch.full((len(codes), 1, CAMERA.height, CAMERA.width), -1)
+        for view, picture in enumerate(self.painted[:, 0]):
+            picture[SHOWN][:, LEFT_HALF], picture[SHOWN][:, RIGHT_HALF] = 2 * view, 2 * view + 1
+
+    def labels(self, frame: int) -> torch.Tensor:
+        return self.painted[frame]
+
+    def of_labels(self, frame: int, labels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        codes = torch.where((labels >= 0)[..., None], self.codes[labels], 0.0)
+        return codes, (codes != 0).any(-1)
+
+    def of(self, frame: int) -> Targets:
+        codes, known = self.of_labels(frame, self.labels(frame))
+        return Targets(codes.movedim(-1, 1), known)
+
+
+def halves() -> tuple[Gaussians, torch.Tensor]:
+    """Two patches that fill the left and the right half of a picture, and whether each Gaussian is on the right."""
+    left, right = plane(2.0, x=-0.55), plane(2.0, x=0.55)
+    return Gaussians.concatenate([left, right]), torch.arange(left.count + right.count) >= left.count
+
+
+def look_at(gaussians: Gaussians, masks: Masks):
+    """Views of all masks from the origin."""
+    return look(gaussians, type("Frames", (), {"codes": masks.painted, "of": masks.of}))
+
+
+def coded(gaussians: Gaussians, masks: Masks, **changes: object):
+    options = LanguageOptions(**stage_values("language", defaults()) | {"method": "clustered"} | changes)
+    return lift_clusters(look_at(gaussians, masks), masks, options)
+
+
+def test_two_flat_squares_get_their_features():
+    gaussians, right = halves()
+    found = coded(gaussians, Masks([(LEFT, RIGHT)] * 3))
+    wanted = torch.where(right[:, None], torch.tensor(RIGHT), torch.tensor(LEFT))
+    torch.testing.assert_close(found.code[:, 0], wanted)
+    assert float(found.share.min()) > 0.3 and found.decoder is None and len(found.stands_in) == 1
+
+
+def test_a_cluster_takes_the_mean_of_the_masks_that_agree_with_it_each_counting_once():
+    """Lifting weights each view by what it shows; a mean of masks does not."""
+    gaussians, right = halves()
+    tilted = [0.6, 0.8]
+    found = coded(gaussians, Masks([(LEFT, RIGHT), (tilted, RIGHT)]))
+    torch.testing.assert_close(found.code[~right, 0], torch.tensor([0.8, 0.4]).expand(int((~right).sum()), 2))
+    unit = coded(gaussians, Masks([(LEFT, RIGHT), (tilted, RIGHT)]), normalize_codes=True).code[~right, 0]
+    torch.testing.assert_close(unit, torch.tensor([2.0, 1.0]).expand(len(unit), 2) / 5**0.5)
+
+
+def test_a_mask_that_disagrees_with_its_cluster_does_not_count():
+    """In the third view, one mask covers both squares: half of it is the cluster of either."""
+    gaussians, right = halves()
+    masks = Masks([(LEFT, RIGHT), (LEFT, RIGHT), ([0.5, 0.5], NOTHING)])
+    masks.painted[2][masks.painted[2] >= 0] = 4
+    lifted = lift(look_at(gaussians, masks)).code[:, 0]
+    torch.testing.assert_close(lifted[0], torch.tensor([5 / 6, 1 / 6]))
+    wanted = torch.where(right[:, None], torch.tensor(RIGHT), torch.tensor(LEFT))
+    torch.testing.assert_close(coded(gaussians, masks).code[:, 0], wanted)
+
+
+def test_gaussians_of_a_cluster_that_no_mask_agrees_with_keep_their_lifted_code():
+    """Two masks, above and below, share the left square, so that none of them is its cluster."""
+    gaussians, right = halves()
+    masks = Masks([(LEFT, RIGHT), (LEFT, RIGHT)])
+    masks.painted[0, 0, : CAMERA.height // 2, LEFT_HALF] = 2
+    masks.painted[1, 0] = -1
+    found = coded(gaussians, masks)
+    kept = lift(look_at(sharpen(gaussians), masks))
+    assert torch.equal(found.code[~right], kept.code[~right]) and torch.equal(found.share, kept.share)
+
+
+def test_masks_without_a_code_do_not_count():
+    gaussians, _ = halves()
+    masks = Masks([(LEFT, RIGHT), (NOTHING, RIGHT)])
+    labels = (torch.arange(gaussians.count) >= gaussians.count // 2).long()[:, None]
+    means, known = mask_means(look_at(gaussians, masks), masks, labels)
+    torch.testing.assert_close(means[0], torch.tensor([LEFT, RIGHT, NOTHING]))
+    assert known.tolist() == [[True, True, False]]
+
+
+def test_a_missing_library_is_reported_before_anything_is_computed(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UserError, match=r"egosplat\[clusters\]"):
+        lift_clusters(None, None, None)
+
+
+def test_without_clusters_codes_are_those_of_lifting_with_sharpened_opacities(monkeypatch):
+    monkeypatch.setattr(solver, "LEAST", 1000)
+    gaussians, _ = halves()
+    masks = Masks([(LEFT, RIGHT)] * 2)
+    kept = lift(look_at(sharpen(gaussians), masks))
+    found = coded(gaussians, masks)
+    assert torch.equal(found.code, kept.code) and torch.equal(found.share, kept.share)
+
+
+@pytest.mark.parametrize("agreement, counts", [(81, [7]), (80, [])])
+def test_a_mask_agrees_above_an_iou_of_four_fifths(agreement, counts):
+    """Of 100 pixels of cluster 3, and the rest of the picture in none."""
+    shown = torch.full((20, 20), -1)
+    shown[:5] = 3
+    masks = torch.full((20, 20), -1)
+    masks.view(-1)[:agreement] = 7
+    names, cluster = agreeing(masks, shown, None)
+    assert names.tolist() == counts and cluster.tolist() == [3] * len(counts)
+
+
+def test_pixels_that_do_not_count_are_no_part_of_the_overlap():
+    shown, weight = torch.zeros(4, 4, dtype=torch.int64), torch.ones(4, 4)
+    masks = torch.full((4, 4), -1)
+    masks[:2], weight[2:] = 5, 0.0
+    assert agreeing(masks, shown, None)[0].tolist() == []
+    assert agreeing(masks, shown, weight)[0].tolist() == [5]
+    assert agreeing(masks, shown, torch.zeros(4, 4))[0].tolist() == []
+
+
+def test_sharpening_scales_logits_and_is_finite_at_opacities_0_and_1():
+    row = blobs([[0.1 * x, 0.0, 2.0 + 0.1 * x] for x in range(5)], [0.0, 0.3, 0.5, 0.8, 1.0])
+    sharp = sharpen(row).opacities
+    assert sharp[[0, 2, 4]].tolist() == [0.0, 0.5, 1.0]
+    assert float(sharp[1]) < 0.3 and float(sharp[3]) > 0.8
+    torch.testing.assert_close(torch.logit(sharp[3]), SHARPENING * torch.logit(torch.tensor(0.8)))
+    found = coded(row, Masks([(LEFT, RIGHT)] * 2))
+    assert bool(found.code.isfinite().all()) and bool(found.share.isfinite().all())
+    assert float(found.share[0]) == 0.0 and float(found.share[4]) > 0.0
+
+
+def test_sharpened_opacities_weaken_what_a_faint_gaussian_hides():
+    """The rear one is seen through the front one: the sharper the front, the less it mixes into the mean."""
+    assert float(sharpen(blobs([[0.0, 0.0, 2.0]], [0.2])).opacities) == pytest.approx(
+        1 / (1 + 4**SHARPENING), abs=1e-6
+    )
+
+
+def groups(sizes: list[int], spread: float = 1e-3) -> torch.Tensor:
+    """Codes near the axes of three dimensions, so many each."""
+    draw = torch.Generator().manual_seed(0)
+    return torch.cat([torch.eye(3)[axis].expand(size, 3) for axis, size in enumerate(sizes)]) + (
+        spread * torch.randn(sum(sizes), 3, generator=draw)
+    )
+
+
+def test_groups_of_codes_are_clusters_and_small_ones_are_none():
+    found = clusters_of(groups([60, 40, 8]) * torch.tensor([1.0, 1.0, 10.0]), torch.ones(108), 0)
+    first, second, third = found.split([60, 40, 8])
+    assert {*first.tolist()} | {*second.tolist()} == {0, 1}
+    assert len(first.unique()) == len(second.unique()) == 1 and third.tolist() == [-1] * 8
+
+
+def test_gaussians_without_a_code_are_in_no_cluster():
+    share = torch.ones(100)
+    share[::2] = 0.0
+    found = clusters_of(groups([60, 40, 0]), share, 0)
+    assert bool((found[::2] == -1).all()) and bool((found[1::2] >= 0).all())
+    assert clusters_of(torch.zeros(0, 3), torch.zeros(0), 0).tolist() == []
+
+
+def test_others_take_the_cluster_of_the_nearest_one_of_the_sample(monkeypatch):
+    monkeypatch.setattr(solver, "SAMPLE", 70)
+    code = groups([90, 60, 0])
+    found = clusters_of(code, torch.ones(150), 3)
+    first, second = found.split([90, 60])
+    assert len(first.unique()) == len(second.unique()) == 1 and found.unique().tolist() == [0, 1]
+    assert torch.equal(found, clusters_of(code, torch.ones(150), 3))
+
+
+@pytest.mark.parametrize("spread", [0.0, 1e-30])
+def test_codes_without_any_spread_are_no_clusters_and_no_error(spread):
+    same = torch.ones(60, 4) + spread * torch.randn(60, 4)
+    with np.errstate(all="raise"):
+        assert clusters_of(same, torch.ones(60), 0).tolist() == [-1] * 60
+
+
+def test_two_groups_of_equal_codes_are_two_clusters():
+    assert clusters_of(groups([30, 30, 0], spread=0.0), torch.ones(60), 0).unique().tolist() == [0, 1]
+
+
+def test_principal_components_keep_distances_in_the_directions_of_most_variance(monkeypatch):
+    draw = torch.Generator().manual_seed(0)
+    flat = torch.randn(200, 2, generator=draw) @ torch.randn(2, 6, generator=draw) + 100.0
+    monkeypatch.setattr(solver, "COMPONENTS", 2)
+    parts = principal_components(flat, torch.arange(200))
+    assert parts.shape == (200, 2)
+    exact = torch.cdist(flat.double(), flat.double())
+    found = torch.cdist(parts.double(), parts.double())
+    torch.testing.assert_close(found / found.max(), exact / exact.max(), atol=1e-4, rtol=0)

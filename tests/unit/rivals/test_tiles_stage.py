@@ -1,0 +1,123 @@
+"""Stage tiles encodes the same tiles after a kill, in any batch size, with and without SAM2's map."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+import torch
+
+from egosplat.artifacts.reader import verify
+from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.tiles import SCALES, scale_name
+from egosplat.errors import UserError
+from egosplat.features.crops import encode, resize
+from egosplat.models.open_clip_loader import load_open_clip
+from egosplat_rivals import tiles_stage as stage
+from egosplat_rivals.tiles import pyramid
+from egosplat_rivals.tiles_stage import principal_components
+
+KEYS = {"regulariser": "none", "sam2_config": "small", "sam2_checkpoint": "small"}
+SIZE = 40
+
+
+@pytest.fixture
+def run(clip_keys):
+    """``run(folder, name=, **changes)``: the verified artifact."""
+
+    def call(folder, name="tiles.zarr", **changes):
+        options = stage.TilesOptions(**KEYS | clip_keys | changes)
+        stage.run(folder / "frames.zarr", folder / name, options)
+        return verify(folder / name, SCHEMAS)
+
+    return call
+
+
+def test_each_tile_is_openclip_s_feature_of_what_it_shows(scene, run, clip_keys):
+    folder = scene()
+    tiles, frames = run(folder), verify(folder / "frames.zarr", SCHEMAS)
+    assert tiles.read("frame").tolist() == [0, 1, 2, 3] and not tiles.has("regulariser")
+    scales = pyramid(SIZE, SIZE)
+    assert tiles.facts["scales"] == [asdict(scale) for scale in scales] and len(scales) == SCALES
+    assert set(tiles.provenance["models"]) == {"clip_checkpoint"}
+    clip = load_open_clip(*clip_keys.values())
+    scale = scales[6]  # of 20 px, with a stride of 10
+    inside = frames.row("rgb", 2)[10:30, :20]
+    picture = resize(inside, clip.preprocessing.image_size, clip.preprocessing.interpolation)
+    wanted = encode(clip, picture[None])[0]
+    # The padding is 10 px: row 2 and column 1 begin at 10 and 0.
+    assert (scale.kernel, scale.stride) == (20, 10)
+    np.testing.assert_allclose(tiles.read(scale_name(6))[2, 2, 1], wanted, atol=2e-3)
+
+
+def test_tiles_beyond_the_border_are_black():
+    rgb = np.full((SIZE, SIZE, 3), 200, np.uint8)
+    scale = pyramid(SIZE, SIZE)[6]
+    tiles = list(stage.cut_tiles(rgb, scale))
+    assert len(tiles) == scale.rows * scale.columns
+    assert all(tile.shape == (20, 20, 3) for tile in tiles)
+    assert tiles[0][:10].max() == tiles[0][:, :10].max() == 0 and tiles[0][10:, 10:].min() == 200
+
+
+def test_batches_and_kills_change_nothing(scene, run, monkeypatch):
+    folder = scene()
+    whole = run(folder)
+    monkeypatch.setattr(stage, "BATCH", 7)
+    other = run(folder, "other.zarr")
+    monkeypatch.setattr(stage, "BATCH", 128)
+    encode_tiles, calls = stage.encode_tiles, []
+
+    def killed(*given):
+        calls.append(given)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return encode_tiles(*given)
+
+    monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
+    monkeypatch.setattr(stage, "encode_tiles", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run(folder, "resumed.zarr")
+    resumed = run(folder, "resumed.zarr")
+    assert len(calls) == 3 + 2, "two frames were encoded before the kill"
+    assert resumed.digest == whole.digest
+    for number in range(SCALES):
+        name = scale_name(number)
+        np.testing.assert_allclose(other.read(name), whole.read(name), atol=2e-3)
+
+
+def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatch):
+    """The last chunk has no frame to train on."""
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 2)
+    folder = scene()
+    whole = run(folder, "whole.zarr", regulariser="sam2")
+    options = stage.TilesOptions(**KEYS | clip_keys | {"regulariser": "sam2"})
+    files = [folder / f"tiles.{number}.chunk" for number in (1, 2, 3)]
+    for number, file in enumerate(files, 1):
+        stage.run(folder / "frames.zarr", file, options, chunk=number)
+    stage.run(folder / "frames.zarr", folder / "tiles.zarr", options, gather=files)
+    gathered = verify(folder / "tiles.zarr", SCHEMAS)
+    assert gathered.digest == whole.digest and gathered.facts == whole.facts
+
+
+def test_sam2_s_map_is_kept_as_standardised_components(scene, run):
+    tiles = run(scene(), regulariser="sam2")
+    maps = tiles.read("regulariser").astype(np.float64)
+    assert maps.shape[0] == 4 and maps.shape[1] == maps.shape[2] and 1 <= maps.shape[3] <= 64
+    assert 0.5 < tiles.facts["variance"] <= 1.0
+    flat = maps.reshape(-1, maps.shape[3])
+    np.testing.assert_allclose(flat.mean(axis=0), 0.0, atol=0.05)
+    assert (np.diff(flat.var(axis=0)) < 0.05).all(), "the largest components come first"
+    assert set(tiles.provenance["models"]) == {"clip_checkpoint", "sam2_checkpoint"}
+
+
+def test_no_frame_to_train_on_is_an_error(scene, run):
+    folder = scene(train=np.zeros(5, bool))
+    with pytest.raises(UserError, match="no frame"):
+        run(folder)
+
+
+def test_principal_components_of_a_plane():
+    draw = torch.Generator().manual_seed(0)
+    plane = torch.randn(500, 2, generator=draw).double() @ torch.randn(2, 6, generator=draw).double()
+    basis, kept = principal_components(plane - plane.mean(dim=0), 2)
+    assert basis.shape == (6, 2) and kept == pytest.approx(1.0)
+    assert principal_components(torch.zeros(5, 6).double(), 2)[1] == 1.0

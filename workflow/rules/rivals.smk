@@ -1,0 +1,171 @@
+"""
+Methods of others on the same data, the paper's tables, and speed against accuracy: egosplat_rivals.
+
+REQUIRED INPUTS: frames.zarr, survey.json; metrics.json of scenes, their variants and points.
+OUTPUTS: tiles.zarr of a scene and methods.png; tradeoff/tradeoff.html of a scene; results/benchmark/tables.html and
+tradeoff.html of several scenes.
+TOOLS: OpenCLIP, PyTorch, SAM2; SciPy, pandas, matplotlib, adjustText, Jinja2.
+"""
+
+TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
+
+TRADEOFF_LIBRARIES = (
+    "adjustText",
+    "jinja2",
+    "jsonschema",
+    "matplotlib",
+    "pandas",
+    "scipy",
+)
+
+
+localrules:
+    tables,
+    tradeoff,
+    tradeoff_scenes,
+
+
+rule tiles:
+    """Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them."""
+    input:
+        **inputs("tiles"),
+    output:
+        directory("results/{dataset}/{scene}/{variant}tiles.zarr"),
+    log:
+        "logs/{dataset}/{scene}/{variant}tiles.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}tiles.tsv"
+    threads: 8
+    resources:
+        mem_mb=8000,
+        runtime=240,
+        gpu=gpus("tiles"),
+    params:
+        **params("tiles"),
+    shell:
+        "egosplat tiles {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
+
+
+use rule tiles as tiles_chunk with:
+    output:
+        temp("results/{dataset}/{scene}/{variant}tiles.{chunk}.chunk"),
+    log:
+        "logs/{dataset}/{scene}/{variant}tiles.{chunk}.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}tiles.{chunk}.tsv"
+
+
+rule tables:
+    """Write the scores of all scenes and variants as the paper's tables, next to its printed numbers."""
+    input:
+        metrics=lambda _: table_scores(scenes.values()),
+        pictures=lambda _: table_pictures(scenes.values()),
+    output:
+        expand(
+            "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
+        ),
+        page=report(
+            "results/benchmark/tables.html",
+            caption="../report/tables.rst",
+            category="Tables",
+            labels={"page": "tables"},
+        ),
+    log:
+        "logs/benchmark/tables.log",
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        pictures=get_picture_flags,
+        code=code_hash(
+            "egosplat_rivals.tables.stage",
+            libraries=("jinja2", "jsonschema", "pandas"),
+        ),
+    shell:
+        "egosplat-rivals tables"
+        " --output results/benchmark"
+        " {params.pictures}"
+        " {input.metrics:q}"
+        " 2>&1 | tee {log:q}"
+
+
+rule tradeoff:
+    """Compare cost and accuracy of the points of a scene."""
+    input:
+        metrics=get_points_metrics,
+    output:
+        multiext("results/{dataset}/{scene}/tradeoff/tradeoff", ".csv", ".json", ".png"),
+        page=report(
+            "results/{dataset}/{scene}/tradeoff/tradeoff.html",
+            caption="../report/tradeoff.rst",
+            category="Speed against accuracy",
+            labels=labels("trade-off"),
+        ),
+    log:
+        "logs/{dataset}/{scene}/tradeoff.log",
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        points=get_points_flag,
+        code=code_hash("egosplat_rivals.tradeoff.stage", libraries=TRADEOFF_LIBRARIES),
+    shell:
+        "egosplat-rivals tradeoff"
+        " --output results/{wildcards.dataset}/{wildcards.scene}/tradeoff"
+        " --points {params.points}"
+        " 2>&1 | tee {log:q}"
+
+
+rule tradeoff_scenes:
+    """Compare cost and accuracy of the points over several scenes."""
+    input:
+        documents=get_scenes_of_tradeoff,
+    output:
+        multiext("results/benchmark/tradeoff", ".csv", ".png"),
+        page=report(
+            "results/benchmark/tradeoff.html",
+            caption="../report/tradeoff.rst",
+            category="Speed against accuracy",
+            labels={"page": "trade-off of several scenes"},
+        ),
+    log:
+        "logs/benchmark/tradeoff.log",
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        code=code_hash("egosplat_rivals.tradeoff.stage", libraries=TRADEOFF_LIBRARIES),
+    shell:
+        "egosplat-rivals tradeoff-scenes"
+        " {input.documents:q}"
+        " --output results/benchmark"
+        " 2>&1 | tee {log:q}"
+
+
+rule methods_sheet:
+    """Draw the answers of the compared methods to the same queries side by side."""
+    input:
+        metrics=lambda wildcards: compared_methods(scene_of(wildcards)),
+    output:
+        report(
+            "results/{dataset}/{scene}/methods.png",
+            caption="../report/methods.rst",
+            category="Scenes",
+            labels=labels("methods"),
+        ),
+    log:
+        "logs/{dataset}/{scene}/methods_sheet.log",
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        title=get_title,
+        code=code_hash(
+            "egosplat_rivals.methods_sheet", libraries=("matplotlib", "torch")
+        ),
+    shell:
+        "egosplat-rivals methods-sheet"
+        " --title {params.title:q}"
+        " --output {output:q}"
+        " {input.metrics:q}"
+        " 2>&1 | tee {log:q}"
