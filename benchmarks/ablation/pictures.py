@@ -15,14 +15,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from benchmarks.common import command
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.locating import locate
-from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS, camera_poses
-from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.schemas import FRAMES, LANGUAGE, MASKS, POSES, SPLATS, TRANSIENT, camera_poses
 from egosplat.codes.rendering import render_codes
 from egosplat.drawing import middles_of_parts, plt, save_figure, show
 from egosplat.pipeline.variants import variant_folder

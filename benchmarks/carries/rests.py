@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.carries.truth import Rest, read_rests, recording_of, scene_of
-from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.evaluation.evaluation_frames import Evaluation, Frame, read_evaluation
 from egosplat.geometry import Array
 from egosplat.query.finished_scene import Scene

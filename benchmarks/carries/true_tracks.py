@@ -11,10 +11,10 @@ from benchmarks.carries.truth import recording_of
 from benchmarks.transient.truth import Truth, read_truth
 from benchmarks.true_instances.__main__ import PRESETS, run, write_instances
 from egosplat.artifacts.carries import CARRIES
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.rests import RESTS
+from egosplat.artifacts.schemas import FRAMES
 from egosplat.pipeline import config as configuration
 from egosplat.progress import track
 from egosplat.query.finished_scene import Scene

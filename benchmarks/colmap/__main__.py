@@ -15,9 +15,8 @@ import numpy as np
 
 from benchmarks.colmap.alignment import trajectory_error
 from benchmarks.common import command, markdown, scene_folders
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.poses.options import PosesOptions

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.common import command, markdown, scene_folders
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.schemas import FRAMES, POSES, SPLATS, camera_poses
 
 
 def row(folder: Path, exact: Path, variant: str) -> dict[str, object]:

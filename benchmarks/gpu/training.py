@@ -12,10 +12,8 @@ import torch
 from torch import Tensor
 
 from benchmarks.common import markdown
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FRAMES, POSES, SPLATS
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.initialization import scene_extent

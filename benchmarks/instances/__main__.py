@@ -20,11 +20,9 @@ from numpy.typing import NDArray
 from benchmarks.common import command, markdown, scene_folders, survey_of, time_call
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import read_truth
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.schemas import FRAMES, POSES, SEGMENTS
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import train_geometry, training_options
 from egosplat.instances.lifted_masks import MaskLifter

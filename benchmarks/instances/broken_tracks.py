@@ -24,12 +24,9 @@ from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import Truth, read_truth
 from benchmarks.true_instances.__main__ import PRESETS, run, score, write_instances
 from egosplat.artifacts import provenance
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.schemas import FRAMES, INSTANCES, POSES, SEGMENTS
 from egosplat.artifacts.writer import create
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.scene_folder import title_of

@@ -20,12 +20,8 @@ from torch import Tensor
 
 from benchmarks.common import command, markdown, output_of, scene_folders, time_call
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS, camera_poses
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.codes.decoder import Decoder, decode, read_decoder
 from egosplat.codes.rendering import render_codes

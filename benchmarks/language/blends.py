@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.language.__main__ import read as read_learnt
-from egosplat.artifacts.language import GAUSSIANS, PIXELS
+from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query

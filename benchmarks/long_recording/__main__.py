@@ -17,12 +17,10 @@ import click
 import numpy as np
 
 from benchmarks.common import command, markdown, output_of
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import Artifact, recorded_digest
 from egosplat.artifacts.schema import Schema
+from egosplat.artifacts.schemas import FRAMES, MASKS, POSES
 from egosplat.artifacts.writer import Writer, create
 from egosplat.geometry import Camera
 

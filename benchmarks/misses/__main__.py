@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, scene_folders, survey_of
 from benchmarks.transient.truth import read_truth
-from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.codes.rendering import render_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError

@@ -12,9 +12,8 @@ import numpy as np
 
 from benchmarks.common import command, markdown, scene_folders, survey_of
 from egosplat.artifacts.locating import locate
-from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.schemas import MASKS, TRANSIENT
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.survey_file import read_survey
 

@@ -16,8 +16,8 @@ import click
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, accuracy_difference, iou_difference, pair_answers, psnr, seconds
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import INSTANCES
 from egosplat.evaluation.scored_scenes import FULL, read_scored_scene
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.survey_file import read_survey

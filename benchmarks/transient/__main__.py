@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.transient.scores import MaskScores, total
 from benchmarks.transient.truth import read_truth
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES, is_track
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.schemas import FRAMES, INSTANCES, TRANSIENT, is_track
+from egosplat.moving_regions import InstanceScores
 from egosplat.pipeline.config import defaults
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.transient.masks_stage import (
-    InstanceScores,
     looks_static,
     refined_mask,
     transient_instances,

@@ -29,10 +29,8 @@ from benchmarks.scores import (
 )
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts import provenance
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FRAMES, INSTANCES, SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.pipeline import config as configuration

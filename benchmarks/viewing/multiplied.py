@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Schema
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import LANGUAGE, SPLATS
 from egosplat.artifacts.writer import create
 
 # Standard deviation of the displacement of a copy, in standard deviations of the Gaussian.

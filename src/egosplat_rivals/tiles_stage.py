@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.frames import FRAMES, lies_on_its_side
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES, lies_on_its_side
 from egosplat.artifacts.tiles import TILES, scale_name
 from egosplat.artifacts.work import Work, lie_within
 from egosplat.artifacts.writer import Writer, create

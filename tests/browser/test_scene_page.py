@@ -9,7 +9,7 @@ import pytest
 import torch
 from PIL import Image
 
-from egosplat.artifacts.language import GAUSSIANS
+from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.render import render
 from egosplat.geometry import Camera

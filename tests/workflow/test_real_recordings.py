@@ -6,11 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES, POSES, SPLATS
 
 PICTURES = ("results/mine/scene/contact_sheet.png", "results/mine/scene/splats.png")
 

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FRAMES, SEGMENTS, SPLATS
 from egosplat.pipeline.survey_file import read_survey
 
 SCENE = "results/adt/scene1"

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.colmap.alignment import trajectory_error
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES, POSES
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS
 from egosplat.geometry import CLOCKWISE, Camera, invert, rotation_angle, transform

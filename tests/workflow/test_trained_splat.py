@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import SPLATS
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera

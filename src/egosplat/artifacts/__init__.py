@@ -1,7 +1,7 @@
 """Artifacts: Zarr v3 groups that are written whole, read with checks, and carry their provenance.
 
-An artifact is one folder, described by a ``Schema``. No module outside this room opens Zarr. Each kind has its schema in
-its own module, so a new kind makes no other stage stale.
+An artifact is one folder, described by a ``Schema``. No module outside this room opens Zarr. ``schemas`` has those of
+all kinds.
 
 The attributes are one dictionary under ``"egosplat"``: schema name and format version, ``digest`` (SHA-256 over the stored
 arrays), ``provenance``, ``facts`` (small results that are not arrays), and ``seal`` (SHA-256 over all other attributes).

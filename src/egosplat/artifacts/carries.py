@@ -1,7 +1,6 @@
 """Schema of ``carries.zarr``: things that leave a place and are put down at another."""
 
-from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.values import ANY, COUNT, FINITE, FINITE_OR_UNKNOWN
+from egosplat.artifacts.schema import ANY, COUNT, FINITE, FINITE_OR_UNKNOWN, Field, Schema
 
 CARRIES = Schema(
     "carries",

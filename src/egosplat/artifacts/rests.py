@@ -1,7 +1,16 @@
 """Schema of ``rests.zarr``: Gaussians of things that lie somewhere for a while, and which rests and carries are of one thing."""
 
-from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.values import ANY, COUNT, FINITE, SHARE, Values, index_of, index_or_none
+from egosplat.artifacts.schema import (
+    ANY,
+    COUNT,
+    FINITE,
+    SHARE,
+    Field,
+    Schema,
+    Values,
+    index_of,
+    index_or_none,
+)
 
 RESTS = Schema(
     "rests",

@@ -1,10 +1,113 @@
-"""Describe the arrays of an artifact."""
+"""Describe the arrays of an artifact, and which numbers each may hold: its writer and its reader check it."""
 
-from collections.abc import Mapping
+import math
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from egosplat.artifacts.values import FINITE, Values
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.geometry import is_rigid
+
+_LARGEST = sys.float_info.max
+
+
+@dataclass(frozen=True)
+class Values:
+    """The numbers that an array may hold. By default they are finite.
+
+    Attributes:
+        least, most: limits, inclusive.
+        nan: whether NaN is allowed, for what is not known.
+        below: the numbers are indices along this axis of the artifact, or of this fact, which is a list.
+        form: what the last axes are together, in words, and its test: array -> (...) bool.
+    """
+
+    least: float = -_LARGEST
+    most: float = _LARGEST
+    nan: bool = False
+    below: str | None = None
+    form: tuple[str, Callable[[NDArray[Any]], NDArray[np.bool_]]] | None = None
+
+    def limits(self, dtype: Any) -> bool:
+        """Whether an array of this element type can hold a number that is not allowed."""
+        return self != ANY and (np.dtype(dtype).kind == "f" or self != FINITE)
+
+    def find_fault(self, values: NDArray[Any], sizes: Mapping[str, int]) -> str:
+        """What is wrong with ``values``; empty if nothing is.
+
+        Args:
+            sizes: of the artifact's axes and lists. Indices along another axis have no upper limit.
+        """
+        if not values.size or not self.limits(values.dtype):
+            return ""
+        most = min(self.most, sizes[self.below] - 1) if self.below in sizes else self.most
+        if not self._are_within(values, most):
+            numbers = values.astype(np.float64)
+            bad = ~((numbers >= self.least) & (numbers <= most)) & ~(self.nan & np.isnan(numbers))
+            return _told(f"must be {self._range(most)}", bad, values)
+        if self.form is not None and not (good := self.form[1](values)).all():
+            return f"must be {self.form[0]}, and {np.sum(~good):,} of {np.size(good):,} are not"
+        return ""
+
+    def _are_within(self, values: NDArray[Any], most: float) -> bool:
+        # Two reductions need no memory and are several times as fast as a test of each number. NaN compares as false.
+        lowest, highest = (np.fmin, np.fmax) if self.nan else (np.minimum, np.maximum)
+        low, high = (each.reduce(values, axis=None).item() for each in (lowest, highest))
+        return (low >= self.least and high <= most) or (self.nan and math.isnan(low))
+
+    def _range(self, most: float) -> str:
+        if most < _LARGEST:
+            told = f"in {self.least:g}..{most:g}"
+        else:
+            told = "finite" if self.least == -_LARGEST else f"at least {self.least:g} and finite"
+        return f"{told}, or NaN" if self.nan else told
+
+
+def _told(rule: str, bad: NDArray[np.bool_], values: NDArray[Any]) -> str:
+    first = values[np.unravel_index(bad.argmax(), bad.shape)]
+    return f"{rule}, and {np.sum(bad):,} of {bad.size:,} numbers are not, such as {first:g}"
+
+
+def _is_pinhole(matrix: NDArray[Any]) -> NDArray[np.bool_]:
+    """() bool: focal lengths are positive, without skew."""
+    expected = np.array(
+        [[matrix[0, 0], 0.0, matrix[0, 2]], [0.0, matrix[1, 1], matrix[1, 2]], [0.0, 0.0, 1.0]]
+    )
+    return np.asarray((matrix == expected).all() and min(matrix[0, 0], matrix[1, 1]) > 0)
+
+
+def _is_rigid_or_nan(poses: NDArray[Any]) -> NDArray[np.bool_]:
+    return is_rigid(poses) | np.isnan(poses).all(axis=(-1, -2))
+
+
+def _is_unit(vectors: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.abs(np.linalg.norm(vectors, axis=-1) - 1.0) <= 1e-6
+
+
+def index_of(axis: str) -> Values:
+    """Indices along an axis of the same artifact, or of a list among its facts."""
+    return Values(least=0, below=axis)
+
+
+def index_or_none(axis: str) -> Values:
+    """As ``index_of``, and -1 for none."""
+    return Values(least=-1, below=axis)
+
+
+FINITE = Values()
+FINITE_OR_UNKNOWN = Values(nan=True)
+# For features that the next stage skips with a warning, losses of skipped steps, and the PSNR of equal pictures.
+ANY = Values(least=-np.inf, most=np.inf, nan=True)
+COUNT = Values(least=0)
+SHARE = Values(least=0, most=1)
+SHARE_OR_UNKNOWN = Values(least=0, most=1, nan=True)
+SCALE_OR_UNKNOWN = Values(least=0, nan=True)
+PINHOLE = Values(form=("a pinhole matrix with positive focal lengths", _is_pinhole))
+POSES_OR_UNKNOWN = Values(nan=True, form=("rigid motions, or NaN throughout", _is_rigid_or_nan))
+UNIT_VECTOR = Values(form=("a unit vector", _is_unit))
 
 
 @dataclass(frozen=True)

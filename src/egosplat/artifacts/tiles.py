@@ -1,7 +1,6 @@
 """Schema of ``tiles.zarr``: OpenCLIP features of the tiles of each training frame, at seven scales."""
 
-from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.values import COUNT
+from egosplat.artifacts.schema import COUNT, Field, Schema
 
 SCALES = 7
 

@@ -5,12 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES, shown_pixels
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.schemas import (
+    ANNOTATIONS,
+    FRAMES,
+    LANGUAGE,
+    POSES,
+    SPLATS,
+    camera_poses,
+    shown_pixels,
+)
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import InstanceMap, Mask, Query, find_queries, instances_of, read_map
 from egosplat.evaluation.rendering import Picture, RegionScore, region_scores, regions

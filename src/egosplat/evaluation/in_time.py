@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from egosplat.artifacts.frames import seconds_of
+from egosplat.artifacts.schemas import seconds_of
 from egosplat.evaluation.evaluation_frames import Evaluation, Frame
 from egosplat.evaluation.rendering import Picture, RegionScore
 from egosplat.gaussians.evaluation import rendered

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import seconds_of
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import InstanceMap, Mask, Query, instances_of, mask_of, read_layers

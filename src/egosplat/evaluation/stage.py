@@ -11,12 +11,10 @@ from egosplat.alarms.artifact_alarms import alarms_of_all
 from egosplat.alarms.limits import Alarm, find_chance_alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts import provenance
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.lineage import Lineage
-from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.rests import RESTS
+from egosplat.artifacts.schemas import FEATURES, MASKS, length_unit
 from egosplat.evaluation.document import answer_entries, models_used, provenance_entries, write_metrics
 from egosplat.evaluation.evaluation_frames import (
     SCORED,

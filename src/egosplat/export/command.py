@@ -7,11 +7,9 @@ import torch
 from torch import Tensor
 
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FEATURES, LANGUAGE, SPLATS
 from egosplat.errors import UserError
 from egosplat.export.carries_table import export_carries
 from egosplat.export.dataset import export_dataset, write_colmap, write_nerfstudio

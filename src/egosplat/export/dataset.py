@@ -10,12 +10,9 @@ import pycolmap
 from numpy.typing import NDArray
 from PIL import Image
 
-from egosplat.artifacts.frames import FRAMES, shown_pixels
 from egosplat.artifacts.locating import locate
-from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS, camera_poses
+from egosplat.artifacts.schemas import FRAMES, MASKS, POSES, SPLATS, camera_poses, shown_pixels
 from egosplat.export.ply import ply_bytes, point_columns
 from egosplat.files import atomic_directory
 from egosplat.geometry import OPENGL_AXES, Camera, invert

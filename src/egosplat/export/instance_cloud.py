@@ -4,11 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.artifacts.frames import FRAMES, seconds_of
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.locating import locate, open_carries, open_rests
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FRAMES, INSTANCES, SPLATS, seconds_of
 from egosplat.errors import UserError
 from egosplat.export.ply import Columns, point_columns, write_ply
 from egosplat.gaussians.io import read_gaussians

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from egosplat.artifacts.frames import lies_on_its_side
+from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0

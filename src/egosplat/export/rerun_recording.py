@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import INSTANCES, SPLATS
 from egosplat.errors import UserError
 from egosplat.export.instance_cloud import LEAST_OPACITY
 from egosplat.files import atomic_file

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from egosplat.artifacts.frames import lies_on_its_side
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.artifacts.work import lie_within
 from egosplat.codes.vectors import unit, usable
 from egosplat.models.open_clip_loader import OpenClip, Preprocessing

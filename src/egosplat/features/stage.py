@@ -10,9 +10,8 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.schemas import FEATURES, VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.codes.decoder import decode, decoder_metadata
 from egosplat.codes.vectors import unit, usable

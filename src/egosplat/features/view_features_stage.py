@@ -13,11 +13,9 @@ from torch import Tensor
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES, lies_on_its_side
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.schemas import FRAMES, INSTANCES, VIEW_FEATURES, lies_on_its_side
 from egosplat.artifacts.work import Chunks, Work
 from egosplat.artifacts.writer import create
 from egosplat.codes.vectors import usable

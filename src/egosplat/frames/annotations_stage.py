@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES
 from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.frames.keys import AnnotationKeys, Originals

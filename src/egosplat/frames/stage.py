@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.schemas import FRAMES
 from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.frames.files import is_annotated

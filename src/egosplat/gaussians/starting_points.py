@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import length_unit
 from egosplat.errors import UserError
 from egosplat.gaussians.corrections import seen_depths
 from egosplat.gaussians.initialization import (

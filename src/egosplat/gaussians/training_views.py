@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import shown_pixels
-from egosplat.artifacts.masks import MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.schemas import MASKS, TRANSIENT, shown_pixels
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.images import resize_mask, shrink_image, shrunk_size

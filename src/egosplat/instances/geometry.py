@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import camera_poses
+from egosplat.artifacts.schemas import camera_poses
 from egosplat.compute import single_thread
 from egosplat.gaussians.corrections import applied, corrected_poses, make_corrections
 from egosplat.gaussians.device import training_device

@@ -9,14 +9,10 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES, shown_pixels
-from egosplat.artifacts.instances import INSTANCES, TRACKS
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.segments import SEGMENTS
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FRAMES, INSTANCES, POSES, SEGMENTS, SPLATS, TRACKS, shown_pixels
 from egosplat.artifacts.writer import create
 from egosplat.gaussians.corrections import resolve_camera
 from egosplat.gaussians.training_views import split_views

@@ -5,7 +5,7 @@ import torch
 from numpy.typing import NDArray
 from scipy import sparse
 
-from egosplat.artifacts.language import GAUSSIANS
+from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.codes.targets import CodeTargets
 from egosplat.language.lifting import labeled_share
 from egosplat.language.method import Method

@@ -6,10 +6,9 @@ from typing import Any
 
 from torch import device
 
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Schema
+from egosplat.artifacts.schemas import FEATURES, INSTANCES
 from egosplat.codes.targets import CodeTargets
 from egosplat.language.result import Coded
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from torch import Tensor
 
-from egosplat.artifacts.language import PIXELS
+from egosplat.artifacts.schemas import PIXELS
 from egosplat.codes.decoder import Decoder
 
 
@@ -32,7 +32,7 @@ class Coded:
         decoder: from codes to features, where the method learns its own; else that of features.zarr.
         curve: empty if nothing is trained.
         stands_in: short sentences, each on a part of the published method that something else replaces.
-        decoded: what queries decode, see ``egosplat.artifacts.language``.
+        decoded: what queries decode, see ``egosplat.artifacts.schemas``.
     """
 
     code: Tensor

@@ -9,14 +9,11 @@ import torch
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Schema
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FRAMES, LANGUAGE, POSES, SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.codes.decoder import decoder_metadata
 from egosplat.codes.targets import CodeTargets

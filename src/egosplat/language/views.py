@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import camera_poses
+from egosplat.artifacts.schemas import camera_poses
 from egosplat.codes.centers import Centers, look_at_centers
 from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians

@@ -34,6 +34,9 @@ NEUTRAL = {
     ),
 }
 
+# Of these modules a stage executes the definitions that it imports by name, each with those that it needs.
+SPLIT = {"egosplat.artifacts.schemas"}
+
 
 def code_hash(*modules: str, libraries: tuple[str, ...] = ()) -> str:
     """Hash modules, the modules, C++ sources, scripts and texts that they reach, and versions of libraries.
@@ -75,7 +78,7 @@ def modules_of(*modules: str) -> dict[str, Path]:
     todo = [*modules]
     while todo:
         name = todo.pop()
-        if name in found or name in NEUTRAL or name.partition(".")[0] not in roots:
+        if name in found or name in NEUTRAL | SPLIT or name.partition(".")[0] not in roots:
             continue
         if (path := _find(name)) is None:
             continue
@@ -88,7 +91,9 @@ def modules_of(*modules: str) -> dict[str, Path]:
 
 @functools.cache
 def _find(name: str) -> Path | None:
-    """Find the file of a module below the root package; None if the name is not a module."""
+    """Find the file of a module below the root package, or of a definition in a split one; None for another name."""
+    if (module := name.rpartition(".")[0]) in SPLIT:
+        return _find(module)
     # No find_spec for the full name: it would import the parent modules and all that the stage needs.
     root, *parts = name.split(".")
     if (folder := _folder(root)) is None:

@@ -35,14 +35,17 @@ class ParsedModule:
 
 @functools.cache
 def parse_module(name: str, path: Path) -> ParsedModule:
-    """Parse the module ``name``, or read what was kept of a module with the same name and content."""
+    """Parse the module ``name``, or a definition in the module at ``path``; or read what was kept of the same content."""
     source = path.read_bytes()
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     # This file is a part of the key: an edited rule of hashing forgets what the earlier one gave.
-    key = hashlib.sha256(f"{_own_hash()} {package}\n".encode() + source).hexdigest()
+    definition = name.rpartition(".")[2] if path.stem not in (name.rpartition(".")[2], "__init__") else ""
+    key = hashlib.sha256(f"{_own_hash()} {package} {definition}\n".encode() + source).hexdigest()
     found = _kept().pop(key, None)
     if found is None:
         tree = ast.parse(source)
+        if definition:
+            _leave_definition(tree, definition)
         imports = [*_imported(tree, package)]
         found = [_hash(_canonical(_WordsDropped().visit(tree))), imports]
         _new.append(key)
@@ -109,6 +112,29 @@ def _imported(tree: ast.Module, package: str) -> Iterator[str]:
             yield base
             # ``from package import name``: the name may be a module or an object of the package.
             yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _leave_definition(tree: ast.Module, name: str) -> None:
+    """Leave of a module the definition of a name, with the imports and the definitions above it that it needs."""
+    needed, kept = {name}, []
+    for statement in reversed(tree.body):
+        if isinstance(statement, ast.Import | ast.ImportFrom):
+            statement.names = [alias for alias in statement.names if (alias.asname or alias.name) in needed]
+            is_needed = bool(statement.names)
+        else:
+            is_needed = not needed.isdisjoint(_bound(statement))
+        if is_needed:
+            kept.append(statement)
+            needed |= {node.id for node in ast.walk(statement) if isinstance(node, ast.Name)}
+    tree.body = kept[::-1]
+
+
+def _bound(statement: ast.stmt) -> set[str]:
+    """The names that a definition gives to the module."""
+    if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+        return {statement.name}
+    targets = getattr(statement, "targets", [getattr(statement, "target", statement)])
+    return {node.id for target in targets for node in ast.walk(target) if isinstance(node, ast.Name)}
 
 
 def _statements(tree: ast.AST) -> Iterator[ast.AST]:

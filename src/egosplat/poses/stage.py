@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.frames import FRAMES, shown_pixels
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
 from egosplat.artifacts.writer import create
 from egosplat.calibration.companions import KNOWN_POSES, poses_source
 from egosplat.calibration.lens import Lens

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.artifacts.language import GAUSSIANS
+from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.codes.decoder import Decoder
 from egosplat.codes.rendering import render_codes
 from egosplat.gaussians.render import render

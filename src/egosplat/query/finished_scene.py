@@ -11,15 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import seconds_of
-from egosplat.artifacts.instances import TRACKS
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage
 from egosplat.artifacts.locating import open_carries, open_rests
-from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.splats import camera_poses
+from egosplat.artifacts.schemas import TRACKS, camera_poses, length_unit, seconds_of
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses

@@ -7,8 +7,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.artifacts.language import PIXELS
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import PIXELS
 from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
@@ -55,7 +55,7 @@ class QueryScene(TrainedScene):
     Attributes:
         code, share: (N, L, C) and (N, L) float32 of language.zarr, on the Gaussians' device.
         decoder: from codes to features.
-        decoded: what queries of a view decode, see ``egosplat.artifacts.language``.
+        decoded: what queries of a view decode, see ``egosplat.artifacts.schemas``.
     """
 
     code: Tensor

@@ -9,8 +9,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schemas import FEATURES
 from egosplat.artifacts.tiles import TILES
 from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.artifacts.frames import seconds_of
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import camera_poses
+from egosplat.artifacts.schemas import camera_poses, seconds_of
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.geometry import Array, is_rigid

@@ -11,14 +11,20 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES, lies_on_its_side, seconds_of
-from egosplat.artifacts.instances import INSTANCES, is_track
-from egosplat.artifacts.masks import MASKS
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.rests import RESTS
-from egosplat.artifacts.splats import SPLATS, camera_poses
-from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.schemas import (
+    FRAMES,
+    INSTANCES,
+    MASKS,
+    POSES,
+    SPLATS,
+    VIEW_FEATURES,
+    camera_poses,
+    is_track,
+    lies_on_its_side,
+    seconds_of,
+)
 from egosplat.artifacts.writer import create
 from egosplat.carries.depth import SceneDepth
 from egosplat.gaussians.io import STORED, read_exposure

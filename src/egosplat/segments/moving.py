@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.transient import InstanceScores
 from egosplat.models.sam2_loader import Sam2
+from egosplat.moving_regions import InstanceScores
 from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
 from egosplat.segments.label_maps import LabelMaps, Labels
 from egosplat.segments.nms import areas

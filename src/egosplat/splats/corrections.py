@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import AS_GIVEN, FITTED, INTERPOLATED, TRAINED
+from egosplat.artifacts.schemas import AS_GIVEN, FITTED, INTERPOLATED, TRAINED
 from egosplat.artifacts.writer import Writer
 from egosplat.gaussians.corrections import LOG_GAIN, Corrections, angle_of, applied, corrected_poses
 from egosplat.gaussians.fitting import fit

@@ -9,14 +9,10 @@ import numpy as np
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.kept_frames import frames_for_gaussians
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.calibration.splat_source import source_files
 from egosplat.codes.joint_objective import JointLanguage, initial_codes

@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.frames import shown_pixels
-from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import length_unit, shown_pixels
 from egosplat.geometry import Array, Camera, invert
 from egosplat.images import shrunk_size
 from egosplat.moving_regions import Labels, landing, lasting_regions, meetings

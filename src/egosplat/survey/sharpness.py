@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import shown_pixels
 from egosplat.geometry import Array, Camera, invert, transform
 from egosplat.images import measure_sharpness
 from egosplat.progress import track

@@ -7,9 +7,8 @@ import numpy as np
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES, shown_pixels
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
 from egosplat.files import write_json
 from egosplat.geometry import Array, Camera
 from egosplat.pipeline.survey_file import Survey, digest_of_frames

@@ -9,12 +9,19 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES, shown_pixels
-from egosplat.artifacts.instances import INSTANCES, is_track
-from egosplat.artifacts.masks import BY_INSTANCES, BY_NETWORK, MASKS
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.transient import TRANSIENT, InstanceScores
+from egosplat.artifacts.schemas import (
+    BY_INSTANCES,
+    BY_NETWORK,
+    FRAMES,
+    INSTANCES,
+    MASKS,
+    TRANSIENT,
+    is_track,
+    shown_pixels,
+)
 from egosplat.artifacts.writer import Writer, create
+from egosplat.moving_regions import InstanceScores
 from egosplat.progress import log, track
 from egosplat.transient.options import MasksOptions
 from egosplat.transient.sure_regions import RegionMasks, find_regions, lasting_masks

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.frames import FRAMES, lies_on_its_side
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.transient import TRANSIENT
+from egosplat.artifacts.schemas import FRAMES, POSES, TRANSIENT, lies_on_its_side
 from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
 from egosplat.files import expand_home

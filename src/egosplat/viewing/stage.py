@@ -9,15 +9,10 @@ import torch
 
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.carries import CARRIES
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import joint_origin
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.rests import RESTS
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, LANGUAGE, POSES, SPLATS
 from egosplat.files import write_text
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, known_poses

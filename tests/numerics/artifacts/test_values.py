@@ -10,7 +10,7 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.integrity import ArtifactError
 from egosplat.artifacts.reader import open_any, verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.values import FINITE, SHARE, Values
+from egosplat.artifacts.schema import FINITE, SHARE, Values
 from tests.support.scenes import put
 
 NAN, INF = np.nan, np.inf

@@ -8,8 +8,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FEATURES
 from egosplat.codes.decoder import Decoder, decode
 from egosplat.codes.vectors import unit
 from egosplat.errors import UserError

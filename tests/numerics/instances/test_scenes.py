@@ -7,9 +7,9 @@ import torch
 from egosplat import files
 from egosplat.alarms.artifact_alarms import alarms_of
 from egosplat.artifacts import provenance
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import POSES
 from egosplat.gaussians.model import Gaussians
 from egosplat.instances import geometry, stage
 from egosplat.instances.lifted_masks import lift_masks

@@ -6,9 +6,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.artifacts.transient import InstanceScores
 from egosplat.gaussians.loss import l1_ssim, l2
 from egosplat.gaussians.training_views import pixel_weight
+from egosplat.moving_regions import InstanceScores
 from egosplat.transient.masks_stage import refined_mask, transient_instances
 
 SIZE = 12

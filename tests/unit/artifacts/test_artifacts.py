@@ -14,14 +14,12 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.check import check_tree
-from egosplat.artifacts.features import FEATURES
 from egosplat.artifacts.integrity import ArtifactError, seal
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.view_features import VIEW_FEATURES
+from egosplat.artifacts.schemas import FEATURES, POSES, VIEW_FEATURES
 from egosplat.artifacts.writer import create
 
 TINY = Schema(
@@ -321,7 +319,7 @@ def test_snakemake_s_own_file_inside_is_not_damage(tmp_path):
 KILLED = """
 import signal, sys, time, numpy as np
 from pathlib import Path
-from egosplat.artifacts.frames import FRAMES
+from egosplat.artifacts.schemas import FRAMES
 from egosplat.artifacts.writer import create
 from egosplat.artifacts.provenance import begin
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs in the background

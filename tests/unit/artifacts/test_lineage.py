@@ -4,12 +4,10 @@ import shutil
 
 import pytest
 
-from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.lineage import lineage
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_any, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import LANGUAGE, POSES, SPLATS
 from egosplat.errors import UserError
 
 

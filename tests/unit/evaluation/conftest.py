@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.frames.recording import Instance
 from tests.support.scenes import put
 

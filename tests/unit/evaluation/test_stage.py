@@ -11,11 +11,8 @@ import pytest
 
 from egosplat.artifacts import usage
 from egosplat.artifacts.check import check_tree
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.language import LANGUAGE
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FEATURES, FRAMES, LANGUAGE, SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.document import finite, write_metrics

@@ -15,9 +15,8 @@ from gsply.spz import read_spz
 from PIL import Image
 
 from egosplat import cli
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.query.opening import open_scene

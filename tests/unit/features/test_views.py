@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES, INSTANCES
 from egosplat.features.crops import cut_crops, find_views, spread
 from egosplat.models.open_clip_loader import Preprocessing
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.frames import FRAMES, shown_pixels
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
 from egosplat.calibration.lens import Lens, Rectifier, shared_pinhole
 from egosplat.errors import UserError
 from egosplat.export.dataset import DataSet, _write_images, write_nerfstudio

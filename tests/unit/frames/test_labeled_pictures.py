@@ -19,9 +19,8 @@ from benchmarks.public.boxes import (
     write_3d_ovs,
     write_lerf,
 )
-from egosplat.artifacts.annotations import ANNOTATIONS
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES
 from egosplat.errors import UserError
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import find_queries, mask_of, read_layers

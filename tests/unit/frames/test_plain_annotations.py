@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES
 from egosplat.errors import UserError
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.annotations_stage import open_annotations

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.training_views import read_views

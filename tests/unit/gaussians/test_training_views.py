@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.errors import UserError
 from egosplat.gaussians.training_views import read_views, split_views
 from egosplat.geometry import Camera

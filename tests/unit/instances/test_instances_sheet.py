@@ -4,10 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.artifacts.frames import FRAMES as FRAMES_SCHEMA
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.schemas import FRAMES as FRAMES_SCHEMA
+from egosplat.artifacts.schemas import INSTANCES, SEGMENTS
 from egosplat.drawing import plt
 from egosplat.errors import UserError
 from egosplat.instances import stage

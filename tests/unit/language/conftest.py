@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy import sparse
 
-from egosplat.artifacts.language import GAUSSIANS
+from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.codes.centers import project_centers
 from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians

@@ -9,11 +9,8 @@ import pytest
 import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.instances import INSTANCES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES
 from egosplat.artifacts.tiles import TILES, scale_name
 from egosplat.codes.decoder import Decoder, decode
 from egosplat.codes.rendering import render_codes

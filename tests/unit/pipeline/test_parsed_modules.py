@@ -51,6 +51,16 @@ def test_the_same_text_in_another_package_imports_other_modules(module):
     assert "other.second" in parse_module("other.stage", module).imports
 
 
+def test_a_definition_counts_with_what_it_needs(module):
+    module.write_text("from pkg import a, b\nN = 1\nX = a(N)\nY = b()\n")
+    (x, y), changed = (parse_module(f"pkg.stage.{name}", module) for name in "XY"), module.read_text()
+    assert x.imports == ("pkg", "pkg.a") and y.imports == ("pkg", "pkg.b")
+    for old, new, stale in (("N = 1", "N = 2", [True, False]), ("b()", "b(1)", [False, True])):
+        module.write_text(changed.replace(old, new))
+        forget()
+        assert [parse_module(f"pkg.stage.{n}", module) != was for n, was in (("X", x), ("Y", y))] == stale
+
+
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"a": 1}', '{"a": ["hash", [1]]}', '{"a": []}'])
 def test_a_damaged_file_is_replaced(module, text):
     file = parsed_modules._file()

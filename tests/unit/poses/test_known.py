@@ -9,9 +9,8 @@ import pytest
 from PIL import Image
 
 from egosplat.alarms.limits import LIMITS
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES, length_unit
 from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES, length_unit
 from egosplat.errors import UserError
 from egosplat.frames.stage import FramesOptions
 from egosplat.frames.stage import run as make_frames

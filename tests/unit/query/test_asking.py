@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.language import GAUSSIANS, PIXELS
+from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings

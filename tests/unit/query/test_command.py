@@ -15,7 +15,7 @@ import zarr
 from PIL import Image
 
 from egosplat import cli
-from egosplat.artifacts.poses import length_unit
+from egosplat.artifacts.schemas import length_unit
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.suitability import notice
 from egosplat.query import command, finished_scene, things

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.language import GAUSSIANS, PIXELS
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.rests import RESTS
+from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.codes.decoder import Decoder
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import SPLATS
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.query.scene import read_trained_scene

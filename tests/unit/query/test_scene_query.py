@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.features import FEATURES
-from egosplat.artifacts.language import LANGUAGE
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FEATURES, LANGUAGE, POSES, SPLATS
 from egosplat.geometry import Camera
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import read_scene

@@ -5,10 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import FRAMES, POSES, SPLATS
 from egosplat.errors import UserError
 from egosplat.query.viewpoint import frame_viewpoint, pose_viewpoint
 

@@ -9,7 +9,7 @@ import torch
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.schemas import SEGMENTS
 from egosplat.artifacts.work import Work
 from egosplat.compute import choose_compute
 from egosplat.errors import UserError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.segments import SEGMENTS
+from egosplat.artifacts.schemas import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import stage

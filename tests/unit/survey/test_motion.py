@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.geometry import make_pose
 from egosplat.moving_regions import landing, large_regions, lasting_regions, meetings
 from egosplat.survey.detection import PairMotion, detect_motion

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import frames_for_gaussians, kept_frames
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES
 from egosplat.geometry import Camera, make_pose
 from egosplat.survey.sharpness import Views, find_blurred, measure_all
 from tests.unit.survey.test_stage import surveyed

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from egosplat.artifacts.frames import FRAMES
 from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.reader import open_artifact, recorded_digest
+from egosplat.artifacts.schemas import FRAMES
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.survey_file import read_survey

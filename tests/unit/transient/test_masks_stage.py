@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.artifacts.instances import INSTANCES
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import INSTANCES
 from egosplat.errors import UserError
 from egosplat.transient import masks_stage
 from tests.support.scenes import put

@@ -3,9 +3,8 @@
 import numpy as np
 import torch
 
-from egosplat.artifacts.frames import FRAMES
-from egosplat.artifacts.poses import POSES
 from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.gaussians.training_views import read_views
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.artifacts.transient import InstanceScores
+from egosplat.moving_regions import InstanceScores
 from egosplat.transient.masks_stage import refined_mask, transient_instances
 
 

@@ -223,8 +223,8 @@ def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, monkeyp
 
 def test_phrases_without_a_vector_get_a_reason(tmp_path):
     """Words that the model was not trained on, and no words."""
-    from egosplat.artifacts.features import FEATURES
     from egosplat.artifacts.reader import open_artifact
+    from egosplat.artifacts.schemas import FEATURES
 
     put_page_scene(tmp_path)
     encode = phrase_encoder(open_artifact(tmp_path / "features.zarr", FEATURES), page_options())

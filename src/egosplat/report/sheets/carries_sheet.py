@@ -8,9 +8,8 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_spans
-from egosplat.artifacts.frames import seconds_of
-from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import length_unit, seconds_of
 from egosplat.drawing import add_name, empty_grid, ground_axes, plt, show
 from egosplat.geometry import Array
 from egosplat.query.history import clock

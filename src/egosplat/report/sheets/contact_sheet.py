@@ -9,8 +9,8 @@ from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from egosplat.artifacts.poses import length_unit
 from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import length_unit
 from egosplat.drawing import add_name, empty_grid, ground_axes, inner_point, plt, show
 from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import sheet

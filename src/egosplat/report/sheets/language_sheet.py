@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import camera_poses
+from egosplat.artifacts.schemas import camera_poses
 from egosplat.codes.rendering import render_codes
 from egosplat.drawing import empty_grid, plt, show
 from egosplat.geometry import Camera

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.annotations import ANNOTATIONS
 from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.locating import open_carries, open_rests
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.splats import SPLATS
+from egosplat.artifacts.schemas import ANNOTATIONS, SPLATS
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options

@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from egosplat.artifacts.frames import shown_pixels
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import AS_GIVEN, FITTED
+from egosplat.artifacts.schemas import AS_GIVEN, FITTED, shown_pixels
 from egosplat.drawing import empty_grid, ground_axes, hide_axes, label_log_axis, middles_of_parts, plt, show
 from egosplat.gaussians.evaluation import Scores
 from egosplat.report.sheets.sheet import sheet

@@ -8,7 +8,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.splats import camera_poses
+from egosplat.artifacts.schemas import camera_poses
 from egosplat.drawing import add_name, empty_grid, inner_point, middles_of_parts, plt, show
 from egosplat.query.scene import read_trained_scene
 from egosplat.report.sheets.sheet import sheet
