@@ -131,7 +131,7 @@ WITHOUT_EFFECT = (
     ("segments/stage.py", "of them are tracked, because", "of these are tracked, because"),
     ("gaussians/trainer.py", "training resumes after iteration", "training goes on after iteration"),
     ("instances/lifted_masks.py", "lifting masks", "placing masks"),
-    ("alarms/texts.py", "Check instances.png", "Look at instances.png"),
+    ("alarms/table.py", "Check instances.png", "Look at instances.png"),
     # Of formats, sources of poses and methods that the scene does not use.
     ("calibration/colmap/mapping.py", "MIN_POINTS = 50", "MIN_POINTS = 60"),
     ("poses/colmap.py", "\ndef colmap_poses", "\nCHANGED = 1\n\n\ndef colmap_poses"),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat.alarms.limits import Alarm
+from egosplat.alarms.table import Alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster, scaled

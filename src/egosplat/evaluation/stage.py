@@ -1,14 +1,14 @@
 """Stage ``metrics``: query every annotated category, score the answers and the renders."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from egosplat.alarms.artifact_alarms import alarms_of_all
-from egosplat.alarms.limits import Alarm, find_chance_alarm
+from egosplat.alarms.artifact_alarms import alarms_of_all, find_chance_alarm
+from egosplat.alarms.table import Alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts import provenance
 from egosplat.artifacts.lineage import Lineage
@@ -141,7 +141,7 @@ def _counts(
     return counts
 
 
-def _alarms(score: Mapping[str, Any]) -> Iterator[Alarm]:
+def _alarms(score: Mapping[str, Any]) -> list[Alarm]:
     interval = score["accuracy_interval"]
     return find_chance_alarm(interval and interval.low, max(score["random_pixel"], score["middle_pixel"]))
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from egosplat.alarms.artifact_alarms import warnings_of
-from egosplat.alarms.limits import Alarm
+from egosplat.alarms.table import Alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS

@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from egosplat.alarms.texts import TEXTS, found_text, normal_range
+from egosplat.alarms.table import TABLE
+from egosplat.alarms.texts import found_text
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 from egosplat.evaluation.series import Series, find_series
@@ -109,6 +110,6 @@ def _alarms(scene: ScoredScene) -> Iterator[dict[str, str]]:
             "Variant": scene.variant,
             "Alarm": alarm.key,
             "Found": found_text(alarm),
-            "Normal": normal_range(alarm.key),
-            "What to do": TEXTS[alarm.key].advice,
+            "Normal": TABLE[alarm.key].limit.normal_range(),
+            "What to do": TABLE[alarm.key].advice,
         }

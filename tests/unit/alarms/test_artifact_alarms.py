@@ -104,42 +104,34 @@ def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tm
     assert len(others) == 3 and all(line.startswith("alarm: segments.") for line in others)
 
 
-def test_masks_of_single_frames_raise_no_alarm_about_the_length_of_tracks(tmp_path):
-    """Their facts hold no length."""
-    single = {name: value for name, value in FIGURES.items() if name != "frames_per_instance"}
-    found = [alarm.key for alarm in alarms_of(written(tmp_path, "segments", {}, single))]
-    assert found == ["segments.empty_pixels", "segments.instances_per_frame"]
-
-
-def test_instances_that_are_tracks_raise_no_alarm_about_merging(tmp_path):
-    """Their facts hold no counts."""
-    arrays = {"instances/masks": np.ones(3, np.int32), "instances/moving": np.zeros(3, bool)}
-    assert alarms_of(written(tmp_path, "instances", arrays, {"source": "tracks"})) == []
+@pytest.mark.parametrize(
+    "kind, arrays, facts, keys",
+    [
+        # Masks of single frames have no length, tracks no counts of merging.
+        ("segments", {}, {"pixels_without_instance": 0.6}, ["segments.empty_pixels"]),
+        ("instances", {"instances/masks": np.ones(3, np.int32)}, {"source": "tracks"}, []),
+        ("annotations", {}, {}, []),
+    ],
+)
+def test_facts_that_are_not_there_raise_no_alarm(tmp_path, kind, arrays, facts, keys):
+    assert [alarm.key for alarm in alarms_of(written(tmp_path, kind, arrays, facts))] == keys
 
 
 @pytest.mark.parametrize(
     "kind, limit, made_with, key",
     [
-        ("masks", 50, lambda count: ({"instances/transient": np.arange(100) < count}, {}), "masks.instances"),
+        ("masks", 50, lambda n: ({"instances/transient": np.arange(100) < n}, {}), "masks.instances"),
         (
             "features",
             50,
-            lambda count: ({"instance": np.zeros(200, np.int32)}, {"outliers": count}),
+            lambda n: ({"instance": np.zeros(200, np.int32)}, {"outliers": n}),
             "features.outliers",
-        ),
-        (
-            "view_features",
-            1,
-            lambda count: ({"instance": np.zeros(100 - count, np.int32)}, {"without_feature": count}),
-            "view_features.lost",
         ),
     ],
 )
 def test_counts_raise_an_alarm_one_above_their_limit(tmp_path, kind, limit, made_with, key):
-    """50 of 100 instances, 50 of 200 views and 1 of 100 views are the limits."""
     for count, keys in ((limit, []), (limit + 1, [key])):
-        folder = tmp_path / str(count)
-        folder.mkdir()
+        (folder := tmp_path / str(count)).mkdir()
         assert [alarm.key for alarm in alarms_of(written(folder, kind, *made_with(count)))] == keys
 
 
@@ -163,10 +155,6 @@ def test_frames_without_a_pose_have_no_correction(tmp_path):
     arrays["corrections/gain"] = np.array([[np.nan] * 3, [1.0, 1.0, 1.0]])
     (alarm,) = alarms_of(written(tmp_path, "splats", arrays, {"scene_depth": 2.0}))
     assert (alarm.key, alarm.figures["wrong"], alarm.figures["frame"]) == ("splats.pose_correction", 1, 1)
-
-
-def test_annotations_have_no_alarms(tmp_path):
-    assert alarms_of(written(tmp_path, "annotations", {}, {})) == []
 
 
 @pytest.mark.parametrize("moving, keys", [(6, ["masks.withheld"]), (2, [])])

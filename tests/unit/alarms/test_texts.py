@@ -1,79 +1,100 @@
-"""The words of alarms: on every page one line each, in docs/alarms.md one row each, and none in what a stage executes."""
+"""Each alarm is raised just beyond its limit, and has one line on every page and one row in docs/alarms.md."""
 
+import math
 import re
 from pathlib import Path
 
 import pytest
 
-from egosplat.alarms.limits import CAUSING_KEYS, LIMITS, Alarm
-from egosplat.alarms.texts import TEXTS, alarm_line, alarm_table, found_text, normal_range, warning_lines
-from egosplat.pipeline.code_hash import NEUTRAL
+from egosplat.alarms.artifact_alarms import find_alarm, find_chance_alarm
+from egosplat.alarms.statistics import relative_agreement
+from egosplat.alarms.table import TABLE, Alarm
+from egosplat.alarms.texts import alarm_line, found_text, warning_lines
 from egosplat.pipeline.config import read_yaml, section_keys
 
 ROOT = Path(__file__).resolve().parents[3]
+CONSTANT = [key for key, row in TABLE.items() if row.limit.value is not None]
+CAUSED = [key for key, row in TABLE.items() if row.causes]
 
 
-def test_the_page_of_alarms_holds_the_table():
+def beyond(key: str, distance: float) -> float:
+    limit = TABLE[key].limit
+    assert limit.value is not None
+    return limit.value + (distance if limit.normal_is_below else -distance)
+
+
+@pytest.mark.parametrize("key", CONSTANT)
+def test_an_alarm_is_raised_just_beyond_its_limit_and_not_at_it(key):
+    limit, value = TABLE[key].limit.value, beyond(key, 1e-6)
+    assert find_alarm(key, {"value": limit}) == []
+    (alarm,) = find_alarm(key, {"value": value, "more": 3})
+    assert (alarm.key, alarm.figures) == (key, {"value": value, "limit": limit, "more": 3})
+
+
+def test_infinite_psnr_raises_no_alarm_and_nan_does():
+    assert find_alarm("splats.psnr", {"value": math.inf}) == []
+    assert [alarm.key for alarm in find_alarm("splats.psnr", {"value": math.nan})] == ["splats.psnr"]
+
+
+def test_an_accuracy_whose_interval_reaches_chance_raises_an_alarm():
+    assert find_chance_alarm(0.151, 0.15) == find_chance_alarm(None, 0.15) == []
+    assert [alarm.key for alarm in find_chance_alarm(0.15, 0.15)] == ["metrics.chance"]
+
+
+def test_agreement_is_relative_to_the_spread_between_instances():
+    """A cosine of 0.7 is normal if instances differ much, and an alarm if they are similar."""
+    limit = TABLE["features.agreement"].limit
+    assert not limit.is_passed(relative_agreement(0.7, 0.2)) and limit.is_passed(relative_agreement(0.7, 0.5))
+    assert relative_agreement(1.0, 1.0) == 1.0, "equal instances have equal views"
+
+
+def test_the_page_of_alarms_has_a_row_with_range_and_advice_of_each():
     page = (ROOT / "docs" / "alarms.md").read_text(encoding="utf-8")
-    assert alarm_table() in page, "write it again: python -m egosplat.alarms.texts"
+    rows = {line.split("`")[1]: line.split(" | ") for line in page.splitlines() if line.startswith("| `")}
+    told = {key: (cells[2], cells[-1].removesuffix(" |")) for key, cells in rows.items()}
+    assert told == {key: (row.limit.normal_range(), row.advice) for key, row in TABLE.items()}
 
 
-def test_every_limit_has_words():
-    assert set(TEXTS) - set(LIMITS) == {"masks.withheld", "metrics.chance"}, "their limits are no constants"
-
-
-def test_the_normal_range_follows_the_limit():
-    assert normal_range("masks.pixels") == "up to 25%" and normal_range("splats.psnr") == "20 dB or more"
-
-
-@pytest.mark.parametrize("key", TEXTS)
+@pytest.mark.parametrize("key", TABLE)
 def test_an_advice_names_keys_and_values_that_exist(key):
-    for section, name, value in re.findall(
-        r"\b([a-z_]+)\.([a-z_0-9]+)\b(?: to ([a-z_0-9]+))?", TEXTS[key].advice
-    ):
+    named = re.findall(r"\b([a-z_]+)\.([a-z_0-9]+)\b(?: to ([a-z_0-9]+))?", TABLE[key].advice)
+    for section, name, value in named:
         if name not in ("png", "zarr"):
             found = section_keys(section)[name]
             assert not value or "enum" not in found or value in found["enum"]
 
 
-@pytest.mark.parametrize("alarm", CAUSING_KEYS)
+@pytest.mark.parametrize("alarm", CAUSED)
 def test_an_advice_names_the_presets_that_set_what_caused_its_alarm(alarm):
     """A preset that lowers a number, or chooses another word, than the default."""
-    for key in CAUSING_KEYS[alarm]:
+    for key in TABLE[alarm].causes:
         section, name = key.split(".")
         default = section_keys(section)[name]["default"]
         for path in (ROOT / "config" / "presets").glob("*.yaml"):
             value = read_yaml(path).get(section, {}).get(name, default)
             raised = isinstance(value, int) and isinstance(default, int) and value >= default
             if value != default and not raised:
-                assert re.search(rf"presets?[ a-z]* {path.stem}\b", TEXTS[alarm].advice), (key, path.stem)
+                assert re.search(rf"presets?[ a-z]* {path.stem}\b", TABLE[alarm].advice), (key, path.stem)
 
 
-@pytest.mark.parametrize("key", sorted(set(LIMITS) - {"instances.masks_kept", "poses.models"}))
+@pytest.mark.parametrize(
+    "key", [key for key in CONSTANT if "{value" in TABLE[key].sentence and key != "poses.models"]
+)
 def test_a_sentence_shows_no_figure_within_the_normal_range(key):
     """Not even where rounding would bring it there."""
-    limit = LIMITS[key]
-    if "{value" not in TEXTS[key].found:
-        return
-    text = TEXTS[key].found.partition("{value")[2].partition("}")[0]
-    value = limit.value + (1e-9 if limit.normal_is_below else -1e-9)
-    figures = dict.fromkeys(("cosine", "spread", "points"), 0.0) | {"value": value}
+    text = TABLE[key].sentence.partition("{value")[2].partition("}")[0]
+    figures = dict.fromkeys(("cosine", "spread", "points"), 0.0) | {"value": beyond(key, 1e-9)}
     shown = found_text(Alarm(key, figures))
-    percent = text.endswith("%")
-    number = next(float(one) / (100 if percent else 1) for one in re.findall(r"[\d.]+\d|\d", shown))
-    assert limit.is_passed(number)
+    number = next(float(digits) for digits in re.findall(r"[\d.]+\d|\d", shown))
+    assert TABLE[key].limit.is_passed(number / (100 if text.endswith("%") else 1))
 
 
 def test_a_line_holds_key_figures_range_and_advice():
     alarm = Alarm("masks.pixels", {"value": 0.314, "limit": 0.25})
     (notice, line) = warning_lines("small", [alarm])
     assert notice == "notice: small" and line == f"alarm: {alarm_line(alarm)}"
-    assert all(part in line for part in ("masks.pixels", "31.4%", "25%", TEXTS["masks.pixels"].advice))
+    assert all(part in line for part in ("masks.pixels", "31.4%", "up to 25%", TABLE["masks.pixels"].advice))
 
 
 def test_a_number_that_json_cannot_hold_is_told():
     assert "nan dB" in alarm_line(Alarm("splats.psnr", {"value": None, "limit": 20.0}))
-
-
-def test_the_words_are_no_part_of_the_code_of_a_stage():
-    assert "egosplat.alarms.texts" in NEUTRAL

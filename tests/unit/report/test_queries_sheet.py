@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.alarms.limits import Alarm
+from egosplat.alarms.table import Alarm
 from egosplat.alarms.texts import alarm_line
 from egosplat.errors import UserError
 from egosplat.evaluation import stage

@@ -1,0 +1,128 @@
+"""Measure the statistics of the alarms, from facts and arrays of artifacts: one function for each row of the table.
+
+Each returns ``value``, which the limit is for, and what else the sentence tells; None where the value is not known. A value may be
+(F,) one for each frame, of which the largest counts.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from egosplat.artifacts.reader import Artifact
+
+Figures = dict[str, Any]
+
+
+def _share(part: float, whole: int, **more: float) -> Figures | None:
+    return {"value": part / whole, **more} if whole else None
+
+
+def fact(name: str, inner: str | None = None) -> Callable[[Artifact], Figures | None]:
+    """Read a number among the facts of an artifact, or in a dictionary among them."""
+
+    def read(artifact: Artifact) -> Figures | None:
+        value = artifact.facts.get(name)
+        value = value if inner is None else (value or {}).get(inner)
+        return None if value is None else {"value": value}
+
+    return read
+
+
+def mean(array: str) -> Callable[[Artifact], Figures | None]:
+    """Average an array of an artifact; None if it is empty."""
+
+    def read(artifact: Artifact) -> Figures | None:
+        values = artifact.read(array)
+        return {"value": values.mean()} if len(values) else None
+
+    return read
+
+
+def blurred_frames(frames: Artifact) -> Figures | None:
+    blurred = frames.facts.get("blurred_frames")
+    return None if blurred is None else _share(blurred, frames.shape("rgb")[0])
+
+
+def points_per_frame(poses: Artifact) -> Figures | None:
+    notes = poses.facts.get("notes", {})
+    # A device's own points, and a file of poses without any, are no structure from motion.
+    points = notes.get("points", 0) if "parallax_deg" in notes else 0
+    return _share(points, int(poses.read("registered").sum()), points=points) if points else None
+
+
+def unconnected_models(poses: Artifact) -> Figures | None:
+    models = poses.facts.get("notes", {}).get("models", [])
+    return {"value": len(models), "frames": ", ".join(map(str, models))}
+
+
+def masks_kept(instances: Artifact) -> Figures | None:
+    if instances.facts.get("merging") is None:  # tracks
+        return None
+    kept = int(instances.read("instances/masks")[~instances.read("instances/moving")].sum())
+    masks = sum(level["masks"] for level in instances.facts["merging"].values())
+    return _share(kept, masks, kept=kept, masks=masks)
+
+
+def lost_views(features: Artifact) -> Figures | None:
+    lost = features.facts.get("without_feature", 0)
+    views = lost + features.shape("instance")[0]
+    return _share(lost, views, lost=lost, views=views)
+
+
+def outlying_views(features: Artifact) -> Figures | None:
+    outliers, views = features.facts.get("outliers", 0), features.shape("instance")[0]
+    return _share(outliers, views, outliers=outliers, views=views)
+
+
+def agreement(features: Artifact) -> Figures | None:
+    cosine, spread = features.facts.get("agreement"), features.facts.get("spread", {}).get("features")
+    if cosine is None or spread is None:
+        return None
+    return {"value": relative_agreement(cosine, spread), "cosine": cosine, "spread": spread}
+
+
+def relative_agreement(cosine: float, spread: float) -> float:
+    """Mean cosine of views with their instance's feature, from 0, as instances with each other (``spread``), to 1."""
+    return (cosine - spread) / (1.0 - spread) if spread < 1.0 else 1.0
+
+
+def withheld(masks: Artifact) -> Figures | None:
+    facts = masks.facts
+    if not facts.get("withheld"):
+        return None
+    figures = {"transient": facts["withheld_instances"], "instances": facts["seen"]}
+    return {"probability": facts["mean_probability"], **figures}
+
+
+def transient_instances(masks: Artifact) -> Figures | None:
+    moving = masks.read("instances/transient")
+    count, transient = len(moving), int(moving.sum())
+    return _share(transient, count, transient=transient, instances=count)
+
+
+def largest_pose_correction(splats: Artifact) -> Figures | None:
+    if not splats.has("corrections/shift") or not splats.shape("corrections/shift")[0]:
+        return None
+    shift, turn = np.linalg.norm(splats.read("corrections/shift"), axis=1), splats.read("corrections/turn")
+    depth = splats.facts["scene_depth"]
+    # Frames without a pose have no correction.
+    angle = np.nan_to_num(np.maximum(shift / depth, np.radians(turn)), posinf=np.inf)
+    most = int(angle.argmax())
+    told = {"shift_mm": 1e3 * float(shift[most]), "turn_deg": float(turn[most]), "depth_m": float(depth)}
+    return {"value": angle, "frame": most, **told}
+
+
+def largest_gain(splats: Artifact) -> Figures | None:
+    if not splats.has("corrections/gain") or not splats.shape("corrections/gain")[0]:
+        return None
+    gain = splats.read("corrections/gain")
+    factor = np.exp(np.abs(np.log(np.maximum(np.nan_to_num(gain, nan=1.0), 1e-9)))).max(axis=1)
+    most = int(factor.argmax())
+    colors = dict(zip(("red", "green", "blue"), map(float, gain[most]), strict=True))
+    return {"value": factor, "frame": most, **colors}
+
+
+def gaussians_without_code(language: Artifact) -> Figures | None:
+    share = language.read("share")
+    return {"value": (share <= 0).all(axis=1).mean()} if len(share) else None
