@@ -14,10 +14,8 @@ from egosplat.rasterize.contract import (
     shows_depth,
     shows_expected_depth,
 )
-from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels import pixel_weights as kernels
-from egosplat.rasterize.kernels.raster import Projection, composite, project, sum_pixels
-from egosplat.rasterize.kernels.sparse import composite_sparse
+from egosplat.rasterize.kernels import library, lookups
+from egosplat.rasterize.kernels.raster import Projection, composite, project
 
 
 def rasterization(arguments: Arguments) -> Render:
@@ -48,39 +46,37 @@ def rasterization(arguments: Arguments) -> Render:
 @torch.no_grad()
 def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
     """``view.sum_over_pixels`` with the compiled kernels, for one camera; colors are not used. Errors are as above."""
-    return sum_pixels(*_projected_geometry(arguments), image.permute(2, 0, 1))
+    return lookups.sum_pixels(_projected(arguments), image.permute(2, 0, 1))
 
 
 @torch.no_grad()
-def sparse_values(
-    arguments: Arguments, begin: Tensor, channel: Tensor, value: Tensor, channels: int
-) -> Tensor:
+def sparse_values(arguments: Arguments, values: tuple[Tensor, Tensor, Tensor], channels: int) -> Tensor:
     """``view.composite_sparse`` with the compiled kernels, for one camera; colors are not used. Errors are as above."""
     a = arguments
-    return composite_sparse(*_projected_geometry(a), begin, channel, value, channels, a.width, a.height)
+    return lookups.composite_sparse(_projected(a), values, channels, a.width, a.height)
 
 
 @torch.no_grad()
 def pixel_weights(arguments: Arguments, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """``kernels.pixel_weights.list_weights`` for one camera; colors are not used. Errors are as above."""
+    """``kernels.lookups.list_weights`` for one camera; colors are not used. Errors are as above."""
     a = arguments
-    return kernels.list_weights(*_projected_geometry(a), pixels, a.width, a.height)
+    return lookups.list_weights(_projected(a), pixels, a.width, a.height)
 
 
 @torch.no_grad()
 def own_weights(arguments: Arguments, pixels: Tensor) -> Tensor:
-    """``kernels.pixel_weights.own_weights`` for one camera; colors are not used. Errors are as above."""
+    """``kernels.lookups.own_weights`` for one camera; colors are not used. Errors are as above."""
     a = arguments
-    return kernels.own_weights(*_projected_geometry(a), pixels, a.width, a.height)
+    return lookups.own_weights(_projected(a), pixels, a.width, a.height)
 
 
-def _projected_geometry(a: Arguments) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Centers, conics, depths, opacities, variances in y and radii in the image of the one camera."""
+def _projected(a: Arguments) -> lookups.Projected:
+    """The Gaussians in the image of the one camera."""
     _check_usable(a)
     means2d, conics, depths, seen, _, variances_y, radii = project(
         a.means, a.quats, a.scales, a.opacities, None, None, a.viewmats[0], _projection(a, a.Ks[0])
     )
-    return means2d, conics, depths, seen, variances_y, radii
+    return lookups.Projected(means2d, conics, depths, seen, variances_y, radii)
 
 
 def _check_usable(a: Arguments) -> None:

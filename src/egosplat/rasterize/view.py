@@ -127,7 +127,7 @@ def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
         raise ValueError(f"{wanted}: {error}") from error
     if view._backend == "cpu":
         begin, channel = (torch.from_numpy(each).long() for each in (values.indptr, values.indices))
-        return cpu.sparse_values(view._without_values(channels), begin, channel, value, channels)
+        return cpu.sparse_values(view._without_values(channels), (begin, channel, value), channels)
     device = view.means.device
     row, channel = (torch.from_numpy(each).to(device).long() for each in values.tocoo().coords)
     # The few values are copied to the device, not the zeros between them.

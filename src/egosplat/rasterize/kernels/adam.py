@@ -1,16 +1,9 @@
 """Adam on the CPU in one pass over parameters, gradients and moments. float32."""
 
-import ctypes
-import functools
-from typing import Any
-
 import torch
 from torch import Tensor
 
-from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels.arrays import address
-
-_INT, _INT64, _DOUBLE, _POINTER = ctypes.c_int, ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+from egosplat.rasterize.kernels.library import address, function
 
 
 @torch.no_grad()
@@ -57,7 +50,8 @@ def adam_step(
     _check("rates", rates, (columns,))
     # ``rates`` and the tensors stay referenced until the call returns: the kernel gets addresses only.
     addresses = map(address, (rates, *tensors.values()))
-    return _function()(rows, columns, torch.get_num_threads(), beta1, beta2, eps, step, *addresses)
+    kernel = function("adam", "liidddl" + 5 * "p", "l")
+    return kernel(rows, columns, torch.get_num_threads(), beta1, beta2, eps, step, *addresses)
 
 
 def _check(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:
@@ -65,11 +59,3 @@ def _check(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name}: shape {tuple(tensor.shape)}, not {shape}")
     if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or not tensor.is_contiguous():
         raise ValueError(f"{name}: {tensor.dtype} on {tensor.device}, not contiguous float32 on the CPU")
-
-
-@functools.cache
-def _function() -> Any:
-    function = library.load().egosplat_adam
-    function.argtypes = [_INT64, _INT, _INT, _DOUBLE, _DOUBLE, _DOUBLE, _INT64, *[_POINTER] * 5]
-    function.restype = _INT64
-    return function

@@ -7,11 +7,13 @@ import ctypes
 import functools
 import os
 from pathlib import Path
+from typing import Any
 
 # The libraries link to no OpenMP runtime of their own. They use torch's, which importing torch makes visible
 # to all libraries. With two runtimes in one process, the idle threads of each spin on the cores that the
 # other needs: alternating kernels and torch operations took 8 ms per pair instead of 0.3 ms on two cores.
 import torch  # noqa: F401
+from torch import Tensor
 
 from egosplat.errors import UserError, reraise_as
 from egosplat.pipeline.home import how_to_reinstall
@@ -33,6 +35,39 @@ def load() -> ctypes.CDLL:
         UserError: no library is usable; ``why_not`` returns the same message.
     """
     return _loaded()[1]
+
+
+# Codes of the argument types of a kernel's function, as ``function`` takes them.
+_TYPES = {
+    "i": ctypes.c_int,
+    "l": ctypes.c_int64,
+    "d": ctypes.c_double,
+    "p": ctypes.c_void_p,
+    "c": ctypes.POINTER(ctypes.c_double),
+}
+
+
+@functools.cache
+def function(name: str, arguments: str, result: str = "") -> Any:
+    """Get a function of the library by its name, codes of its arguments' types and of its result's.
+
+    Raises:
+        UserError: no library is usable, see ``load``.
+    """
+    found = getattr(load(), f"egosplat_{name}")
+    found.argtypes = [_TYPES[code] for code in arguments]
+    found.restype = _TYPES[result] if result else None
+    return found
+
+
+def plain(tensor: Tensor | None) -> Tensor | None:
+    """The numbers of a tensor, contiguous and without gradients; None stays None."""
+    return None if tensor is None else tensor.detach().contiguous()
+
+
+def address(tensor: Tensor | None) -> int | None:
+    """Address of the first number; None, the null pointer, stays None."""
+    return None if tensor is None else tensor.data_ptr()
 
 
 def variant() -> str:

@@ -1,17 +1,12 @@
 """The fused loss of 3DGS on the CPU: value and gradient in one pass over the images. float32."""
 
-import ctypes
-import functools
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels.arrays import address
-
-_INT, _DOUBLE, _POINTER = ctypes.c_int, ctypes.c_double, ctypes.c_void_p
+from egosplat.rasterize.kernels.library import address, function, plain
 
 
 def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
@@ -49,11 +44,12 @@ class _L1SSIM(torch.autograd.Function):
         ctx: Any, render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float
     ) -> Tensor:
         planar = render.permute(2, 0, 1).contiguous()
-        target, weight = target.contiguous(), None if weight is None else weight.contiguous()
+        target, weight = plain(target), plain(weight)
         gradient = torch.empty_like(planar) if ctx.needs_input_grad[0] else None
         _, height, width = planar.shape
         addresses = map(address, (planar, target, weight, gradient))
-        loss = _function()(width, height, torch.get_num_threads(), ssim_lambda, *addresses)
+        kernel = function("l1_ssim", "iiid" + 4 * "p", "d")
+        loss = kernel(width, height, torch.get_num_threads(), ssim_lambda, *addresses)
         ctx.save_for_backward(gradient)
         return torch.tensor(loss, dtype=torch.float32)
 
@@ -65,11 +61,3 @@ class _L1SSIM(torch.autograd.Function):
         # The factor is nearly always 1, which saves a pass over the image.
         gradient = gradient if factor == 1.0 else gradient * factor
         return gradient.permute(1, 2, 0), None, None, None
-
-
-@functools.cache
-def _function() -> Any:
-    function = library.load().egosplat_l1_ssim
-    function.argtypes = [_INT, _INT, _INT, _DOUBLE, *[_POINTER] * 4]
-    function.restype = _DOUBLE
-    return function

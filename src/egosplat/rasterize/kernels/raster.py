@@ -4,7 +4,6 @@ Images are planar, (channels, height, width), as the kernels write them.
 """
 
 import ctypes
-import functools
 import weakref
 from dataclasses import dataclass
 from typing import Any
@@ -13,10 +12,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels.arrays import address, plain
-
-_INT, _POINTER = ctypes.c_int, ctypes.c_void_p
+from egosplat.rasterize.kernels.library import address, function, plain
 
 
 @dataclass(frozen=True)
@@ -101,35 +97,6 @@ def composite(
     )
 
 
-def sum_pixels(
-    means2d: Tensor,
-    conics: Tensor,
-    depths: Tensor,
-    opacities: Tensor,
-    variances_y: Tensor,
-    radii: Tensor,
-    image: Tensor,
-) -> Tensor:
-    """Sum an image over the compositing weights of projected Gaussians, without rendering one.
-
-    Args:
-        means2d, conics, depths, opacities, variances_y, radii: as ``project`` returns them.
-        image: (X, H, W).
-
-    Returns:
-        (N, X): to the bit the gradient of ``composite`` by its channels, where ``image`` is that of its render.
-    """
-    channels, height, width = image.shape
-    sums = torch.zeros(len(means2d), channels)
-    inputs = (means2d, conics, variances_y, opacities, depths, radii, image)
-    # The list keeps copies alive during the call.
-    arrays = [*map(plain, inputs), sums]
-    _functions().egosplat_raster_sum(
-        len(means2d), channels, width, height, torch.get_num_threads(), *map(address, arrays)
-    )
-    return sums
-
-
 class _Project(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
@@ -142,9 +109,9 @@ class _Project(torch.autograd.Function):
         variances_y, radii = torch.empty(count), torch.empty(count, 2, dtype=torch.int32)
         camera = _camera(viewmat, settings)
         inputs = (means, quats, scales, opacities, sh, features)
-        _functions().egosplat_project_forward(
-            *layout, torch.get_num_threads(), camera, *map(address, (*inputs, *outputs, variances_y, radii))
-        )
+        kernel = function("project_forward", 9 * "i" + "c" + 13 * "p")
+        arrays = (*inputs, *outputs, variances_y, radii)
+        kernel(*layout, torch.get_num_threads(), camera, *map(address, arrays))
         ctx.layout, ctx.camera = layout, camera
         ctx.save_for_backward(means, quats, scales, opacities, sh, radii, outputs[-1])
         ctx.mark_non_differentiable(variances_y, radii)
@@ -163,13 +130,9 @@ class _Project(torch.autograd.Function):
         results.append(torch.empty(len(means), ctx.layout[3]) if needed[5] else None)
         pose = torch.zeros(12, dtype=torch.float64) if needed[6] else None
         given = [plain(gradient) for gradient in gradients[:5]]
-        inputs = (means, quats, scales, opacities, sh, radii, channels)
-        _functions().egosplat_project_backward(
-            *ctx.layout,
-            torch.get_num_threads(),
-            ctx.camera,
-            *map(address, (*inputs, *given, *results, pose)),
-        )
+        arrays = (means, quats, scales, opacities, sh, radii, channels, *given, *results, pose)
+        kernel = function("project_backward", 9 * "i" + "c" + 19 * "p")
+        kernel(*ctx.layout, torch.get_num_threads(), ctx.camera, *map(address, arrays))
         return (*results, None if pose is None else _pose_gradient(pose), None)
 
 
@@ -180,9 +143,8 @@ class _Composite(torch.autograd.Function):
         means2d, conics, depths, opacities, channels, variances_y, radii, background = map(plain, tensors)
         render, alpha = torch.empty(channels.shape[1], height, width), torch.empty(height, width)
         inputs = (means2d, conics, variances_y, opacities, channels, depths, radii, background, render, alpha)
-        handle = _functions().egosplat_raster_forward(
-            len(means2d), channels.shape[1], width, height, torch.get_num_threads(), *map(address, inputs)
-        )
+        sizes = (len(means2d), channels.shape[1], width, height, torch.get_num_threads())
+        handle = function("raster_forward", 5 * "i" + 10 * "p", "p")(*sizes, *map(address, inputs))
         ctx.raster = _Raster(handle)
         ctx.save_for_backward(conics, channels, render, alpha)
         # A missing gradient of alpha arrives as None, which saves the kernel a plane of zeros.
@@ -202,9 +164,8 @@ class _Composite(torch.autograd.Function):
         results = [torch.zeros(size) for size in sizes] or [None] * 3
         v_channels = torch.zeros_like(channels)
         inputs = (conics, render, alpha, v_render, plain(v_alpha), *results, v_channels)
-        _functions().egosplat_raster_backward(
-            ctx.raster.handle, torch.get_num_threads(), *map(address, inputs)
-        )
+        kernel = function("raster_backward", "pi" + 9 * "p")
+        kernel(ctx.raster.handle, torch.get_num_threads(), *map(address, inputs))
         v_means2d, v_conics, v_opacities = results
         v_background = ((1.0 - alpha) * v_render).sum(dim=(1, 2)) if needed[7] else None
         return v_means2d, v_conics, None, v_opacities, v_channels, None, None, v_background, None, None
@@ -215,7 +176,7 @@ class _Raster:
 
     def __init__(self, handle: int) -> None:
         self.handle = handle
-        weakref.finalize(self, _functions().egosplat_raster_free, handle)
+        weakref.finalize(self, function("raster_free", "p"), handle)
 
 
 def _layout(
@@ -238,19 +199,3 @@ def _pose_gradient(pose: Tensor) -> Tensor:
     gradient = torch.zeros(4, 4)
     gradient[:3, :3], gradient[:3, 3] = pose[:9].reshape(3, 3), pose[9:]
     return gradient
-
-
-@functools.cache
-def _functions() -> ctypes.CDLL:
-    loaded = library.load()
-    camera = ctypes.POINTER(ctypes.c_double)
-    loaded.egosplat_project_forward.argtypes = [*[_INT] * 9, camera, *[_POINTER] * 13]
-    loaded.egosplat_project_backward.argtypes = [*[_INT] * 9, camera, *[_POINTER] * 19]
-    loaded.egosplat_raster_forward.argtypes = [*[_INT] * 5, *[_POINTER] * 10]
-    loaded.egosplat_raster_backward.argtypes = [_POINTER, _INT, *[_POINTER] * 9]
-    loaded.egosplat_raster_sum.argtypes = [*[_INT] * 5, *[_POINTER] * 8]
-    loaded.egosplat_raster_free.argtypes = [_POINTER]
-    loaded.egosplat_raster_forward.restype = _POINTER
-    for name in ("project_forward", "project_backward", "raster_backward", "raster_sum", "raster_free"):
-        getattr(loaded, f"egosplat_{name}").restype = None
-    return loaded
