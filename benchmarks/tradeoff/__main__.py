@@ -1,4 +1,4 @@
-"""The measured trade of speed against accuracy of scenes, from their ``tradeoff.json``, as a table of means.
+"""The measured trade of speed against accuracy of scenes and their variants, as a table of means.
 
     snakemake --cores 1 --max-threads 1 --configfile benchmarks/tradeoff/presets.yaml -- \
         results/adt/scene{1..5}/tradeoff/tradeoff.html
@@ -9,54 +9,44 @@ Costs are means over scenes. The last two columns compare answers to the same qu
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
+import pandas as pd
 
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, accuracy_difference, chance, format_score, iou_difference, pair_answers
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.files import read_json
+from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.pipeline.scene_folder import title_of
 from egosplat_rivals.tables.paper_tables import average
-from egosplat_rivals.tradeoff.measured import COSTS, PSNR, Measure
-from egosplat_rivals.tradeoff.scenes import mean_points
+from egosplat_rivals.tradeoff.measured import (
+    COSTS,
+    GAINS,
+    SCENE,
+    find_front,
+    list_numbers,
+    mean_points,
+    read_runs,
+)
 
 HEADINGS = (
     "point",
-    *(f"{one.heading} [{one.unit}]" for one in COSTS),
-    "accuracy [%]",
-    "mIoU [%]",
-    f"{PSNR.heading} [{PSNR.unit}]",
+    *(one.label for one in COSTS.values()),
+    *(one.label for one in GAINS.values()),
     "accuracy, same queries",
     "mIoU, same queries",
 )
 
 
-def mean(point: Mapping[str, Any], measure: Measure) -> str:
-    """The mean of a measure."""
-    found = point["measures"][measure.name]
-    return measure.text(found and found["mean"])
-
-
-def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[str]:
-    """A point's row; its name is bold on the Pareto front of time and accuracy."""
-    scored, compared = scenes, ["", ""]
-    if point["variant"]:
-        scored = {
-            folder: read_scored_scene(folder / "variants" / point["variant"] / "metrics.json")
-            for folder in scenes
-        }
-        pairs = [pair_answers(scored[folder], scene) for folder, scene in scenes.items()]
-        compared = [accuracy_difference(pairs), iou_difference(pairs)]
-    named = {title_of(folder): one for folder, one in scored.items()}
+def row(point: pd.Series, scored: Mapping[str, ScoredScene], scenes: Mapping[str, ScoredScene]) -> list[str]:
+    """A point's row, but for its name."""
+    pairs = [pair_answers(scored[name], scene) for name, scene in scenes.items()]
+    own = scored == scenes
     return [
-        f"**{point['label']}**" if point["front"] else point["label"],
-        *(mean(point, one) for one in COSTS),
-        *(format_score(average(named, score, "all")) for score in ("accuracy", "mean_iou")),
-        mean(point, PSNR),
-        *compared,
+        *(one.text(point[name]) for name, one in COSTS.items()),
+        *(format_score(average(scored, score, "all")) for score in ("accuracy", "mean_iou")),
+        GAINS["psnr"].text(point.psnr),
+        *(["", ""] if own else [accuracy_difference(pairs), iou_difference(pairs)]),
     ]
 
 
@@ -64,17 +54,29 @@ def row(point: Mapping[str, Any], scenes: Mapping[Path, ScoredScene]) -> list[st
 @scene_folders
 @rows_option
 def main(folders: Sequence[Path], rows: Path | None) -> None:
-    """Print the table."""
-    documents = [read_json(folder / "tradeoff/tradeoff.json") for folder in folders]
-    points = mean_points(documents)
-    collect_page("tradeoff", folders, {point["label"]: point["variant"] for point in points}, rows)
-    scenes = {folder: read_scored_scene(folder / "metrics.json") for folder in folders}
-    machines = sorted({name for document in documents for name in document["machines"]})
+    """Print the table; points on the Pareto front of time and accuracy are bold."""
+    tables = [pd.read_csv(folder / "tradeoff/tradeoff.csv", keep_default_na=False) for folder in folders]
+    shared = [name for name in tables[0].point.unique() if all(name in set(own.point) for own in tables)]
+    variants = {name: None if name == SCENE else name for name in shared}
+    places = {name: f"variants/{name}/metrics.json" if name != SCENE else "metrics.json" for name in shared}
+    runs = {name: read_runs([folder / place for folder in folders]) for name, place in places.items()}
+    scored = {name: dict(zip(map(title_of, folders), own, strict=True)) for name, own in runs.items()}
+    points = mean_points(list_numbers([run for own in runs.values() for run in own]))
+    collect_page("tradeoff", folders, variants, rows)
+    records = [
+        record for own in runs.values() for run in own for record in run.document["artifacts"].values()
+    ]
+    machines = sorted({record["machine"] for record in records if "machine" in record})
     click.echo(
-        f"{', '.join(map(title_of, folders))}: {documents[0]['about']}; {'; '.join(machines)}. Bold: on the Pareto front of "
-        f"time and accuracy. {METHOD} {chance([*scenes.values()])}\n"
+        f"{', '.join(map(title_of, folders))}: {tables[0].about[0]}; {'; '.join(machines)}. Bold: on the Pareto front of "
+        f"time and accuracy. {METHOD} {chance(runs[SCENE])}\n"
     )
-    click.echo(markdown(HEADINGS, [row(point, scenes) for point in points]))
+    front = find_front(points)
+    lines = [
+        [f"**{name}**" if name in front else name, *row(points.loc[name], scored[name], scored[SCENE])]
+        for name in shared
+    ]
+    click.echo(markdown(HEADINGS, lines))
 
 
 if __name__ == "__main__":

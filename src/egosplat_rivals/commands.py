@@ -1,12 +1,11 @@
 """The command line ``egosplat-rivals``: tables, speed against accuracy, and methods side by side. The workflow calls it."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from egosplat.cli.commands import run_commands
-from egosplat.cli.flags import ARTIFACT, JSON, OVERWRITE
+from egosplat.cli.flags import ARTIFACT, OVERWRITE
 from egosplat.files import check_output
 
 
@@ -33,29 +32,14 @@ def tables(metrics: tuple[Path, ...], output: Path, pictures: tuple[Path, ...]) 
     run(metrics, output, pictures=pictures)
 
 
-@rivals.command()
-@click.option(
-    "--points",
-    type=JSON,
-    required=True,
-    help="Settings and metrics.json files of each point; the scene itself first.",
-)
+@rivals.command(short_help="Compare cost and accuracy of variants.")
+@click.argument("metrics", nargs=-1, required=True, type=ARTIFACT)
 @click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
-def tradeoff(points: list[dict[str, Any]], output: Path) -> None:
-    """Compare cost and accuracy of points. The workflow lists the points."""
+def tradeoff(metrics: tuple[Path, ...], output: Path) -> None:
+    """Compare cost and accuracy of variants: METRICS are metrics.json of one or more scenes and their variants."""
     from egosplat_rivals.tradeoff.stage import run
 
-    run(points, output)
-
-
-@rivals.command(short_help="Compare cost and accuracy over several scenes.")
-@click.argument("documents", nargs=-1, required=True, type=ARTIFACT)
-@click.option("--output", type=ARTIFACT, required=True, help="Output folder of the page.")
-def tradeoff_scenes(documents: tuple[Path, ...], output: Path) -> None:
-    """Compare cost and accuracy over several scenes: DOCUMENTS are their files tradeoff.json."""
-    from egosplat_rivals.tradeoff.stage import run_scenes
-
-    run_scenes(documents, output)
+    run(metrics, output)
 
 
 @rivals.command(short_help="Draw the answers of several methods side by side.")

@@ -218,13 +218,12 @@ def test_the_tables_alone_show_the_scores_of_every_scene(workdir):
     assert np.isclose(own, 100 * scores["accuracy"], atol=0.06).any()
 
 
-def test_the_tradeoff_of_scenes_alone_joins_their_documents(workdir):
+def test_the_tradeoff_of_scenes_joins_them(workdir):
     config = """
-tradeoff: {presets: [], seeds: [], sweep: {}, scenes: [adt/scene1]}
+tradeoff: {variants: [], scenes: [adt/scene1]}
 """
     run_rules(workdir, ("tradeoff",), config, "tradeoff/tradeoff.html")
-    document = json.loads((workdir.folder / SCENE / "tradeoff/tradeoff.json").read_text())
-    assert [point["label"] for point in document["points"]] == ["the scene"]
+    assert set(pd.read_csv(workdir.folder / SCENE / "tradeoff/tradeoff.csv")["point"]) == {"the scene"}
     (workdir.folder / "more.yaml").write_text(config)
     target = "results/benchmark/tradeoff.html"
     done = workdir.snakemake("more.yaml", "--allowed-rules", "tradeoff_scenes", "--", target)

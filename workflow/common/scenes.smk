@@ -10,16 +10,16 @@ from egosplat.doctor.inputs import left_out_notices, plan_notices
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks
 from egosplat.pipeline.scenes import find_scene, requested_targets
-from egosplat.pipeline.variants import check_target
-from egosplat.pipeline.sweeps import measured_points, read_scenes_with_points
+from egosplat_rivals.compared import compared_variants
+from egosplat.pipeline.variants import check_target, read_scenes_with_presets
 
 try:
-    scenes = read_scenes_with_points(configuration.resolve(config, PRESETS), PRESETS)
+    scenes = read_scenes_with_presets(configuration.resolve(config, PRESETS), PRESETS)
     targets = requested_targets(CALL.targets)
     for target in targets:
         check_target(scenes, target)
         if target.name.startswith("tradeoff/"):
-            measured_points(scenes[target.dataset, target.scene])
+            compared_variants(scenes[target.dataset, target.scene])
 except UserError as error:
     sys.exit(f"egosplat: {error}")
 

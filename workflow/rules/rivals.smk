@@ -1,22 +1,13 @@
 """
 Methods of others on the same data, the paper's tables, and speed against accuracy: egosplat_rivals.
 
-REQUIRED INPUTS: frames.zarr, survey.json; metrics.json of scenes, their variants and points.
+REQUIRED INPUTS: frames.zarr, survey.json; metrics.json of scenes and their variants.
 OUTPUTS: tiles.zarr of a scene and methods.png; tradeoff/tradeoff.html of a scene; results/benchmark/tables.html and
 tradeoff.html of several scenes.
-TOOLS: OpenCLIP, PyTorch, SAM2; SciPy, pandas, matplotlib, adjustText, Jinja2.
+TOOLS: OpenCLIP, PyTorch, SAM2; pandas, matplotlib, adjustText, Jinja2.
 """
 
 TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
-
-TRADEOFF_LIBRARIES = (
-    "adjustText",
-    "jinja2",
-    "jsonschema",
-    "matplotlib",
-    "pandas",
-    "scipy",
-)
 
 
 localrules:
@@ -90,11 +81,11 @@ rule tables:
 
 
 rule tradeoff:
-    """Compare cost and accuracy of the points of a scene."""
+    """Compare cost and accuracy of a scene and its variants in tradeoff.variants."""
     input:
-        metrics=get_points_metrics,
+        metrics=lambda wildcards: compared_variants(scene_of(wildcards)),
     output:
-        multiext("results/{dataset}/{scene}/tradeoff/tradeoff", ".csv", ".json", ".png"),
+        multiext("results/{dataset}/{scene}/tradeoff/tradeoff", ".csv", ".png"),
         page=report(
             "results/{dataset}/{scene}/tradeoff/tradeoff.html",
             caption="../report/tradeoff.rst",
@@ -107,19 +98,27 @@ rule tradeoff:
         mem_mb=2000,
         runtime="10m",
     params:
-        points=get_points_flag,
-        code=code_hash("egosplat_rivals.tradeoff.stage", libraries=TRADEOFF_LIBRARIES),
+        folder=subpath(output.page, parent=True),
+        code=code_hash(
+            "egosplat_rivals.tradeoff.stage",
+            libraries=(
+                "adjustText",
+                "jinja2",
+                "jsonschema",
+                "matplotlib",
+                "pandas",
+            ),
+        ),
     shell:
         "egosplat-rivals tradeoff"
-        " --output results/{wildcards.dataset}/{wildcards.scene}/tradeoff"
-        " --points {params.points}"
+        " --output {params.folder:q}"
+        " {input.metrics:q}"
         " 2>&1 | tee {log:q}"
 
 
-rule tradeoff_scenes:
-    """Compare cost and accuracy of the points over several scenes."""
+use rule tradeoff as tradeoff_scenes with:
     input:
-        documents=get_scenes_of_tradeoff,
+        metrics=get_scenes_of_tradeoff,
     output:
         multiext("results/benchmark/tradeoff", ".csv", ".png"),
         page=report(
@@ -130,16 +129,6 @@ rule tradeoff_scenes:
         ),
     log:
         "logs/benchmark/tradeoff.log",
-    resources:
-        mem_mb=2000,
-        runtime="10m",
-    params:
-        code=code_hash("egosplat_rivals.tradeoff.stage", libraries=TRADEOFF_LIBRARIES),
-    shell:
-        "egosplat-rivals tradeoff-scenes"
-        " {input.documents:q}"
-        " --output results/benchmark"
-        " 2>&1 | tee {log:q}"
 
 
 rule methods_sheet:

@@ -13,7 +13,7 @@ from egosplat.errors import UserError, user_message
 from egosplat.pipeline.validation import read_document
 
 # The schema of each JSON file of results.
-DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey", "tradeoff.json": "tradeoff"}
+DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey"}
 
 
 def check_tree(folder: Path, say: Callable[[str], object]) -> dict[Path, str]:
@@ -46,12 +46,12 @@ def _problem(path: Path) -> str:
 
 
 def _provenance(path: Path) -> dict[str, Any]:
-    """Provenance of an artifact or JSON file after its verification; a trade-off has none."""
+    """Provenance of an artifact or JSON file after its verification."""
     if path.suffix == ".zarr":
         return verify(path, SCHEMAS).provenance
     if not path.is_file():
         raise UserError(f"{path}: is no regular file. Rebuild it: {rebuild_command(path)}")
-    return read_document(path, DOCUMENTS[path.name]).get("provenance", {"inputs": {}})
+    return read_document(path, DOCUMENTS[path.name])["provenance"]
 
 
 def _changed_input(path: Path, provenance: dict[str, Any]) -> str:

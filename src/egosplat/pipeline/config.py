@@ -11,7 +11,7 @@ from egosplat.files import read_user_text
 from egosplat.pipeline.general_options import PROTOCOLS, VARIANTS, GeneralOptions
 from egosplat.pipeline.messages import make_options, not_allowed, shorten, shown, unknown_key
 from egosplat.pipeline.model_sets import AUTO, DEFAULTS, PHOTOS, choose_set, name_set, set_of, switch_models
-from egosplat.pipeline.options import Options, convert, keys_of, sections_of
+from egosplat.pipeline.options import Options, keys_of, sections_of
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
 
@@ -87,10 +87,6 @@ def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
     own = {key: value for key, value in values.items() if key in general}
     found = make_options(GeneralOptions, own, where, "").as_dict()
     found |= {name: _section(name, values.get(name, {}), where) for name in sections}
-    for key, swept in found["tradeoff"]["sweep"].items():
-        section, _, name = key.partition(".")
-        part = section_keys(section).get(name, {})
-        found["tradeoff"]["sweep"][key] = [convert(value, part) for value in swept]
     if found["splats"]["source"] is not None:
         needs = {("splats", "language"): ("after",)}
         needs |= {("camera", key): ("off", "auto") for key in keys_of(sections["camera"])}

@@ -6,16 +6,13 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 from typing_extensions import TypedDict
 
-from egosplat.pipeline.options import UNIQUE, Natural, Options, Text, check_with
+from egosplat.pipeline.options import UNIQUE, Options, Text, check_with
 
 _NAME = check_with(
     lambda name: re.fullmatch("[A-Za-z0-9_-]{1,200}", name),
     "only letters, digits, _ and -, at most 200 letters",
 )
 _SCENE = check_with(lambda name: re.fullmatch("[^/]+/[^/]+", name), "only dataset/scene")
-_KEY = check_with(
-    lambda key: re.fullmatch("[a-z_]+[.][a-z0-9_]+", key), "only section.key, as in splats.iterations"
-)
 
 # How a recording is laid out on disk.
 Format = Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"]
@@ -144,22 +141,8 @@ class TablesOptions(Options, section="tables"):
     (docs/methods.md). A run without a target does not make them."""
 
 
-SWEEP: dict[str, tuple[Any, ...]] = {
-    "frames.resolution": (256, 384, 704),
-    "segments.points_per_side": (8, 16, 32),
-    "segments.key_frame_stride": (2, 4, 8),
-    "features.dims": (3, 8, 16, 32),
-    "features.compression": ("linear", "autoencoder"),
-    "splats.iterations": (1500, 3000, 7000, 15000),
-    "splats.max_gaussians": (30000, 100000, 200000),
-    "splats.sh_degree": (0, 1, 3),
-    "run.precision": ("float32", "bfloat16"),
-    "language.method": ("lifted", "trained"),
-}
-
-
 class TradeoffOptions(Options, section="tradeoff"):
-    """Presets and keys that the speed-accuracy page of a scene compares (tradeoff/tradeoff.html), and scenes whose pages results/benchmark/tradeoff.html joins."""
+    """Presets and variants that the page of speed against accuracy compares (tradeoff/tradeoff.html of a scene), and the scenes of results/benchmark/tradeoff.html."""
 
     scenes: Annotated[tuple[Annotated[str, _SCENE], ...], Field(min_length=1), UNIQUE] = (
         "adt/scene1",
@@ -167,23 +150,7 @@ class TradeoffOptions(Options, section="tradeoff"):
     )
     """Scenes of the joint page, as dataset/scene."""
 
-    presets: Annotated[tuple[Literal["draft", "balanced", "accurate", "paper_scaled"], ...], UNIQUE] = (
-        "draft",
-        "balanced",
-        "accurate",
-        "paper_scaled",
-    )
-    """Presets to compare, with the scene's recording and models. paper_scaled is the preset paper at the scene's
-    own resolution and focal length."""
-
-    sweep: dict[
-        Annotated[str, _KEY],
-        Annotated[tuple[int | float | str | bool | None, ...], Field(min_length=1), UNIQUE],
-    ] = SWEEP
-    """Keys to vary one at a time, with their values. The scene's own value is always compared. Every other value
-    reruns the stages that it changes, once per seed."""
-
-    seeds: Annotated[tuple[Natural, ...], UNIQUE] = (1,)
-    """Additional values of run.seed. Every setting runs once more per seed, to measure the random variation of the
-    results, which is assumed equal for all settings. More seeds narrow the intervals. An empty list halves the time
-    and gives no intervals."""
+    variants: Annotated[tuple[Text, ...], UNIQUE] = ("draft", "balanced", "accurate", "paper_scaled")
+    """Presets and variants to compare with the scene. Each preset is a variant with the scene's recording and models;
+    paper_scaled is the preset paper at the scene's own resolution and focal length. One that changes nothing is left
+    out."""

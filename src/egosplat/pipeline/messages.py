@@ -45,7 +45,6 @@ _NO_GAIN = "no gain over draft was shown in five times its time: take draft or b
 _REMOVED = {
     "budget": "set preset (docs/speed.md)",
     "preset: fast": _NO_GAIN,
-    "tradeoff.presets: fast": _NO_GAIN,
     "transient.strategy": "3DGS's density control is the only strategy",
     "splats.strategy": "3DGS's density control is the only strategy (benchmarks/training/README.md)",
     "splats.patience": "training always runs to its end: stopping early bought nothing",
@@ -85,7 +84,6 @@ _REMOVED = {
 
 # New names of renamed keys, by section and old name. Kept for one release.
 _RENAMED = {
-    "tradeoff.knobs": "sweep",
     "segments.share_iou": "cross_level_iou",
     "segments.absent_stride": "lost_track_stride",
     "features.renormalize": "normalize",

@@ -1,4 +1,4 @@
-"""Results of a run without a target, inputs of the tables, and the check that a rule makes each target."""
+"""Results of a run without a target, and the check that a rule makes each target."""
 
 import difflib
 from collections.abc import Callable, Iterable, Mapping
@@ -9,9 +9,6 @@ from egosplat.errors import UserError
 from egosplat.pipeline.dag import decide, default_pages
 from egosplat.pipeline.scenes import Scene, requested_targets
 from egosplat.pipeline.survey_file import Survey
-
-# Variants that have rows in the tables, in addition to the scene itself.
-ABLATIONS = ("baseline", "no_masks", "network_masks")
 
 # A target for messages.
 EXAMPLE = "results/adt/scene1/metrics.json"
@@ -31,36 +28,6 @@ def results_by_survey(scene: Scene, survey: Survey) -> list[str]:
     """Get the paths that such a run makes for a scene because of what its survey decides."""
     paths = [str(scene.results / name) for name in default_pages(decide(scene.config, survey))]
     return [path for path in paths if path not in default_results(scene)]
-
-
-def table_scores(scenes: Iterable[Scene]) -> list[str]:
-    """Get metrics.json of scenes, their ablations and other methods; of scenes that must be named, only existing files."""
-    scenes = list(scenes)
-    own = [path for scene in default_scenes(scenes) for path in _scores(scene)]
-    by_name = [path for scene in scenes if scene.by_name for path in _scores(scene) if path.exists()]
-    return [str(path) for path in (*own, *by_name)]
-
-
-def table_pictures(scenes: Iterable[Scene]) -> list[str]:
-    """Get the figures on the tables page."""
-    return [
-        str(scene.results / name)
-        for scene in default_scenes(scenes)
-        for name in ("splats.png", "language.png", *(["methods.png"] if compared_methods(scene) else []))
-    ]
-
-
-def compared_methods(scene: Scene) -> list[str]:
-    """Get metrics.json of a scene and of its variants for other methods; empty without any."""
-    variants = scene.config["tables"]["methods"]
-    folders = ["", *(f"variants/{name}" for name in variants)] if variants else []
-    return [str(scene.results / folder / "metrics.json") for folder in folders]
-
-
-def _scores(scene: Scene) -> list[Path]:
-    keys = scene.config["tables"]
-    folders = ["", *(f"variants/{name}" for name in (*ABLATIONS, *keys["methods"]))]
-    return [scene.results / folder / "metrics.json" for folder in folders]
 
 
 @dataclass(frozen=True)

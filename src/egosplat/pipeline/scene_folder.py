@@ -7,8 +7,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import read_yaml, resolve
 from egosplat.pipeline.home import config_file, make_command, presets_folder, shared_with
 from egosplat.pipeline.scenes import requested_targets
-from egosplat.pipeline.sweeps import read_scenes_with_points
-from egosplat.pipeline.variants import check_target
+from egosplat.pipeline.variants import check_target, read_scenes_with_presets
 
 # Example of a scene folder for messages.
 EXAMPLE = "results/adt/scene1"
@@ -48,7 +47,7 @@ def _advice(folder: Path) -> str:
     presets = presets_folder()
     try:
         config = resolve(read_yaml(config_file()), presets)
-        check_target(read_scenes_with_points(config, presets), found[0])
+        check_target(read_scenes_with_presets(config, presets), found[0])
     except UserError as error:
         return str(error)
     return f"Make the {what}: {command}"

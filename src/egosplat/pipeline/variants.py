@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from egosplat.pipeline.messages import why_removed
 from egosplat.pipeline.model_sets import DEFAULTS, choose_set, locate_checkpoints, set_of
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.published import PUBLISHED
-from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene
+from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene, read_scenes
 from egosplat.pipeline.stages import STAGES
 
 # Key of a variant that names one or more variants to inherit keys from. Later ones win.
@@ -51,6 +52,21 @@ _SCALED = {"frames.resolution"}
 
 # Sections in which what comes with the paper's models is the paper's reading, which other models can follow.
 _OF_THE_PAPER = ("view_features", "features", "query")
+
+
+def read_scenes_with_presets(config: Config, presets: Path) -> dict[tuple[str, str], Scene]:
+    """Read the table of scenes, as ``read_scenes``; each preset is a variant of its name, unless another one has it."""
+    return {
+        key: replace(scene, config=with_presets(scene.config, presets, scene.format))
+        for key, scene in read_scenes(config).items()
+    }
+
+
+def with_presets(config: Config, presets: Path, format: str) -> Config:
+    """Add the presets to the variants of a scene's configuration."""
+    own = config["variants"]
+    named = {name: preset_keys(name, presets, format) for name in PRESET_FILES if name not in own}
+    return config | {"variants": own | named}
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:

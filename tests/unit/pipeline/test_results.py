@@ -1,4 +1,4 @@
-"""Results of a run without a target, and inputs of the tables."""
+"""Results of a run without a target."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,13 +6,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.pipeline.config import defaults, merge
-from egosplat.pipeline.results import (
-    default_results,
-    default_scenes,
-    results_by_survey,
-    table_pictures,
-    table_scores,
-)
+from egosplat.pipeline.results import default_results, default_scenes, results_by_survey
 from egosplat.pipeline.scenes import Scene
 
 CONFIG = merge(defaults(), {"variants": {"v": {"features": {"dims": 4}}}})
@@ -55,26 +49,3 @@ def test_a_survey_that_finds_motion_adds_what_it_decides(scenes, keys, moving, p
     added = results_by_survey(scene, found)
     assert added == [path for path in added if path not in default_results(scene)]
     assert {Path(path).name for path in added} == pages
-
-
-def test_the_tables_hold_ablations_and_scores_by_name_that_exist(scenes):
-    """Protects the inputs of the tables."""
-    before = table_scores(scenes.values())
-    assert "results/mine/here/variants/baseline/metrics.json" in before
-    assert not [path for path in before if "named" in path or "absent" in path]
-    Path("results/adt/named").mkdir(parents=True)
-    Path("results/adt/named/metrics.json").touch()
-    assert set(table_scores(scenes.values())) - set(before) == {"results/adt/named/metrics.json"}
-    assert "results/mine/here/splats.png" in table_pictures(scenes.values())
-
-
-def test_the_tables_wait_for_the_methods_of_the_configuration(scenes):
-    """A run without a target makes neither."""
-    before = table_scores(scenes.values())
-    assert "results/adt/one/variants/langsplat/metrics.json" in before
-    assert not [path for path in default_results(scenes["adt", "one"]) if "variants" in path]
-    keys = {"tables": {"methods": []}}
-    told = [replace(scene, config=merge(scene.config, keys)) for scene in scenes.values()]
-    drawn = "results/adt/one/methods.png"
-    assert drawn in table_pictures(scenes.values()) and drawn not in table_pictures(told)
-    assert not [path for path in table_scores(told) if "langsplat" in path]

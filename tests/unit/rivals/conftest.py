@@ -1,6 +1,115 @@
-"""Fixtures of methods of others: the scenes of the rooms whose results they replace."""
+"""Scores as they lie below results, and the scenes of the rooms whose results methods of others replace."""
 
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from egosplat.pipeline import validation
+from tests.support.scores import OPTIONS
 from tests.unit.evaluation.conftest import annotations, instance_map, instances
 from tests.unit.features.conftest import clip_keys, labels, scene, tiny_clip
 
 __all__ = ("annotations", "clip_keys", "instance_map", "instances", "labels", "scene", "tiny_clip")
+
+
+def least(part: dict[str, Any], whole: dict[str, Any]) -> Any:
+    """The least document that a part of a schema allows."""
+    if "$ref" in part:
+        return least(whole["$defs"][part["$ref"].rpartition("/")[2]], whole)
+    if "const" in part or "enum" in part:
+        return part.get("const") or part["enum"][0]
+    kind = part["type"] if isinstance(part["type"], str) else part["type"][-1]
+    if kind == "object":
+        return {key: least(part["properties"][key], whole) for key in part.get("required", ())}
+    if kind == "array":
+        return [least(part["items"], whole)] * part.get("minItems", 0)
+    return {"string": "x", "integer": part.get("minimum"), "number": 0.0, "null": None, "boolean": False}[
+        kind
+    ]
+
+
+def scores(accuracy: float, count: int) -> dict[str, dict]:
+    share = {
+        "count": count,
+        "accuracy": accuracy,
+        "categories": 10,
+        "accuracy_interval": [accuracy - 0.1, accuracy + 0.1],
+        "mean_iou": accuracy / 2,
+        "mean_iou_interval": [accuracy / 2 - 0.05, accuracy / 2 + 0.05],
+        "random_pixel": 0.05,
+        "middle_pixel": 0.15,
+    }
+    nothing = dict.fromkeys(share, None) | {"count": 0, "categories": 0}
+    return {"static": share, "dynamic": nothing, "all": share}
+
+
+def queries(accuracy: float, count: int) -> list[dict]:
+    """Rows that come to these scores: ten categories, those first in the alphabet found more often."""
+
+    def result(number: int) -> dict:
+        hit = {"hit": number < round(accuracy * count), "iou": accuracy / 2}
+        return hit | {"random_hit": 0.05, "middle_hit": number % 20 < 3, "instances": ["Thing"]}
+
+    return [
+        {
+            "frame": number % 10,
+            "category": f"thing {number // 10}",
+            "relevancy": 0.5,
+            **dict.fromkeys(("level", "pixel", "position", "mask_level")),
+            "mask_pixels": 0,
+            "groups": {group: result(number) for group in ("static", "all")},
+        }
+        for number in range(count)
+    ]
+
+
+@pytest.fixture
+def made() -> Callable[..., dict[str, Any]]:
+    """``made(annotations={...}, ...)``: entries of a run whose artifacts have these costs."""
+
+    def entries(**costs: dict[str, Any]) -> dict[str, Any]:
+        whole = validation.schema("metrics")
+        record = least(whole["$defs"]["provenance"], whole)
+        artifacts = {
+            f"{name}.zarr": record | {"stage": name, "digest": "d"} | own for name, own in costs.items()
+        }
+        return {"provenance": record | {"stage": "metrics", "options": OPTIONS}, "artifacts": artifacts}
+
+    return entries
+
+
+@pytest.fixture
+def scored(tmp_path) -> Callable[..., Path]:
+    """``scored(place, accuracy, ...)``: the path of scores below results."""
+
+    def write(
+        place, accuracy=0.5, origin="synthetic", checkpoint="small", options=None, count=100, **more
+    ) -> Path:
+        schema = validation.schema("metrics")
+        document = least(schema, schema)
+        counts = schema["properties"]["counts"]["properties"]
+        dataset, name, *below = place.split("/")
+        title = f"{dataset}/{name}" + (f", {below[1]}" if below[:1] == ["variants"] else "")
+        document |= {
+            "counts": {key: least(part, schema) for key, part in counts.items()},
+            "presence": least(schema["properties"]["presence"], schema),
+            "length_unit": "m",
+            "scene": title,
+            "origin": origin,
+            "scores": scores(accuracy, count),
+            "queries": queries(accuracy, count),
+        }
+        document["models"] = {
+            "clip_checkpoint": {"checkpoint": checkpoint, "hash": "c0de" * 4, "small": checkpoint == "small"}
+        }
+        document |= more
+        document["provenance"]["options"] = OPTIONS | (options or {})
+        path = tmp_path / "results" / place / "metrics.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(document))
+        return path
+
+    return write

@@ -1,74 +1,87 @@
-"""What a point cost and reached, as metrics.json tells it."""
+"""What variants cost and reach, as metrics.json tells it; the front, and what a number of minutes buys."""
 
-import json
-from pathlib import Path
+import math
 
+import pandas as pd
 import pytest
 
 from egosplat.errors import UserError
-from egosplat_rivals.tradeoff.measured import CPU, DISK, MEMORY, PSNR, WALL, read_points
-
-NO_RECIPE = {"keys": {}, "command": "snakemake"}
-
-
-def change(path: str, **changes) -> None:
-    """Put values into the record of the splats."""
-    content = json.loads(Path(path).read_text())
-    content["artifacts"]["splats.zarr"] |= changes
-    Path(path).write_text(json.dumps(content))
-
-
-def test_costs_are_of_what_makes_the_scene(scored):
-    (one,) = read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [scored(None, minutes=10.0)]}])
-    values = {measure.name: one.sample(measure) for measure in (WALL, CPU, MEMORY, DISK)}
-    # The reading of annotations, ten minutes, and the asking are no part of it.
-    assert values == {"wall_s": (601.0,), "cpu_s": (1202.0,), "peak_memory_mb": (1100.0,), "disk_mb": (20.0,)}
-    assert one.stage_costs()["metrics"]["wall_s"] == 30.0
-    assert one.about == "synthetic apartments, small checkpoints"
+from egosplat_rivals.tradeoff.measured import (
+    COUNTS,
+    GAINS,
+    best_within,
+    find_front,
+    list_numbers,
+    mean_points,
+    read_runs,
+)
 
 
-def test_an_interrupted_training_counts_whole(scored):
-    path = scored(None, minutes=1.0)
-    change(path, training_s=500.0)
-    (one,) = read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [path]}])
-    assert one.sample(WALL) == (501.0,)
+def test_costs_are_of_what_makes_the_scene(variant):
+    """The reading of annotations, ten minutes, and the asking are no part of it."""
+    numbers = list_numbers(read_runs([variant(None, minutes=10.0)]))
+    totals = numbers[numbers.stage == ""].set_index("measure")
+    expected = {"wall_s": 601, "cpu_s": 1202, "peak_memory_mb": 1100, "disk_mb": 20, "accuracy": 0.5}
+    assert totals.value[list(expected)].to_dict() == expected
+    assert (totals.low["accuracy"], totals.high["accuracy"]) == (0.4, 0.6)
+    assert set(totals.index) == {"wall_s", "cpu_s", "peak_memory_mb", "disk_mb", *GAINS, *COUNTS}
+    assert set(numbers.stage) == {"", "frames", "annotations", "splats", "metrics"}
+    assert set(numbers.about) == {"synthetic apartments, small checkpoints"}
 
 
-def test_missing_costs_are_unknown(scored):
-    path = scored(None, psnr=None)
-    content = json.loads(Path(path).read_text())
-    del content["artifacts"]["splats.zarr"]["cpu_s"]
-    Path(path).write_text(json.dumps(content))
-    (one,) = read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [path]}])
-    assert one.sample(CPU) is None and one.sample(PSNR) is None
-    assert one.stage_costs()["splats"]["cpu_s"] is None
-    assert one.queries == 80
+def test_an_interrupted_training_counts_whole_and_a_lost_cost_is_unknown(variant):
+    runs = read_runs([variant(None, minutes=1.0, splats={"training_s": 500.0, "disk_mb": None})])
+    (totals,) = mean_points(list_numbers(runs)).to_dict("records")
+    assert totals["wall_s"] == 501.0 and math.isnan(totals["disk_mb"])
 
 
-def test_settings_are_labeled_by_their_keys(three_points):
-    labels = [one.label for one in read_points(three_points)]
-    assert labels == ["the scene (balanced)", "paper_scaled", "splats.iterations=1500"]
+def test_the_mean_is_over_points_that_all_scenes_have(variant):
+    runs = [variant(None, 0.5, 10.0), variant("draft", 0.4, 2.0), variant("own", 0.9, 2.0)]
+    runs += [variant(None, 0.7, 30.0, scene="scene2"), variant("draft", 0.5, None, scene="scene2")]
+    numbers = list_numbers(read_runs(runs))
+    means = mean_points(numbers)
+    assert list(means.index) == ["the scene", "draft"]
+    assert means.accuracy.tolist() == pytest.approx([0.6, 0.45])
+    # A scene that does without a stage counts as 0.
+    assert mean_points(numbers, "splats").wall_s.tolist() == [1200.0, 60.0]
 
 
-def test_a_missing_artifact_is_named(scored):
-    path = scored(None)
-    content = json.loads(Path(path).read_text())
-    content["artifacts"]["masks.zarr"] = None
-    Path(path).write_text(json.dumps(content))
-    with pytest.raises(UserError, match="masks.zarr"):
-        read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [path]}])
+def test_what_cannot_be_compared_is_rejected(variant):
+    whole = variant(None)
+    with pytest.raises(UserError, match="strict/metrics.json.* metrics.hit_region"):
+        read_runs([whole, variant("strict", options={"hit_region": "mask"})])
+    with pytest.raises(UserError, match="lerf/metrics.json.* LERF"):
+        read_runs([whole, variant("lerf", method="LERF")])
+    with pytest.raises(UserError, match="splats.zarr"):
+        read_runs([variant("lost", splats=None)])
+    with pytest.raises(UserError, match="absent.json"):
+        read_runs([whole.with_name("absent.json")])
 
 
-def test_scores_of_other_scenes_or_questions_are_rejected(scored, tmp_path):
-    first = scored(None)
-    other = tmp_path / "results/adt/scene2/metrics.json"
-    other.parent.mkdir(parents=True)
-    other.write_text(Path(first).read_text().replace("adt/scene1", "adt/scene2"))
-    with pytest.raises(UserError, match="another scene"):
-        read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [first, str(other)]}])
-    stricter = Path(scored("strict"))
-    stricter.write_text(stricter.read_text().replace('"hit_region": "box"', '"hit_region": "mask"'))
-    with pytest.raises(UserError, match="metrics.hit_region"):
-        read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [first, str(stricter)]}])
-    with pytest.raises(UserError, match="does not exist"):
-        read_points([{"settings": [], "recipe": NO_RECIPE, "metrics": [str(tmp_path / "metrics.json")]}])
+def points(*values: tuple[float, float], gain: str = "accuracy") -> pd.DataFrame:
+    """Points of wall time [min] and gain, named by their place."""
+    rows = [{"wall_s": 60 * cost, gain: value} for cost, value in values]
+    return pd.DataFrame(rows, index=[str(row) for row in range(len(rows))], columns=["wall_s", gain])
+
+
+@pytest.mark.parametrize(
+    "values, expected",
+    [
+        ([], ""),
+        ([(1.0, 0.5)], "0"),
+        ([(2.0, 0.5), (1.0, 0.4), (3.0, 0.45)], "10"),
+        ([(1.0, 0.4), (1.0, 0.5)], "1"),
+        ([(1.0, 0.5), (2.0, 0.5)], "0"),
+        ([(1.0, 0.5), (1.0, 0.5)], "01"),
+        ([(3.0, 0.9), (2.0, 0.8), (1.0, 0.7)], "210"),
+        ([(1.0, math.nan), (2.0, 0.5), (math.nan, 0.9)], "1"),
+    ],
+)
+def test_the_pareto_front_is_not_dominated(values, expected):
+    assert find_front(points(*values)) == list(expected)
+
+
+@pytest.mark.parametrize("minutes, label", [(1, None), (2, "1"), (30, "1"), (1440, "0")])
+def test_the_best_affordable_point_is_bought(minutes, label):
+    offered = [(40.0, 0.7), (2.0, 0.5), (20.0, 0.4), (2.0, 0.5), (math.nan, 0.9)]
+    assert best_within(points(*offered, gain="psnr"), "psnr", minutes) == label

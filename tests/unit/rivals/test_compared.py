@@ -1,0 +1,48 @@
+"""Scores that the tables and the page of speed against accuracy wait for."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from egosplat.errors import UserError
+from egosplat.pipeline.config import merge
+from egosplat.pipeline.results import default_results
+from egosplat_rivals.compared import compared_variants, table_pictures, table_scores
+from tests.unit.pipeline.test_results import CONFIG, scenes
+
+__all__ = ("scenes",)
+
+
+def test_the_tables_hold_ablations_and_scores_by_name_that_exist(scenes):
+    """Protects the inputs of the tables."""
+    before = table_scores(scenes.values())
+    assert "results/mine/here/variants/baseline/metrics.json" in before
+    assert not [path for path in before if "named" in path or "absent" in path]
+    Path("results/adt/named").mkdir(parents=True)
+    Path("results/adt/named/metrics.json").touch()
+    assert set(table_scores(scenes.values())) - set(before) == {"results/adt/named/metrics.json"}
+    assert "results/mine/here/splats.png" in table_pictures(scenes.values())
+
+
+def test_the_tables_wait_for_the_methods_of_the_configuration(scenes):
+    """A run without a target makes neither."""
+    before = table_scores(scenes.values())
+    assert "results/adt/one/variants/langsplat/metrics.json" in before
+    assert not [path for path in default_results(scenes["adt", "one"]) if "variants" in path]
+    keys = {"tables": {"methods": []}}
+    told = [replace(scene, config=merge(scene.config, keys)) for scene in scenes.values()]
+    drawn = "results/adt/one/methods.png"
+    assert drawn in table_pictures(scenes.values()) and drawn not in table_pictures(told)
+    assert not [path for path in table_scores(told) if "langsplat" in path]
+
+
+def test_variants_that_change_nothing_are_not_compared(scenes):
+    variants = {"same": {}, "narrow": {"features": {"dims": 8}}}
+    keys = {"variants": variants, "tradeoff": {"variants": ["same", "narrow"]}}
+    scene = replace(scenes["adt", "one"], config=merge(CONFIG, keys))
+    home = "results/adt/one"
+    assert compared_variants(scene) == [f"{home}/metrics.json", f"{home}/variants/narrow/metrics.json"]
+    lost = replace(scene, config=merge(CONFIG, {"tradeoff": {"variants": ["nothing"]}}))
+    with pytest.raises(UserError, match="adt/one: no variant 'nothing'"):
+        compared_variants(lost)
