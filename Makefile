@@ -94,7 +94,7 @@ lint: develop
 	$(BIN)/snakefmt --check workflow
 	$(BIN)/snakemake --lint --config container=image.sif
 	$(BIN)/python -m tests.support.rooms
-	$(BIN)/python -m tests.support.types
+	$(BIN)/python -m tests.support.typing_errors
 
 # The lock files anew, from the ranges in pyproject.toml: all that tests need, and of that what running needs.
 LOCK := $(BIN)/pip-compile --quiet --allow-unsafe --strip-extras --no-header --no-annotate \

@@ -1,4 +1,4 @@
-"""Compare pyright's errors in src with the number in rooms.toml, which may only fall: ``python -m tests.support.types``."""
+"""Compare pyright's errors in src with the number in rooms.toml, which may only fall: ``python -m tests.support.typing_errors``."""
 
 import json
 import subprocess
