@@ -22,7 +22,8 @@ from egosplat.codes.vectors import unit
 from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.features.compression import fit
 from egosplat.features.supervision import reconstruction, spread
-from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.models.clip import OpenClip
+from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.progress import track
 from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
 from training.small_models.worlds import read_world

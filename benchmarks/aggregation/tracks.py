@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.features.crops import cut_crop, encode, find_regions, resize
-from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.clip import OpenClip
 from egosplat.progress import track
 from training.small_models.worlds import RenderedWorld
 

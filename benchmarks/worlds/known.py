@@ -15,7 +15,8 @@ from egosplat.errors import UserError
 from egosplat.features.crops import cut_crop, encode, find_regions, resize
 from egosplat.frames.rectify import pinhole
 from egosplat.geometry import CLOCKWISE
-from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.models.clip import OpenClip
+from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.pipeline.config import Config, defaults
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.query.text import encode_phrases

@@ -3,13 +3,14 @@
 import hashlib
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any, Self
 
 import pytest
 
 
 class Hub:
-    """The hub that ``HF_ENDPOINT`` names while the context manager is open.
+    """The hub that ``HF_ENDPOINT`` names while the context manager is open, with an own folder in place of the user's cache.
 
     Attributes:
         status: HTTP status of its answers.
@@ -17,17 +18,20 @@ class Hub:
         requests: address of each file that was sent so far.
     """
 
-    def __init__(self, content: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, content: bytes, monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
         self.content, self.status, self.requests = content, 200, []
         self.headers: dict[str, str] = {}
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
-        self._environment = monkeypatch
+        self._environment, self._cache = monkeypatch, cache
 
     def __enter__(self) -> Self:
         for name in ("http_proxy", "https_proxy", "all_proxy", "HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"):
             self._environment.delenv(name, raising=False)
         self._environment.setenv("HF_ENDPOINT", self.address)
         # The library reads its variables when it is imported, which an earlier test may have done.
+        self._environment.setattr("huggingface_hub.constants.HF_HUB_CACHE", str(self._cache))
+        # The library repeats a first question without answer for seconds.
+        self._environment.setattr("huggingface_hub.utils._http.time.sleep", lambda seconds: None)
         self._environment.setattr("huggingface_hub.constants.HF_HUB_DISABLE_TELEMETRY", True)
         threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
         return self

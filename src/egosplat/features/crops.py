@@ -15,7 +15,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.artifacts.work import lie_within
 from egosplat.codes.vectors import unit, usable
-from egosplat.models.open_clip_loader import OpenClip, Preprocessing
+from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.progress import track
 
 Pixels = NDArray[np.uint8]

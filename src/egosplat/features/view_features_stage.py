@@ -31,8 +31,9 @@ from egosplat.features.crops import (
 )
 from egosplat.features.options import ViewFeaturesOptions
 from egosplat.models.checkpoints import CLIP, model_hash
+from egosplat.models.clip import OpenClip
 from egosplat.models.configs import SMALL
-from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.progress import log
 
 # Crops per OpenCLIP batch. The order of sums, and so the last digit, depends on it.

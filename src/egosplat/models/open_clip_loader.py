@@ -1,25 +1,23 @@
 """Load OpenCLIP from a configuration and a checkpoint, with its tokenizer and preprocessing."""
 
 import zlib
-from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torch import nn
 
-from egosplat.compute import Compute, choose_compute
+from egosplat.compute import choose_compute
 from egosplat.errors import UserError
 from egosplat.files import read_json, read_user_text
 from egosplat.models.checkpoints import CLIP, find_checkpoint
+from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, PHOTOS, clip_folder
 from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
 from egosplat.models.without_compiler import without_compiler
 
 if TYPE_CHECKING:
     from open_clip import SimpleTokenizer
-
-    from egosplat.models.sentences import WordPieces
 
 # Errors that OpenCLIP raises for invalid settings.
 _NO_MODEL = (
@@ -40,44 +38,6 @@ _PREPROCESSING = {
     "interpolation": ("bicubic", "bilinear"),
     "resize_mode": ("shortest", "longest", "squash"),
 }
-
-
-@dataclass(frozen=True)
-class Preprocessing:
-    """The input format of an OpenCLIP image encoder.
-
-    Attributes:
-        image_size: height and width [px].
-        mean, std: of each channel (R, G, B), for values from 0 to 1.
-        interpolation: of the resizing, ``bicubic`` or ``bilinear``.
-        resize_mode: ``shortest`` (the image is cropped), ``longest`` (padded) or ``squash``.
-    """
-
-    image_size: tuple[int, int]
-    mean: tuple[float, float, float]
-    std: tuple[float, float, float]
-    interpolation: str
-    resize_mode: str
-
-
-@dataclass(frozen=True)
-class OpenClip:
-    """OpenCLIP with its weights.
-
-    Attributes:
-        model: ``encode_image`` takes (N, 3, H, W) preprocessed images, ``encode_text`` (N, T) tokens; both return
-            (N, D) features.
-        preprocessing: input format of ``encode_image``.
-        tokenizer: maps a list of N texts to (N, T) int64 tokens.
-        compute: device and precision; run the model within ``compute.inference()``.
-        words: lower-case words that the model knows; None if they are not known.
-    """
-
-    model: nn.Module
-    preprocessing: Preprocessing
-    tokenizer: "SimpleTokenizer | WordPieces"
-    compute: Compute
-    words: Container[str] | None = None
 
 
 def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:

@@ -14,8 +14,8 @@ from torch.nn.utils import fuse_conv_bn_eval
 
 from egosplat.compute import choose_compute
 from egosplat.models.checkpoints import CLIP, find_checkpoint
+from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.models.configs import PHOTOS, SENTENCES
-from egosplat.models.open_clip_loader import OpenClip, Preprocessing
 from egosplat.models.sentences import SentenceEncoder, WordPieces, read_sentence_encoder
 from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
 from egosplat.models.without_compiler import without_compiler

@@ -20,7 +20,7 @@ from egosplat.artifacts.schemas import TRACKS, camera_poses, length_unit, second
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
-from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.clip import OpenClip
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.shared_options import ClipOptions

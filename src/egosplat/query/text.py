@@ -15,7 +15,8 @@ from egosplat.artifacts.tiles import TILES
 from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import CLIP, model_hash
-from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.models.clip import OpenClip
+from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.pipeline.home import make_command
 
 # Start and end of every text.

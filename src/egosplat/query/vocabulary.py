@@ -1,6 +1,6 @@
 """Words to try on a scene of a home, for suggestions and for naming what is at a place."""
 
-from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.clip import OpenClip
 from egosplat.query.text import untaught_words
 
 

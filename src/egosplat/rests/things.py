@@ -13,7 +13,7 @@ from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import aggregate
 from egosplat.features.crops import channels, encode, fill_hull, pad_square, resize
 from egosplat.images import evenly_spaced
-from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.clip import OpenClip
 from egosplat.rests.finding import Rest
 from egosplat.rests.fitting import improved
 from egosplat.rests.views import PlaceView, Scenery

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from egosplat.models.open_clip_loader import OpenClip
+from egosplat.models.clip import OpenClip
 from egosplat.models.without_compiler import without_compiler
 from egosplat.query.text import encode_phrases
 from egosplat.query.vocabulary import CARRIED, words_to_try

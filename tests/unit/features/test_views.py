@@ -6,7 +6,7 @@ import pytest
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES
 from egosplat.features.crops import cut_crops, find_views, spread
-from egosplat.models.open_clip_loader import Preprocessing
+from egosplat.models.clip import Preprocessing
 
 WANTED = Preprocessing((11, 11), (0.5, 0.5, 0.5), (0.2, 0.2, 0.2), "bicubic", "squash")
 

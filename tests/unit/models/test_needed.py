@@ -1,6 +1,7 @@
 """``egosplat models`` lists what a configuration needs, and ``egosplat models download`` fetches it."""
 
 import hashlib
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,6 @@ from click.testing import CliRunner
 from egosplat.cli import cli
 from egosplat.errors import UserError
 from egosplat.models import needed
-from egosplat.models.download import stored_digest
 from egosplat.pipeline import published
 from tests.support.hub import Hub
 
@@ -31,13 +31,13 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def server(monkeypatch):
+def server(tmp_path, monkeypatch):
     """A hub that has every file of the catalogue, with one content; of the last, no digest is published."""
     entries = [replace(one, sha256=SHA256) for one in published.CATALOGUE]
     entries[-1] = replace(entries[-1], sha256=None)
     monkeypatch.setattr(published, "CATALOGUE", tuple(entries))
     monkeypatch.setattr(needed, "CATALOGUE", tuple(entries))
-    with Hub(CONTENT, monkeypatch) as running:
+    with Hub(CONTENT, monkeypatch, tmp_path / "hub") as running:
         yield running
 
 
@@ -85,28 +85,61 @@ def test_a_download_fetches_what_is_missing_and_verifies_the_rest(folder, server
     assert server.requests == [address(file) for file in FILES[1:]]
     for file in FILES:
         assert (folder / "cache" / file).read_bytes() == CONTENT
-        # A published digest verifies what was put there by hand; the folder may be read-only.
-        assert stored_digest(folder / "cache" / file) == (None if file == FILES[0] else SHA256)
+    assert sorted(os.listdir(folder / "cache")) == sorted(FILES)
     assert "Nothing is missing." in egosplat(*options) and "there, SHA-256 verified" in egosplat(*options)
+    (folder / "cache" / FILES[0]).write_bytes(CONTENT + b"!")
+    assert "DAMAGED" in egosplat(*options)
 
 
-def test_a_file_without_published_digest_is_trusted_on_first_use(folder, server):
-    """The command says so; a later change of the file is found."""
-    assert f"SHA-256 {SHA256} (none is published" in egosplat("download", "mobilenetv3_small_050")
-    path = folder / "checkpoints" / FILES[2]
-    path.write_bytes(CONTENT + b"!")
-    with pytest.raises(UserError, match=f"(?s){path.name}: has SHA-256 .*that of the first copy is {SHA256}"):
-        egosplat("download", "mobilenetv3_small_050")
-    assert "DAMAGED" in egosplat("--config", "models.set=published")
+def test_a_file_without_published_digest_is_told(folder, server):
+    assert f"fetched, SHA-256 {SHA256} (none is published)" in egosplat("download", "mobilenetv3_small_050")
+    assert "/resolve/f58e7345afe2832abd6f81cc60f67cd1ddf7ce00/" in server.requests[0]
 
 
-def test_a_file_that_was_put_there_by_hand_is_trusted_on_first_use(folder, server):
-    """Where no digest is published, the first one that the command sees is stored."""
-    path = folder / "checkpoints" / FILES[2]
-    path.parent.mkdir()
-    path.write_bytes(CONTENT)
-    assert "already there" in egosplat("download", "mobilenetv3_small_050")
-    assert stored_digest(path) == SHA256 and server.requests == []
+def test_a_file_in_the_users_own_cache_is_not_fetched_again(folder, server):
+    egosplat("download", "ViT-B-16")
+    (folder / "checkpoints" / FILES[1]).unlink()
+    assert "fetched" in egosplat("download", "ViT-B-16") and len(server.requests) == 1
+
+
+def test_a_file_with_another_digest_is_not_kept(folder, server):
+    """Neither under its name nor in the cache."""
+    server.content = b"another"
+    with pytest.raises(UserError, match=f"has SHA-256 .*published is {SHA256}"):
+        egosplat("download", "ViT-B-16")
+    assert not (folder / "checkpoints").exists()
+    server.content = CONTENT
+    assert "fetched" in egosplat("download", "ViT-B-16")
+
+
+@pytest.mark.parametrize(
+    ("status", "headers", "environment", "told"),
+    [
+        (404, {}, {}, "404"),
+        (200, {"Content-Length": "abc"}, {}, "Content-Length"),
+        (302, {"Location": "ftp://somewhere/else"}, {}, "ftp://"),
+        (200, {}, {"http_proxy": "http://127.0.0.1:port"}, "http_proxy"),
+        (200, {}, {"http_proxy": "http://127.0.0.1:1"}, "http_proxy"),
+        (200, {}, {"HF_ENDPOINT": "http://nowhere:port"}, "HF_ENDPOINT"),
+    ],
+)
+def test_what_goes_wrong_is_told_with_the_address_and_the_place(
+    folder, server, monkeypatch, status, headers, environment, told
+):
+    """Answers of the hub, a proxy and the environment."""
+    import huggingface_hub
+
+    server.status, server.headers = status, headers
+    for name, value in ({"no_proxy": "", "NO_PROXY": ""} | environment).items():
+        monkeypatch.setenv(name, value)
+    # The library reads proxies when it first connects.
+    huggingface_hub.close_session()
+    with pytest.raises(UserError) as caught:
+        egosplat("download", "ViT-B-16")
+    huggingface_hub.close_session()
+    first, second = str(caught.value).splitlines()
+    assert told in first and f"{address(FILES[1])} -> checkpoints/{FILES[1]}" in second
+    assert not (folder / "checkpoints").exists()
 
 
 def test_a_wrong_file_of_that_name_is_not_replaced(folder, server):
@@ -125,7 +158,7 @@ def test_offline_the_addresses_are_listed(folder, server):
     with pytest.raises(UserError) as caught:
         egosplat("download", "--config", "models.set=published")
     first, second = str(caught.value).splitlines()
-    assert "no connection" in first
+    assert address(FILES[0]) in first
     for file in FILES:
         assert f"{address(file)} -> checkpoints/{file}" in second
 

@@ -11,13 +11,8 @@ from safetensors.torch import load_file
 from torch import nn
 
 from egosplat.errors import UserError
-from egosplat.models.open_clip_loader import (
-    OpenClip,
-    Preprocessing,
-    build_model,
-    load_open_clip,
-    read_description,
-)
+from egosplat.models.clip import OpenClip, Preprocessing
+from egosplat.models.open_clip_loader import build_model, load_open_clip, read_description
 
 
 def load(folder: Path, precision: str = "float32") -> OpenClip:

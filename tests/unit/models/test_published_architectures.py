@@ -17,7 +17,8 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.compute import choose_compute
 from egosplat.features import view_features_stage
-from egosplat.models.open_clip_loader import OpenClip, build_model, load_open_clip, read_description
+from egosplat.models.clip import OpenClip
+from egosplat.models.open_clip_loader import build_model, load_open_clip, read_description
 from egosplat.pipeline.config import Config, resolve, stage_values
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.published import CATALOGUE, ENCODER, LIBRARIES, named_model

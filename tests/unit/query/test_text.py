@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from egosplat.errors import UserError
-from egosplat.models.open_clip_loader import OpenClip, load_open_clip
+from egosplat.models.clip import OpenClip
+from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.options import CANONICAL
 from egosplat.query.text import Texts, clean_phrase, encode_phrases, encode_texts, untaught_words
 

@@ -1,0 +1,52 @@
+"""A loaded OpenCLIP model, or one with its interface."""
+
+from collections.abc import Container
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from torch import nn
+
+from egosplat.compute import Compute
+
+if TYPE_CHECKING:
+    from open_clip import SimpleTokenizer
+
+    from egosplat.models.sentences import WordPieces
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """The input format of an OpenCLIP image encoder.
+
+    Attributes:
+        image_size: height and width [px].
+        mean, std: of each channel (R, G, B), for values from 0 to 1.
+        interpolation: of the resizing, ``bicubic`` or ``bilinear``.
+        resize_mode: ``shortest`` (the image is cropped), ``longest`` (padded) or ``squash``.
+    """
+
+    image_size: tuple[int, int]
+    mean: tuple[float, float, float]
+    std: tuple[float, float, float]
+    interpolation: str
+    resize_mode: str
+
+
+@dataclass(frozen=True)
+class OpenClip:
+    """OpenCLIP with its weights.
+
+    Attributes:
+        model: ``encode_image`` takes (N, 3, H, W) preprocessed images, ``encode_text`` (N, T) tokens; both return
+            (N, D) features.
+        preprocessing: input format of ``encode_image``.
+        tokenizer: maps a list of N texts to (N, T) int64 tokens.
+        compute: device and precision; run the model within ``compute.inference()``.
+        words: lower-case words that the model knows; None if they are not known.
+    """
+
+    model: nn.Module
+    preprocessing: Preprocessing
+    tokenizer: "SimpleTokenizer | WordPieces"
+    compute: Compute
+    words: Container[str] | None = None
