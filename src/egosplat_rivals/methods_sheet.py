@@ -42,7 +42,7 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
         metrics: ``metrics.json`` of variants of one scene, each beside its language.zarr, in the order of the columns.
 
     Raises:
-        UserError: a file cannot be read, its artifacts are gone, or another program ran the method.
+        UserError: a file cannot be read, its artifacts are gone, or other queries were scored.
     """
     scenes = [read_scored_scene(path) for path in metrics]
     by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-import zarr
 from PIL import Image, ImageChops
 
 from egosplat.artifacts.reader import verify
@@ -147,33 +146,6 @@ def test_carries_are_found_and_drawn_in_a_finished_scene(workdir):
     assert carries.shape("feature")[0] == carries.shape("start")[0]
     assert Image.open(workdir.folder / SCENE / "carries.png").width > 700
     assert workdir.stale(f"{SCENE}/carries.zarr", f"{SCENE}/carries.png") == set()
-
-
-def write_empty_maps(path: Path, queries: list[dict[str, Any]], name: str) -> None:
-    """Relevancy maps without a value, as a method of this name would write them."""
-    group = zarr.open_group(path, mode="w")
-    shape = (len(queries), 1, 12, 12)
-    maps = group.create_array("relevancy", shape=shape, chunks=(1, *shape[1:]), dtype="float16")
-    maps[...] = np.full(shape, np.nan)
-    frames = np.array([query["frame"] for query in queries])
-    group.create_array("frame", shape=frames.shape, dtype=frames.dtype)[...] = frames
-    about = {"schema": "relevancy", "format_version": 1, "method": name, "levels": ["all"]}
-    group.attrs.update(about | {"category": [query["category"] for query in queries]})
-
-
-def test_maps_of_a_method_are_scored_again_only_if_they_change(workdir):
-    own = json.loads((workdir.folder / SCENE / "metrics.json").read_text())
-    maps, target = workdir.folder / "maps/adt/scene1/mine.zarr", "methods/mine/metrics.json"
-    write_empty_maps(maps, own["queries"], "Mine")
-    config = "tables: {maps: maps}"
-    run_rules(workdir, ("method_metrics",), config, target)
-    found = json.loads((workdir.folder / SCENE / target).read_text())
-    Draft202012Validator(schema("metrics")).validate(found)
-    assert found["method"] == "Mine" and found["scores"]["all"]["accuracy"] == 0.0
-    assert found["scores"]["all"]["count"] == own["scores"]["all"]["count"] > 0
-    assert workdir.stale(f"{SCENE}/{target}", config=config) == set()
-    write_empty_maps(maps, own["queries"], "Another")
-    assert workdir.stale(f"{SCENE}/{target}", config=config) == {"method_metrics"}
 
 
 def test_methods_are_drawn_side_by_side(workdir):

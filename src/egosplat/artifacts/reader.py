@@ -4,11 +4,9 @@ Opening checks schema, version, seal and completeness. Reading checks the CRC32C
 schema. ``verify`` checks every byte and number.
 """
 
-import hashlib
-import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import zarr
@@ -17,9 +15,6 @@ from numpy.typing import NDArray
 from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_of, rebuild_command, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape, sizes_of
 from egosplat.errors import reraise_as
-
-# Makes the error for an artifact, from its path and what is wrong.
-Blame = Callable[[Path, str], ArtifactError]
 
 
 class _Attributes(dict[str, Any]):
@@ -37,7 +32,7 @@ class _Attributes(dict[str, Any]):
 
 
 class Artifact:
-    """A checked, read-only artifact; made by ``open_artifact``, ``open_any`` or ``open_foreign``."""
+    """A checked, read-only artifact; made by ``open_artifact`` or ``open_any``."""
 
     def __init__(
         self,
@@ -46,14 +41,12 @@ class Artifact:
         group: zarr.Group,
         attributes: dict[str, Any],
         axes: Mapping[str, int],
-        blame: Blame = damaged,
     ) -> None:
         self.path = path
         self.schema = schema
         self._group = group
         self._attributes = attributes
         self._sizes = sizes_of(axes, self.facts)
-        self._blame = blame
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -119,12 +112,12 @@ class Artifact:
         where = f"array {name!r}" + ("" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}")
 
         def tell(error: Exception) -> ArtifactError:
-            return self._blame(self.path, f"{where} cannot be read ({_reason(error)})")
+            return damaged(self.path, f"{where} cannot be read ({_reason(error)})")
 
         with reraise_as(tell, (ValueError, RuntimeError, OSError, KeyError)):
             values = np.asarray(array[selection])
         if fault := self.schema.fields[name].values.find_fault(values, self._sizes):
-            raise self._blame(self.path, f"{where} {fault}")
+            raise damaged(self.path, f"{where} {fault}")
         return values
 
 
@@ -158,38 +151,6 @@ def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes:
         )
     axes = _check_arrays(path, schema, group)
     return Artifact(path, schema, group, attributes, axes)
-
-
-def open_foreign(path: Path, schema: Schema, attributes: Mapping[str, Any], page: str) -> Artifact:
-    """Open a Zarr group that another program wrote. Its facts are the group's attributes, its origin is ``real``.
-
-    Args:
-        path: the group.
-        schema: its arrays; narrower element types are accepted.
-        attributes: JSON schema of its attributes.
-        page: the page that describes the layout, for errors.
-
-    Raises:
-        ArtifactError: the group is absent or damaged, or has another layout.
-    """
-    from egosplat.pipeline.validation import Draft202012Validator, explain
-
-    def blame(path: Path, what: str) -> ArtifactError:
-        return ArtifactError(f"{path}: {what}; see {page}")
-
-    if not path.exists():
-        raise blame(path, "does not exist")
-    with reraise_as(lambda error: blame(path, f"is no readable Zarr group ({type(error).__name__})")):
-        group = zarr.open_group(path, mode="r")
-        facts = group.attrs.asdict()
-    for error in Draft202012Validator(attributes).iter_errors(facts):
-        raise blame(path, f"attribute {explain(error)}")
-    axes = _check_arrays(path, schema, group, "safe", blame)
-    # Facts of a foreign group are not sealed, so they belong to the digest.
-    content = f"{digest_of(path)}\n{json.dumps(facts, sort_keys=True)}"
-    digest = hashlib.sha256(content.encode()).hexdigest()
-    made = {"facts": facts, "digest": digest, "provenance": {"origin": "real"}}
-    return Artifact(path, schema, group, made, axes, blame)
 
 
 def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
@@ -247,15 +208,13 @@ def _check_arrays(
     path: Path,
     schema: Schema,
     group: zarr.Group,
-    casting: Literal["no", "safe"] = "no",
-    blame: Blame = damaged,
 ) -> dict[str, int]:
     """Check the layout of all arrays; return the size of each axis."""
     sizes: dict[str, int] = {}
     for name, declared in schema.fields.items():
         if declared.optional and name not in group:
             continue
-        _check_array(group, name, declared, sizes, casting, lambda what: blame(path, f"array {what}"))
+        _check_array(group, name, declared, sizes, lambda what: damaged(path, f"array {what}"))
     return sizes
 
 
@@ -264,7 +223,6 @@ def _check_array(
     name: str,
     declared: Field,
     sizes: dict[str, int],
-    casting: Literal["no", "safe"],
     blame: Callable[[str], ArtifactError],
 ) -> None:
     def tell(error: Exception) -> ArtifactError:
@@ -273,7 +231,7 @@ def _check_array(
 
     with reraise_as(tell):
         array = group[name]
-    if not np.can_cast(array.dtype, declared.dtype, casting):
+    if not np.can_cast(array.dtype, declared.dtype, "no"):
         raise blame(f"{name!r} is {array.dtype}, not {declared.dtype}")
     try:
         check_shape(declared, array.shape, sizes, name)

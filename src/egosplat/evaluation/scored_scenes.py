@@ -15,9 +15,6 @@ from egosplat.pipeline.validation import read_document
 # Name of the variant in a scene's own folder.
 FULL = "full"
 
-# Stage that scores what egosplat computed itself.
-STAGE = "metrics"
-
 # Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
 PROTOCOL = ("min_area", "excluded", "people", "hit_region", "masks")
 
@@ -32,7 +29,7 @@ _VALUES = {"accuracy": "hit", "mean_iou": "iou"}
 
 _PLACE = re.compile(
     r"(?:^|/)results/(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)/"
-    r"(?:variants/(?P<variant>[^/]+)/|methods/[^/]+/)?[^/]+$"
+    r"(?:variants/(?P<variant>[^/]+)/)?[^/]+$"
 )
 _NAME = re.compile(r"(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)(?:, (?P<variant>[A-Za-z0-9_-]+))?")
 
@@ -74,7 +71,6 @@ class ScoredScene:
     """A scene's scores.
 
     Attributes:
-        variant: its name; scores of maps from elsewhere have the variant ``FULL``.
         method: name of another method, or None for EgoSplat.
         origin: ``real`` or ``synthetic``.
     """
@@ -89,20 +85,15 @@ class ScoredScene:
     document: Mapping[str, Any]
 
     @property
-    def foreign(self) -> bool:
-        """Whether another program ran the method, and egosplat scored its maps."""
-        return self.method is not None and self.document["provenance"]["stage"] != STAGE
-
-    @property
     def stands_in(self) -> tuple[str, ...]:
         """Sentences on what replaces a part of the method."""
         return tuple(self.document.get("stands_in", ())) if self.method is not None else ()
 
     @property
     def cost(self) -> Cost | None:
-        """What the making of the codes took, from the frames on; None if an artifact is lost or another program ran."""
+        """What the making of the codes took, from the frames on; None if an artifact is lost."""
         made = {name: one for name, one in self.document["artifacts"].items() if name != "annotations.zarr"}
-        if self.foreign or not made or None in made.values():
+        if not made or None in made.values():
             return None
         return Cost(
             cpu_min=sum(one["cpu_s"] for one in made.values()) / 60,
@@ -154,8 +145,8 @@ class ScoredScene:
 def read_scored_scene(path: Path) -> ScoredScene:
     """Read a ``metrics.json``.
 
-    The path ``results/DATASET/SCENE/`` names the scene, with ``variants/NAME/`` for a variant and ``methods/NAME/`` for
-    another method. Elsewhere, the file's ``scene`` names it: DATASET/SCENE or DATASET/SCENE, VARIANT.
+    The path ``results/DATASET/SCENE/`` names the scene, with ``variants/NAME/`` for a variant. Elsewhere, the file's
+    ``scene`` names it: DATASET/SCENE or DATASET/SCENE, VARIANT.
 
     Raises:
         UserError: the file cannot be read, is not a ``metrics.json``, or does not name its scene.
@@ -167,7 +158,7 @@ def read_scored_scene(path: Path) -> ScoredScene:
         path=path,
         dataset=dataset,
         scene=scene,
-        variant=FULL if method is not None and document["provenance"]["stage"] != STAGE else variant,
+        variant=variant,
         method=None if method is None else one_line(method),
         origin=document["origin"],
         models=tuple(
@@ -202,7 +193,7 @@ def _place(path: Path, title: str) -> tuple[str, str, str]:
     if below is None and named is None:
         raise UserError(
             f"{path}: is not in a folder results/DATASET/SCENE, and its scene {title!r} is not DATASET/SCENE; "
-            "move it, for example to results/adt/scene1/methods/NAME/metrics.json"
+            "move it, for example to results/adt/scene1/variants/NAME/metrics.json"
         )
     parts = ("dataset", "scene", "variant")
     if below and named and below.group(*parts) != named.group(*parts):

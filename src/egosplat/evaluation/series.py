@@ -63,8 +63,7 @@ class Series:
     @property
     def label(self) -> str:
         """Method, data and checkpoints."""
-        others = "scored by egosplat" if self.first.foreign else "reimplemented by egosplat"
-        by = "egosplat" if self.own else others
+        by = "egosplat" if self.own else "reimplemented by egosplat"
         return f"{self.method} ({by}, {self.about})"
 
 
@@ -77,7 +76,7 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
     found: dict[tuple, dict[str, ScoredScene]] = {}
     # Scores of different data, variants or models must not be averaged.
     for one in scenes:
-        key = (one.dataset, one.variant, one.origin, one.validation, one.method, one.foreign, one.models)
+        key = (one.dataset, one.variant, one.origin, one.validation, one.method, one.models)
         other = found.setdefault(key, {}).setdefault(one.scene, one)
         if other is not one:
             raise UserError(f"{one.path} and {other.path}: are scores of the same scene; give one of them")

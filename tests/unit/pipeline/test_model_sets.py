@@ -200,8 +200,7 @@ def test_exactly_the_stages_with_a_key_of_the_set_change():
     }
     reached = {stage for stage in STAGES if reaches(stage, small, published)}
     assert {"frames", "annotations", "poses", "survey", "contact_sheet"} == set(STAGES) - reached - {
-        "synthetic",
-        "method_metrics",
+        "synthetic"
     }
 
 

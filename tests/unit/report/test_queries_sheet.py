@@ -172,15 +172,6 @@ def test_scores_of_other_artifacts_are_rejected(word_scene):
     assert not (folder / "queries.png").exists()
 
 
-def test_scores_of_another_method_are_rejected(word_scene):
-    folder = word_scene()
-    scored = score(folder)
-    made = json.loads(scored.read_text())["provenance"]
-    change(scored, method="another", provenance=made | {"stage": "method_metrics"})
-    with pytest.raises(UserError, match="metrics.json"):
-        draw(folder)
-
-
 def query(category: str, iou: float, hit: bool, frame: int = 0, relevancy: float = 0.5) -> ScoredQuery:
     return ScoredQuery(frame, category, relevancy, hit, iou)
 

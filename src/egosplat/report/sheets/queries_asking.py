@@ -12,7 +12,6 @@ from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.locating import open_carries, open_rests
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS, SPLATS
-from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, read_layers
@@ -122,11 +121,6 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
     Raises:
         UserError: the scene was scored with other artifacts, or the OpenCLIP model that made the features is missing.
     """
-    if scored.foreign:
-        raise UserError(
-            f"{scored.path}: holds the scores of {scored.method}; only egosplat's own queries can be answered again. "
-            "Give the scene's metrics.json"
-        )
     check_inputs(scored.path, scored.document["provenance"]["inputs"], scene.given)
     if not chosen:
         return
