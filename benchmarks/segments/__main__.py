@@ -1,8 +1,8 @@
-"""Accuracy of whole segmented videos: SAM2 prompted once or on key frames, and the segmenter without weights.
+"""Accuracy of whole segmented videos: SAM2 prompted once, and the segmenter without weights.
 
     python -m training.render_worlds data/held_out --worlds 20 --held-out --size 512 --clips 1 --frames 48 --step 0.2
     python -m benchmarks.segments data/held_out --limit 5 \
-        --method "SAM2, key frames" --method "SAM2, initial frame" --method classical
+        --method "SAM2, initial frame" --method classical
 """
 
 from dataclasses import asdict
@@ -20,17 +20,15 @@ from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
 from egosplat.segments.classical.segmenter import segment_video
-from egosplat.segments.instances import Segmented, finalize_instances
+from egosplat.segments.instances import Segmented, Video, finalize_instances
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.tracker import Tracker
 from training.small_models.worlds import NOTHING, RenderedWorld, read_world
 
 # The compared methods, by their keys over the defaults.
 METHODS: dict[str, dict[str, Any]] = {
-    "SAM2, initial frame": {"prompting": "initial_frame"},
-    "SAM2, key frames": {},
+    "SAM2, initial frame": {},
     "the same, 384 px": {"image_size": 384},
-    "the same, each level for itself": {"cross_level_iou": 1.01},
     "the same, every frame searched": {"lost_track_stride": 1},
     "classical": {},
 }
@@ -50,7 +48,7 @@ COLUMNS = {
 
 def options(method: str) -> SegmentsOptions:
     """The configuration's defaults with the method's own keys over them."""
-    return SegmentsOptions(**{"prompting": "key_frames"} | METHODS[method])
+    return SegmentsOptions(**{"prompting": "initial_frame"} | METHODS[method])
 
 
 def segment(world: RenderedWorld, method: str, checkpoint: str) -> tuple[list[np.ndarray], float]:
@@ -59,11 +57,12 @@ def segment(world: RenderedWorld, method: str, checkpoint: str) -> tuple[list[np
     keys = options(method)
 
     def run() -> list[np.ndarray]:
+        video = Video(len(images), lambda frame: np.array(images[frame]), lambda _: valid)
         if method == "classical":
-            found = segment_video(lambda frame: np.asarray(images[frame]), len(images), valid)
+            found = segment_video(video)
         else:
             sam2 = load_sam2("small", checkpoint, "auto", "auto", keys.image_size)
-            found = Tracker(sam2, lambda frame: np.array(images[frame]), len(images), valid, keys).run()
+            found = Tracker(sam2, video, keys).run()
         return final_labels(found, keys.min_frames)
 
     labels, seconds = time_call(run)

@@ -19,6 +19,7 @@ from benchmarks.common import command, markdown, output_of
 from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
+from egosplat.segments.instances import Video
 from egosplat.segments.options import LEVELS, MaskFilter, SegmentsOptions
 from egosplat.segments.tracker import Tracker
 
@@ -32,8 +33,7 @@ KEEP_ALL = {
     "prompting": "initial_frame",
     "merge_iou": 1.0,
     "min_frames": 1,
-    # Each level tracks its own instances, in every frame: the largest possible work.
-    "cross_level_iou": 1.01,
+    # In every frame: the largest possible work.
     "lost_track_stride": 1,
 }
 EVERY_MASK = MaskFilter(-1.0, -1.0, 1.0, -1.0, nms_iou_thresh=1.0, nms_inner_thresh=1.0, box_nms_thresh=1.0)
@@ -69,7 +69,7 @@ def measure(
     options = KeepAll(**KEEP_ALL, max_instances=instances // len(LEVELS))
     valid = np.ones((size, size), bool)
     began = time.perf_counter()
-    found = Tracker(sam2, lambda frame: images[frame % 4], frames, valid, options).run()
+    found = Tracker(sam2, Video(frames, lambda frame: images[frame % 4], lambda _: valid), options).run()
     seconds = time.perf_counter() - began
     return {
         "seconds": seconds,

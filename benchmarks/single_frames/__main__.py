@@ -18,8 +18,9 @@ from benchmarks.small_sam2.worlds import LEAST_PIXELS, LEVELS, SIZES, size_class
 from egosplat.cli.flags import read_options
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import track
+from egosplat.segments.instances import Video
 from egosplat.segments.options import SegmentsOptions
-from egosplat.segments.single_frames import SingleFrames, join_frames
+from egosplat.segments.single_frames import join_frames, segment_frame
 from training.small_models.worlds import NOTHING, RenderedWorld, read_world
 
 Labels = NDArray[np.int32]
@@ -64,8 +65,8 @@ def measure(worlds: list[RenderedWorld], setting: str, checkpoint: str) -> tuple
     sam2 = load_sam2("small", checkpoint, "auto", "auto")
     for world in track(worlds, f"segmenting with {setting or 'the defaults'}", unit="world"):
         image, valid, truth = first_frame(world)
-        frames = SingleFrames(sam2, lambda _, one=image: one, valid, keys)
-        masks_of_frame, taken = time_call(lambda single=frames: single.segment(0))
+        video = Video(1, lambda _, one=image: one, lambda _, one=valid: one)
+        masks_of_frame, taken = time_call(lambda one=video: segment_frame(sam2, one, 0, keys))
         found = join_frames([masks_of_frame], [0], 1, valid.shape)
         masks, seconds = masks + len(found.instances), seconds + taken
         rows += [

@@ -14,8 +14,8 @@ from PIL import Image
 from benchmarks.small_sam2.worlds import Film, Masks, Still
 from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.segments.classical.flow import find_origins
-from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.partition import partition
+from egosplat.segments.classical.partition import partition, reduce_image
+from egosplat.segments.classical.segmenter import LEAST_SUPPORT, PURITY
 
 if TYPE_CHECKING:
     from sam2.sam2_image_predictor import SAM2ImagePredictor
@@ -87,36 +87,37 @@ class ClassicalSegmenter:
 
     def point(self, still: Still) -> Masks:
         """The regions of three levels at each point."""
-        labels = partition(still.rgb, still.valid, ClassicalOptions())[1:]
+        labels = partition(reduce_image(still.rgb, still.valid))[1:]
         columns, rows = still.points.astype(int).T
         values = labels[:, rows, columns].T
         return (labels[None] == values[..., None, None]) & (values >= 0)[..., None, None]
 
     def track(self, film: Film) -> Masks:
         """By optical flow, snapped to regions."""
-        options, previous, masks = ClassicalOptions(), None, film.masks[:, 0] & film.valid
+        previous, masks = None, film.masks[:, 0] & film.valid
         tracked = []
-        for image in film.rgb:
-            regions = partition(image, film.valid, options)[0]
+        for rgb in film.rgb:
+            image = reduce_image(rgb, film.valid)
+            regions = partition(image)[0]
             if previous is not None:
-                origins = find_origins(previous, image, film.valid, options)
+                origins = find_origins(previous, image)
                 brought = origins.look_up(masks) & origins.known
-                masks = np.array([_snap(one, origins.known, regions, options) for one in brought], bool)
+                masks = np.array([_snap(one, origins.known, regions) for one in brought], bool)
             previous = image
             tracked.append(masks)
         return np.stack(tracked, axis=1)
 
 
-def _snap(mask: Masks, known: Masks, regions: np.ndarray, options: ClassicalOptions) -> Masks:
+def _snap(mask: Masks, known: Masks, regions: np.ndarray) -> Masks:
     """Fit a (H, W) mask to regions: one joins if most of its pixels are in the mask, and leaves if few are."""
     count = int(regions.max(initial=-1)) + 1
     size = np.bincount(regions[regions >= 0], minlength=count)
     voters = np.bincount(regions[known & (regions >= 0)], minlength=count)
     yes = np.bincount(regions[mask & known & (regions >= 0)], minlength=count)
-    decided = (voters > 0) & (voters >= options.least_support * size)
+    decided = (voters > 0) & (voters >= LEAST_SUPPORT * size)
     # Index -1, a pixel without a region, selects the last entry.
-    taken = np.append(decided & (yes >= options.purity * voters), False)
-    left = np.append(decided & (voters - yes >= options.purity * voters), True)
+    taken = np.append(decided & (yes >= PURITY * voters), False)
+    left = np.append(decided & (voters - yes >= PURITY * voters), True)
     return taken[regions] | (mask & known & ~left[regions])
 
 

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.models.sam2_loader import load_sam2
+from egosplat.segments.instances import Video
 from egosplat.segments.options import SegmentsOptions
-from egosplat.segments.single_frames import SingleFrames, join_frames
+from egosplat.segments.single_frames import join_frames, segment_frame
 
 
 def segment_images(images: NDArray[np.uint8]) -> Iterator[NDArray[np.int32]]:
@@ -20,7 +21,7 @@ def segment_images(images: NDArray[np.uint8]) -> Iterator[NDArray[np.int32]]:
     options = SegmentsOptions(track_moving="never", crops_per_side=1, device="cpu")
     sam2 = load_sam2(options.sam2_config, options.sam2_checkpoint, options.device, options.precision, None)
     valid = np.ones(images.shape[1:3], bool)
-    frames = SingleFrames(sam2, images.__getitem__, valid, options)
-    every = range(len(images))
-    found = join_frames([*map(frames.segment, every)], every, len(images), valid.shape)
+    video, every = Video(len(images), images.__getitem__, lambda _: valid), range(len(images))
+    masks = [segment_frame(sam2, video, frame, options) for frame in every]
+    found = join_frames(masks, every, len(images), valid.shape)
     return (found.labels[frame] for frame in every)

@@ -76,7 +76,7 @@ _MODEL = (
 )
 _MERGING = (
     "Check the poses, and instances.png; raise splats.iterations, which preset draft lowers (instances.iterations where "
-    "something moves; neither changes a given splat), or set segments.prompting to key_frames, which tracks in 2D"
+    "something moves; neither changes a given splat)"
 )
 _TRACKS = (
     "Tracks switch between objects, or OpenCLIP does not know them. Check crops.png, and use another "

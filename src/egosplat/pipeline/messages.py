@@ -84,7 +84,6 @@ _REMOVED = {
 
 # New names of renamed keys, by section and old name. Kept for one release.
 _RENAMED = {
-    "segments.share_iou": "cross_level_iou",
     "segments.absent_stride": "lost_track_stride",
     "features.renormalize": "normalize",
     "features.target": "supervision",

@@ -1,5 +1,6 @@
 """The instances of a video: how their masks overlap, which are one object, and which are kept."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +13,25 @@ from torch import Tensor
 from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.nms import areas, intersections
 
-Ints, Sizes = NDArray[np.int64], NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 # Instances that share fewer frames are not merged: in a single frame, two objects can overlap by chance.
 MIN_COMMON_FRAMES = 2
+
+
+@dataclass(frozen=True)
+class Video:
+    """The frames to segment.
+
+    Attributes:
+        length: number of frames.
+        image: returns the (H, W, 3) uint8 RGB image of a frame.
+        shown: returns the (H, W) bool pixels of a frame that show the scene.
+    """
+
+    length: int
+    image: Callable[[int], NDArray[np.uint8]]
+    shown: Callable[[int], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -44,13 +60,13 @@ class Segmented:
         labels: instance number of each pixel, by frame and level.
         instances: by number.
         same: pairs of numbers that are the same object.
-        notes: lists of places in the video by name, whose indices are facts of the artifact.
+        prompted: frames in which instances were searched for.
     """
 
     labels: LabelMaps
     instances: list[Track]
     same: list[tuple[int, int]]
-    notes: dict[str, list[int]]
+    prompted: list[int]
 
 
 @dataclass(frozen=True)
@@ -71,21 +87,30 @@ class FinalInstances:
 
 def finalize_instances(segmented: Segmented, min_frames: int) -> FinalInstances:
     """Merge instances that are the same object, and drop those seen in fewer than ``min_frames`` frames."""
-    roots = merge_roots(len(segmented.instances), segmented.same)
-    seen = frames_seen(segmented.labels, roots)
-    new, kept = number_kept(roots, seen, min_frames, len(segmented.labels))
-    return FinalInstances(
-        np.append(new, -1).astype(np.int32), kept, int((roots != np.arange(len(roots))).sum())
-    )
-
-
-def frames_seen(labels: LabelMaps, roots: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(count,) int64 number of frames in which each root, see ``merge_roots``, has a pixel."""
-    seen = np.zeros(len(roots), dtype=np.int64)
-    for frame in range(len(labels)):
-        found = np.unique(labels[frame])
+    count, frames = len(segmented.instances), len(segmented.labels)
+    roots, seen = merge_roots(count, segmented.same), np.zeros(count, np.int64)
+    for frame in range(frames):
+        found = np.unique(segmented.labels[frame])
         seen[np.unique(roots[found[found >= 0]])] += 1
-    return seen
+    # A video shorter than ``min_frames`` still has instances.
+    least = max(1, min(min_frames, frames))
+    kept = np.flatnonzero((roots == np.arange(count)) & (seen >= least))
+    table = np.full(count + 1, -1, np.int32)
+    table[kept] = np.arange(len(kept))
+    table[:-1] = table[roots]
+    return FinalInstances(table, kept, count - len(np.unique(roots)))
+
+
+def merge_roots(count: int, pairs: list[tuple[int, int]]) -> Ints:
+    """(count,) lowest number among all instances linked to each one by ``pairs``, directly or through others."""
+    if count == 0:
+        return np.zeros(0, dtype=np.int64)
+    rows, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    # Being the same object is transitive, although overlapping is not.
+    links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    _, component = connected_components(links, directed=False)
+    _, first = np.unique(component, return_index=True)
+    return first[component]
 
 
 class Overlaps:
@@ -98,24 +123,24 @@ class Overlaps:
 
     def add(self, ids: list[int], masks: Tensor) -> None:
         """Add a frame: numbers of K instances of the level and their (K, M, M) bool masks."""
-        self._grow(ids)
-        self._add(ids, ids, _sizes(masks), _sizes(masks), intersections(masks, masks).cpu().numpy())
+        self._add(ids, masks, ids, masks)
 
     def add_between(self, ids: list[int], masks: Tensor, other_ids: list[int], others: Tensor) -> None:
         """Add a frame, but only the overlaps between two sets of instances: numbers and (K, M, M) bool masks of each."""
-        self._grow([*ids, *other_ids])
-        size, other_size = _sizes(masks), _sizes(others)
-        shared = intersections(masks, others).cpu().numpy()
-        self._add(ids, other_ids, size, other_size, shared)
-        self._add(other_ids, ids, other_size, size, shared.T)
+        self._add(ids, masks, other_ids, others)
+        self._add(other_ids, others, ids, masks)
 
-    def _add(
-        self, ids: list[int], other_ids: list[int], size: Sizes, other_size: Sizes, shared: Sizes
-    ) -> None:
+    def _add(self, ids: list[int], masks: Tensor, other_ids: list[int], others: Tensor) -> None:
+        missing = max([*ids, *other_ids], default=-1) + 1 - len(self._shared)
+        if missing > 0:
+            pad = ((0, missing), (0, missing))
+            self._shared, self._area = np.pad(self._shared, pad), np.pad(self._area, pad)
+            self._frames = np.pad(self._frames, pad)
+        size, other_size = (areas(one).cpu().numpy().astype(np.float64) for one in (masks, others))
         # Only frames in which both are visible count: an occluded object must not lower the IoU.
         both = (size > 0)[:, None] & (other_size > 0)[None]
         at = np.ix_(ids, other_ids)
-        self._shared[at] += shared
+        self._shared[at] += intersections(masks, others).cpu().numpy()
         self._area[at] += size[:, None] * both
         self._frames[at] += both
 
@@ -134,41 +159,3 @@ class Overlaps:
         """Replace the counts by those of a ``state_dict``."""
         for name, values in state.items():
             setattr(self, name, values.numpy())
-
-    def _grow(self, ids: list[int]) -> None:
-        missing = max(ids, default=-1) + 1 - len(self._shared)
-        if missing > 0:
-            pad = ((0, missing), (0, missing))
-            self._shared, self._area = np.pad(self._shared, pad), np.pad(self._area, pad)
-            self._frames = np.pad(self._frames, pad)
-
-
-def _sizes(masks: Tensor) -> Sizes:
-    return areas(masks).cpu().numpy().astype(np.float64)
-
-
-def merge_roots(count: int, pairs: list[tuple[int, int]]) -> Ints:
-    """(count,) lowest number among all instances linked to each one by ``pairs``, directly or through others."""
-    if count == 0:
-        return np.zeros(0, dtype=np.int64)
-    rows, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    # Being the same object is transitive, although overlapping is not.
-    links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    _, component = connected_components(links, directed=False)
-    _, first = np.unique(component, return_index=True)
-    return first[component]
-
-
-def number_kept(roots: Ints, frames_seen: Ints, min_frames: int, frames: int) -> tuple[Ints, Ints]:
-    """(count,) new number of each instance, -1 if it is dropped, and the (N,) roots that are kept.
-
-    Args:
-        roots: from ``merge_roots``.
-        frames_seen: (count,) number of frames in which each root is seen; ``min_frames`` of ``frames``, or all, are needed.
-    """
-    # A video shorter than ``min_frames`` still has instances.
-    least = max(1, min(min_frames, frames))
-    kept = np.flatnonzero((roots == np.arange(len(roots))) & (frames_seen >= least))
-    new = np.full(len(roots), -1, dtype=np.int64)
-    new[kept] = np.arange(len(kept))
-    return (new[roots] if len(roots) else new), kept

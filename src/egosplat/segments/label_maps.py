@@ -37,7 +37,7 @@ class LabelMaps:
         self._frames: dict[int, bytes] = {}
         # Frames that the file does not hold yet, and where it holds the others.
         self._changed: set[int] = set()
-        self._places: dict[int, tuple[int, int, int]] = {}
+        self._places: LabelState = {}
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -48,43 +48,38 @@ class LabelMaps:
 
     def leave_empty(self, frames: Iterable[int]) -> None:
         """Let frames have no label."""
-        packed = pack(np.full(self._shape, -1, np.int32))
-        for frame in frames:
-            self._frames[frame] = packed
-            self._changed.add(frame)
+        self._frames |= dict.fromkeys(frames, pack(np.full(self._shape, -1, np.int32)))
 
     def __getitem__(self, frame: int) -> Labels:
         return unpack(self._frames[frame], self._shape)
 
     def state_dict(self) -> LabelState:
         """Append the frames set since the last call to ``path``: start, length and CRC-32 of each frame in the file."""
-        path = self.path
-        assert path is not None, "only labels with a path have checkpoints"
-        path.parent.mkdir(parents=True, exist_ok=True)
+        assert self.path is not None, "only labels with a path have checkpoints"
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         # What a killed process appended after its last state is cut off.
         end = max((start + length for start, length, _ in self._places.values()), default=0)
-        with path.open("r+b" if end else "wb") as file:
+        places = dict(self._places)
+        with self.path.open("r+b" if end else "wb") as file:
             file.truncate(end)
             file.seek(end)
-            places = dict(self._places)
             for frame in sorted(self._changed):
                 packed = self._frames[frame]
-                places[frame] = (file.tell(), len(packed), zlib.crc32(packed))
+                places[frame] = [file.tell(), len(packed), zlib.crc32(packed)]
                 file.write(packed)
             file.flush()
             os.fsync(file.fileno())
         self._places, self._changed = places, set()
-        return {frame: list(place) for frame, place in places.items()}
+        return dict(places)
 
     def load_state_dict(self, state: LabelState) -> None:
         """Replace the content by that of the file when ``state_dict`` returned ``state``; DamagedLabels if it is lost."""
         assert self.path is not None, "only labels with a path have checkpoints"
         content = self.path.read_bytes() if self.path.exists() else b""
-        places = {frame: (start, length, crc) for frame, (start, length, crc) in state.items()}
-        frames = {frame: content[start : start + length] for frame, (start, length, _) in places.items()}
-        if any(zlib.crc32(frames[frame]) != crc for frame, (_, _, crc) in places.items()):
+        frames = {frame: content[start : start + length] for frame, (start, length, _) in state.items()}
+        if any(zlib.crc32(frames[frame]) != crc for frame, (_, _, crc) in state.items()):
             raise DamagedLabels(f"{self.path}: the checkpoint is damaged; the stage starts again")
-        self._frames, self._places, self._changed = frames, places, set()
+        self._frames, self._places, self._changed = frames, dict(state), set()
 
 
 def pack(labels: Labels) -> bytes:
@@ -100,7 +95,7 @@ def unpack(packed: bytes, shape: tuple[int, int, int]) -> Labels:
 
 def paint(
     objects: Iterable[tuple[list[int], Tensor]], valid: NDArray[np.bool_], device: torch.device
-) -> NDArray[np.int32]:
+) -> Labels:
     """(H, W) int32 object of the highest of its groups' (K, M, M) logits above 0; -1 for none, and where not ``valid``."""
     best = torch.zeros(valid.shape, device=device)
     labels = torch.full(valid.shape, -1, dtype=torch.int32, device=device)

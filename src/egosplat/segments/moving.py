@@ -13,7 +13,7 @@ from torch import Tensor
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.models.sam2_loader import Sam2
 from egosplat.moving_regions import InstanceScores
-from egosplat.segments.instances import FinalInstances, Segmented, finalize_instances
+from egosplat.segments.instances import Segmented, Video, finalize_instances
 from egosplat.segments.label_maps import LabelMaps, Labels
 from egosplat.segments.nms import areas
 from egosplat.segments.options import SegmentsOptions
@@ -46,25 +46,20 @@ class MovingTracker(Tracker):
     def __init__(
         self,
         sam2: Sam2,
-        images: Callable[[int], NDArray[np.uint8]],
-        probability: Callable[[int], NDArray[np.floating]],
-        frames: NDArray[np.intp],
-        length: int,
-        valid: NDArray[np.bool_],
+        video: Video,
         options: SegmentsOptions,
-        shown: Callable[[int], NDArray[np.bool_]] | None = None,
+        probability: Callable[[int], NDArray[np.floating]],
+        training: NDArray[np.intp],
     ) -> None:
         """Set up for a video.
 
         Args:
             probability: returns the (H, W) probability in 0..1 that a frame's pixels move; not finite counts as 0.
-            frames: indices of the frames that may be prompted.
-            length: number of frames of the video; all are tracked through.
-            sam2, images, valid, options, shown: see ``Tracker``.
+            training: indices of the frames that may be prompted.
         """
-        super().__init__(sam2, images, length, valid, options, shown)
-        self._probability = probability
-        self._training, self._prompted = frames, frozenset(prompted_frames(frames, options))
+        super().__init__(sam2, video, options)
+        self._probability, self._training = probability, training.tolist()
+        self._searched = frozenset(prompted_frames(training, options))
 
     def moving_tracks(self, checkpoint: Checkpoint | None = None) -> Segmented:
         """Track as in ``run``, merge duplicates, and drop tracks that are short or do not move after all.
@@ -73,23 +68,19 @@ class MovingTracker(Tracker):
         """
         found = self.run(checkpoint)
         final = finalize_instances(found, self._options.min_frames)
-        moves = self._means(found.labels, final) >= self._options.threshold
+        scores = InstanceScores(len(final.kept))
+        for frame in self._training:
+            scores.add(final.table[found.labels[frame]], self._values(frame))
+        moves = scores.scores >= self._options.threshold
         table = np.append(np.where(moves, np.cumsum(moves) - 1, -1), -1).astype(np.int32)[final.table]
         labels = LabelMaps(found.labels[0].shape)
         for frame in range(len(found.labels)):
             labels[frame] = table[found.labels[frame]]
         tracks = [replace(found.instances[number], moving=True) for number in final.kept[moves]]
-        return Segmented(labels, tracks, [], found.notes)
-
-    def _means(self, labels: LabelMaps, final: FinalInstances) -> NDArray[np.float64]:
-        """(N,) mean probability of each track that is left."""
-        scores = InstanceScores(len(final.kept))
-        for frame in self._training.tolist():
-            scores.add(final.table[labels[frame]], self._values(frame))
-        return scores.scores
+        return Segmented(labels, tracks, [], found.prompted)
 
     def _prompts(self, frame: int) -> bool:
-        return frame in self._prompted
+        return frame in self._searched
 
     def _search_area(self, frame: int) -> tuple[Tensor, float]:
         # Hands are small: as few pixels as a mask may have are searched.
@@ -111,7 +102,7 @@ class MovingTracker(Tracker):
 
     def _values(self, frame: int) -> NDArray[np.float32]:
         """(H, W) probability; 0 where the pixel does not show the scene."""
-        return np.where(self._shown(frame), self._probability(frame).astype(np.float32), np.float32(0))
+        return np.where(self._video.shown(frame), self._probability(frame).astype(np.float32), np.float32(0))
 
 
 def _mean_reaches(least: float, masks: Tensor, probability: Tensor) -> Tensor:
@@ -129,7 +120,7 @@ def add_tracks(single: Segmented, tracked: Segmented) -> Segmented:
     for frame in range(len(single.labels)):
         tracks = tracked.labels[frame]
         labels[frame] = _overlay(single.labels[frame], np.where(tracks < 0, -1, tracks + first))
-    return Segmented(labels, single.instances + tracked.instances, single.same, single.notes)
+    return Segmented(labels, single.instances + tracked.instances, single.same, single.prompted)
 
 
 def _overlay(single: Labels, tracks: Labels) -> Labels:

@@ -72,19 +72,19 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     min_area: Annotated[Share, READING] = 0.0005
     """Drop masks smaller than this fraction of the frame. Small masks give poor features."""
 
-    prompting: Literal["initial_frame", "key_frames", "each_frame"] = "each_frame"
-    """Frames that are prompted. initial_frame: only the first, as the paper's text says; a head-mounted camera soon
-    leaves that view. key_frames: later frames too, where nothing is tracked (docs/method.md#prompting). each_frame:
-    every key_frame_stride-th training frame by itself, without tracking; the stage instances merges its masks."""
+    prompting: Literal["initial_frame", "each_frame"] = "each_frame"
+    """Frames that are prompted (docs/method.md#prompting). initial_frame: only the first, as the paper's text says; a
+    head-mounted camera soon leaves that view. each_frame: every key_frame_stride-th training frame by itself, without
+    tracking; the stage instances merges its masks."""
 
     key_frame_stride: Count = 4
-    """Number of frames between two checks for untracked regions, or between two segmented frames without tracking.
-    Smaller finds objects earlier and is slower."""
+    """Number of training frames between two that are segmented where prompting is each_frame. Smaller finds more and
+    is slower."""
 
     track_moving: Literal["auto", "never", "always"] = "auto"
     """Whether people, hands and carried things are tracked in 2D where prompting is each_frame: masks whose mean
     probability of the transient network reaches masks.threshold. auto: if the survey finds motion; by hand, if
-    transient.zarr is given. Other values of prompting track everything."""
+    transient.zarr is given."""
 
     merge_iou: Share = 0.6
     """Merge two instances of a level if their masks overlap with a larger IoU in the frames that show both."""
@@ -94,10 +94,6 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
 
     max_instances: Annotated[Count, READING] = 200
     """Largest number of instances tracked per level; the best are kept. Time and memory grow with it."""
-
-    cross_level_iou: Annotated[float, Field(ge=0.5, le=1.01), READING] = 0.8
-    """Masks of two levels in one frame with at least this IoU are tracked once and stored at both levels: many
-    objects have no parts. 1.01 tracks each level by itself and takes nearly twice the time."""
 
     lost_track_stride: Annotated[Count, READING] = 3
     """Search for a lost instance only every N frames once it has been missing for N frames. 1 searches in every

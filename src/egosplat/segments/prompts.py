@@ -212,11 +212,3 @@ def drop_repeated(found: Candidates, others: Tensor, iou_thresh: float) -> Candi
     if len(found) == 0 or len(others) == 0:
         return found
     return found.take(mask_iou(found.masks, others).amax(1) <= iou_thresh)
-
-
-def match_masks(masks: Tensor, others: Tensor, least_iou: float) -> Tensor:
-    """(N, M, M) and (K, M, M) bool masks -> (N,) int64 index of the best match by IoU; -1 below ``least_iou``."""
-    if len(masks) == 0 or len(others) == 0:
-        return torch.full((len(masks),), -1, dtype=torch.int64, device=masks.device)
-    iou, place = mask_iou(masks, others).max(1)
-    return torch.where(iou >= least_iou, place, -1)

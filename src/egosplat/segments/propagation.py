@@ -14,6 +14,7 @@ import torch.nn.functional as F
 from sam2.modeling.sam2_base import NO_OBJ_SCORE
 from torch import Tensor
 
+from egosplat.artifacts.checkpoint import State
 from egosplat.models.image_encoder import EncodedImage
 from egosplat.models.sam2_loader import Sam2
 from egosplat.models.video_predictor import fill_holes
@@ -89,6 +90,14 @@ class Group:
 
     def __post_init__(self) -> None:
         self.unseen = [0] * len(self.ids)
+
+    @staticmethod
+    def restored(saved: State, device: torch.device) -> "Group":
+        """The group of which ``saved`` are the values, on a device."""
+        group = Group(saved["ids"], saved["first_frame"], to_device(saved["begun"], device))
+        group.recent = {frame: to_device(output, device) for frame, output in saved["recent"].items()}
+        group.unseen = saved["unseen"]
+        return group
 
     def end(self, ids: set[int]) -> None:
         """Search for these objects in no later frame, in neither direction."""

@@ -1,9 +1,9 @@
 """Stage ``segments``: segment the frames at three levels and track the instances through the video."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
 from egosplat.segments.classical.segmenter import segment_video
-from egosplat.segments.instances import Segmented, finalize_instances
+from egosplat.segments.instances import FinalInstances, Segmented, Video, finalize_instances
 from egosplat.segments.options import LEVELS, SegmentsOptions
 
 
@@ -56,65 +56,36 @@ def run(
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
     transient = None if chunk else _open_transient(transient_path, frames, options)
-    video = _Video(frames, np.flatnonzero(kept), transient)
+    rows, valid = np.flatnonzero(kept), frames.read("valid")
+    video = Video(
+        len(rows),
+        lambda place: frames.row("rgb", rows[place]),
+        lambda place: shown_pixels(frames, int(rows[place]), valid),
+    )
     about = "segments", options.as_dict() | by_survey
     made = provenance.begin_from(*about, [frames, *([transient] if transient else [])], models)
     # Masks of single frames do not depend on what moves.
-    alone = provenance.begin_from(*about, [frames], models)
-    work = Work(output, alone, len(kept), chunk, gather)
+    work = Work(output, provenance.begin_from(*about, [frames], models), len(kept), chunk, gather)
     if options.segmenter == "classical":
-        segmented = segment_video(video.image, len(video.frame), video.valid, video.shown)
+        segmented = segment_video(video)
     else:
-        found = _segment_with_sam2(
-            video, options, work, Checkpoint(output, provenance.key_of(made), part="tracks")
+        tracks = Checkpoint(output, provenance.key_of(made), part="tracks")
+        training = np.flatnonzero(frames.read("train")[rows])
+        segmented = _segment_with_sam2(video, rows, training, transient, options, work, tracks)
+    if segmented is None:
+        return
+    final = finalize_instances(segmented, 1 if options.single_frames else options.min_frames)
+    if len(final.kept) == 0:
+        work.finish()  # resuming would give the same
+        raise UserError(
+            "segments: no instance was found in any frame. Raise segments.points_per_side or lower segments.min_area, "
+            "or set segments.segmenter to classical"
         )
-        if found is None:
-            return
-        segmented = found
-    try:
-        with create(output, SEGMENTS, replace(made, gathered=work.costs)) as artifact:
-            _write(artifact, segmented, video, options)
-            artifact.facts |= {"segmenter": options.segmenter, "single_frames": options.single_frames}
-    except UserError:
-        work.finish()  # resuming would give the same error
-        raise
+    with create(output, SEGMENTS, replace(made, gathered=work.costs)) as artifact:
+        labels = _put_labels(artifact, segmented, final, video, rows, len(kept), options.single_frames)
+        artifact.facts = _put_instances(artifact, segmented, final, rows) | labels
+        artifact.facts |= {"segmenter": options.segmenter, "single_frames": options.single_frames}
     work.finish()
-
-
-@dataclass(frozen=True)
-class _Video:
-    """The frames to segment.
-
-    Attributes:
-        frame: (N,) index of each in frames.zarr.
-        transient: where things move.
-    """
-
-    source: Artifact
-    frame: NDArray[np.intp]
-    transient: Artifact | None
-
-    def image(self, place: int) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 RGB image of the frame at a place in the video."""
-        return self.source.row("rgb", self.frame[place])
-
-    @cached_property
-    def valid(self) -> NDArray[np.bool_]:
-        """(H, W) bool: pixels inside the lens circle."""
-        return self.source.read("valid")
-
-    def shown(self, place: int) -> NDArray[np.bool_]:
-        """(H, W) bool: pixels of the frame at a place that show the scene."""
-        return shown_pixels(self.source, int(self.frame[place]), self.valid)
-
-    def probability(self, place: int) -> NDArray[np.float16]:
-        """(H, W) float16 probability in 0..1 that a pixel moves."""
-        assert self.transient is not None
-        return self.transient.row("probability", self.frame[place])
-
-    def trained(self) -> NDArray[np.intp]:
-        """Places of the training frames."""
-        return np.flatnonzero(self.source.read("train")[self.frame])
 
 
 def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOptions) -> Artifact | None:
@@ -131,109 +102,104 @@ def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOption
 
 
 def _segment_with_sam2(
-    video: _Video, options: SegmentsOptions, work: Work, checkpoint: Checkpoint
+    video: Video,
+    rows: NDArray[np.intp],
+    training: NDArray[np.intp],
+    transient: Artifact | None,
+    options: SegmentsOptions,
+    work: Work,
+    tracks: Checkpoint,
 ) -> Segmented | None:
-    """Segment the frames, or those of a chunk, and track; None for a chunk. ``checkpoint`` is that of tracking."""
+    """Segment the frames, or those of a chunk, and track; None for a chunk.
+
+    Args:
+        rows: indices of the video's frames in frames.zarr.
+        training: places in the video of the training frames.
+        tracks: the checkpoint of tracking.
+    """
     # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
     from egosplat.segments.moving import MovingTracker, add_tracks
     from egosplat.segments.prompts import prompted_frames
-    from egosplat.segments.single_frames import SingleFrames, join_frames
+    from egosplat.segments.single_frames import join_frames, segment_frame
     from egosplat.segments.tracker import Tracker
 
     model = (options.sam2_config, options.sam2_checkpoint, options.device, options.precision)
-    side = None if options.single_frames else options.image_size
-    sam2, valid, shown = load_sam2(*model, side), video.valid, video.shown
+    sam2 = load_sam2(*model, None if options.single_frames else options.image_size)
     if not options.single_frames:
-        return Tracker(sam2, video.image, len(video.frame), valid, options, shown).run(checkpoint)
-    single = SingleFrames(sam2, video.image, valid, options, shown)
-    frames = np.array(prompted_frames(video.trained(), options), np.intp)
+        return Tracker(sam2, video, options).run(tracks)
+    frames = np.array(prompted_frames(training, options), np.intp)
     found = work.results(
-        lambda chunks: frames[lie_within(video.frame[frames], chunks)].tolist(),
-        lambda few: map(single.segment, few),
+        lambda chunks: frames[lie_within(rows[frames], chunks)].tolist(),
+        lambda few: (segment_frame(sam2, video, frame, options) for frame in few),
         "segmenting frames",
     )
     if found is None:
         return None
-    segmented = join_frames(found, frames.tolist(), len(video.frame), valid.shape)
-    if not video.transient:
+    segmented = join_frames(found, frames.tolist(), video.length, video.shown(0).shape)
+    if transient is None:
         return segmented
-    about = (video.trained(), len(video.frame), valid, options, shown)
-    movers = MovingTracker(sam2, video.image, video.probability, *about)
-    return add_tracks(segmented, movers.moving_tracks(checkpoint))
+    movers = MovingTracker(
+        sam2, video, options, lambda place: transient.row("probability", rows[place]), training
+    )
+    return add_tracks(segmented, movers.moving_tracks(tracks))
 
 
-def _write(artifact: Writer, segmented: Segmented, video: _Video, options: SegmentsOptions) -> None:
-    """Merge duplicates, drop short tracks, and write the remaining instances."""
-    labels, count = segmented.labels, video.source.shape("rgb")[0]
-    place_of = {int(frame): place for place, frame in enumerate(video.frame)}
-    single = options.single_frames
-    final = finalize_instances(segmented, 1 if single else options.min_frames)
-    if len(final.kept) == 0:
-        raise UserError(
-            "segments: no instance was found in any frame. Raise segments.points_per_side or lower segments.min_area, "
-            "or set segments.segmenter to classical"
-        )
-    first = labels[0]
-    artifact.allocate("labels", (count, *first.shape))
-    occupancy = Occupancy(len(final.kept))
-    counted = segmented.notes["key_frames"] if single else range(len(video.frame))
+def _put_labels(
+    artifact: Writer,
+    segmented: Segmented,
+    final: FinalInstances,
+    video: Video,
+    rows: NDArray[np.intp],
+    count: int,
+    single: bool,
+) -> dict[str, Any]:
+    """Write the labels of all ``count`` frames, -1 where the video leaves one out; returns facts of their coverage."""
+    labels = segmented.labels
+    nothing = np.full_like(labels[0], -1)
+    artifact.allocate("labels", (count, *nothing.shape))
+    place_of = {frame: place for place, frame in enumerate(rows.tolist())}
+    counted = set(segmented.prompted if single else range(video.length))
+    views = empty = pixels = 0
     for frame in track(range(count), "writing labels"):
         place = place_of.get(frame)
-        row = np.full_like(first, -1) if place is None else final.table[labels[place]]
-        if place in counted:
-            occupancy.add(row, video.shown(place_of[frame]))
+        row = nothing if place is None else final.table[labels[place]]
         artifact.put_row("labels", frame, row)
+        if place in counted:
+            shown = video.shown(place)
+            views += int((np.unique(row) >= 0).sum())
+            empty += int(((row < 0).all(axis=0) & shown).sum())
+            pixels += int(shown.sum())
+    # Without tracks, an instance is a mask of one frame.
+    lengths = {} if single else {"frames_per_instance": views / len(final.kept)}
+    return lengths | {
+        "pixels_without_instance": empty / max(pixels, 1),
+        "instances_per_frame": views / max(len(counted), 1),
+        # The classical segmenter prompts nothing.
+        **({"key_frames": rows[segmented.prompted].tolist()} if segmented.prompted else {}),
+    }
+
+
+def _put_instances(
+    artifact: Writer, segmented: Segmented, final: FinalInstances, rows: NDArray[np.intp]
+) -> dict[str, Any]:
+    """Write the instances that are kept; returns facts of their number."""
     chosen = [segmented.instances[number] for number in final.kept]
     types = {"level": np.int8, "predicted_iou": np.float32, "stability": np.float32, "moving": bool}
     columns = {name: np.array([getattr(one, name) for one in chosen], kind) for name, kind in types.items()}
-    columns["first_frame"] = video.frame[[one.first_frame for one in chosen]].astype(np.int64)
+    columns["first_frame"] = rows[[one.first_frame for one in chosen]].astype(np.int64)
     for name, values in columns.items():
         artifact.put(f"instances/{name}", values)
-    moving = int(columns["moving"].sum())
+    moving, dropped = int(columns["moving"].sum()), len(segmented.instances) - len(chosen)
     by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
-    dropped = len(segmented.instances) - len(final.kept)
     named = ", ".join(f"{number} {name}s" for name, number in by_level.items())
-    log(f"{len(chosen)} instances ({named}); {dropped} more are merged into them or seen in too few frames")
-    if single:
-        log(f"{moving} of them are tracked, because they move; each other is a mask of one frame")
-    artifact.facts = {
+    log(
+        f"{len(chosen)} instances ({named}), {moving} of them moving; {dropped} more are merged or seen too briefly"
+    )
+    return {
         "levels": list(LEVELS),
         "instances": by_level,
         "found": len(segmented.instances),
         "moving": moving,
         "merged": final.merged,
-        **occupancy.figures(tracked=not single),
-        **{name: video.frame[places].tolist() for name, places in segmented.notes.items()},
     }
-
-
-class Occupancy:
-    """Coverage statistics of N instances over the segmented frames."""
-
-    def __init__(self, instances: int) -> None:
-        """Start with no frame; ``instances``: N."""
-        self._frames_of = np.zeros(instances, np.int64)
-        self._frames = 0
-        self._pixels = self._empty_pixels = 0
-
-    def add(self, labels: NDArray[np.int32], shown: NDArray[np.bool_]) -> None:
-        """Count a frame: (L, H, W) instance at each level, -1 for none, and (H, W) bool pixels that show the scene."""
-        found = np.unique(labels)
-        self._frames_of[found[found >= 0]] += 1
-        self._frames += 1
-        self._empty_pixels += int(((labels < 0).all(axis=0) & shown).sum())
-        self._pixels += int(shown.sum())
-
-    def figures(self, *, tracked: bool = True) -> dict[str, float]:
-        """Share of the pixels that show the scene without an instance at any level, mean instances per frame, mean frames per instance.
-
-        Without ``tracked``, an instance is a mask of one frame, and the last figure is left out.
-        """
-        views = int(self._frames_of.sum())
-        lengths = {"frames_per_instance": views / max(len(self._frames_of), 1)} if tracked else {}
-        return {
-            "pixels_without_instance": self._empty_pixels / max(self._pixels, 1),
-            "instances_per_frame": views / max(self._frames, 1),
-            **lengths,
-        }

@@ -33,7 +33,7 @@ METHODS = section_keys("language")["method"]["enum"]
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
 EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}} | OFF)
 SINGLE_FRAMES = merge(EVERY_FRAME, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
-TRACKS = merge(EVERY_FRAME, {"segments": {"prompting": "key_frames"}})
+TRACKS = merge(EVERY_FRAME, {"segments": {"prompting": "initial_frame"}})
 
 
 def survey(masking, blurred=()):
@@ -105,7 +105,6 @@ def test_a_survey_that_decides_masking_is_an_input_of_splats_alone():
         ({}, ("transient", "survey")),
         ({"track_moving": "always"}, ("transient",)),
         ({"track_moving": "never"}, ()),
-        ({"prompting": "key_frames"}, ()),
         ({"prompting": "initial_frame", "track_moving": "always"}, ()),
         ({"segmenter": "classical"}, ()),
     ],
@@ -188,7 +187,7 @@ def test_gaussians_train_on_no_blurred_frame_where_nothing_is_masked():
     [
         ("segments", {}, 500, 0),
         ("segments", {}, 501, 2),
-        ("segments", {"segments": {"prompting": "key_frames"}}, 501, 0),
+        ("segments", {"segments": {"prompting": "initial_frame"}}, 501, 0),
         ("segments", {"segments": {"segmenter": "classical"}}, 501, 0),
         ("view_features", {}, 36_000, 72),
         ("view_features", {"view_features": {"max_views": 20}}, 36_000, 0),
@@ -225,7 +224,7 @@ def test_what_moves_is_drawn_where_instances_mask_it(masking):
         ({"splats": {"source": "point_cloud.ply"}}, "refined", True),
         ({"segments": {"track_moving": "always"}}, "none", True),
         ({"segments": {"track_moving": "never"}}, "refined", False),
-        ({"segments": {"prompting": "key_frames"}}, "refined", False),
+        ({"segments": {"prompting": "initial_frame"}}, "refined", False),
         ({"segments": {"segmenter": "classical"}}, "refined", False),
         ({"language": {"method": "field"}}, "refined", False),
     ],
@@ -250,7 +249,7 @@ def test_carries_are_drawn_and_told_where_what_moves_is_tracked(keys, moving, dr
         ({"language": {"method": "center"}}, "refined", False),
         ({"segments": {"track_moving": "always"}}, "none", True),
         ({"segments": {"track_moving": "never"}}, "refined", False),
-        ({"segments": {"prompting": "key_frames"}}, "refined", False),
+        ({"segments": {"prompting": "initial_frame"}}, "refined", False),
     ],
 )
 def test_scores_and_pages_are_of_a_time_where_what_moves_is_tracked(keys, moving, shown):
@@ -328,8 +327,8 @@ def test_gaussians_of_another_program_stand_before_what_is_merged_on_them(maskin
         ({"splats": {"masking": "refined"}}, "none", False),
         ({"splats": {"language": "joint"}}, "none", False),
         ({"segments": {"track_moving": "always"}}, "none", False),
-        ({"segments": {"prompting": "key_frames"}}, "none", False),
-        ({"segments": {"prompting": "key_frames"}, "instances": {"source": "both"}}, "none", False),
+        ({"segments": {"prompting": "initial_frame"}}, "none", False),
+        ({"segments": {"prompting": "initial_frame"}, "instances": {"source": "both"}}, "none", False),
         ({"instances": {"source": "tracks"}}, "none", False),
     ],
 )

@@ -69,7 +69,7 @@ def test_a_survey_reaches_the_splats_where_it_decides_their_masking():
     careful = {"survey": {"min_moving_share": 0.1}}
     assert reaches("splats", ALL_FRAMES, merge(ALL_FRAMES, careful))
     assert reaches("language", ALL_FRAMES, merge(ALL_FRAMES, careful))
-    tracked = merge(ALL_FRAMES, {"segments": {"prompting": "key_frames"}})
+    tracked = merge(ALL_FRAMES, {"segments": {"prompting": "initial_frame"}})
     assert not reaches("segments", tracked, merge(tracked, careful))
     explicit = merge(tracked, {"splats": {"masking": "refined"}})
     assert not reaches("splats", explicit, merge(explicit, careful))

@@ -16,6 +16,7 @@ from egosplat.gaussians import trainer
 from egosplat.instances import geometry
 from egosplat.language import stage as language
 from egosplat.models.sam2_loader import Sam2
+from egosplat.segments.instances import Video
 from egosplat.segments.tracker import Tracker
 from egosplat.splats import stage as splats
 from egosplat.transient import stage as transient
@@ -23,7 +24,7 @@ from egosplat_rivals import loop
 from tests.support.pretended_gpu import DEVICE, PretendedGpu
 from tests.unit.instances.conftest import masks_of_wall
 from tests.unit.instances.test_stage import run as merge
-from tests.unit.segments.test_tracker import FRAMES, HEIGHT, OPTIONS, WIDTH
+from tests.unit.segments.test_tracker import EVERYWHERE, FRAMES, OPTIONS
 
 CAMERA = {"refine_poses": "off", "compensate_exposure": "off"}
 SPLATS = CAMERA | {
@@ -178,9 +179,7 @@ def test_segments(sam2, gpu, monkeypatch):
     predictor = sam2.video_predictor.to(DEVICE)
     tracker = Tracker(
         Sam2(predictor, Compute(DEVICE, torch.float32)),
-        lambda frame: images[frame],
-        FRAMES,
-        np.ones((HEIGHT, WIDTH), bool),
+        Video(FRAMES, images.__getitem__, lambda _: EVERYWHERE),
         OPTIONS,
     )
     calls = counted(gpu, monkeypatch, tracker, "_forwards")

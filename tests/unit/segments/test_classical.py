@@ -4,15 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.partition import partition
-
-OPTIONS = ClassicalOptions()
+from egosplat.segments.classical import partition as module
+from egosplat.segments.classical.partition import partition, reduce_image
 
 
-def segment(image: np.ndarray, valid: np.ndarray, options: ClassicalOptions) -> np.ndarray:
+def segment(image: np.ndarray, shown: np.ndarray) -> np.ndarray:
     """The (3, H, W) regions of the levels subpart, part and whole."""
-    return partition(image, valid, options)[1:]
+    return partition(reduce_image(image, shown))[1:]
 
 
 def scene(side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -53,24 +51,14 @@ def textured(side: int = 96) -> np.ndarray:
 @pytest.mark.parametrize("side", [256, 512, 1408])
 def test_objects_are_found_at_any_image_size(side):
     image, what = scene(side)
-    levels = segment(image, everywhere(image), OPTIONS)
+    levels = segment(image, everywhere(image))
     assert levels.shape == (3, side, side) and levels.dtype == np.int32
     assert all(best_iou(levels, what == one) > 0.93 for one in range(4))
 
 
-def test_image_sizes_give_similar_regions():
-    images = [scene(side)[0] for side in (256, 512, 1408)]
-    found = [segment(image, everywhere(image), OPTIONS) for image in images]
-    small, *larger = [cv2.resize(one[2], (256, 256), interpolation=cv2.INTER_NEAREST) for one in found]
-    for other in larger:
-        assert all(best_iou(other[None], small == region) > 0.93 for region in np.unique(small))
-    counts = np.array([[len(np.unique(level)) for level in levels] for levels in found])
-    assert (np.abs(counts - counts[0]) <= 2 + 0.2 * counts[0]).all()
-
-
 @pytest.mark.parametrize("image", [scene(128)[0], textured()], ids=["scene", "textured"])
 def test_levels_are_nested_and_every_valid_pixel_has_a_region(image):
-    levels = segment(image, everywhere(image), OPTIONS)
+    levels = segment(image, everywhere(image))
     assert levels.min() == 0
     counts = [len(np.unique(level)) for level in levels]
     for finer, coarser, count in zip(levels[:2], levels[1:], counts[:2], strict=True):
@@ -78,9 +66,10 @@ def test_levels_are_nested_and_every_valid_pixel_has_a_region(image):
     assert counts == sorted(counts, reverse=True)
 
 
-def test_levels_are_not_all_the_same():
+def test_levels_are_not_all_the_same(monkeypatch):
+    monkeypatch.setattr(module, "_LEVELS", (2.0, 30.0, 1000.0))
     image = textured()
-    levels = segment(image, everywhere(image), ClassicalOptions(subpart=2.0, part=30.0, whole=1000.0))
+    levels = segment(image, everywhere(image))
     counts = [len(np.unique(level)) for level in levels]
     assert counts[0] > counts[1] > counts[2] == 1
 
@@ -89,39 +78,41 @@ def test_invalid_pixels_have_no_region_and_no_influence():
     image, _ = scene(128)
     y, x = np.indices((128, 128))
     valid = (y - 64) ** 2 + (x - 64) ** 2 < 55**2
-    levels = segment(image, valid, OPTIONS)
+    levels = segment(image, valid)
     assert (levels[:, ~valid] == -1).all() and (levels[:, valid] >= 0).all()
     other = np.where(valid[..., None], image, textured(128))
-    assert (segment(other, valid, OPTIONS) == levels).all()
-    assert (segment(image, np.zeros_like(valid), OPTIONS) == -1).all()
+    assert (segment(other, valid) == levels).all()
+    assert (segment(image, np.zeros_like(valid)) == -1).all()
 
 
 def test_noise_gives_few_large_regions():
     image = np.random.default_rng(3).integers(0, 256, (128, 128, 3), dtype=np.uint8)
-    subpart, _, whole = segment(image, everywhere(image), OPTIONS)
+    subpart, _, whole = segment(image, everywhere(image))
     assert np.bincount(whole.ravel()).max() > 0.2 * whole.size
     assert len(np.unique(whole)) < 40
-    assert np.bincount(subpart.ravel()).min() >= OPTIONS.least_area * subpart.size
+    assert np.bincount(subpart.ravel()).min() >= module.LEAST_AREA * subpart.size
 
 
 def test_textures_of_equal_mean_color_are_separated():
     rng = np.random.default_rng(4)
     amplitude = np.where(np.arange(128) < 64, 4, 90)[None, :, None]
     image = (120 + amplitude * rng.uniform(-1, 1, (128, 128, 1)) + np.zeros(3)).astype(np.uint8)
-    levels = segment(image, everywhere(image), OPTIONS)
+    levels = segment(image, everywhere(image))
     left = np.broadcast_to(np.arange(128) < 64, (128, 128))
     assert best_iou(levels, left) > 0.85
 
 
-def test_small_and_thin_regions_are_merged_into_similar_neighbors():
+def test_small_and_thin_regions_are_merged_into_similar_neighbors(monkeypatch):
     image = np.full((128, 128, 3), (200, 40, 40), dtype=np.uint8)
     image[:, 64:] = (40, 40, 200)
     image[60:62, 63:65] = (190, 50, 50)
     image[:, 30] = (180, 60, 60)
-    kept, cleaned = (
-        segment(image, everywhere(image), ClassicalOptions(least_area=area, least_width=width))[0]
-        for area, width in ((1e-4, 0.0), (1e-3, 9.0))
-    )
+    found = []
+    for area, width in ((1e-4, 0.0), (1e-3, 9.0)):
+        monkeypatch.setattr(module, "LEAST_AREA", area)
+        monkeypatch.setattr(module, "_LEAST_WIDTH", width)
+        found.append(segment(image, everywhere(image))[0])
+    kept, cleaned = found
     assert len(np.unique(cleaned)) <= 3 < len(np.unique(kept))
     assert set(cleaned[:, 30]) <= {cleaned[0, 10], cleaned[0, 50]}
     assert cleaned[60, 50] != cleaned[60, 80]
@@ -130,5 +121,5 @@ def test_small_and_thin_regions_are_merged_into_similar_neighbors():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 3), (8, 8), (37, 61), (200, 5)])
 def test_odd_and_tiny_pictures_are_segmented(shape):
     image = np.random.default_rng(6).integers(0, 256, (*shape, 3), dtype=np.uint8)
-    levels = segment(image, everywhere(image), OPTIONS)
+    levels = segment(image, everywhere(image))
     assert levels.shape == (3, *shape) and levels.min() == 0

@@ -5,23 +5,25 @@ import numpy as np
 import pytest
 
 from egosplat.segments.classical.flow import find_origins
-from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.partition import partition
-from egosplat.segments.classical.segmenter import open_tracks, propagate, track_levels
+from egosplat.segments.classical.partition import partition, reduce_image
+from egosplat.segments.classical.segmenter import open_tracks, propagate, segment_video
+from egosplat.segments.instances import Video
 from egosplat.segments.options import LEVELS
 
-OPTIONS = ClassicalOptions()
 SIDE = 128
 
 
-def track(images, valid, level, options):
-    """The labels of one level, frame by frame."""
-    return (labels[LEVELS.index(level)] for labels in track_levels(images, valid, options))
+def track(images, level, shown=None):
+    """The labels of one level in each frame, as numbers of instances."""
+    shown = [np.ones(images[0].shape[:2], bool)] * len(images) if shown is None else shown
+    found = segment_video(Video(len(images), images.__getitem__, shown.__getitem__))
+    return [found.labels[frame][LEVELS.index(level)] for frame in range(len(images))]
 
 
 def propagated(labels, previous, current, regions):
     """Labels that optical flow brings from one image to the next."""
-    return propagate(labels, find_origins(previous, current, regions >= 0, OPTIONS), regions, OPTIONS)
+    images = (reduce_image(image, regions >= 0) for image in (previous, current))
+    return propagate(labels, find_origins(*images), regions)
 
 
 def texture(seed: int, low: int, high: int, side: int) -> np.ndarray:
@@ -50,7 +52,7 @@ def iou(left: np.ndarray, right: np.ndarray) -> float:
 
 def test_a_moving_box_keeps_its_track():
     images, masks = zip(*(frame(column) for column in (20, 25, 30, 35)), strict=True)
-    found = list(track(iter(images), VALID, "whole", OPTIONS))
+    found = track(images, "whole")
     number = found[0][64, 40]
     assert all(labels.dtype == np.int32 and labels.shape == VALID.shape for labels in found)
     assert all(iou(labels == number, mask) > 0.8 for labels, mask in zip(found, masks, strict=True))
@@ -58,13 +60,14 @@ def test_a_moving_box_keeps_its_track():
 
 def test_the_first_frame_has_the_regions_of_segment():
     image, _ = frame(40)
-    (labels,) = track([image], VALID, "part", OPTIONS)
-    assert (labels == partition(image, VALID, OPTIONS)[2]).all()
+    (labels,) = track([image], "part")
+    expected = partition(reduce_image(image, VALID))[1:3]
+    assert (labels == expected[1] + expected[0].max() + 1).all(), "numbered after the subparts"
 
 
 def test_new_objects_get_new_tracks_and_lost_ones_end():
     images = [frame(column)[0] for column in (None, 40, None)]
-    before, during, after = track(images, VALID, "whole", OPTIONS)
+    before, during, after = track(images, "whole")
     mask = frame(40)[1]
     (new,) = set(np.unique(during[mask & (cv2.erode(mask.astype(np.uint8), np.ones((9, 9))) > 0)]))
     assert new not in before
@@ -74,26 +77,8 @@ def test_new_objects_get_new_tracks_and_lost_ones_end():
 
 def test_tracking_twice_gives_the_same():
     images = [frame(column)[0] for column in (20, 24, 28)]
-    first, second = (np.stack(list(track(images, VALID, "subpart", OPTIONS))) for _ in range(2))
+    first, second = (np.stack(track(images, "subpart")) for _ in range(2))
     assert (first == second).all()
-
-
-def test_tracking_holds_two_frames_in_memory():
-    alive = []
-
-    def images():
-        import weakref
-
-        for column in (20, 24, 28, 32, 36):
-            image = frame(column)[0]
-            alive.append(weakref.ref(image))
-            yield image
-            del image
-            assert sum(one() is not None for one in alive) <= 2
-
-    for _ in track(images(), VALID, "whole", OPTIONS):
-        pass
-    assert len(alive) == 5
 
 
 def test_labels_are_propagated_and_unlabeled_pixels_stay_unlabeled():
@@ -108,7 +93,7 @@ def test_labels_are_propagated_and_unlabeled_pixels_stay_unlabeled():
 def test_pixels_without_support_have_no_label():
     (previous, mask), (current, _) = frame(40), frame(None)
     labels = np.where(mask, np.int32(7), np.int32(3))
-    regions = partition(current, VALID, OPTIONS)[1]
+    regions = partition(reduce_image(current, VALID))[1]
     noise = np.random.default_rng(0).integers(0, 256, current.shape, dtype=np.uint8)
     assert (propagated(np.full_like(labels, -1), previous, current, regions) == -1).all()
     assert (propagated(labels, previous, noise, regions) == -1).mean() > 0.5
@@ -134,11 +119,11 @@ def test_large_uncovered_regions_become_tracks():
 @pytest.mark.parametrize("shape", [(1, 1), (8, 8), (5, 40), (33, 61)])
 def test_tiny_and_odd_pictures_are_tracked(shape):
     image = np.full((*shape, 3), 90, dtype=np.uint8)
-    found = list(track([image] * 3, np.ones(shape, dtype=bool), "whole", OPTIONS))
-    assert all((labels == 0).all() for labels in found)
+    found = track([image] * 3, "whole")
+    assert all((labels == 2).all() for labels in found), "after a subpart and a part"
 
 
-def test_pictures_larger_than_the_flow_are_tracked_alike():
+def test_pictures_larger_than_the_flow_are_tracked_alike(monkeypatch):
     """Optical flow at a smaller size moves labels as far as at the image's own."""
     (before, mask), (after, moved) = (
         [
@@ -147,9 +132,10 @@ def test_pictures_larger_than_the_flow_are_tracked_alike():
         ]
         for column in (20, 26)
     )
-    valid, options = np.ones((512, 512), dtype=bool), ClassicalOptions(flow_side=128)
-    origins = find_origins(before, after, valid, options)
-    labels = propagate(mask.astype(np.int32), origins, partition(after, valid, options)[0], options)
+    fine = partition(reduce_image(after, np.ones((512, 512), bool)))[0]
+    monkeypatch.setattr("egosplat.segments.classical.partition._SIDE", 128)
+    images = (reduce_image(image, fine >= 0) for image in (before, after))
+    labels = propagate(mask.astype(np.int32), find_origins(*images), fine)
     assert iou(labels == 1, moved > 0) > 0.9
 
 
@@ -157,7 +143,7 @@ def test_pixels_that_a_frame_leaves_out_have_no_label():
     """The box is hidden in the third frame, and everything in the fourth."""
     images, masks = zip(*(frame(column) for column in (20, 25, 30, 35, 40)), strict=True)
     shown = [VALID, VALID, ~masks[2], ~VALID, VALID]
-    found = [levels[-1] for levels in track_levels(iter(images), VALID, OPTIONS, iter(shown))]
+    found = track(images, "whole", shown)
     for labels, inside in zip(found, shown, strict=True):
         assert (labels[~inside] == -1).all() and (labels >= 0).any() == inside.any()
     assert iou(found[2] == found[1][10, 10], ~masks[2]) > 0.8, "the wall goes on"

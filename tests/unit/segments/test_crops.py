@@ -8,9 +8,10 @@ from egosplat.models.image_encoder import encode
 from egosplat.models.point_decoder import Attended, PointDecoder
 from egosplat.segments import crops, prompts, single_frames
 from egosplat.segments.crops import Crop, crops_of
+from egosplat.segments.instances import Video
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import Candidates, prompt
-from egosplat.segments.single_frames import SingleFrames, join_frames
+from egosplat.segments.single_frames import join_frames, segment_frame
 
 SHAPE = (48, 64, 3)
 
@@ -133,8 +134,9 @@ def test_points_without_possible_masks_are_not_decoded_further(sam2, monkeypatch
             assert computed.pop() == count and (max(map(len, found)) > 0) == (count > 0)
 
 
-def labels_of(single: SingleFrames, frame: int) -> np.ndarray:
-    return join_frames([single.segment(frame)], [0], 1, (96, 128)).labels[0]
+def labels_of(sam2, image, shown, options) -> np.ndarray:
+    found = segment_frame(sam2, Video(1, lambda _: image, lambda _: shown), 0, options)
+    return join_frames([found], [0], 1, (96, 128)).labels[0]
 
 
 def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypatch):
@@ -151,16 +153,17 @@ def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypat
     keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 2}
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.7, 0.1, 0.2))
     options = SegmentsOptions(**keys)
-    found = labels_of(SingleFrames(sam2, lambda _: image, np.ones((96, 128), bool), options), 0)
+    found = labels_of(sam2, image, np.ones((96, 128), bool), options)
     assert sides == [512, 256, 256, 256, 256] and sam2.video_predictor.image_size == 256
     assert found.shape == (3, 96, 128)
 
 
-def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
-    """Less than the left half shows the scene: the crops on the right have no point there."""
+@pytest.mark.parametrize(("columns", "expected"), [(50, [8, 8, 0, 8, 0]), (0, [0] * 5)])
+def test_pixels_that_do_not_show_the_scene_are_not_prompted(sam2, monkeypatch, columns, expected):
+    """Less than the left half is shown: the crops on the right have no point there. Or nothing is."""
     image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
-    valid = np.zeros((96, 128), bool)
-    valid[:, :50] = True
+    shown = np.zeros((96, 128), bool)
+    shown[:, :columns] = True
     points = []
 
     def recorded(sam2, encoded, given, *about):
@@ -169,33 +172,11 @@ def test_pixels_outside_the_lens_are_not_prompted(sam2, monkeypatch):
 
     for module in (crops, single_frames):
         monkeypatch.setattr(module, "prompt", recorded)
-    keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 4}
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
-    options = SegmentsOptions(**keys)
-    found = labels_of(SingleFrames(sam2, lambda _: image, valid, options), 0)
-    assert [len(one) for one in points] == [8, 8, 0, 8, 0]
-    assert float(points[0][:, 0].max()) == pytest.approx(0.375)
-    assert (found[:, :, 50:] == -1).all() and (found >= 0).any()
-
-
-def test_pixels_that_a_frame_leaves_out_are_not_prompted(sam2, monkeypatch):
-    """The first frame hides its right, the second all."""
-    image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
-    shown = np.zeros((2, 96, 128), bool)
-    shown[0, :, :50] = True
-    points = []
-
-    def recorded(sam2, encoded, given, *about):
-        points.append(len(given))
-        return prompt(sam2, encoded, given, *about)
-
-    for module in (crops, single_frames):
-        monkeypatch.setattr(module, "prompt", recorded)
-    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
-    options = SegmentsOptions(crops_per_side=2, image_size=512, points_per_side=4)
-    every = np.ones((96, 128), bool)
-    single = SingleFrames(sam2, lambda _: image, every, options, shown=shown.__getitem__)
-    found = [labels_of(single, frame) for frame in range(2)]
-    assert points == [8, 8, 0, 8, 0] + 5 * [0]
-    assert (found[0][:, :, 50:] == -1).all() and (found[0] >= 0).any()
-    assert (found[1] == -1).all()
+    found = labels_of(
+        sam2, image, shown, SegmentsOptions(crops_per_side=2, image_size=512, points_per_side=4)
+    )
+    assert [len(one) for one in points] == expected
+    assert (found[:, :, columns:] == -1).all() and (found >= 0).any() == (columns > 0)
+    if columns:
+        assert float(points[0][:, 0].max()) == pytest.approx(0.375)

@@ -1,9 +1,10 @@
 """Merging of duplicate instances, dropping of short ones, and the label maps drawn from logits."""
 
 import numpy as np
+import pytest
 import torch
 
-from egosplat.segments.instances import Overlaps, frames_seen, merge_roots, number_kept
+from egosplat.segments.instances import Overlaps, Segmented, Track, finalize_instances, merge_roots
 from egosplat.segments.label_maps import LabelMaps, paint
 from egosplat.segments.nms import union
 
@@ -45,13 +46,29 @@ def test_merging_is_transitive():
     assert merge_roots(3, []).tolist() == [0, 1, 2] and merge_roots(0, []).tolist() == []
 
 
-def test_briefly_seen_instances_are_dropped():
-    roots = np.array([0, 1, 0, 3])
-    new, staying = number_kept(roots, np.array([5, 2, 0, 3]), 3, 10)
-    assert new.tolist() == [0, -1, 0, 1] and staying.tolist() == [0, 3]
-    new, staying = number_kept(roots, np.array([2, 1, 0, 2]), 3, 2)
-    assert staying.tolist() == [0, 3], "in a video of two frames, two suffice"
-    assert number_kept(np.zeros(0, np.int64), np.zeros(0, np.int64), 3, 5)[1].tolist() == []
+@pytest.mark.parametrize(
+    ("frames", "table", "kept", "merged"),
+    [
+        # 0 and 2 are one; 1 is seen in a single frame.
+        ([[0, 3], [2, 3], [0, 1], [3, -1]], [0, -1, 0, 1, -1], [0, 3], 1),
+        # In a video of two frames, two suffice.
+        ([[0, 3], [2, 3]], [0, -1, 0, 1, -1], [0, 3], 1),
+        ([[2, 2], [0, 2]], [0, -1, 0, -1, -1], [0], 1),
+    ],
+)
+def test_duplicates_are_merged_and_briefly_seen_instances_dropped(frames, table, kept, merged):
+    labels = LabelMaps((1, 1, 2))
+    for number, row in enumerate(frames):
+        labels[number] = np.array([[row]], np.int32)
+    found = finalize_instances(Segmented(labels, [Track(0, 0, 1.0, 1.0)] * 4, [(0, 2)], []), 3)
+    assert (found.table.tolist(), found.kept.tolist(), found.merged) == (table, kept, merged)
+
+
+def test_a_video_without_instances_keeps_none():
+    labels = LabelMaps((1, 1, 2))
+    labels.leave_empty([0])
+    found = finalize_instances(Segmented(labels, [], [], []), 3)
+    assert (found.table.tolist(), found.kept.tolist(), found.merged) == ([-1], [], 0)
 
 
 def test_label_maps_are_restored_unchanged():
@@ -62,12 +79,6 @@ def test_label_maps_are_restored_unchanged():
     changed = labels[1]
     changed[:] = 7
     assert np.array_equal(labels[1], given), "reading returns a copy"
-
-
-def test_frames_seen_counts_merged_instances_together():
-    labels = LabelMaps((1, 1, 4))
-    labels[0], labels[1] = np.array([[[0, 2, -1, -1]]], np.int32), np.array([[[2, 2, 1, -1]]], np.int32)
-    assert frames_seen(labels, np.array([0, 1, 0])).tolist() == [2, 1, 0]
 
 
 def test_the_highest_logit_gets_the_pixel():

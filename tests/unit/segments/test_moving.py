@@ -15,7 +15,7 @@ from egosplat.compute import choose_compute
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments import stage
-from egosplat.segments.instances import Segmented, Track
+from egosplat.segments.instances import Segmented, Track, Video
 from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.moving import MovingTracker, add_tracks
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
@@ -64,7 +64,8 @@ def tracker(sam2, images, moves, options=OPTIONS, asked=None) -> MovingTracker:
             asked.append(frame)
         return images[frame]
 
-    return MovingTracker(sam2, read, lambda frame: moves[frame], TRAINING, FRAMES, VALID, options)
+    video = Video(FRAMES, read, lambda _: VALID)
+    return MovingTracker(sam2, video, options, moves.__getitem__, TRAINING)
 
 
 def test_what_does_not_move_is_not_tracked_and_no_frame_is_encoded(sam2, images):
@@ -140,16 +141,15 @@ def test_a_mask_starts_a_track_by_the_mean_probability_inside_it(sam2, images):
             assert chosen.stability.tolist() == expected, (precision, threshold)
 
 
-def test_few_moving_pixels_are_searched(sam2, images, monkeypatch):
-    """A hand is far smaller than what _MIN_UNCOVERED leaves out; a single pixel is noise."""
+def test_few_moving_pixels_are_searched(sam2, images):
+    """A hand is small; a single pixel is noise."""
     moves = probability()
     moves[0, 10:15, 14:21] = 1
-    monkeypatch.setattr("egosplat.segments.tracker._MIN_UNCOVERED", 0.9)
     options = OPTIONS.change(points_per_side=16)
     area, least = tracker(sam2, images, moves, options)._search_area(0)
     assert least < area.sum() < 0.02 * area.numel()
-    assert tracker(sam2, images, moves, options).run().notes["key_frames"] == [0]
-    assert tracker(sam2, images, moves, options.change(min_area=0.02)).run().notes["key_frames"] == []
+    assert tracker(sam2, images, moves, options).run().prompted == [0]
+    assert tracker(sam2, images, moves, options.change(min_area=0.02)).run().prompted == []
 
 
 def test_values_that_are_no_probability_and_invalid_pixels_do_not_move(sam2, images):
@@ -157,9 +157,8 @@ def test_values_that_are_no_probability_and_invalid_pixels_do_not_move(sam2, ima
     moves[0, :20] = np.nan
     valid = VALID.copy()
     valid[20:] = False
-    movers = MovingTracker(
-        sam2, lambda frame: images[frame], lambda frame: moves[frame], TRAINING, FRAMES, valid, OPTIONS
-    )
+    video = Video(FRAMES, images.__getitem__, lambda _: valid)
+    movers = MovingTracker(sam2, video, OPTIONS, moves.__getitem__, TRAINING)
     assert not movers._search_area(0)[0].any()
 
 
@@ -172,16 +171,15 @@ def both(sam2, images, moves, folder, asked, reads=None) -> Segmented:
         asked.append(frame)
         return images[frame]
 
-    video = SimpleNamespace(
-        frame=np.arange(FRAMES), valid=VALID, image=read, transient="yes", probability=moves.__getitem__,
-        shown=lambda _: VALID, trained=lambda: TRAINING, points=lambda _: None,
-    )  # fmt: skip
+    video = Video(FRAMES, read, lambda _: VALID)
+    transient = SimpleNamespace(row=lambda _, frame: moves[frame])
     output, made = folder / "segments.zarr", begin("segments", {}, "real")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("egosplat.models.sam2_loader.load_sam2", lambda *_: sam2)
         patch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
         tracks = Checkpoint(output, "key", part="tracks")
-        return stage._segment_with_sam2(video, OPTIONS, Work(output, made, FRAMES), tracks)
+        work = Work(output, made, FRAMES)
+        return stage._segment_with_sam2(video, np.arange(FRAMES), TRAINING, transient, OPTIONS, work, tracks)
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +201,7 @@ def test_a_killed_run_resumes_to_the_same_result(sam2, images, uninterrupted, tm
     again: list[int] = []
     found = both(sam2, images, moves, tmp_path, again)
     assert again == asked[reads:], "finished frames are not read again"
-    assert found.instances == expected.instances and found.notes == expected.notes
+    assert found.instances == expected.instances and found.prompted == expected.prompted
     for frame in range(FRAMES):
         assert np.array_equal(found.labels[frame], expected.labels[frame])
 
@@ -222,20 +220,20 @@ def test_tracks_win_over_masks_and_masks_of_the_same_thing_go():
         maps([[0, 0, 0, 1, 1, 1], [2, 2, 2, 2, 2, 2]], [[-1] * 6, [-1] * 6]),
         [Track(0, 0, 1, 1), Track(0, 0, 1, 1), Track(1, 0, 1, 1)],
         [],
-        {"key_frames": [0]},
+        [0],
     )
     tracked = Segmented(
         maps([[-1] * 6, [-1, 0, 0, 0, -1, -1]], [[-1] * 6, [-1, -1, -1, -1, 0, 0]]),
         [Track(1, 0, 0.5, 0.5, moving=True)],
         [],
-        {"key_frames": [0]},
+        [0],
     )
     found = add_tracks(single, tracked)
     # Most of mask 0 is of the track and goes; a third of mask 1 and half of mask 2 are, and the rest stays.
     assert found.labels[0][:, 0].tolist() == [[-1, -1, -1, -1, 1, 1], [2, 3, 3, 3, 2, 2]]
     assert found.labels[1][:, 0].tolist() == [[-1] * 6, [-1, -1, -1, -1, 3, 3]]
     assert [one.moving for one in found.instances] == [False, False, False, True]
-    assert found.instances[3].level == 1 and found.notes == {"key_frames": [0]}
+    assert found.instances[3].level == 1 and found.prompted == [0]
 
 
 SIDE = 96
@@ -294,7 +292,7 @@ def test_jobs_of_chunks_give_the_same_artifact(scene, tmp_path, monkeypatch):
     assert gathered.digest == whole.digest and gathered.facts == whole.facts
     assert gathered.provenance["inputs"] == whole.provenance["inputs"] and whole.facts["key_frames"] == [0, 2]
     with pytest.raises(UserError, match=r"segments\.prompting"):
-        stage.run(scene[0], files[0], options.change(prompting="key_frames"), chunk=1)
+        stage.run(scene[0], files[0], options.change(prompting="initial_frame"), chunk=1)
 
 
 def test_without_the_transient_network_nothing_is_tracked(scene, tmp_path):
@@ -307,7 +305,7 @@ def test_without_the_transient_network_nothing_is_tracked(scene, tmp_path):
         for path, keys in (
             (None, {}),
             (scene[1], {"track_moving": "never"}),
-            (scene[1], {"prompting": "key_frames"}),
+            (scene[1], {"prompting": "initial_frame"}),
             (scene[1], {"segmenter": "classical"}),
             (scene[1], {}),
         )

@@ -57,12 +57,12 @@ def test_frames_that_a_survey_drops_are_skipped(frames, tmp_path, keys, survey_t
     survey, output = survey_that_keeps(tmp_path, [1, 2, 5]), tmp_path / "segments.zarr"
     seen = []
 
-    def look(images, count, valid, shown):
-        seen.extend(int(images(place)[20, :, 0].argmax()) for place in range(count))
+    def look(video):
+        seen.extend(int(video.image(place)[20, :, 0].argmax()) for place in range(video.length))
         labels = LabelMaps((3, SIDE, SIDE))
-        for place in range(count):
+        for place in range(video.length):
             labels[place] = np.full((3, SIDE, SIDE), 0, np.int32)
-        return Segmented(labels, [Track(0, 1, 1.0, 1.0)], [], {"key_frames": [0, 2]})
+        return Segmented(labels, [Track(0, 1, 1.0, 1.0)], [], [0, 2])
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage, "segment_video", look)
@@ -93,7 +93,7 @@ def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, mon
         Track(0, 3, 0.7, 0.9),
         Track(2, 0, 0.6, 0.8),
     ]
-    segmented = Segmented(labels, instances, [(0, 2)], {})
+    segmented = Segmented(labels, instances, [(0, 2)], [])
     monkeypatch.setattr(stage, "segment_video", lambda *_: segmented)
     output = tmp_path / "segments.zarr"
     stage.run(frames, output, options=SegmentsOptions(**keys | {"segmenter": "classical", "min_frames": 3}))
@@ -105,11 +105,27 @@ def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, mon
     assert segments.facts["merged"] == 1 and segments.facts["found"] == 4
 
 
+def test_coverage_counts_shown_pixels_frames_and_instances(frames, tmp_path, keys, monkeypatch):
+    """Two rows do not show the scene; instance 0 covers half of the others in one frame."""
+    labels = LabelMaps((3, SIDE, SIDE))
+    labels.leave_empty(range(COUNT))
+    half = labels[0]
+    half[0, :33] = 0
+    labels[0] = half
+    found = Segmented(labels, [Track(0, 0, 1.0, 1.0)], [], [])
+    monkeypatch.setattr(stage, "segment_video", lambda _: found)
+    output, options = tmp_path / "segments.zarr", SegmentsOptions(**keys | {"segmenter": "classical"})
+    stage.run(frames, output, options=options.change(min_frames=1))
+    facts = open_artifact(output, SEGMENTS).facts
+    assert facts["pixels_without_instance"] == (2 * COUNT - 1) / (2 * COUNT)
+    assert facts["instances_per_frame"] == 1 / COUNT and facts["frames_per_instance"] == 1.0
+
+
 def test_no_instances_are_an_error_and_write_nothing(frames, tmp_path, keys, monkeypatch):
     labels = LabelMaps((3, SIDE, SIDE))
     for frame in range(COUNT):
         labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
-    monkeypatch.setattr(stage, "segment_video", lambda *_: Segmented(labels, [], [], {}))
+    monkeypatch.setattr(stage, "segment_video", lambda *_: Segmented(labels, [], [], []))
     with pytest.raises(UserError, match="segments.points_per_side"):
         stage.run(
             frames, tmp_path / "segments.zarr", options=SegmentsOptions(**keys | {"segmenter": "classical"})

@@ -1,4 +1,4 @@
-"""Tracking of a video with random weights: prompts on key frames, ids and levels, both directions, limits, resuming."""
+"""Tracking of a video with random weights: prompts, ids and levels, both directions, limits, resuming."""
 
 from unittest import mock
 
@@ -13,17 +13,25 @@ from egosplat.models.sam2_loader import Sam2
 from egosplat.segments import instances as instances_module
 from egosplat.segments import prompts as prompting
 from egosplat.segments import tracker as tracking
+from egosplat.segments.instances import Video
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps
 from egosplat.segments.nms import intersections
 from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter, SegmentsOptions
-from egosplat.segments.prompts import drop_covered, filter_masks, grid_points, match_masks, prompt
-from egosplat.segments.propagation import Group, Propagator, restart
+from egosplat.segments.prompts import drop_covered, filter_masks, grid_points, prompt
+from egosplat.segments.propagation import Group, restart
 from egosplat.segments.tracker import Tracker
 
-FEW = {"points_per_side": 4, "key_frame_stride": 2, "min_frames": 1, "max_instances": 6}
-OTHERS = {"merge_iou": 0.9, "min_area": 0.001, "prompting": "key_frames", "lost_track_stride": 1}
-OPTIONS = SegmentsOptions(**FEW | OTHERS)
+OPTIONS = SegmentsOptions(
+    points_per_side=4,
+    min_frames=1,
+    max_instances=6,
+    merge_iou=0.9,
+    min_area=0.001,
+    prompting="initial_frame",
+    lost_track_stride=1,
+)
 FRAMES, HEIGHT, WIDTH = 4, 40, 56
+EVERYWHERE = np.ones((HEIGHT, WIDTH), bool)
 
 
 EVERY_MASK = MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0)
@@ -42,19 +50,29 @@ def images():
     return np.repeat(np.repeat(coarse, 8, 1), 8, 2)
 
 
-def tracked(sam2, images, options=OPTIONS, valid=None):
-    valid = np.ones((HEIGHT, WIDTH), bool) if valid is None else valid
+class LaterTracker(Tracker):
+    """Prompts each second frame, where a level covers less than 95 % of it, as where only what moves is tracked."""
+
+    def _prompts(self, frame):
+        return frame % 2 == 0
+
+    def _search_area(self, frame):
+        return self._inside(frame), 0.05 * float(self._inside(frame).sum())
+
+
+def tracked(
+    sam2, images, options=OPTIONS, valid=EVERYWHERE, checkpoint=None, reads=None, tracker=LaterTracker
+):
+    """What a run finds, and the frames that it reads; it is killed after a number of ``reads``."""
     asked: list[int] = []
 
     def read(frame: int) -> np.ndarray:
+        if len(asked) == reads:
+            raise KeyboardInterrupt
         asked.append(frame)
         return images[frame]
 
-    return Tracker(sam2, read, len(images), valid, options).run(), asked
-
-
-BOTH = 3
-"""Frames up to the second key frame, whose masks are compared with tracks. Where a processor has no bfloat16, each takes seconds."""
+    return tracker(sam2, Video(len(images), read, lambda _: valid), options).run(checkpoint), asked
 
 
 def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
@@ -67,8 +85,8 @@ def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
         return counted[-1][0]
 
     with mock.patch.object(instances_module, "intersections", watched):
-        segmented, asked = tracked(half, images[:BOTH])
-    assert segmented.instances and asked[:BOTH] == list(range(BOTH))
+        segmented, asked = tracked(half, images[:3])
+    assert segmented.instances and asked[:3] == [0, 1, 2]
     assert {one.level for one in segmented.instances} == set(range(len(LEVELS)))
     assert max(int(shared.max()) for shared, _, _ in counted if shared.numel()) > 256, (
         "counts above 256, which bfloat16 rounds"
@@ -79,7 +97,7 @@ def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
 
 
 def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
-    valid = np.ones((HEIGHT, WIDTH), bool)
+    valid = EVERYWHERE.copy()
     valid[:, :6] = False
     segmented, asked = tracked(sam2, images, valid=valid)
     assert segmented.instances, "random weights give masks, which pass thresholds of 0"
@@ -91,12 +109,27 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
             for number in np.unique(labels[level][labels[level] >= 0]):
                 assert segmented.instances[number].level == level
     assert {one.first_frame for one in segmented.instances} <= {0, 2}
-    assert segmented.notes["key_frames"][0] == 0
+    assert segmented.prompted[0] == 0
 
 
-def test_prompting_initial_frame_prompts_only_the_first_frame(sam2, images):
-    segmented, _ = tracked(sam2, images, options=OPTIONS.change(prompting="initial_frame"))
-    assert {one.first_frame for one in segmented.instances} == {0} and segmented.notes["key_frames"] == [0]
+def test_the_first_frame_alone_is_prompted(sam2, images):
+    segmented, asked = tracked(sam2, images, tracker=Tracker)
+    assert {one.first_frame for one in segmented.instances} == {0} and segmented.prompted == [0]
+    assert asked == list(range(FRAMES)), "nothing is tracked backwards"
+
+
+def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images):
+    tracker = Tracker(sam2, Video(FRAMES, images.__getitem__, lambda _: EVERYWHERE), OPTIONS)
+    level = tracker._levels[2]
+    level.groups = [Group([0, 7], 0, {}), Group([3], 1, {})]
+    left, right = torch.zeros(2, 8, 8, dtype=torch.bool)
+    left[:, :4], right[:, 4:] = True, True
+    for _ in range(instances_module.MIN_COMMON_FRAMES):
+        level.overlaps.add([0, 7, 3], torch.stack([left, right, left]))
+    tracker._end_duplicates()
+    for groups in (level.groups, [restart(group) for group in level.groups]):
+        assert [group.unseen for group in groups] == [[0, 0], [np.inf]]
+        assert tracker._propagator.ended(groups[1]) and tracker._propagator._searched(groups[1], 3) == []
 
 
 def test_the_number_of_tracked_instances_is_limited(sam2, images):
@@ -104,47 +137,6 @@ def test_the_number_of_tracked_instances_is_limited(sam2, images):
         segmented, _ = tracked(sam2, images, options=OPTIONS.change(max_instances=most))
         for level in range(len(LEVELS)):
             assert sum(one.level == level for one in segmented.instances) <= most
-
-
-def test_equal_masks_of_several_levels_are_tracked_once(sam2, images, monkeypatch):
-    """If all levels find the same masks, one level is tracked and all have its labels."""
-
-    def alike(*arguments):
-        found = prompt(*arguments)
-        return [found[2], found[2], found[2]]
-
-    monkeypatch.setattr(tracking, "prompt", alike)
-    steps = {}
-    for cross_level_iou in (0.8, 1.01):
-        counted = mock.Mock(side_effect=Propagator._track, autospec=Propagator._track)
-        with mock.patch.object(Propagator, "_track", lambda self, *a, counted=counted: counted(self, *a)):
-            segmented, _ = tracked(sam2, images, options=OPTIONS.change(cross_level_iou=cross_level_iou))
-        steps[cross_level_iou] = counted.call_count
-        levels = [[one for one in segmented.instances if one.level == level] for level in range(3)]
-        assert len(levels[0]) == len(levels[1]) == len(levels[2]) > 0
-        for frame in range(FRAMES):
-            shown = [segmented.labels[frame][level] >= 0 for level in range(3)]
-            assert np.array_equal(shown[0], shown[1]) and np.array_equal(shown[1], shown[2])
-    assert steps[1.01] == 3 * steps[0.8]
-
-
-@pytest.mark.parametrize("both_levels", [True, False])
-def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, both_levels):
-    """Two tracks follow one thing, and finer instances share them. The later track stays if a finer instance needs it."""
-    one = Tracker(sam2, images.__getitem__, FRAMES, np.ones((HEIGHT, WIDTH), bool), OPTIONS)
-    fine, _, whole = one._levels
-    whole.groups, fine.shared = [Group([0, 7], 0, {}), Group([3], 1, {})], {1: 0, 4: 3}
-    left, right = torch.zeros(2, 8, 8, dtype=torch.bool)
-    left[:, :4], right[:, 4:] = True, True
-    for _ in range(instances_module.MIN_COMMON_FRAMES):
-        whole.overlaps.add([0, 7, 3], torch.stack([left, right, left]))
-        fine.overlaps.add([1, 4], torch.stack([left, left if both_levels else right]))
-    one._end_duplicates()
-    for groups in (whole.groups, [restart(group) for group in whole.groups]):
-        assert groups[0].unseen == [0, 0]
-        assert groups[1].unseen == [np.inf if both_levels else 0]
-        assert one._propagator.ended(groups[1]) == both_levels
-    assert one._propagator._searched(whole.groups[1], 3) == ([] if both_levels else [0])
 
 
 def test_batches_do_not_change_what_is_found(sam2, images, monkeypatch):
@@ -165,37 +157,24 @@ def uninterrupted(sam2, images):
     """What a run finds, and the frames that it reads."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(MASK_FILTERS, "auto", EVERY_MASK)
-        return tracked(sam2, images, options=KILLED)
+        return tracked(sam2, images, KILLED)
 
 
 @pytest.mark.parametrize("reads", [1, 3, FRAMES, FRAMES + 1])
 def test_a_killed_run_resumes_to_the_same_result(sam2, images, uninterrupted, tmp_path, reads):
     """The run is killed after a number of reads, in the forward or backward pass."""
-    options, valid = KILLED, np.ones((HEIGHT, WIDTH), bool)
     expected, asked = uninterrupted
     assert len(asked) > reads, "the kill comes before the end"
-    left = iter(range(reads))
-
-    def killed(frame: int) -> np.ndarray:
-        if next(left, None) is None:
-            raise KeyboardInterrupt
-        return images[frame]
 
     def checkpoint() -> Checkpoint:
         return Checkpoint(tmp_path / "segments.zarr", "key", 0.0)
 
     with pytest.raises(KeyboardInterrupt):
-        Tracker(sam2, killed, FRAMES, valid, options).run(checkpoint())
-    again: list[int] = []
-
-    def read(frame: int) -> np.ndarray:
-        again.append(frame)
-        return images[frame]
-
-    found = Tracker(sam2, read, FRAMES, valid, options).run(checkpoint())
+        tracked(sam2, images, KILLED, checkpoint=checkpoint(), reads=reads)
+    found, again = tracked(sam2, images, KILLED, checkpoint=checkpoint())
     assert again == asked[reads:], "finished frames are not read again"
     assert found.instances == expected.instances and found.same == expected.same
-    assert found.notes == expected.notes
+    assert found.prompted == expected.prompted
     for frame in range(FRAMES):
         assert np.array_equal(found.labels[frame], expected.labels[frame])
 
@@ -241,21 +220,6 @@ def test_no_masks_give_no_instance(sam2, images, monkeypatch):
     assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
 
 
-def test_objects_found_later_are_tracked_backwards(sam2, images):
-    """Objects of the second key frame are labeled in earlier frames, too."""
-    black = images.copy()
-
-    class LateTracker(Tracker):
-        def _add_new_tracks(self, encoded, frame, seen):
-            if frame > 0:
-                super()._add_new_tracks(encoded, frame, seen)
-
-    valid = np.ones((HEIGHT, WIDTH), bool)
-    segmented = LateTracker(sam2, lambda frame: black[frame], FRAMES, valid, OPTIONS).run()
-    assert {one.first_frame for one in segmented.instances} == {2}
-    assert (segmented.labels[1] >= 0).any() or (segmented.labels[0] >= 0).any()
-
-
 def test_grid_points_are_cell_centers_row_by_row():
     points = grid_points(2)
     assert points.tolist() == [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
@@ -290,18 +254,6 @@ def test_candidates_are_filtered_per_level(sam2, images):
             assert len(drop_covered(thin, taken[:0], 0.5, 0.8)) == len(thin)
 
 
-def test_a_mask_matches_the_one_of_highest_iou():
-    masks = torch.zeros(3, 8, 8, dtype=torch.bool)
-    masks[0, :4], masks[1, :5], masks[2, 6:] = True, True, True
-    assert match_masks(masks, masks[[1, 0]], 0.7).tolist() == [1, 0, -1]
-    assert match_masks(masks[:1], masks[1:2], 0.7).tolist() == [0]
-    assert match_masks(masks[:1], masks[1:2], 0.81).tolist() == [-1]
-    assert (
-        match_masks(masks, masks[:0], 0.5).tolist() == [-1, -1, -1]
-        and match_masks(masks[:0], masks, 0.5).tolist() == []
-    )
-
-
 def test_pixels_that_a_frame_leaves_out_are_neither_prompted_nor_labeled(sam2, images, monkeypatch):
     """Frame 0 shows nothing, frame 2 its left half; the tracks go on behind the masks of frame 3."""
     shown = np.ones((FRAMES, HEIGHT, WIDTH), bool)
@@ -313,9 +265,8 @@ def test_pixels_that_a_frame_leaves_out_are_neither_prompted_nor_labeled(sam2, i
         return prompt(sam2, encoded, points, options)
 
     monkeypatch.setattr(tracking, "prompt", recorded)
-    every = np.ones((HEIGHT, WIDTH), bool)
-    found = Tracker(sam2, images.__getitem__, FRAMES, every, OPTIONS, shown.__getitem__).run()
-    assert found.notes["key_frames"] == [2] and float(asked[0][:, 0].max()) < 0.5
+    found = LaterTracker(sam2, Video(FRAMES, images.__getitem__, shown.__getitem__), OPTIONS).run()
+    assert found.prompted == [2] and float(asked[0][:, 0].max()) < 0.5
     for frame in range(FRAMES):
         assert (found.labels[frame][:, ~shown[frame]] == -1).all()
     assert (found.labels[3][:, 20:] >= 0).any()

@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.optical_flow import find_flow, is_consistent, pad, pixel_grid
-from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.working_image import resize_to_side
+from egosplat.segments.classical.partition import LIGHTNESS_WEIGHT, WorkingImage
 
 Floats = NDArray[np.float32]
 
-# Colors are compared after smoothing with a Gaussian of this sigma, at the nominal side [px].
-_SURROUNDINGS = 2.0
+# Largest gap between forward and backward flow at the nominal side [px], besides a tenth of their length.
+_FLOW_ERROR = 8.0
+# Largest color change of a pixel between frames [CIELAB], after smoothing with a Gaussian of this sigma [px].
+_COLOR_ERROR, _SURROUNDINGS = 15.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,54 +35,38 @@ class Origins:
         return values[..., self.rows, self.columns]
 
 
-def find_origins(
-    previous: NDArray[np.uint8],
-    current: NDArray[np.uint8],
-    valid: NDArray[np.bool_],
-    options: ClassicalOptions,
-    before: NDArray[np.bool_] | None = None,
-) -> Origins:
+def find_origins(previous: WorkingImage, current: WorkingImage) -> Origins:
     """Trace every pixel back by dense inverse search (Kroeger et al. 2016), with a forward-backward check.
 
-    Args:
-        previous, current: (H, W, 3) uint8 RGB.
-        valid: (H, W) bool, of both images; pixels outside have no influence and are no origins.
-        before: (H, W) bool, of the previous image if its pixels are others.
+    Pixels that do not show the scene have no influence and are no origins.
     """
-    before = valid if before is None else before
-    height, width = valid.shape
-    small = [
-        resize_to_side(one, shown, options.flow_side) for one, shown in ((previous, before), (current, valid))
-    ]
-    colors = [cv2.cvtColor(one.rgb, cv2.COLOR_RGB2LAB) for one in small]
+    height, width = current.shown.shape
     # CIELAB lightness, 0 to 100, as uint8: optical flow needs one 8-bit channel.
-    earlier, now = (np.rint(one[..., 0] * 2.55).astype(np.uint8) for one in colors)
+    earlier, now = (np.rint(one.lab[..., 0] * 2.55).astype(np.uint8) for one in (previous, current))
     motion = find_motion(now, earlier)
     backward, forward = _flow(now, earlier, motion), _flow(earlier, now, np.linalg.inv(motion))
-    shape = small[0].valid.shape
-    agrees = is_consistent(backward, forward, options.flow_error * small[0].unit)
-    agrees &= _look_alike(*colors, backward, small[0].unit, options)
+    shape = previous.valid.shape
+    agrees = is_consistent(backward, forward, _FLOW_ERROR * previous.unit)
+    agrees &= _look_alike(previous, current, backward)
     scale = np.array([width / shape[1], height / shape[0]], dtype=np.float32)
     if (height, width) != shape:
         backward = cv2.resize(backward, (width, height), interpolation=cv2.INTER_LINEAR)
         agrees = cv2.resize(agrees.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    rows, columns = np.indices(valid.shape)
+    rows, columns = np.indices((height, width))
     rows = np.rint(rows + backward[..., 1] * scale[1]).astype(np.int64)
     columns = np.rint(columns + backward[..., 0] * scale[0]).astype(np.int64)
     within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     rows, columns = rows.clip(0, height - 1), columns.clip(0, width - 1)
-    return Origins(rows, columns, agrees & within & valid & before[rows, columns])
+    return Origins(rows, columns, agrees & within & current.shown & previous.shown[rows, columns])
 
 
-def _look_alike(
-    before: Floats, now: Floats, backward: Floats, unit: float, options: ClassicalOptions
-) -> NDArray[np.bool_]:
-    """(h, w) bool: a pixel's neighborhood has the color (CIELAB) of the neighborhood at its origin."""
-    ends = pixel_grid(*now.shape[:2]) + backward
-    warped = cv2.remap(before, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    apart = cv2.GaussianBlur(now - warped, (0, 0), _SURROUNDINGS * unit)
-    apart[..., 0] *= options.lightness_weight
-    return np.linalg.norm(apart, axis=2) <= options.color_error
+def _look_alike(before: WorkingImage, now: WorkingImage, backward: Floats) -> NDArray[np.bool_]:
+    """(h, w) bool: a pixel's neighborhood has the color of the neighborhood at its origin."""
+    ends = pixel_grid(*now.valid.shape) + backward
+    warped = cv2.remap(before.lab, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    apart = cv2.GaussianBlur(now.lab - warped, (0, 0), _SURROUNDINGS * now.unit)
+    apart[..., 0] *= LIGHTNESS_WEIGHT
+    return np.linalg.norm(apart, axis=2) <= _COLOR_ERROR
 
 
 def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[np.float64]) -> Floats:

@@ -1,78 +1,182 @@
-"""Divide an image into nested regions: superpixels, merged in the order of their similarity."""
+"""Divide an image into nested regions: superpixels, merged in the order of their similarity.
+
+A difference is a distance in CIELAB: about 2 is just noticeable. Numbers are tuned on synthetic apartments.
+"""
 
 import heapq
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.images import resize_labels
-from egosplat.segments.classical.graph import Floats, RegionGraph, make_graph
-from egosplat.segments.classical.options import ClassicalOptions
-from egosplat.segments.classical.working_image import resize_to_side
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+
+# Longest side at which images are segmented [px]; larger ones are reduced. Lengths below are at this side.
+_SIDE = 384
+# Superpixels: sigma of the blur [px], Felzenszwalb and Huttenlocher's k [difference x share of the valid pixels].
+_SMOOTHING, _GRANULARITY = 0.7, 2e-5
+# Smaller [share of the valid pixels] and thinner [px] regions are merged into their most similar neighbor.
+LEAST_AREA, _LEAST_WIDTH = 3e-4, 1.5
+# Weights of differences in lightness and in strength of texture; that of the color axes is 1.
+LIGHTNESS_WEIGHT, _TEXTURE_WEIGHT = 0.4, 2.0
+# Weight of the gradient across the common boundary [difference per difference/px], and sigma of its blur [px].
+_EDGE_WEIGHT, _EDGE_SCALE = 0.5, 4.0
+# A difference between areas a and b counts times ``(100 * a * b / (a + b)) ** _SIZE_POWER``. It is reduced by
+# ``_CONTACT_WEIGHT`` if the common boundary is the whole outline of one of them.
+_SIZE_POWER, _CONTACT_WEIGHT = 0.5, 0.5
+# Least difference between regions of a level (subpart, part, whole), for areas of one percent.
+_LEVELS = (3.5, 12.0, 29.0)
+# Histograms: number of bins, and the ranges of lightness, color, and strength of texture.
+_BINS, _LIGHTNESS, _COLOR, _TEXTURE = 20, (0.0, 100.0), (-60.0, 60.0), (0.0, 40.0)
+# Texture is the difference to a blur of the first sigma; its power is averaged by the second [px].
+_DETAIL, _NEIGHBORHOOD = 2.0, 3.0
 
 
-def partition(
-    image: NDArray[np.uint8], valid: NDArray[np.bool_], options: ClassicalOptions
-) -> NDArray[np.int32]:
-    """Divide an image into nested regions; those of a level are unions of regions of the next finer one.
+@dataclass(frozen=True, eq=False)
+class WorkingImage:
+    """An image at the working size.
 
-    Args:
-        image: (H, W, 3) uint8 RGB.
-        valid: (H, W) bool; pixels outside have no influence.
-
-    Returns:
-        (4, H, W) int32 fine regions, subparts, parts and wholes, numbered from 0 at each level, -1 outside of ``valid``.
+    Attributes:
+        lab: (h, w, 3) float32 CIELAB; invalid pixels have the color of the nearest valid one.
+        valid: (h, w) bool, pixels that are valid at least in part.
+        shown: (H, W) bool, valid pixels of the original image.
+        unit: working pixels per pixel at the nominal side, at most 1.
     """
-    if not valid.any():
-        return np.full((4, *valid.shape), -1, dtype=np.int32)
-    working = resize_to_side(image, valid, options.side)
-    graph = make_graph(working, options)
-    levels = merge_levels(graph, working.unit, options)
-    return np.where(valid, resize_labels(levels[:, graph.labels], *working.shape[::-1]), np.int32(-1))
+
+    lab: NDArray[np.float32]
+    valid: Bools
+    shown: Bools
+    unit: float
 
 
-def merge_levels(graph: RegionGraph, unit: float, options: ClassicalOptions) -> NDArray[np.int32]:
-    """Merge superpixels into the regions of each level.
+def reduce_image(image: NDArray[np.uint8], shown: Bools) -> WorkingImage:
+    """Reduce an (H, W, 3) uint8 RGB image to the working size; pixels outside of (H, W) ``shown`` have no influence."""
+    height, width = shown.shape
+    scale = min(1.0, _SIDE / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    weight = cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    kept = np.where(shown[..., None], image, 0).astype(np.float32) / 255
+    rgb = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
+    valid = weight > 1e-6
+    rgb /= np.where(valid, weight, 1)[..., None]  # the mean over valid pixels only
+    if valid.any() and not valid.all():
+        _, nearest = cv2.distanceTransformWithLabels(
+            (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        color_of = np.zeros((nearest.max() + 1, 3), np.float32)
+        color_of[nearest[valid]] = rgb[valid]
+        rgb = color_of[nearest]
+    return WorkingImage(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), valid, shown, max(size) / _SIDE)
+
+
+def partition(image: WorkingImage) -> Labels:
+    """Divide an image into nested regions; those of a level are unions of regions of the next finer one.
 
     The two most similar neighbors are merged repeatedly (binary partition tree, Salembier and Garrido 2000). The
     difference of two regions is the earth mover's distance of their colors and textures plus the gradient across
-    their boundary; it is reduced for small and for enclosed regions, see ``ClassicalOptions``.
-
-    Args:
-        graph: of N superpixels.
-        unit: see ``WorkingImage``.
-        options: thresholds of the levels and weights of the difference.
+    their boundary; it is reduced for small and for enclosed regions.
 
     Returns:
-        (4, N) int32 region of each superpixel: fine regions, subparts, parts, wholes; each numbered from 0 without gaps.
+        (4, H, W) int32 fine regions, subparts, parts and wholes, numbered from 0 at each level, -1 outside of ``shown``.
     """
-    merging = _Merging(graph, options)
-    merging.clean(options.least_area * graph.area.sum(), options.least_width * unit)
+    height, width = image.shown.shape
+    if not image.shown.any():
+        return np.full((4, height, width), -1, np.int32)
+    superpixels = _superpixels(image)
+    merging = _Merging(image, superpixels)
+    merging.clean(LEAST_AREA * image.valid.sum(), _LEAST_WIDTH * image.unit)
     levels = [merging.region.copy()]
-    merging.start()
-    for threshold in (options.subpart, options.part, options.whole):
+    merging.queue_all()
+    for threshold in _LEVELS:
         merging.merge_below(threshold)
         levels.append(merging.region.copy())
-    return np.stack([np.unique(level, return_inverse=True)[1] for level in levels]).astype(np.int32)
+    numbered = np.stack([np.unique(level, return_inverse=True)[1] for level in levels]).astype(np.int32)
+    return np.where(image.shown, resize_labels(numbered[:, superpixels], width, height), np.int32(-1))
+
+
+def _superpixels(image: WorkingImage) -> Labels:
+    """(h, w) int32 superpixel of each valid pixel (Felzenszwalb and Huttenlocher 2004), -1 elsewhere."""
+    # Sizes are shares of the valid area, so that results do not depend on the image's size.
+    pixels = image.valid.sum()
+    cutter = cv2.ximgproc.segmentation.createGraphSegmentation(
+        sigma=_SMOOTHING * image.unit,
+        k=float(_GRANULARITY * pixels),
+        min_size=max(1, int(LEAST_AREA * pixels / 2)),
+    )
+    found = cutter.processImage(image.lab)
+    labels = np.full(found.shape, -1, dtype=np.int32)
+    labels[image.valid] = np.unique(found[image.valid], return_inverse=True)[1]
+    return labels
+
+
+def _profiles(image: WorkingImage, labels: Labels, count: int) -> Floats:
+    """(count, 4, B) cumulative histograms of lightness, a, b and texture, summed over the pixels of each label.
+
+    Scaled, so that the absolute differences of two, each divided by its area, sum to the weighted earth mover's distance.
+    """
+    lab, unit = image.lab, image.unit
+    power = np.square(lab - cv2.GaussianBlur(lab, (0, 0), _DETAIL * unit)).sum(axis=2)
+    texture = np.sqrt(cv2.GaussianBlur(power, (0, 0), _NEIGHBORHOOD * unit))
+    channels = (
+        (lab[..., 0], _LIGHTNESS, LIGHTNESS_WEIGHT),
+        (lab[..., 1], _COLOR, 1.0),
+        (lab[..., 2], _COLOR, 1.0),
+        (texture, _TEXTURE, _TEXTURE_WEIGHT),
+    )
+    first, found = labels[image.valid] * np.int64(_BINS), []
+    for values, (low, high), weight in channels:
+        place = np.clip((values[image.valid] - low) / (high - low), 0, 1) * (_BINS - 1)
+        lower = np.minimum(place.astype(np.int64), _BINS - 2)
+        # A value between the centers of two bins counts for both: else slow changes of light would appear as jumps.
+        upper_share, cells = place - lower, first + lower
+        counts = np.bincount(cells, 1 - upper_share, count * _BINS)
+        counts += np.bincount(cells + 1, upper_share, count * _BINS)
+        found.append(counts.reshape(count, _BINS).cumsum(axis=1) * (weight * (high - low) / (_BINS - 1)))
+    return np.stack(found, axis=1)
+
+
+Neighbors = list[dict[int, tuple[float, float]]]
+"""By region, its neighbors: length of the common boundary [px], and the gradient summed along it [CIELAB/px x px]."""
+
+
+def _neighbors(image: WorkingImage, labels: Labels, count: int) -> Neighbors:
+    smooth = cv2.GaussianBlur(image.lab, (0, 0), _EDGE_SCALE * image.unit)
+    along = [cv2.Sobel(smooth, cv2.CV_32F, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))]
+    gradient = np.sqrt(sum(np.square(one).sum(axis=2) for one in along))
+    keys, edges = [], []
+    for before, after in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        here, there = labels[before], labels[after]
+        touch = (here != there) & (here >= 0) & (there >= 0)
+        low, high = np.minimum(here, there)[touch], np.maximum(here, there)[touch]
+        keys.append(low * np.int64(count) + high)
+        edges.append(np.maximum(gradient[before], gradient[after])[touch])
+    pairs, number = np.unique(np.concatenate(keys), return_inverse=True)
+    length = np.bincount(number, minlength=len(pairs)).astype(np.float64)
+    edge = np.bincount(number, np.concatenate(edges), len(pairs))
+    found: Neighbors = [{} for _ in range(count)]
+    for pair, *boundary in zip(pairs.tolist(), length.tolist(), edge.tolist(), strict=True):
+        a, b = divmod(pair, count)
+        found[a][b] = found[b][a] = tuple(boundary)
+    return found
 
 
 class _Merging:
     """A partition that becomes coarser; a region has the number of one of its superpixels."""
 
-    def __init__(self, graph: RegionGraph, options: ClassicalOptions) -> None:
-        count = len(graph.area)
+    def __init__(self, image: WorkingImage, labels: Labels) -> None:
+        count = int(labels.max()) + 1
         self.region = np.arange(count)
-        self._options = options
-        self._hundredth = graph.area.sum() / 100
         self._members = [[number] for number in range(count)]
-        self._area = graph.area.copy()
-        self._sum = graph.profile.copy()
-        self._mean = graph.profile / graph.area[:, None, None]
-        self._neighbors: list[dict[int, tuple[float, float]]] = [{} for _ in range(count)]
-        for (a, b), *boundary in zip(
-            graph.pairs.tolist(), graph.length.tolist(), graph.edge.tolist(), strict=True
-        ):
-            self._neighbors[a][b] = self._neighbors[b][a] = tuple(boundary)
+        self._area = np.bincount(labels[image.valid], minlength=count).astype(np.float64)
+        self._hundredth = self._area.sum() / 100
+        self._sum = _profiles(image, labels, count)
+        self._mean = self._sum / self._area[:, None, None]
+        self._neighbors = _neighbors(image, labels, count)
         self._outline = np.array([_length(one) for one in self._neighbors])
         # Merging a region raises its version: queue entries of an older version are ignored.
         self._version = [0] * count
@@ -96,7 +200,7 @@ class _Merging:
             if is_poor(kept):
                 heapq.heappush(queue, (self._area[kept], kept))
 
-    def start(self) -> None:
+    def queue_all(self) -> None:
         """Queue all pairs of neighbors."""
         for number, neighbors in enumerate(self._neighbors):
             self._push(number, [other for other in neighbors if other > number])
@@ -121,8 +225,7 @@ class _Merging:
         """(K,) difference of a region to each of K neighbors [CIELAB]."""
         apart = np.abs(self._mean[others] - self._mean[number]).sum(axis=2)
         boundary = np.array([self._neighbors[number][other] for other in others])
-        edge = boundary[:, 1] / boundary[:, 0]
-        return np.sqrt(np.square(apart).sum(axis=1)) + self._options.edge_weight * edge
+        return np.sqrt(np.square(apart).sum(axis=1)) + _EDGE_WEIGHT * (boundary[:, 1] / boundary[:, 0])
 
     def _size_weight(self, number: int, others: list[int]) -> Floats:
         """(K,) factors of the differences for the regions' sizes and common boundaries."""
@@ -130,8 +233,7 @@ class _Merging:
         # As in Ward's criterion: about the smaller area if the areas differ much, half of it if they are equal.
         size = self._area[others] * self._area[number] / (self._area[others] + self._area[number])
         contact = length / np.minimum(self._outline[others], self._outline[number])
-        size = (size / self._hundredth) ** self._options.size_power
-        return size * (1 - self._options.contact_weight * contact)
+        return (size / self._hundredth) ** _SIZE_POWER * (1 - _CONTACT_WEIGHT * contact)
 
     def _merge(self, a: int, b: int) -> int:
         """Merge two neighbors; returns the number of the larger, which the region keeps."""
