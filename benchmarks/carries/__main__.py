@@ -1,6 +1,6 @@
 """Carries against the truth of rooms where people carry things.
 
-    snakemake --cores 2 results/adt/busy{1,2,3,4,5}/variants/refined_masks/{metrics.json,carries.zarr,rests.zarr}
+    snakemake --cores 2 results/adt/busy{1,2,3,4,5}/variants/refined_masks/{metrics.json,histories.zarr}
     python -m benchmarks.carries [--true-tracks] results/adt/busy{1,2,3,4,5}/variants/refined_masks
 
 Every thing that people carry is asked for by the name of its category. The second table is of rests.
@@ -17,12 +17,12 @@ from benchmarks.carries import rests as of_rests
 from benchmarks.carries.true_tracks import with_true_tracks
 from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests, recording_of
 from benchmarks.common import command, markdown, scene_folders
+from egosplat.histories.told import Carried
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.evidence import SYNONYM
-from egosplat.query.history import Carried
 from egosplat.query.opening import open_scene
 from egosplat.query.vocabulary import CARRIED
 
@@ -193,11 +193,11 @@ def main(folders: tuple[Path, ...], truly: bool) -> None:
         scene = open_scene(folder)
         histories, rests = with_true_tracks(scene) if truly else (scene.histories, scene.rests)
         if histories is None or rests is None:
-            raise click.ClickException(f"{folder}: lacks rests.zarr of its Gaussians")
+            raise click.ClickException(f"{folder}: lacks histories.zarr of its Gaussians")
         scene.__dict__["histories"] = histories
         figures.append((measure(scene), of_rests.measure(scene, rests)))
-        for table, part, stage in zip((rows, resting), figures[-1], ("carries", "rests"), strict=True):
-            table.append([title_of(folder), *part.cells(), _cpu_seconds(folder, stage)])
+        for table, part in zip((rows, resting), figures[-1], strict=True):
+            table.append([title_of(folder), *part.cells(), _cpu_seconds(folder, "histories")])
     told, lying = zip(*figures, strict=True)
     rows.append(["all", *Figures.total(told).cells(), ""])
     resting.append(["all", *of_rests.Figures.total(lying).cells(), ""])

@@ -11,8 +11,9 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.evaluation.evaluation_frames import Evaluation, Frame, read_evaluation
 from egosplat.geometry import Array
+from egosplat.histories.known import Rests
 from egosplat.query.finished_scene import Scene
-from egosplat.query.rests import Rests, scene_at
+from egosplat.query.histories import scene_at
 
 # A rest is right if it overlaps a true one by this IoU in time, at this distance of its box at most [m].
 IOU, NEAR_M = 0.5, 0.1

@@ -1,4 +1,4 @@
-"""The carries and rests that the stages find with true tracks of what moves, in place of SAM2's."""
+"""The carries and rests that the stage finds with true tracks of what moves, in place of SAM2's."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,16 +10,13 @@ from numpy.typing import NDArray
 from benchmarks.carries.truth import recording_of
 from benchmarks.transient.truth import Truth, read_truth
 from benchmarks.true_instances.__main__ import PRESETS, run, write_instances
-from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.rests import RESTS
-from egosplat.artifacts.schemas import FRAMES
+from egosplat.artifacts.schemas import FRAMES, HISTORIES
+from egosplat.histories.known import Histories, Rests
 from egosplat.pipeline import config as configuration
 from egosplat.progress import track
 from egosplat.query.finished_scene import Scene
-from egosplat.query.histories import Histories
-from egosplat.query.rests import Rests
 
 
 def with_true_tracks(scene: Scene) -> tuple[Histories, Rests]:
@@ -37,11 +34,11 @@ def with_true_tracks(scene: Scene) -> tuple[Histories, Rests]:
         write_instances(own["instances"], frames, counted, truth.moves)
         shown = {"frames": given["frames"], "instances": own["instances"]}
         run("view_features", config, **shown, output=own["view_features"])
-        carries, rests = Path(name) / "carries.zarr", Path(name) / "rests.zarr"
-        run("carries", config, **given, **own, output=carries)
-        run("rests", config, **given, **own, masks=masks, carries=carries, output=rests)
-        read = Rests.read(open_artifact(rests, RESTS), scene.seconds, scene.gaussians.means.device)
-        return Histories(open_artifact(carries, CARRIES), read, scene.seconds), read
+        output = Path(name) / "histories.zarr"
+        run("histories", config, **given, **own, masks=masks, output=output)
+        histories = open_artifact(output, HISTORIES)
+        rests = Rests.read(histories, scene.seconds, scene.gaussians.means.device)
+        return Histories(histories, rests, scene.seconds), rests
 
 
 def _moving_labels(truth: Truth, valid: NDArray[np.bool_], min_area: float) -> Iterator[NDArray[np.int32]]:

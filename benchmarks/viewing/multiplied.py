@@ -27,8 +27,8 @@ def multiply(scene: Path, folder: Path, copies: int) -> Path:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     for path in scene.glob("*.zarr"):
-        # Carries are of the Gaussians that they were found with.
-        if path.stem not in (*OF_GAUSSIANS, "carries"):
+        # Histories are of the Gaussians that they were found with.
+        if path.stem not in (*OF_GAUSSIANS, "histories"):
             (folder / path.name).symlink_to(path.resolve(), target_is_directory=True)
     for name, schema in OF_GAUSSIANS.items():
         _write(open_artifact(scene / f"{name}.zarr", schema), schema, folder, copies)

@@ -32,8 +32,8 @@ from tests.support.page_scene import (
     TITLE,
     contents_of,
     page_options,
+    put_histories,
     put_page_scene,
-    put_rests,
     surface_of,
     write_page,
 )
@@ -107,7 +107,7 @@ def test_the_first_view_is_the_one_that_shows_most(scene):
 def test_the_answer_follows_the_time_line(tmp_path, open_tab):
     """The cup is carried from 0.1 s to 0.2 s, frames 1 and 2: before, it is at one end of the wall, afterwards at the other."""
     put_page_scene(tmp_path)
-    put_rests(tmp_path)
+    put_histories(tmp_path)
     tab = open_tab(WIDE)
     tab.page.goto(write_page(tmp_path).as_uri())
     tab.page.wait_for_function(READY)
@@ -133,7 +133,7 @@ def test_the_answer_follows_the_time_line(tmp_path, open_tab):
 def test_what_rests_is_drawn_at_its_time(tmp_path, open_tab):
     """Red where the cup is taken up and put down; the history is told from rest to rest, and no answer changes."""
     gaussians = put_page_scene(tmp_path)
-    put_rests(tmp_path, ((0, 1), (4, 4)))
+    put_histories(tmp_path, ((0, 1), (4, 4)))
     tab = open_tab(WIDE)
     tab.page.goto(write_page(tmp_path).as_uri())
     tab.page.wait_for_function(READY)

@@ -30,7 +30,7 @@ AREAS = {
     "instances": "Instances merged in 3D",
     "features": "Consistent features and compression",
     "query": "Relevancy and answers",
-    "carries": "Carries",
+    "histories": "Carries",
     "transient": "Transient network and masks",
     "poses": "Poses",
     "survey": "Survey",

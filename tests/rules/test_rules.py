@@ -21,8 +21,8 @@ SCENE = "results/adt/scene1"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "peak_gpu_memory_mb", "training_s", "disk_mb"}
 """Keys of provenance that differ between equal runs."""
 
-UNMADE = {"survey", "carries", "carries_sheet", "rests"}
-"""A full run without ``auto`` makes no survey, and where nothing is tracked because it moves, no carries and no rests."""
+UNMADE = {"survey", "histories", "carries_sheet"}
+"""A full run without ``auto`` makes no survey, and where nothing is tracked because it moves, no histories."""
 
 OUTPUTS = {name: STAGES[name].output for name in (*PIPELINE, *PAGES) if name not in UNMADE}
 """By rule."""
@@ -138,14 +138,14 @@ def test_masks_that_are_prompted_by_depth_are_made_from_the_shared_gaussians(wor
 
 def test_carries_are_found_and_drawn_in_a_finished_scene(workdir):
     """Nothing asks for them where nothing is tracked because it moves; by name, they are made from what is there."""
-    run_rules(workdir, ("carries", "carries_sheet"), "{}", "carries.zarr", "carries.png")
-    carries, splats = (
-        verify(workdir.folder / SCENE / f"{name}.zarr", SCHEMAS) for name in ("carries", "splats")
+    run_rules(workdir, ("histories", "carries_sheet"), "{}", "histories.zarr", "carries.png")
+    histories, splats = (
+        verify(workdir.folder / SCENE / f"{name}.zarr", SCHEMAS) for name in ("histories", "splats")
     )
-    assert carries.provenance["inputs"]["splats.zarr"] == splats.digest
-    assert carries.shape("feature")[0] == carries.shape("start")[0]
+    assert histories.provenance["inputs"]["splats.zarr"] == splats.digest
+    assert histories.shape("carries/feature")[0] == histories.shape("carries/start")[0]
     assert Image.open(workdir.folder / SCENE / "carries.png").width > 700
-    assert workdir.stale(f"{SCENE}/carries.zarr", f"{SCENE}/carries.png") == set()
+    assert workdir.stale(f"{SCENE}/histories.zarr", f"{SCENE}/carries.png") == set()
 
 
 def test_methods_are_drawn_side_by_side(workdir):

@@ -112,33 +112,22 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
         {"levels": LEVELS},
         made_from=["frames", "poses", "features", "splats"],
     )
-    write(
-        "carries",
-        {
-            "instance": np.zeros(2, np.int32),
-            "first_frame": np.array([1, 2]),
-            "last_frame": np.array([2, 3]),
-            "start": np.array([TAKEN_UP, [0.0, 0.0, 2.0]]),
-            "end": np.array([PUT_DOWN, [np.nan] * 3]),
-            "size": np.full(2, 0.1),
-            "best_frame": np.array([2, 2]),
-            "box": np.array([[10, 20, 30, 40]] * 2, np.int32),
-            # A cup, and something that nobody sees, or sees put down.
-            "feature": np.stack([encode_phrases(clip, ["cup"]).numpy()[0], np.zeros_like(vectors[0])]),
-        },
-        made_from=["frames", "poses", "instances", "splats"],
-    )
     return gaussians
 
 
-def put_rests(
-    folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)), absent_after: Sequence[int] = ()
+def put_histories(
+    folder: Path,
+    spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)),
+    absent_after: Sequence[int] = (),
+    **changes: Any,
 ) -> Gaussians:
-    """Write rests.zarr of ``put_page_scene`` with its Gaussians: where the cup is taken up, and then where it is put down.
+    """Write histories.zarr of ``put_page_scene``: the cup, where it is taken up and then where it is put down, and a thing that
+    nobody sees put down. Returns the Gaussians of both rests of the cup.
 
     Args:
         spans: first and last frame of the rests, in turn at both places; further ones are of a second thing without views.
         absent_after: frames that show their places without them; none by default.
+        changes: other arrays, ``/`` in a name as ``__``.
     """
     count, of_cup = len(spans), min(len(spans), 2)
     center = np.array([(TAKEN_UP, PUT_DOWN)[number % 2] for number in range(count)]).reshape(-1, 3)
@@ -159,25 +148,28 @@ def put_rests(
     cup = encode_phrases(clip, ["cup"]).numpy()
     frames = np.array(spans, np.int64).reshape(-1, 2)
     arrays = {
-        "thing": np.array([0] * of_cup + [1] * (count - of_cup), np.int32),
-        "from_frame": frames[:, 0],
-        "until_frame": frames[:, 1],
-        "absent_before": np.full(count, -1),
-        "absent_after": np.array(absent_after or [-1] * count, np.int64),
-        "center": center,
+        "carries/first_frame": np.array([1, 2]),
+        "carries/last_frame": np.array([2, 3]),
+        "carries/start": np.array([TAKEN_UP, [0.0, 0.0, 2.0]]),
+        "carries/end": np.array([PUT_DOWN, [np.nan] * 3]),
+        "carries/size": np.full(2, 0.1),
+        "carries/best_frame": np.array([2, 2]),
+        "carries/box": np.array([[10, 20, 30, 40]] * 2, np.int32),
+        "rests/thing": np.array([0] * of_cup + [1] * (count - of_cup), np.int32),
+        "rests/from_frame": frames[:, 0],
+        "rests/until_frame": frames[:, 1],
+        "rests/absent_before": np.full(count, -1),
+        "rests/absent_after": np.array(absent_after or [-1] * count, np.int64),
+        "rests/center": center,
         "carries/thing": np.array([0 if of_cup else -1, -1], np.int32),
         "carries/from_rest": np.array([0 if of_cup else -1, -1], np.int32),
         "carries/to_rest": np.array([1 if of_cup > 1 else -1, -1], np.int32),
         "things/feature": np.concatenate([cup, np.zeros_like(cup)])[: 0 if not count else 1 + (count > 2)],
         "gaussians/rest": rest,
     }
-    made_from = ["frames", "poses", "instances", "splats", "carries"]
-    put(
-        folder,
-        "rests",
-        arrays | {f"gaussians/{name}": one for name, one in stored.items()},
-        made_from=made_from,
-    )
+    arrays |= {f"gaussians/{name}": one for name, one in stored.items()}
+    arrays |= {name.replace("__", "/"): np.array(values) for name, values in changes.items()}
+    put(folder, "histories", arrays, made_from=["frames", "poses", "instances", "splats"])
     stored = {name: torch.from_numpy(one) for name, one in stored.items()}
     return Gaussians(**stored, features=torch.zeros(len(xyz), 0))
 
@@ -189,7 +181,7 @@ def page_options(**changes: Any) -> ScenePageOptions:
 
 def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:
     """Write ``folder/scene.html`` from the artifacts in the folder."""
-    names = ("frames", "poses", "instances", "features", "splats", "language", "carries", "rests")
+    names = ("frames", "poses", "instances", "features", "splats", "language", "histories")
     found = {name: folder / f"{name}.zarr" for name in names}
     paths = {f"{name}_path": path for name, path in found.items() if path.exists()}
     run(**paths, output=folder / "scene.html", options=page_options(**changes), title=title)

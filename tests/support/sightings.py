@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 
-from egosplat.carries.finding import find_carries
-from egosplat.carries.sightings import Sightings
+from egosplat.histories.moves import find_carries
+from egosplat.histories.sightings import Sightings
 
 # Frames a second, and the size of the thing [m].
 RATE, SIZE = 5, 0.2

@@ -37,8 +37,7 @@ def test_rules_that_use_a_gpu_ask_for_it():
         "transient",
         "splats",
         "language",
-        "carries",
-        "rests",
+        "histories",
         "metrics",
     }
 

@@ -70,8 +70,7 @@ def test_a_page_of_one_variant_is_made_and_then_up_to_date(workdir):
     assert values["the scene", "", "psnr"] == values["narrow", "", "psnr"], "the same Gaussians"
     assert set(values["narrow"].index.get_level_values("stage")) == {"", *ARTIFACTS, "metrics"} - {
         "tiles",
-        "carries",
-        "rests",
+        "histories",
     }
     assert values["narrow", "splats"].to_dict() == values["the scene", "splats"].to_dict()
     # metrics.json does not record its own size.

@@ -2,7 +2,7 @@
 Figures of a scene, and the scene as one page that answers queries.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
-tiles.zarr, transient.zarr, masks.zarr, splats.zarr, language.zarr, carries.zarr, rests.zarr, metrics.json.
+tiles.zarr, transient.zarr, masks.zarr, splats.zarr, language.zarr, histories.zarr, metrics.json.
 OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, carries.png, language.png, queries.png,
 scene.html, story.html.
 TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP; Jinja.

@@ -2,8 +2,8 @@
 3D Gaussians of the scene, their language codes, and what is carried among them.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, instances.zarr and
-features.zarr or tiles.zarr, survey.json; of carries, instances.zarr and view_features.zarr. Never annotations.zarr.
-OUTPUTS: splats.zarr, language.zarr, carries.zarr, rests.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
+features.zarr or tiles.zarr, survey.json; of histories, instances.zarr and view_features.zarr. Never annotations.zarr.
+OUTPUTS: splats.zarr, language.zarr, histories.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
 TOOLS: PyTorch, egosplat's kernels or gsplat.
 """
 
@@ -51,43 +51,22 @@ rule language:
         "egosplat language {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
 
-rule carries:
-    """Find what is carried from where to where, from the tracks of what moves."""
+rule histories:
+    """Find what is carried from where to where, and train Gaussians of what lies somewhere for a while."""
     input:
-        **inputs("carries"),
+        **inputs("histories"),
     output:
-        directory("results/{dataset}/{scene}/{variant}carries.zarr"),
+        directory("results/{dataset}/{scene}/{variant}histories.zarr"),
     log:
-        "logs/{dataset}/{scene}/{variant}carries.log",
+        "logs/{dataset}/{scene}/{variant}histories.log",
     benchmark:
-        "logs/{dataset}/{scene}/{variant}carries.tsv"
+        "logs/{dataset}/{scene}/{variant}histories.tsv"
     threads: 8
     resources:
-        mem_mb=memory("carries"),
-        runtime=runtime("carries"),
-        gpu=gpus("carries"),
+        mem_mb=memory("histories"),
+        runtime=runtime("histories"),
+        gpu=gpus("histories"),
     params:
-        **params("carries"),
+        **params("histories"),
     shell:
-        "egosplat carries {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
-
-
-rule rests:
-    """Train Gaussians of what lies somewhere for a while, and find which rests and carries are of one thing."""
-    input:
-        **inputs("rests"),
-    output:
-        directory("results/{dataset}/{scene}/{variant}rests.zarr"),
-    log:
-        "logs/{dataset}/{scene}/{variant}rests.log",
-    benchmark:
-        "logs/{dataset}/{scene}/{variant}rests.tsv"
-    threads: 8
-    resources:
-        mem_mb=memory("rests"),
-        runtime=runtime("rests"),
-        gpu=gpus("rests"),
-    params:
-        **params("rests"),
-    shell:
-        "egosplat rests {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
+        "egosplat histories {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"

@@ -1,12 +1,9 @@
-"""Checks that artifacts belong together: each was made from the ones that it is used with, and tells of their frames."""
+"""Checks that artifacts belong together: each was made from the ones that it is used with."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from egosplat.artifacts.integrity import damaged, rebuild_command
+from egosplat.artifacts.integrity import rebuild_command
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 
@@ -41,29 +38,6 @@ def made_from_another(path: Path, source: Path) -> UserError:
     return UserError(
         f"{path}: was made from another {source.name} than {source}. Rebuild it: {rebuild_command(path)}"
     )
-
-
-def check_spans(artifact: Artifact, count: int, frames: Mapping[str, NDArray[np.int64]]) -> None:
-    """Check that the spans of an artifact lie in a recording of ``count`` frames, and that none ends before it begins.
-
-    Args:
-        artifact: for the error.
-        frames: its arrays of frames by name: where spans begin, where they end, and others.
-
-    Raises:
-        ArtifactError: one does not, as in a file that was edited.
-    """
-    for name, values in frames.items():
-        if (values >= count).any():
-            raise damaged(
-                artifact.path, f"{name!r} tells of frame {values.max()}, and the recording has {count}"
-            )
-    first, last, *_ = frames.values()
-    back = first > last
-    if back.any():
-        raise damaged(
-            artifact.path, f"{back.sum()} of {len(back)} {artifact.schema.name} end before they begin"
-        )
 
 
 def _size(artifact: Artifact, axis: str) -> int:

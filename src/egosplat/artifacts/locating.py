@@ -23,24 +23,15 @@ def locate(folder: Path, *names: str) -> list[Path]:
     return [found.get(f"{name}.zarr", folder / f"{name}.zarr") for name in names]
 
 
-def open_carries(folder: Path, splats: Artifact) -> Artifact | None:
-    """Open carries.zarr of a scene or variant; None if none was made from these Gaussians.
+def open_histories(folder: Path, splats: Artifact) -> Artifact | None:
+    """Open histories.zarr of a scene or variant; None if none was made from these Gaussians.
 
     Raises:
         UserError: one is damaged.
     """
-    return _open_made_from(folder, "carries.zarr", splats)
-
-
-def open_rests(folder: Path, carries: Artifact | None) -> Artifact | None:
-    """Open rests.zarr of a scene or variant; None if none was made from these carries. Raises as ``open_carries``."""
-    return None if carries is None else _open_made_from(folder, "rests.zarr", carries)
-
-
-def _open_made_from(folder: Path, name: str, source: Artifact) -> Artifact | None:
-    paths = (place / name for place in (folder, *shared_with(folder)))
+    paths = (place / "histories.zarr" for place in (folder, *shared_with(folder)))
     made = (open_any(path, SCHEMAS) for path in paths if path.exists())
-    return next((one for one in made if one.provenance["inputs"][source.path.name] == source.digest), None)
+    return next((one for one in made if one.provenance["inputs"][splats.path.name] == splats.digest), None)
 
 
 def _own(folder: Path) -> list[Artifact]:

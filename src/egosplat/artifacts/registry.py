@@ -1,12 +1,11 @@
 """The schemas of all kinds of artifacts."""
 
-from egosplat.artifacts.carries import CARRIES
-from egosplat.artifacts.rests import RESTS
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.schemas import (
     ANNOTATIONS,
     FEATURES,
     FRAMES,
+    HISTORIES,
     INSTANCES,
     LANGUAGE,
     MASKS,
@@ -31,8 +30,7 @@ _ALL = (
     SPLATS,
     TILES,
     LANGUAGE,
-    CARRIES,
-    RESTS,
+    HISTORIES,
 )
 # Every kind of artifact, by name.
 SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in _ALL}

@@ -545,3 +545,112 @@ LANGUAGE = Schema(
         ),
     },
 )
+
+
+# ``histories.zarr``: things that leave a place and are put down at another (``carries``), Gaussians of those that lie somewhere
+# for a while (``rests``), and which of both are of one thing.
+HISTORIES = Schema(
+    "histories",
+    1,
+    {
+        "carries/instance": Field(
+            ("carry",), "int32", "index", "track in instances.zarr that shows most of it", values=COUNT
+        ),
+        "carries/first_frame": Field(
+            ("carry",), "int64", "index", "frame in which it leaves its place", values=COUNT
+        ),
+        "carries/last_frame": Field(
+            ("carry",),
+            "int64",
+            "index",
+            "frame from which it lies still again, or the last that shows it",
+            values=COUNT,
+        ),
+        "carries/start": Field(
+            ("carry", 3),
+            "float64",
+            "m",
+            "where it lay before, in the world; NaN if not known",
+            values=FINITE_OR_UNKNOWN,
+        ),
+        "carries/end": Field(
+            ("carry", 3), "float64", "m", "where it is put down; NaN if not known", values=FINITE_OR_UNKNOWN
+        ),
+        "carries/size": Field(
+            ("carry",), "float64", "m", "side of a square as large as its masks, their median", values=FINITE
+        ),
+        "carries/best_frame": Field(
+            ("carry",), "int64", "index", "frame that shows most of it", values=COUNT
+        ),
+        "carries/box": Field(
+            ("carry", 4), "int32", "px", "x0, y0, x1, y1 around it there, the ends exclusive"
+        ),
+        "carries/feature": Field(
+            ("carry", "channel"),
+            "float32",
+            "-",
+            "mean of OpenCLIP's features of its views and of those of carries that look alike, of unit norm; zeros without views",
+            values=ANY,
+        ),
+        "carries/thing": Field(
+            ("carry",),
+            "int32",
+            "index",
+            "the thing that each carry moves, -1 for none that rests",
+            values=index_or_none("thing"),
+        ),
+        "carries/from_rest": Field(
+            ("carry",), "int32", "index", "rest before each carry, -1 for none", values=index_or_none("rest")
+        ),
+        "carries/to_rest": Field(
+            ("carry",), "int32", "index", "rest after each carry, -1 for none", values=index_or_none("rest")
+        ),
+        "rests/thing": Field(("rest",), "int32", "index", "the thing that rests", values=index_of("thing")),
+        "rests/from_frame": Field(
+            ("rest",), "int64", "index", "first frame that shows it there", values=COUNT
+        ),
+        "rests/until_frame": Field(
+            ("rest",), "int64", "index", "last frame that shows it there", values=COUNT
+        ),
+        "rests/absent_before": Field(
+            ("rest",),
+            "int64",
+            "index",
+            "last frame before that shows the place without it, -1 for none",
+            values=Values(least=-1),
+        ),
+        "rests/absent_after": Field(
+            ("rest",),
+            "int64",
+            "index",
+            "first frame after that shows the place without it, -1 for none",
+            values=Values(least=-1),
+        ),
+        "rests/center": Field(
+            ("rest", 3), "float64", "m", "middle of its Gaussians, in the world", values=FINITE
+        ),
+        "rests/size": Field(("rest",), "float64", "m", "as that of its carries, their median", values=FINITE),
+        "rests/gain": Field(
+            ("rest",),
+            "float32",
+            "0..1",
+            "share of the error of the pixels that its Gaussians change, in these frames, which they explain",
+            values=SHARE,
+        ),
+        "rests/best_frame": Field(("rest",), "int64", "index", "frame that shows most of it", values=COUNT),
+        "rests/box": Field(("rest", 4), "int32", "px", "x0, y0, x1, y1 around it there, the ends exclusive"),
+        "things/feature": Field(
+            ("thing", "channel"),
+            "float32",
+            "-",
+            "mean of OpenCLIP's features of a thing's rests and carries, of unit norm; zeros without views",
+            values=ANY,
+        ),
+        "gaussians/rest": Field(("gaussian",), "int32", "index", "rest", values=index_of("rest")),
+        "gaussians/means": Field(("gaussian", 3), "float32", "m", "as in splats.zarr"),
+        "gaussians/quats": Field(("gaussian", 4), "float32", "-", "as in splats.zarr"),
+        "gaussians/log_scales": Field(("gaussian", 3), "float32", "log m", "as in splats.zarr"),
+        "gaussians/logit_opacities": Field(("gaussian",), "float32", "logit", "as in splats.zarr"),
+        "gaussians/sh": Field(("gaussian", "coefficient", 3), "float32", "sRGB 0..1", "as in splats.zarr"),
+    },
+)

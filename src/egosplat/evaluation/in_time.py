@@ -12,7 +12,8 @@ from egosplat.evaluation.rendering import Picture, RegionScore
 from egosplat.gaussians.evaluation import rendered
 from egosplat.gaussians.io import read_exposure
 from egosplat.gaussians.training_views import Views
-from egosplat.query.rests import Rests, scene_at
+from egosplat.histories.known import Rests
+from egosplat.query.histories import scene_at
 from egosplat.query.scene import TrainedScene
 
 # As ``read_exposure`` returns it.

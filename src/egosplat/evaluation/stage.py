@@ -13,8 +13,7 @@ from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts import provenance
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.rests import RESTS
-from egosplat.artifacts.schemas import FEATURES, MASKS, length_unit
+from egosplat.artifacts.schemas import FEATURES, HISTORIES, MASKS, length_unit
 from egosplat.evaluation.document import answer_entries, models_used, provenance_entries, write_metrics
 from egosplat.evaluation.evaluation_frames import (
     SCORED,
@@ -53,7 +52,7 @@ def run(
     camera: str | None = None,
     features_path: Path | None = None,
     tiles_path: Path | None = None,
-    rests_path: Path | None = None,
+    histories_path: Path | None = None,
 ) -> None:
     """Write the scores of a scene as JSON, see ``metrics.schema.yaml``.
 
@@ -62,7 +61,7 @@ def run(
         preset, world_seed, camera: as in ``provenance_entries``.
         features_path: required unless the codes were learnt from tiles.
         tiles_path: required if they were.
-        rests_path: what lies somewhere for a while; each frame is asked and rendered at its own time then.
+        histories_path: what lies somewhere for a while; each frame is asked and rendered at its own time then.
 
     Raises:
         UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
@@ -71,8 +70,8 @@ def run(
     artifacts = list(map(open_artifact, paths, SCORED))
     frames, poses, annotations, splats, language = artifacts
     encoded = open_encoded(features_path, tiles_path)
-    rests = () if rests_path is None else (open_artifact(rests_path, RESTS),)
-    scene = scene_of([*artifacts, encoded, *rests], options)
+    tracked = () if histories_path is None else (open_artifact(histories_path, HISTORIES),)
+    scene = scene_of([*artifacts, encoded, *tracked], options)
     made_from = scene.made_from
     keys = options.as_dict() | asdict(RESAMPLING)
     models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}

@@ -11,7 +11,6 @@ from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, LANGUAGE, SPLATS
 from egosplat.errors import UserError
-from egosplat.export.carries_table import export_carries
 from egosplat.export.dataset import export_dataset, write_colmap, write_nerfstudio
 from egosplat.export.formats import Exporting
 from egosplat.export.instance_cloud import export_instances
@@ -20,6 +19,8 @@ from egosplat.export.ply import code_columns, geometry_columns, write_ply
 from egosplat.export.rerun_recording import export_rerun
 from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
+from egosplat.histories.table import write_table
+from egosplat.pipeline.home import make_command
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import GUESS
@@ -61,6 +62,16 @@ def run(folder: Path, what: Exporting, options: AskingOptions, scene: Scene | No
         if what.query is not None:
             chosen = answer_members(scene or open_scene(folder, options), what.query)
         export_gaussians(folder, what, chosen)
+
+
+def export_carries(scene: Scene, output: Path) -> None:
+    """Write a table of what is carried (UserError: histories.zarr is not there, is damaged, or is of other Gaussians)."""
+    if scene.histories is None:
+        path = scene.folder / "histories.zarr"
+        raise UserError(f"{path}: nothing tells what is carried in this scene. Make it: {make_command(path)}")
+    carried = scene.carried()
+    write_table(carried, output)
+    log(f"{output}: {len(carried)} carries, {sum(bool(name) for name, _ in carried)} with a name")
 
 
 def answer_members(scene: Scene, phrase: str) -> Tensor:

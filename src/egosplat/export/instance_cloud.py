@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.artifacts.locating import locate, open_carries, open_rests
+from egosplat.artifacts.locating import locate, open_histories
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, SPLATS, seconds_of
 from egosplat.errors import UserError
 from egosplat.export.ply import Columns, point_columns, write_ply
 from egosplat.gaussians.io import read_gaussians
+from egosplat.histories.known import Rests
 from egosplat.progress import log
 from egosplat.query.instances import instances_of_gaussians
-from egosplat.query.rests import Rests
 from egosplat.report.sheets.from_above import palette
 
 # Color of points without an instance.
@@ -25,7 +25,7 @@ LEAST_OPACITY = 0.5
 def export_instances(scene: Path, output: Path) -> None:
     """Write a point for each Gaussian on a surface, with its instance at each level, -1 for none, and its color.
 
-    Where rests.zarr is there, its things are points, too, and every point has a thing, -1 for what stays, and a span of time.
+    Where histories.zarr is there, its things are points, too, and every point has a thing, -1 for what stays, and a span of time.
 
     Raises:
         UserError: an artifact is missing or damaged, or the instances are tracks.
@@ -46,7 +46,7 @@ def export_instances(scene: Path, output: Path) -> None:
     columns = point_columns(xyz, rgb)
     columns |= {f"instance_{level}": owner[index] for index, level in enumerate(levels)}
     told = f"{len(np.unique(coarsest[coarsest >= 0]))} instances of level {levels[-1]}"
-    if (made := open_rests(scene, open_carries(scene, splats))) is not None:
+    if (made := open_histories(scene, splats)) is not None:
         seconds = seconds_of(open_artifact(*locate(scene, "frames"), FRAMES))
         rests = Rests.read(made, seconds, gaussians.means.device)
         columns = _with_rests(columns, rests, float(seconds[-1]))

@@ -15,13 +15,13 @@ from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.geometry import Array, Camera, invert, known_poses, transform
+from egosplat.histories.told import clock
 from egosplat.images import evenly_spaced, shrink_image
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer, FoundThing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import GUESS
-from egosplat.query.history import clock
-from egosplat.query.rests import scene_at
+from egosplat.query.histories import scene_at
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import clean_phrase
 

@@ -15,10 +15,10 @@ from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.io import read_gaussians
 from egosplat.geometry import known_poses
+from egosplat.histories.told import Carried
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.query.history import Carried
 from egosplat.report.sheets.from_above import palette
 
 

@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 from torch import nn
 
+from egosplat.artifacts.reader import Artifact
 from egosplat.compute import choose_compute
 from egosplat.errors import UserError
 from egosplat.files import read_json, read_user_text
-from egosplat.models.checkpoints import CLIP, find_checkpoint
+from egosplat.models.checkpoints import CLIP, find_checkpoint, model_hash
 from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.models.configs import CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS, PHOTOS, clip_folder
 from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
 from egosplat.models.without_compiler import without_compiler
+from egosplat.pipeline.home import make_command
 
 if TYPE_CHECKING:
     from open_clip import SimpleTokenizer
@@ -195,3 +197,25 @@ def _tokenizer(model: str, folder: Path | None, text: dict[str, Any]) -> "Simple
             f"{text['vocab_size']:,}. Put the {CLIP_VOCABULARY} of its training next to {CLIP_CONFIG}"
         )
     return tokenizer
+
+
+def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
+    """Load OpenCLIP and check that it is the model that made the features.
+
+    Args:
+        features: features or tiles.
+        model, checkpoint, device, precision: see ``load_open_clip``.
+
+    Raises:
+        UserError: the files hold another model, or cannot be loaded.
+    """
+    # Text and image features of different models are not comparable.
+    made_with = features.facts["clip"]
+    found = model_hash(CLIP, {CLIP.config_key: model, CLIP.checkpoint_key: checkpoint})
+    if found != made_with["hash"]:
+        raise UserError(
+            f"{features.path}: was made with another OpenCLIP ({made_with['model']}, {made_with['checkpoint']}, "
+            f"hash {made_with['hash']}) than {model}, {checkpoint} (hash {found}).\n"
+            f"Restore that checkpoint, or rebuild the features: {make_command(features.path)}"
+        )
+    return load_open_clip(model, checkpoint, device, precision)

@@ -53,8 +53,8 @@ def tracks_what_moves(config: Config) -> bool:
     return segments_single_frames(config) and config["segments"]["track_moving"] != "never"
 
 
-def shows_rests(config: Config) -> bool:
-    """Whether answers and pages show what lies somewhere for a while: what is carried is known, and Gaussians mean something."""
+def tells_histories(config: Config) -> bool:
+    """Whether answers and pages tell where carried things were: what moves is tracked, and Gaussians mean something."""
     lifted = config["splats"]["language"] != "joint" and config["language"]["method"] == "lifted"
     return lifted and tracks_what_moves(config)
 
@@ -118,7 +118,7 @@ def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     sections = {section for section, _ in decided_by_survey(config)}
     masked = "splats" in sections and "masks" in STAGES[stage].optional
     corrected = "camera" in sections and "camera" in stage_sections(stage)
-    tracked = "segments" in sections and (stage == "segments" or "rests" in optional)
+    tracked = "segments" in sections and (stage == "segments" or "histories" in optional)
     merged = stage == "instances" and merges_masks(config) and not sections.isdisjoint({"splats", "segments"})
     by_survey = masked or corrected or tracked or merged
     return (*found, "survey") if by_survey and "survey" not in found else found
@@ -133,8 +133,8 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     if stage == "splats" and takes_splat(config):
         return ()
     given = ("splats",) if stage == "instances" and merges_on_splats(config) else ()
-    resting = ("carries", "rests") if shows_rests(config) else ()
-    wanted = views + given + _MASKS[config["splats"]["masking"]] + resting
+    tracked = ("histories",) if tells_histories(config) else ()
+    wanted = views + given + _MASKS[config["splats"]["masking"]] + tracked
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 
 

@@ -30,7 +30,7 @@ _LEARNT_FROM = {
     **dict.fromkeys(("instances", "features"), "unless language.method is field or quantized"),
     "tiles": "if language.method is field or quantized",
 }
-_RESTING = {"rests": "if what moves is tracked and language.method is lifted"}
+_TRACKED = {"histories": "if what moves is tracked and language.method is lifted"}
 _OPENCV = "opencv-contrib-python-headless"
 _SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
@@ -199,27 +199,16 @@ _STAGES = (
         minutes=(60, 1000),
     ),
     Stage(
-        "carries",
-        "egosplat.carries.stage",
-        "Find what is carried from where to where.",
-        options="egosplat.carries.options:CarriesOptions",
-        output="carries.zarr",
+        "histories",
+        "egosplat.histories.stage",
+        "Find what is carried, and what lies somewhere for a while.",
+        options="egosplat.histories.options:HistoriesOptions",
+        output="histories.zarr",
         inputs=("frames", "poses", "instances", "view_features", "splats"),
-        libraries=("numpy", _OPENCV, "torch", "zarr"),
-        memory=(5000, 500),
-        minutes=(30, 300),
-    ),
-    Stage(
-        "rests",
-        "egosplat.rests.stage",
-        "Train Gaussians of what lies somewhere for a while.",
-        options="egosplat.rests.options:RestsOptions",
-        output="rests.zarr",
-        inputs=("frames", "poses", "instances", "view_features", "splats", "carries"),
         optional={"masks": _MASKING["masks"]},
         libraries=("numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
         memory=(6000, 500),
-        minutes=(30, 1500),
+        minutes=(60, 1800),
     ),
     Stage(
         "metrics",
@@ -228,7 +217,7 @@ _STAGES = (
         options="egosplat.evaluation.options:MetricsOptions",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
-        optional=_ENCODED | _RESTING,
+        optional=_ENCODED | _TRACKED,
         libraries=("jsonschema", "numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", "method", *_SETUP),
         memory=(7000, 1000),
@@ -267,7 +256,7 @@ _STAGES = (
         "carries_sheet",
         "Draw what is carried from where to where, and when.",
         "carries.png",
-        ("frames", "poses", "splats", "carries"),
+        ("frames", "poses", "splats", "histories"),
         libraries=("adjustText",),
     ),
     _sheet(
@@ -293,7 +282,7 @@ _STAGES = (
         "Draw the queries with the best and the worst answers.",
         "queries.png",
         ("frames", "poses", "annotations", "splats", "language", "metrics"),
-        optional=_ENCODED | _RESTING,
+        optional=_ENCODED | _TRACKED,
         libraries=(
             "open_clip_torch",
             _OPENCV,
@@ -308,7 +297,7 @@ _STAGES = (
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
-        optional={"carries": _RESTING["rests"], **_RESTING},
+        optional=_TRACKED,
         libraries=("open_clip_torch", _OPENCV, "torch"),
         scene=("title",),
     ),

@@ -19,6 +19,8 @@ from egosplat.codes.rendering import render_codes
 from egosplat.gaussians.render import render
 from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Array, Camera, transform
+from egosplat.histories.known import Rests
+from egosplat.query.histories import relevancies_at, relevancy_of_rests
 from egosplat.query.maps import (
     PLATEAU,
     Found,
@@ -32,7 +34,6 @@ from egosplat.query.maps import (
 )
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.rests import Rests, relevancies_at
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.rasterize.view import composite
@@ -138,7 +139,7 @@ class Asker:
         if scene.decoded != GAUSSIANS:
             return Asker(scene, texts, options, None)
         own = scene.relevancy(texts, options.temperature).permute(2, 1, 0)
-        of_rests = None if rests is None else rests.relevancy(texts, options.temperature)
+        of_rests = None if rests is None else relevancy_of_rests(rests, texts, options.temperature)
         return Asker(scene, texts, options, own, rests, of_rests)
 
     def ask(

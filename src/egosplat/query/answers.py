@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
-from egosplat.query.history import Carried, Place, place_at
+from egosplat.histories.told import Carried, Place, place_at
 from egosplat.query.maps import Map, Mask
 
 

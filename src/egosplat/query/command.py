@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat.geometry import Array
+from egosplat.histories.told import Place, clock
 from egosplat.progress import track
 from egosplat.query.answers import Answer, FoundView
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import Grading, grading_by_score
-from egosplat.query.history import Place, clock
 from egosplat.query.text import clean_phrase
 from egosplat.query.viewpoint import Viewpoint
 

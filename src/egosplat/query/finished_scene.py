@@ -13,14 +13,17 @@ from numpy.typing import NDArray
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage
-from egosplat.artifacts.locating import open_carries, open_rests
+from egosplat.artifacts.locating import open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.schemas import TRACKS, camera_poses, length_unit, seconds_of
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
+from egosplat.histories.known import Histories, Rests
+from egosplat.histories.told import Carried
 from egosplat.models.clip import OpenClip
+from egosplat.models.open_clip_loader import load_clip_of
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.shared_options import ClipOptions
@@ -36,15 +39,13 @@ from egosplat.query.grades.calibration import (
     grading_of,
 )
 from egosplat.query.grades.evidence import measure_evidence
-from egosplat.query.histories import Histories
-from egosplat.query.history import Carried
+from egosplat.query.histories import find_history, scene_at
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
 from egosplat.query.options import AskingOptions, QueryOptions
-from egosplat.query.rests import Rests, scene_at
 from egosplat.query.scene import QueryScene, read_scene
 from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
-from egosplat.query.text import Texts, encode_texts, explain_untaught, load_clip_of, untaught_words
+from egosplat.query.text import Texts, encode_texts, explain_untaught, untaught_words
 from egosplat.query.thing_view import view_thing
 from egosplat.query.things import Thing
 from egosplat.query.viewpoint import Pose, Viewpoint, frame_viewpoint, pose_viewpoint
@@ -177,36 +178,32 @@ class Scene:
 
     @cached_property
     def histories(self) -> Histories | None:
-        """What is carried from where to where; None if carries.zarr or rests.zarr is not there, or is of other Gaussians or another OpenCLIP.
+        """What is carried from where to where; None if histories.zarr is not there, or is of other Gaussians or another OpenCLIP.
 
         Raises:
             UserError: it is damaged.
         """
-        carries, rests = self._carries, self.rests
-        if carries is None or rests is None:
+        rests = self.rests
+        if self._tracked is None or rests is None:
             return None
-        # Features of another OpenCLIP compare with no word; rests.zarr does not name it.
+        # Features of another OpenCLIP compare with no word.
         encoded = self.encoded.shape("consistent" if self.encoded.schema.name == "features" else "scale/0")
         if rests.feature.shape[1] != encoded[-1]:
             return None
-        return Histories(carries, rests, self.seconds)
+        return Histories(self._tracked, rests, self.seconds)
 
     @cached_property
     def rests(self) -> Rests | None:
         """What lies somewhere for a while, on the device of the renderer; None if it is not known."""
-        if self._rests is None:
+        if self._tracked is None:
             return None
-        return Rests.read(self._rests, self.seconds, self.gaussians.means.device)
+        return Rests.read(self._tracked, self.seconds, self.gaussians.means.device)
 
     @cached_property
-    def _carries(self) -> Artifact | None:
-        return open_carries(self.folder, self.artifact("splats"))
-
-    @cached_property
-    def _rests(self) -> Artifact | None:
-        # A stage is given what it may show: rests.zarr in the folder may be no input of it.
-        given = next((one for one in self.given if one.schema.name == "rests"), None)
-        return given if self.checked else open_rests(self.folder, self._carries)
+    def _tracked(self) -> Artifact | None:
+        # A stage is given what it may show: histories.zarr in the folder may be no input of it.
+        given = next((one for one in self.given if one.schema.name == "histories"), None)
+        return given if self.checked else open_histories(self.folder, self.artifact("splats"))
 
     @property
     def untold(self) -> str | None:
@@ -216,7 +213,7 @@ class Scene:
         merged = instances is not None and instances.facts["source"] != TRACKS
         if not merged or self.histories is not None or not instances.read("instances/moving").any():
             return None
-        command = make_command(self.folder / "rests.zarr")
+        command = make_command(self.folder / "histories.zarr")
         return f"things are tracked here; to learn where they were carried: {command}"
 
     @cached_property
@@ -471,7 +468,7 @@ class Scene:
     def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
         if self.histories is None or untaught_words(self.clip, query.phrases[0]):
             return ()
-        return self.histories.of(query, self._words, options.temperature)
+        return find_history(self.histories, query, self._words, options.temperature)
 
     def _candidates(
         self, found: SceneAnswer, calibration: Calibration | None, options: QueryOptions

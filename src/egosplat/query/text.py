@@ -14,10 +14,7 @@ from egosplat.artifacts.schemas import FEATURES
 from egosplat.artifacts.tiles import TILES
 from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
-from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.clip import OpenClip
-from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.pipeline.home import make_command
 
 # Start and end of every text.
 _SPECIAL_TOKENS = 2
@@ -153,25 +150,3 @@ def open_encoded(features: Path | None, tiles: Path | None) -> Artifact:
 def encoded_of(language: Artifact) -> str:
     """Name of the artifact that codes were learnt from: ``features``, or ``tiles`` by methods without masks."""
     return "tiles" if "tiles.zarr" in language.provenance["inputs"] else "features"
-
-
-def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
-    """Load OpenCLIP and check that it is the model that made the features.
-
-    Args:
-        features: features or tiles.
-        model, checkpoint, device, precision: see ``load_open_clip``.
-
-    Raises:
-        UserError: the files hold another model, or cannot be loaded.
-    """
-    # Text and image features of different models are not comparable.
-    made_with = features.facts["clip"]
-    found = model_hash(CLIP, {CLIP.config_key: model, CLIP.checkpoint_key: checkpoint})
-    if found != made_with["hash"]:
-        raise UserError(
-            f"{features.path}: was made with another OpenCLIP ({made_with['model']}, {made_with['checkpoint']}, "
-            f"hash {made_with['hash']}) than {model}, {checkpoint} (hash {found}).\n"
-            f"Restore that checkpoint, or rebuild the features: {make_command(features.path)}"
-        )
-    return load_open_clip(model, checkpoint, device, precision)

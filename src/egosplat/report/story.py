@@ -133,7 +133,7 @@ def _moving(files: SceneFiles) -> Iterator[str]:
 
 
 def _carried(files: SceneFiles) -> Iterator[str]:
-    yield f"Things that are taken up at one place and put down at another: {files['carries'].shape('start')[0]}."
+    yield f"Things that are taken up at one place and put down at another: {files['histories'].shape('carries/start')[0]}."
 
 
 def _gaussians(files: SceneFiles) -> Iterator[str]:
@@ -223,7 +223,7 @@ STEPS = (
     ),
     Step(
         "What is carried",
-        "carries",
+        "histories",
         _carried,
         "Each arrow should lead from where a thing was to where it is put down. Hands and people are not things.",
         "carries_sheet",

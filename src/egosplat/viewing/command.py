@@ -5,7 +5,7 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from egosplat.artifacts.locating import locate, open_carries, open_rests
+from egosplat.artifacts.locating import locate, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.registry import SCHEMAS
 from egosplat.errors import UserError
@@ -64,12 +64,11 @@ def open_page(folder: Path, keys: dict[str, Any]) -> tuple[str, Encode | None]:
 
 
 def locate_for_page(folder: Path) -> list[Path]:
-    """The paths of what a scene's page is made of: its inputs, and carries.zarr and rests.zarr if these are there."""
+    """The paths of what a scene's page is made of: its inputs, and histories.zarr if it is there."""
     paths = locate(folder, *_PAGE.inputs)
     splats = open_artifact(paths[_PAGE.inputs.index("splats")], SCHEMAS["splats"])
-    carries = open_carries(folder, splats)
-    more = (carries, open_rests(folder, carries))
-    return [*paths, *(one.path for one in more if one is not None)]
+    histories = open_histories(folder, splats)
+    return paths if histories is None else [*paths, histories.path]
 
 
 def _written_page(
@@ -87,7 +86,8 @@ def _written_page(
 
 def phrase_encoder(features: Artifact, options: ScenePageOptions) -> Encode:
     """Load the OpenCLIP that made features, to encode phrases; raises UserError if it is missing or another one."""
-    from egosplat.query.text import encode_phrases, explain_untaught, load_clip_of, untaught_words
+    from egosplat.models.open_clip_loader import load_clip_of
+    from egosplat.query.text import encode_phrases, explain_untaught, untaught_words
 
     clip = load_clip_of(
         features, options.clip_model, options.clip_checkpoint, options.device, options.precision

@@ -8,21 +8,19 @@ import numpy as np
 import torch
 
 from egosplat.alarms.artifact_alarms import warnings_of
-from egosplat.artifacts.carries import CARRIES
 from egosplat.artifacts.provenance import joint_origin
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.rests import RESTS
-from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, LANGUAGE, POSES, SPLATS
+from egosplat.artifacts.schemas import FEATURES, FRAMES, HISTORIES, INSTANCES, LANGUAGE, POSES, SPLATS
 from egosplat.files import write_text
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, known_poses
+from egosplat.histories.known import Histories, Rests
+from egosplat.histories.told import APART
 from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.grades.evidence import SYNONYM
-from egosplat.query.histories import FITS, Histories
-from egosplat.query.history import APART
-from egosplat.query.rests import Rests
+from egosplat.query.histories import FITS
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
@@ -39,7 +37,7 @@ from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.record import record_of
 from egosplat.viewing.words import pack_words
 
-SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, CARRIES, RESTS)
+SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, HISTORIES)
 
 # Decimals of a time [s].
 SECOND = 2
@@ -59,24 +57,23 @@ def run(
     options: ScenePageOptions,
     *,
     title: str,
-    carries_path: Path | None = None,
-    rests_path: Path | None = None,
+    histories_path: Path | None = None,
 ) -> None:
-    """Write the page of a scene, whole or not at all; with what is carried, and what rests, if their paths are given.
+    """Write the page of a scene, whole or not at all; with what is carried, and what rests, if it is known.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or no frame
             has a pose.
     """
     paths = [frames_path, poses_path, instances_path, features_path, splats_path, language_path]
-    paths += [path for path in (carries_path, rests_path) if path]
+    paths += [histories_path] if histories_path else []
     text, facts = make_page(paths, options, title)
     write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
 
 
 def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> tuple[str, Facts]:
-    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, the last of which may lack: rests need carries; with its facts. Raises as ``run``."""
+    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, the last of which may lack; with its facts. Raises as ``run``."""
     scene = scene_of(map(open_artifact, paths, SCHEMAS), options)
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}

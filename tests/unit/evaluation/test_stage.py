@@ -32,9 +32,9 @@ NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 def scored(tmp_path):
     """``scored(folder, **keys)``: what the stage writes. One thing is absent, because the defaults' words take longer than all else."""
 
-    def run(folder, method=None, told=None, rests=None, **keys):
+    def run(folder, method=None, told=None, histories=None, **keys):
         paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
-        paths |= {} if rests is None else {"rests_path": rests}
+        paths |= {} if histories is None else {"histories_path": histories}
         output = tmp_path / "metrics.json"
         options = stage.MetricsOptions(**{"negatives": ["basketball"]} | keys)
         stage.run(**paths, output=output, options=options, title="a/scene", method=method, **(told or {}))
@@ -191,15 +191,15 @@ def test_renders_without_corrections_are_scored_beside_those_with(word_scene, sc
 
 
 def put_bright(folder, *spans):
-    """rests.zarr with a light Gaussian in the right half at these spans of frames."""
+    """histories.zarr with a light Gaussian in the right half at these spans of frames."""
     count = len(spans)
     return put(
         folder,
-        "rests",
+        "histories",
         {
-            "thing": np.zeros(count, np.int32),
-            "from_frame": np.array([first for first, _ in spans], np.int64),
-            "until_frame": np.array([last for _, last in spans], np.int64),
+            "rests/thing": np.zeros(count, np.int32),
+            "rests/from_frame": np.array([first for first, _ in spans], np.int64),
+            "rests/until_frame": np.array([last for _, last in spans], np.int64),
             "things/feature": np.zeros((int(count > 0), 8), np.float32),
             "gaussians/rest": np.arange(count, dtype=np.int32),
             "gaussians/means": np.tile(np.float32([0.5, 0, 1.5]), (count, 1)),
@@ -216,12 +216,12 @@ def put_bright(folder, *spans):
 def test_where_nothing_rests_scores_are_those_without_time(word_scene, scored, usual, spans):
     """Frame 1 alone is held out."""
     folder = word_scene()
-    found = scored(folder, rests=put_bright(folder, *spans))
+    found = scored(folder, histories=put_bright(folder, *spans))
     Draft202012Validator(schema("metrics")).validate(found)
     assert "rendering_without_time" not in usual
     assert found["rendering_without_time"] == found["rendering"] == usual["rendering"]
     assert found["queries"] == usual["queries"] and found["frames"] == usual["frames"]
-    assert "rests.zarr" in found["artifacts"]
+    assert "histories.zarr" in found["artifacts"]
 
 
 def test_a_frame_is_rendered_with_what_lies_there_at_its_time(word_scene_in, tmp_path, scored, usual):
@@ -231,7 +231,7 @@ def test_a_frame_is_rendered_with_what_lies_there_at_its_time(word_scene_in, tmp
         folder = tmp_path / str(number)
         given = {} if gain is None else {"corrections/gain": np.full((4, 3), gain)}
         word_scene_in(folder, corrections=given)
-        one = scored(folder, rests=put_bright(folder, (1, 1)))
+        one = scored(folder, histories=put_bright(folder, (1, 1)))
         assert one["rendering_without_time"] == usual["rendering"]
         found.append(one["rendering"])
     without, same, darker = (one["dynamic"]["psnr"] for one in found)

@@ -20,7 +20,7 @@ from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.query.opening import open_scene
-from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_page_scene, put_rests
+from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
 
 POSED = [0, 1, 2, 4]
 """Frames of the scene that have a pose."""
@@ -31,7 +31,7 @@ def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results") / "scene1"
     folder.mkdir()
     put_page_scene(folder)
-    put_rests(folder)
+    put_histories(folder)
     return folder
 
 
@@ -130,18 +130,18 @@ def test_what_is_carried_as_a_table(scene, export, tmp_path):
 def test_a_place_and_a_name_that_are_not_known_are_empty_in_the_table(tmp_path):
     """The cup was put down where nobody sees it; the other thing, which looks like nothing, was taken up there."""
     put_page_scene(tmp_path)
-    put_rests(tmp_path, ((0, 1),), absent_after=(2,))
+    put_histories(tmp_path, ((0, 1),), absent_after=(2,))
     open_scene(tmp_path).export(tmp_path / "x.csv", format="carries")
     with (tmp_path / "x.csv").open(newline="") as file:
         [row] = csv.DictReader(file)
     assert (row["name"], row["start_x"], row["end_x"], row["end_z"]) == ("cup", "-1", "", "")
-    put_rests(tmp_path, ((0, 1), (2, 4), (0, 2)), absent_after=(-1, -1, 3))
+    put_histories(tmp_path, ((0, 1), (2, 4), (0, 2)), absent_after=(-1, -1, 3))
     assert [(name, one.end_is_known) for name, one in open_scene(tmp_path).carried()] == [
         ("cup", True),
         ("", False),
     ]
-    shutil.rmtree(tmp_path / "rests.zarr")
-    with pytest.raises(UserError, match=r"rests\.zarr.*Make it"):
+    shutil.rmtree(tmp_path / "histories.zarr")
+    with pytest.raises(UserError, match=r"histories\.zarr.*Make it"):
         open_scene(tmp_path).export(tmp_path / "y.csv")
     assert open_scene(tmp_path).carried() == [] and not (tmp_path / "y.csv").exists()
 

@@ -9,7 +9,7 @@ from PIL import Image
 from egosplat import cli
 from egosplat.export.movie import way
 from egosplat.query.opening import open_scene
-from tests.support.page_scene import put_page_scene, put_rests
+from tests.support.page_scene import put_histories, put_page_scene
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results") / "scene1"
     folder.mkdir()
     put_page_scene(folder)
-    put_rests(folder)
+    put_histories(folder)
     return folder
 
 

@@ -76,9 +76,9 @@ def test_codes_and_their_scores_read_what_the_method_learns_from(method):
     config = merge(EVERY_FRAME, keys)
     tiles = learns_from_tiles(method)
     assert optional_inputs_of("language", config) == (("tiles",) if tiles else ("instances", "features"))
-    rests = ("rests",) if method == "lifted" else ()
+    histories = ("histories",) if method == "lifted" else ()
     for stage in ("metrics", "queries_sheet"):
-        assert optional_inputs_of(stage, config) == (*rests, "tiles" if tiles else "features")
+        assert optional_inputs_of(stage, config) == (*histories, "tiles" if tiles else "features")
     assert optional_inputs_of("splats", config) == ()
     joint = merge(config, {"splats": {"language": "joint"}})
     assert optional_inputs_of("language", joint) == ("instances", "features")
@@ -234,7 +234,7 @@ def test_carries_are_drawn_and_told_where_what_moves_is_tracked(keys, moving, dr
     config = decide(merge(BASE, keys), survey(moving))
     assert ("carries.png" in default_pages(config)) == drawn
     told = story_stages(config, annotated=True, surveyed=True)
-    assert ({"carries", "carries_sheet"} <= set(told), "carries" in told) == (drawn, drawn)
+    assert ({"histories", "carries_sheet"} <= set(told), "histories" in told) == (drawn, drawn)
     always = keys.get("segments") == {"track_moving": "always"}
     assert ("carries.png" in default_pages(merge(BASE, keys))) == always, "before the survey decides"
 
@@ -257,12 +257,12 @@ def test_scores_and_pages_are_of_a_time_where_what_moves_is_tracked(keys, moving
     undecided = merge(BASE, keys)
     config = decide(undecided, survey(moving))
     for stage in ("metrics", "queries_sheet", "scene_page"):
-        assert ("rests" in optional_inputs_of(stage, config)) == shown
+        assert ("histories" in optional_inputs_of(stage, config)) == shown
         # The survey must run before it is known whether anything is tracked.
         is_open = ("segments", "track_moving") in decided_by_survey(undecided)
-        waits = is_open and "rests" in optional_inputs_of(stage, undecided)
+        waits = is_open and "histories" in optional_inputs_of(stage, undecided)
         assert "survey" in inputs_of(stage, undecided) or not waits
-    assert ("rests" in stages_behind(["metrics"], config)) == shown
+    assert ("histories" in stages_behind(["metrics"], config)) == shown
 
 
 def test_methods_of_others_and_the_paper_have_no_rests():
@@ -270,7 +270,7 @@ def test_methods_of_others_and_the_paper_have_no_rests():
     configs = [variant_config(BASE, name, "a scene") for name in variants]
     configs.append(resolve({"preset": "paper"}, Path("config/presets")))
     assert len(configs) > 7
-    assert not any("rests" in optional_inputs_of("metrics", config) for config in configs)
+    assert not any("histories" in optional_inputs_of("metrics", config) for config in configs)
 
 
 OF_INSTANCES = {"segments", "instances", "view_features", "features"}

@@ -194,7 +194,7 @@ def test_exactly_the_stages_with_a_key_of_the_set_change():
         "tiles",
         "view_features",
         "features",
-        "rests",
+        "histories",
         "metrics",
         "scene_page",
     }

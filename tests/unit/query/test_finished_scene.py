@@ -13,7 +13,7 @@ import egosplat
 from egosplat.artifacts import reader
 from egosplat.errors import UserError
 from egosplat.query import finished_scene, opening
-from tests.support.page_scene import put_page_scene, put_rests
+from tests.support.page_scene import put_histories, put_page_scene
 
 ROOT = Path(__file__).resolve().parents[3]
 NORMALIZED = doctest.NORMALIZE_WHITESPACE
@@ -25,7 +25,7 @@ def results(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("work")
     (folder / "results/adt/scene1").mkdir(parents=True)
     put_page_scene(folder / "results/adt/scene1")
-    put_rests(folder / "results/adt/scene1")
+    put_histories(folder / "results/adt/scene1")
     return folder
 
 

@@ -13,7 +13,7 @@ from egosplat.errors import UserError
 from egosplat.report.sheets.carries_sheet import COLUMNS, PICTURES, run, window
 from tests.support.scenes import UP, put_scene
 
-NAMES = ("frames", "poses", "splats", "carries")
+NAMES = ("frames", "poses", "splats", "histories")
 FRAMES, HEIGHT, WIDTH = 150, 60, 80
 
 # Frames in a second.
@@ -33,12 +33,13 @@ def put_carries(folder, first, last, chained=False):
         "timestamp_ns": np.arange(FRAMES) * (10**9 // SECOND),
         "camera_to_world": cameras,
         "means": rng.uniform([-4, -2.5, -4], [4, 0, 4], (500, 3)).astype(np.float32),
-        "first_frame": (SECOND * np.array(first)).astype(np.int64),
-        "last_frame": (SECOND * np.array(last)).astype(np.int64),
-        "start": starts,
-        "end": starts + [2.0, -0.5, 0.0],
-        "best_frame": (SECOND * (np.array(first) + 1)).astype(np.int64),
-        "box": np.tile(np.int32([30, 20, 40, 28]), (count, 1)),
+        "carries/first_frame": (SECOND * np.array(first)).astype(np.int64),
+        "carries/last_frame": (SECOND * np.array(last)).astype(np.int64),
+        "carries/start": starts,
+        "carries/end": starts + [2.0, -0.5, 0.0],
+        **{f"carries/{name}": np.full(count, -1, np.int32) for name in ("thing", "from_rest", "to_rest")},
+        "carries/best_frame": (SECOND * (np.array(first) + 1)).astype(np.int64),
+        "carries/box": np.tile(np.int32([30, 20, 40, 28]), (count, 1)),
     }
     facts = {"notes": {}, "tracks": 7, "views": {"training": 1}}
     return put_scene(folder, NAMES, arrays, facts, chained=chained, origin="real")
@@ -121,7 +122,7 @@ def test_carries_of_another_scene_are_rejected(tmp_path):
     one, other = tmp_path / "one", tmp_path / "other"
     one.mkdir(), other.mkdir()
     paths, others = put_carries(one, [3], [8], True), put_carries(other, [3, 4], [8, 9], True)
-    with pytest.raises(UserError, match=r"carries.zarr: was made from another"):
+    with pytest.raises(UserError, match=r"histories.zarr: was made from another"):
         run(*paths[:2], others[2], paths[3], tmp_path / "none.png", title="a scene")
     assert not (tmp_path / "none.png").exists()
 
@@ -129,6 +130,7 @@ def test_carries_of_another_scene_are_rejected(tmp_path):
 def test_a_carry_outside_of_the_recording_is_an_error_of_its_file(tmp_path):
     """An edited file was an IndexError of NumPy."""
     with pytest.raises(
-        UserError, match=r"carries\.zarr: 'last_frame' tells of frame 200, and the recording has 150"
+        UserError,
+        match=r"histories\.zarr: 'carries/last_frame' tells of frame 200, and the recording has 150",
     ):
         run(*put_carries(tmp_path, [3], [100]), tmp_path / "carries.png", title="mine/kitchen")

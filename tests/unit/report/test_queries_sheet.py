@@ -120,11 +120,14 @@ def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
     folder = word_scene()
     for in_time in (False, True):
         assert open_scored(folder, stage.MetricsOptions(), in_time=in_time).rests is None
-    put(folder, "carries", {"feature": np.zeros((0, 4), np.float32)}, made_from=["frames", "poses", "splats"])
-    made_from = ["frames", "poses", "splats", "carries"]
-    put(folder, "rests", {"gaussians/sh": np.zeros((0, 1, 3), np.float32)}, made_from=made_from)
+    put(
+        folder,
+        "histories",
+        {"gaussians/sh": np.zeros((0, 1, 3), np.float32)},
+        made_from=["frames", "poses", "splats"],
+    )
     assert not is_in_time(read_scored_scene(score(folder)))
-    paths = {f"{name}_path": folder / f"{name}.zarr" for name in (*NAMES, "rests")}
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in (*NAMES, "histories")}
     options = stage.MetricsOptions(negatives=["basketball"])
     stage.run(**paths, output=folder / "metrics.json", options=options, title="a/scene")
     scored = read_scored_scene(folder / "metrics.json")

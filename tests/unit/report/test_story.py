@@ -8,7 +8,7 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.report.story import STEPS, run
-from tests.support.page_scene import put_page_scene
+from tests.support.page_scene import put_histories, put_page_scene
 
 
 @pytest.fixture
@@ -17,6 +17,7 @@ def scene(tmp_path):
     folder = tmp_path / "scene1"
     folder.mkdir()
     put_page_scene(folder)
+    put_histories(folder)
     Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(folder / "language.png")
     (folder / "scene.html").write_text('<!doctype html><p title="a">3 < 4</p>')
     return folder
@@ -35,7 +36,7 @@ def test_the_steps_come_in_order_with_pictures_and_costs(scene):
     assert "put down at another: 2." in page
     assert page.count("data:image/webp") == 1, "one page is there"
     costs = re.findall(r"<tr><td>(\w+)</td>", page)
-    assert costs == ["frames", "poses", "instances", "features", "splats", "language", "carries"]
+    assert costs == ["frames", "poses", "instances", "features", "splats", "language", "histories"]
 
 
 def test_what_a_scene_lacks_is_one_line(scene):

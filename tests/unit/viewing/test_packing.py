@@ -27,8 +27,8 @@ from tests.support.page_scene import (
     contents_of,
     from_bytes,
     means_of,
+    put_histories,
     put_page_scene,
-    put_rests,
     scales_of,
     shares_of,
     wall,
@@ -153,7 +153,7 @@ def test_rests_follow_what_stays(tmp_path, spans):
     """Protects queries on the page, which know the first Gaussians alone, and the times of the others."""
     put_page_scene(tmp_path)
     before = contents_of(write_page(tmp_path))
-    own = put_rests(tmp_path, spans)
+    own = put_histories(tmp_path, spans)
     facts, arrays = contents_of(write_page(tmp_path))
     assert facts["count"] == 700 and facts["drawn"] == 700 + own.count == arrays["opacity"].size
     assert [(one["from"], one["until"], one["count"]) for one in facts["rests"]] == [

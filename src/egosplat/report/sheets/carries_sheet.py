@@ -7,12 +7,12 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
-from egosplat.artifacts.consistency import check_spans
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, seconds_of
 from egosplat.drawing import add_name, empty_grid, ground_axes, plt, show
 from egosplat.geometry import Array
-from egosplat.query.history import clock
+from egosplat.histories.known import read_spans
+from egosplat.histories.told import clock
 from egosplat.report.sheets.from_above import below_cameras, palette
 from egosplat.report.sheets.sheet import sheet
 
@@ -38,39 +38,40 @@ BEND = 0.15
 TICKS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600)
 
 
-@sheet(warned=("carries",))
-def run(frames: Artifact, poses: Artifact, splats: Artifact, carries: Artifact) -> tuple[Figure, str]:
+@sheet(warned=("histories",))
+def run(frames: Artifact, poses: Artifact, splats: Artifact, histories: Artifact) -> tuple[Figure, str]:
     """Draw the ways of the carries from above, their times, and photographs of the longest."""
     times = seconds_of(frames)
-    frames_of = {name: carries.read(name) for name in ("first_frame", "last_frame", "best_frame")}
-    check_spans(carries, len(times), frames_of)
-    spans = np.stack([times[frames_of[name]] for name in ("first_frame", "last_frame")], axis=1)
+    first, last, _ = read_spans(histories, "carries", ("first_frame", "last_frame", "best_frame"), len(times))
+    spans = np.stack([times[first], times[last]], axis=1)
     longest = np.argsort(spans[:, 0] - spans[:, 1], kind="stable")[:PICTURES]
     rows, colors = -(-len(longest) // COLUMNS), DARKER * palette(len(spans))
     heights = [max(CHARTS, BAR * len(spans)), *([rows * (CELL + 0.3) + 0.4] if rows else [])]
     figure = plt.figure(figsize=(CELL * COLUMNS, sum(heights) + 0.9), layout="constrained")
     parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     above, *beside = parts[0].subplots(1, len(heights), squeeze=False)[0]
-    _draw_from_above(above, poses, splats, carries, colors)
+    _draw_from_above(above, poses, splats, histories, colors)
     if rows:
         _draw_times(beside[0], spans, times[-1], colors)
-        _draw_photographs(parts[1], frames, carries, spans, colors, longest)
-    return figure, _summary(carries)
+        _draw_photographs(parts[1], frames, histories, spans, colors, longest)
+    return figure, _summary(histories)
 
 
-def _summary(carries: Artifact) -> str:
-    count, tracks = carries.shape("start")[0], carries.facts["tracks"]
+def _summary(histories: Artifact) -> str:
+    count, tracks = histories.shape("carries/start")[0], histories.facts["tracks"]
     carried = {0: "nothing is carried from place to place", 1: "1 carry"}.get(count, f"{count} carries")
     key = "\na carry has the same number and color everywhere" if count else ""
-    return f"{carried} (tracks of what moves: {tracks}), origin {carries.origin}{key}"
+    return f"{carried} (tracks of what moves: {tracks}), origin {histories.origin}{key}"
 
 
-def _draw_from_above(axes: Axes, poses: Artifact, splats: Artifact, carries: Artifact, colors: Array) -> None:
+def _draw_from_above(
+    axes: Axes, poses: Artifact, splats: Artifact, histories: Artifact, colors: Array
+) -> None:
     """Draw an arrow for each carry over the Gaussians, without what is higher than the cameras."""
     plane, xyz = ground_axes(poses.read("up")), splats.read("means").astype(np.float64)
     xyz = xyz[below_cameras(poses, xyz)]
     axes.scatter(*(xyz[:: len(xyz) // GAUSSIANS + 1] @ plane.T).T, s=1.5, c="0.8", linewidths=0)
-    starts, ends = carries.read("start"), carries.read("end")
+    starts, ends = histories.read("carries/start"), histories.read("carries/end")
     # Where one of both is not known, the other alone is drawn.
     starts, ends = np.where(np.isfinite(starts), starts, ends), np.where(np.isfinite(ends), ends, starts)
     for number, (start, end, color) in enumerate(
@@ -104,7 +105,7 @@ def _draw_times(axes: Axes, spans: Array, last: float, colors: Array) -> None:
 def _draw_photographs(
     page: FigureBase,
     frames: Artifact,
-    carries: Artifact,
+    histories: Artifact,
     spans: Array,
     colors: Array,
     chosen: NDArray[np.int64],
@@ -114,8 +115,9 @@ def _draw_photographs(
     rest = f"; {left_out} shorter ones are left out" if left_out else ""
     page.suptitle(f"The frame that shows most of the thing, the longest carry first{rest}")
     cells = empty_grid(page, -(-len(chosen) // COLUMNS), COLUMNS)
+    best, boxes = (histories.read(f"carries/{name}") for name in ("best_frame", "box"))
     for cell, one in zip(cells.flat, chosen.tolist(), strict=False):
-        picture, box = frames.row("rgb", carries.read("best_frame")[one]), carries.read("box")[one]
+        picture, box = frames.row("rgb", best[one]), boxes[one]
         left, top, side = window(box, *picture.shape[:2])
         told = f"{one + 1}: {clock(spans[one, 0])} to {clock(spans[one, 1])}"
         show(cell, picture[top : top + side, left : left + side], told, 10)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_inputs
-from egosplat.artifacts.locating import open_carries, open_rests
+from egosplat.artifacts.locating import open_histories
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS, SPLATS
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
@@ -90,8 +90,8 @@ def open_scored(folder: Path, options: MetricsOptions, *, in_time: bool = False)
     frames, *others = open_artifacts(folder)
     annotations = open_artifact(frames.path.with_name("annotations.zarr"), ANNOTATIONS)
     splats = next(one for one in others if one.schema.name == SPLATS.name)
-    rests = open_rests(folder, open_carries(folder, splats)) if in_time else None
-    more = [annotations] if rests is None else [annotations, rests]
+    histories = open_histories(folder, splats) if in_time else None
+    more = [annotations] if histories is None else [annotations, histories]
     return scene_of([frames, *others, *more], options)
 
 
@@ -102,7 +102,7 @@ def evaluation_of(scene: Scene) -> Evaluation:
 
 def is_in_time(scored: ScoredScene) -> bool:
     """Whether frames were asked at their own time."""
-    return "rests.zarr" in scored.document["provenance"]["inputs"]
+    return "histories.zarr" in scored.document["provenance"]["inputs"]
 
 
 def scoring_options(scored: ScoredScene) -> MetricsOptions:

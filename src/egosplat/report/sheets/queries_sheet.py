@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.rests import RESTS
+from egosplat.artifacts.schemas import HISTORIES
 from egosplat.drawing import (
     HIT,
     MISS,
@@ -58,7 +58,7 @@ def run(
     title: str,
     features_path: Path | None = None,
     tiles_path: Path | None = None,
-    rests_path: Path | None = None,
+    histories_path: Path | None = None,
 ) -> None:
     """Draw the page as PNG, atomically.
 
@@ -67,7 +67,7 @@ def run(
     Args:
         features_path: required unless the codes were learnt from tiles.
         tiles_path: required if they were.
-        rests_path: required if the scores are of frames at their own time.
+        histories_path: required if the scores are of frames at their own time.
 
     Raises:
         UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
@@ -75,7 +75,7 @@ def run(
     scored = read_scored_scene(metrics_path)
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
     artifacts = [*map(open_artifact, paths, SCORED), open_encoded(features_path, tiles_path)]
-    artifacts += [] if rests_path is None else [open_artifact(rests_path, RESTS)]
+    artifacts += [] if histories_path is None else [open_artifact(histories_path, HISTORIES)]
     scene = scene_of(artifacts, scoring_options(scored))
     best, worst = best_and_worst(scored_queries(scored.document), ROWS)
     shown = {one.scored: one for one in ask_again([*best, *worst], scene, scored)}

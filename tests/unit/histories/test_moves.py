@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from egosplat.carries.finding import find_carries
-from egosplat.carries.sightings import Sightings
+from egosplat.histories.moves import find_carries
+from egosplat.histories.sightings import Sightings
 from tests.support.sightings import BACK, HERE, RATE, SIZE, THERE, found, sightings, way
 
 

@@ -1,6 +1,5 @@
 """Where the tracks of what moves are in each frame: lifted onto the surface that the Gaussians show."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array, Camera, transform
+from egosplat.histories.places import Recording
 from egosplat.progress import track
 
 Bools = NDArray[np.bool_]
@@ -56,39 +56,28 @@ class Sightings:
         return Sightings(**{name: getattr(self, name)[chosen] for name in names}, inside=self.inside)
 
 
-def see_tracks(
-    frames: Ints,
-    labels: Callable[[int], NDArray[np.int32]],
-    is_track: Bools,
-    depth: Callable[[int], Array],
-    camera: Camera,
-    camera_to_world: Array,
-    valid: Bools,
-) -> Sightings:
+def see_tracks(frames: Ints, is_track: Bools, recording: Recording) -> Sightings:
     """Find each track in the frames that show it.
 
     Args:
         frames: frames with a pose.
-        labels: returns the (L, H, W) labels of a frame.
         is_track: (N,) bool, the instances that are tracks.
-        depth: returns the (h, w) depth of a frame, at any size; it is asked for if a track is there.
-        camera: of the frames.
-        camera_to_world: (F, 4, 4) float64.
-        valid: (H, W) bool pixels that show the scene.
+        recording: its depth is asked for in frames with a track.
     """
+    valid, camera = recording.valid, recording.camera
     radius = max(1, round(_EDGE * max(valid.shape)))
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     edge = valid & (cv2.erode(valid.astype(np.uint8), kernel, borderValue=0) == 0)
     rows, inside = [], {}
     for frame in track(frames.tolist(), "looking at what moves", unit="frame"):
-        found = labels(frame)
+        found = recording.labels(frame)
         numbers = np.unique(found[found >= 0])
         numbers = numbers[is_track[numbers]]
         if not len(numbers):
             continue
-        masks, surface = [(found == one).any(axis=0) for one in numbers], depth(frame)
+        masks, surface = [(found == one).any(axis=0) for one in numbers], recording.depth(frame)
         for one, mask in zip(numbers.tolist(), masks, strict=True):
-            seen = _see(mask, surface, edge, camera, camera_to_world[frame])
+            seen = _see(mask, surface, edge, camera, recording.camera_to_world[frame])
             if seen is not None:
                 rows.append((frame, one, *seen))
         inside |= _nested(frame, numbers, masks)

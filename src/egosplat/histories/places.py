@@ -12,9 +12,13 @@ from egosplat.gaussians.exposure import simulate_photograph
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Array, Camera, invert, transform
+from egosplat.images import shrunk_size
 from egosplat.progress import track
 
 Mask = NDArray[np.bool_]
+
+# Longer side of the renders that give the depth [px]: a place needs no finer surface.
+_SIDE = 256
 
 # A crop goes beyond the place by so many pixels, and is no smaller than this.
 _MARGIN, _SMALLEST = 8, 12
@@ -133,6 +137,19 @@ class Recording:
     valid: Mask
     camera: Camera
     camera_to_world: Array
+
+
+def scene_depth(scene: Scenery, camera: Camera, camera_to_world: Array) -> Callable[[int], Array]:
+    """Tell the (h, w) float64 expected camera z [m] of the surfaces that the scene shows in a frame; 0 where it is empty."""
+    small = camera.scaled_to(*shrunk_size(camera.width, camera.height, _SIDE))
+
+    @torch.inference_mode()
+    def depth(frame: int) -> Array:
+        view = scene.gaussians, small, camera_to_world[frame], scene.settings
+        surface, _, _ = render(*view, sh_degree=0, background=None, render_mode="ED")
+        return surface[..., 0].double().cpu().numpy()
+
+    return depth
 
 
 def see_places(

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from egosplat.rests import finding
-from egosplat.rests.finding import End, link, places_of
-from egosplat.rests.things import features_of, group, match
-from egosplat.rests.views import Place
+from egosplat.histories import rests as finding
+from egosplat.histories.places import Place
+from egosplat.histories.rests import End, link, places_of
+from egosplat.histories.things import features_of, group, match
 
 SECONDS = np.arange(100) / 10
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-import shutil
 from dataclasses import replace
 
 import click
@@ -11,17 +10,14 @@ import pytest
 import torch
 
 from egosplat import cli
-from egosplat.artifacts.carries import CARRIES
-from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.registry import SCHEMAS
 from egosplat.cli.flags import Time
 from egosplat.errors import UserError
-from egosplat.query.histories import Histories
-from egosplat.query.history import Carried, clock, meet, place_at
+from egosplat.histories.known import Histories, Rests
+from egosplat.histories.told import Carried, clock, meet, place_at
+from egosplat.query.histories import find_history
 from egosplat.query.opening import open_scene
-from egosplat.query.rests import Rests
 from egosplat.query.text import Texts
-from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_page_scene, put_rests
+from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
 from tests.support.scenes import put
 
 TABLE, DESK, SHELF = np.eye(3)
@@ -93,7 +89,7 @@ def test_clock():
 
 
 class Carries:
-    """carries.zarr, in turn at 0, 10, 20 ... s for five seconds each, or at once."""
+    """The carries of histories.zarr, in turn at 0, 10, 20 ... s for five seconds each, or at once."""
 
     def __init__(self, count, step=10):
         first = step * np.arange(count)
@@ -106,7 +102,7 @@ class Carries:
         }
 
     def read(self, name):
-        return self.arrays[name]
+        return self.arrays[name.removeprefix("carries/")]
 
 
 def rests_of(rests, carries, features, seconds=SECONDS):
@@ -135,7 +131,7 @@ def history_of_things(carries, rests, query=CUP, seconds=SECONDS):
     """What a query means was carried, of a scene whose words are cup, box and hand."""
     made = Histories(carries, rests, seconds)
     words = Texts(("cup", "box", "hand"), torch.stack([CUP, BOX, HAND]), OBJECT[None])
-    return made.of(Texts(("it",), query[None], OBJECT[None]), words, 10.0)
+    return find_history(made, Texts(("it",), query[None], OBJECT[None]), words, 10.0)
 
 
 def of_one_carry_each(features, step=10, seconds=SECONDS):
@@ -185,7 +181,7 @@ def test_no_carry_and_no_view_have_no_history():
 def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     """The cup of the small scene: in the library, in the table, and at a time."""
     put_page_scene(tmp_path)
-    put_rests(tmp_path)
+    put_histories(tmp_path)
     scene = open_scene(tmp_path, min_score=0.7)
     cup, couch = scene.ask("cup", "couch")
     [carried] = cup.history
@@ -220,13 +216,17 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     assert "give seconds, as 65" in table("--at", "nan")
 
 
-def test_carries_of_other_gaussians_tell_nothing(tmp_path):
+def test_histories_of_other_gaussians_tell_nothing(tmp_path):
     """Protects answers after the Gaussians were trained again: places of before may be wrong."""
     put_page_scene(tmp_path)
-    shutil.rmtree(tmp_path / "carries.zarr")
-    put(tmp_path, "carries", {"feature": np.zeros((1, 4), np.float32)}, inputs={"splats.zarr": "0" * 64})
+    put(
+        tmp_path,
+        "histories",
+        {"carries/feature": np.zeros((0, 4), np.float32)},
+        inputs={"splats.zarr": "0" * 64},
+    )
     scene = open_scene(tmp_path)
-    assert scene.histories is None and scene.ask("cup")[0].history == ()
+    assert scene.histories is None and scene.rests is None and scene.ask("cup")[0].history == ()
 
 
 def test_a_thing_with_rests_is_told_from_rest_to_rest():
@@ -293,22 +293,12 @@ def test_no_rest_has_no_history(features):
 
 def test_a_scene_with_rests_tells_of_its_things(tmp_path):
     put_page_scene(tmp_path)
-    put_rests(tmp_path, ((0, 1), (4, 4)))
+    put_histories(tmp_path, ((0, 1), (4, 4)))
     cup, couch = open_scene(tmp_path, min_score=0.7).ask("cup", "couch")
     [carried] = cup.history
     assert (carried.from_s, carried.until_s) == (pytest.approx(0.1), pytest.approx(0.4))
     np.testing.assert_array_equal([carried.start, carried.end], [TAKEN_UP, PUT_DOWN])
     assert couch.history == () and carried.box == (10, 20, 30, 40)
-
-
-def test_rests_of_other_carries_tell_nothing(tmp_path):
-    """Numbers of carries would be those of others."""
-    put_page_scene(tmp_path)
-    put_rests(tmp_path, ((0, 1), (4, 4)))
-    arrays = {"feature": np.zeros((1, 128), np.float32)}
-    shutil.rmtree(tmp_path / "carries.zarr")
-    put(tmp_path, "carries", arrays, made_from=["frames", "poses", "instances", "splats"])
-    assert open_scene(tmp_path).histories is None
 
 
 def test_a_time_that_is_none_is_an_error():
@@ -343,63 +333,40 @@ def test_the_start_of_a_thing_with_a_size_of_zero():
 
 
 EDITED = [
-    ("carries", {"last_frame": [2, 99]}, "'last_frame' tells of frame 99, and the recording has 5"),
-    ("carries", {"first_frame": [5, 1]}, "'first_frame' tells of frame 5"),
-    ("carries", {"best_frame": [2, 2**40]}, "'best_frame' tells of frame 1099511627776"),
-    ("carries", {"first_frame": [3, 2], "last_frame": [2, 3]}, "1 of 2 carries end before they begin"),
-    ("rests", {"until_frame": [1, 99]}, "'until_frame' tells of frame 99, and the recording has 5"),
-    ("rests", {"absent_after": [-1, 5]}, "'absent_after' tells of frame 5"),
-    ("rests", {"from_frame": [2, 2]}, "1 of 2 rests end before they begin"),
+    ({"carries__last_frame": [2, 99]}, "'carries/last_frame' tells of frame 99, and the recording has 5"),
+    ({"carries__first_frame": [5, 1]}, "'carries/first_frame' tells of frame 5"),
+    ({"carries__best_frame": [2, 2**40]}, "'carries/best_frame' tells of frame 1099511627776"),
+    ({"carries__first_frame": [3, 2]}, "1 of 2 carries end before they begin"),
+    ({"rests__until_frame": [1, 99]}, "'rests/until_frame' tells of frame 99"),
+    ({"rests__absent_after": [-1, 5]}, "'rests/absent_after' tells of frame 5"),
+    ({"rests__from_frame": [2, 2]}, "1 of 2 rests end before they begin"),
 ]
 
 
-@pytest.mark.parametrize(("name", "changes", "said"), EDITED)
-def test_spans_outside_of_the_recording_are_damaged(tmp_path, name, changes, said):
+@pytest.mark.parametrize(("changes", "said"), EDITED)
+def test_spans_outside_of_the_recording_are_damaged(tmp_path, changes, said):
     """The message names the file, what is wrong, and the command that makes it anew."""
     folder = tmp_path / "results/adt/scene1"
     folder.mkdir(parents=True)
     put_page_scene(folder)
-    edited = {key: np.array(values) for key, values in changes.items()}
-    if name == "carries":
-        put_anew(folder, "carries", edited)
-    put_rests(folder)
-    if name == "rests":
-        put_anew(folder, "rests", edited)
+    put_histories(folder, **changes)
     with pytest.raises(UserError) as caught:
         open_scene(folder).ask("cup")
-    message = str(caught.value)
-    assert message.startswith(f"{folder / name}.zarr: {said}")
-    assert f"Rebuild it: rm -r {folder / name}.zarr && snakemake" in message
+    message, path = str(caught.value), folder / "histories.zarr"
+    assert message.startswith(f"{path}: {said}") and f"Rebuild it: rm -r {path} && snakemake" in message
 
 
 def test_spans_of_rests_are_checked_before_a_frame_is_asked(tmp_path):
     put_page_scene(tmp_path)
-    put_rests(tmp_path)
-    put_anew(tmp_path, "rests", {"from_frame": np.array([1, 2**40])})
-    with pytest.raises(UserError, match="'from_frame' tells of frame 1099511627776"):
+    put_histories(tmp_path, rests__from_frame=[1, 2**40])
+    with pytest.raises(UserError, match="'rests/from_frame' tells of frame 1099511627776"):
         open_scene(tmp_path).ask("cup", frame=0)
-
-
-def put_anew(folder, name, arrays):
-    """Write carries.zarr or rests.zarr anew with other arrays."""
-    path, schema = folder / f"{name}.zarr", SCHEMAS[name]
-    artifact = open_artifact(path, schema)
-    before = {name: artifact.read(name) for name in schema.fields}
-    shutil.rmtree(path)
-    put(folder, name, before | arrays, made_from=["splats", *(["carries"] if name == "rests" else [])])
 
 
 def test_without_a_carry_no_time_tells_a_place(tmp_path, monkeypatch, capfd):
     """Nothing was carried: a time within the recording says so, in the library and in the table."""
     put_page_scene(tmp_path)
-    carries = open_artifact(tmp_path / "carries.zarr", CARRIES)
-    put_anew(tmp_path, "carries", {name: carries.read(name)[:0] for name in CARRIES.fields})
-    put_rests(tmp_path, ())
-    put_anew(
-        tmp_path,
-        "rests",
-        dict.fromkeys(("carries/thing", "carries/from_rest", "carries/to_rest"), np.zeros(0, np.int32)),
-    )
+    put(tmp_path, "histories", {"carries/feature": np.zeros((0, 128), np.float32)}, made_from=["splats"])
     scene = open_scene(tmp_path)
     [cup] = scene.ask("cup")
     assert scene.histories.every == () and cup.history == () and cup.at(0.1) is None
@@ -412,10 +379,7 @@ def test_without_a_carry_no_time_tells_a_place(tmp_path, monkeypatch, capfd):
 def test_things_with_features_of_another_openclip_tell_nothing(tmp_path):
     """Their features compare with no word: a channel more or less was an error of torch."""
     put_page_scene(tmp_path)
-    put_rests(tmp_path)
-    put_anew(
-        tmp_path, "rests", {"things/feature": np.ones((1, 3), np.float32) / np.sqrt(3, dtype=np.float32)}
-    )
+    put_histories(tmp_path, things__feature=np.full((1, 3), 3**-0.5, np.float32))
     scene = open_scene(tmp_path)
     assert scene.histories is None and scene.ask("cup")[0].history == ()
 

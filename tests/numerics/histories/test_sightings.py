@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from egosplat.carries.finding import find_carries
-from egosplat.carries.sightings import Sightings, see_tracks
 from egosplat.geometry import Camera
+from egosplat.histories.moves import find_carries
+from egosplat.histories.places import Recording
+from egosplat.histories.sightings import Sightings, see_tracks
 
 CAMERA = Camera(96, 72, 60.0, 60.0, 48.0, 36.0)
 COUNT = 30
@@ -16,8 +17,10 @@ def see(mask: np.ndarray, depth: np.ndarray) -> Sightings:
     poses = np.tile(np.eye(4), (COUNT, 1, 1))
     poses[:, 0, 3] = np.linspace(0, 2, COUNT)
     labels = np.where(mask, 0, -1).astype(np.int32)[None]
-    every = np.arange(COUNT), lambda _: labels, np.array([True]), lambda _: depth
-    return see_tracks(*every, CAMERA, poses, np.ones(mask.shape, bool))
+    recording = Recording(
+        None, lambda _: labels, None, lambda _: depth, None, np.ones(mask.shape, bool), CAMERA, poses
+    )
+    return see_tracks(np.arange(COUNT), np.array([True]), recording)
 
 
 def box(left: int, top: int, right: int, low: int) -> np.ndarray:

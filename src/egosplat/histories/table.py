@@ -1,14 +1,11 @@
 """Write what is carried from where to where, and when, as a table."""
 
 import csv
+from collections.abc import Iterable
 from pathlib import Path
 
-from egosplat.errors import UserError
 from egosplat.files import atomic_file
-from egosplat.pipeline.home import make_command
-from egosplat.progress import log
-from egosplat.query.finished_scene import Scene
-from egosplat.query.history import Carried
+from egosplat.histories.told import Carried
 
 # Seconds since the first frame, and places in the world.
 COLUMNS = (
@@ -17,21 +14,12 @@ COLUMNS = (
 )
 
 
-def export_carries(scene: Scene, output: Path) -> None:
-    """Write a row for each carry, in the order of time.
-
-    Raises:
-        UserError: carries.zarr or rests.zarr is not there, is damaged, or is of other Gaussians.
-    """
-    if scene.histories is None:
-        path = scene.folder / "rests.zarr"
-        raise UserError(f"{path}: nothing tells what is carried in this scene. Make it: {make_command(path)}")
-    carried = scene.carried()
+def write_table(carried: Iterable[tuple[str, Carried]], output: Path) -> None:
+    """Write a row for each carry with its name."""
     with atomic_file(output) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)
         table.writerows(_cells(*one) for one in carried)
-    log(f"{output}: {len(carried)} carries, {sum(bool(name) for name, _ in carried)} with a name")
 
 
 def _cells(name: str, one: Carried) -> list[str]:

@@ -7,22 +7,21 @@ import pytest
 import torch
 
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.rests import RESTS
-from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
+from egosplat.artifacts.schemas import GAUSSIANS, HISTORIES, PIXELS
 from egosplat.codes.decoder import Decoder
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
+from egosplat.histories.known import Rests
 from egosplat.query.answer import Asker
 from egosplat.query.command import run
+from egosplat.query.histories import scene_at
 from egosplat.query.opening import open_scene
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.rests import Rests, scene_at
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
-from tests.support.page_scene import put_page_scene, put_rests
-from tests.support.scenes import put
+from tests.support.page_scene import put_histories, put_page_scene
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
@@ -150,7 +149,7 @@ def test_a_frame_shows_what_lies_there_at_its_time(tmp_path):
     """Red where the cup is taken up, in the frames until then; a pose has no time."""
     put_page_scene(tmp_path)
     plain = open_scene(tmp_path).render(0)
-    put_rests(tmp_path, ((0, 1), (4, 4)))
+    put_histories(tmp_path, ((0, 1), (4, 4)))
     scene = open_scene(tmp_path)
     red = [
         (scene.render(frame)[..., 0] - scene.render(pose=scene.poses[frame])[..., 0]).max()
@@ -166,14 +165,16 @@ def test_a_frame_shows_what_lies_there_at_its_time(tmp_path):
     for given in ({"frame": 0}, {}):
         with pytest.raises(UserError, match="second"):
             scene.ask("cup", second=0.1, **given)
-    read = Rests.read(open_artifact(tmp_path / "rests.zarr", RESTS), scene.seconds, torch.device("cpu"))
+    read = Rests.read(
+        open_artifact(tmp_path / "histories.zarr", HISTORIES), scene.seconds, torch.device("cpu")
+    )
     assert read.gaussians.count == 8 and read.from_s.tolist() == scene.seconds[[0, 4]].tolist()
 
 
 def test_a_pose_is_asked_at_a_time(tmp_path):
     """Of the command: its picture shows what rests, and its title tells the time."""
     put_page_scene(tmp_path)
-    put_rests(tmp_path, ((0, 1), (4, 4)))
+    put_histories(tmp_path, ((0, 1), (4, 4)))
     scene, seen = open_scene(tmp_path), []
     view = scene.viewpoint(pose=scene.poses[0])
     for at in (0.1, 0.3, None):
@@ -181,10 +182,3 @@ def test_a_pose_is_asked_at_a_time(tmp_path):
         assert ("a pose at 0:00, origin" in told) == (at is not None)
         seen.append((tmp_path / "query.png").read_bytes())
     assert len({*seen}) == 3
-
-
-def test_rests_of_other_gaussians_are_not_shown(tmp_path):
-    put_page_scene(tmp_path)
-    inputs = {"splats.zarr": "0" * 64, "carries.zarr": "0" * 64}
-    put(tmp_path, "rests", {"things/feature": np.zeros((0, 4), np.float32)}, inputs=inputs)
-    assert open_scene(tmp_path).rests is None

@@ -1,18 +1,17 @@
 """Find the rests at the ends of carries: from when until when Gaussians explain the frames better than the scene alone
 (docs/method.md#rests)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array
+from egosplat.histories.fitting import essential, explained, fit, start_points
+from egosplat.histories.places import Place, PlaceView, Scenery
 from egosplat.progress import track
-from egosplat.rests.fitting import essential, explained, fit, start_points
-from egosplat.rests.views import Place, PlaceView, Scenery
 
 # The sphere of a thing has this part of its size as radius, and this more, as a part of the mean size of all.
 _OF_SIZE, _OF_MEAN = 0.6, 0.15
@@ -45,7 +44,7 @@ class End:
     """An end of a carry.
 
     Attributes:
-        carry: number in carries.zarr.
+        carry: its number.
         after: whether the thing rests after the carry; else before.
         center: (3,) float64 where [m].
         size: of the thing [m].
@@ -99,10 +98,10 @@ class Rest:
         return (self.gaussians.means.double() * weight[:, None]).sum(dim=0).cpu().numpy()
 
 
-def ends_of(carries: Artifact, seconds: Array) -> list[End]:
-    """The ends of all carries whose place is known, in the order of carries."""
+def ends_of(carries: Mapping[str, NDArray], seconds: Array) -> list[End]:
+    """The ends of all carries, columns by name, whose place is known, in the order of carries."""
     names = ("instance", "first_frame", "last_frame", "start", "end", "size")
-    columns = zip(*map(carries.read, names), strict=True)
+    columns = zip(*(carries[name] for name in names), strict=True)
     found = []
     for number, (instance, first, last, start, end, size) in enumerate(columns):
         for after, center, frame in ((False, start, first), (True, end, last)):

@@ -13,8 +13,8 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Array, invert, transform
+from egosplat.histories.places import Place, PlaceView, Scenery
 from egosplat.rasterize.view import sum_over_pixels
-from egosplat.rests.views import Place, PlaceView, Scenery
 
 # Points that a thing starts from, in this part of the place's radius.
 _POINTS, _WITHIN = 300, 0.8

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.carries.sightings import Ints, Sightings
 from egosplat.geometry import Array
+from egosplat.histories.sightings import Ints, Sightings
 
 # A track that no frame shows for longer than this begins anew [s].
 _GAP_S = 0.7

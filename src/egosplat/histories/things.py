@@ -12,11 +12,11 @@ from scipy.sparse.csgraph import connected_components
 from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import aggregate
 from egosplat.features.crops import channels, encode, fill_hull, pad_square, resize
+from egosplat.histories.fitting import improved
+from egosplat.histories.places import PlaceView, Scenery
+from egosplat.histories.rests import Rest
 from egosplat.images import evenly_spaced
 from egosplat.models.clip import OpenClip
-from egosplat.rests.finding import Rest
-from egosplat.rests.fitting import improved
-from egosplat.rests.views import PlaceView, Scenery
 
 # Things whose features have this cosine look alike; they are two if rests of both last at once, at places that do not touch, for more
 # than this part of one.
@@ -42,6 +42,24 @@ class Look:
     frame: int
     box: tuple[int, int, int, int]
     feature: NDArray[np.float64]
+
+
+def find_things(
+    rests: Sequence[Rest], looks: Sequence[Look], links: NDArray[np.int32], carried: NDArray[np.float32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """Find which rests and carries are of one thing, by ``group`` and ``match``, with ``features_of`` each thing.
+
+    Args:
+        looks: of each rest.
+        links: as ``link`` returns them.
+        carried: (C, D) feature of each carry; zeros without one.
+    """
+    things, of_carries = group(len(rests), links)
+    if not rests:
+        return things, of_carries, np.zeros((0, carried.shape[1]), np.float32)
+    parts = features_of(things, looks, of_carries, carried)
+    things, of_carries = match(things, of_carries, rests, parts)
+    return things, of_carries, features_of(things, looks, of_carries, carried)
 
 
 def group(rests: int, links: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
