@@ -1,4 +1,4 @@
-// What was carried from where to where: egosplat/query/history.py and histories.py.
+// What was carried from where to where: egosplat/histories/told.py and egosplat/query/histories.py.
 
 // The carries of the thing that fits a query best, in the order of time.
 function historyOf(scene, vector) {
