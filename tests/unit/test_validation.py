@@ -18,7 +18,7 @@ NAME = re.compile(r"scene(?:6|7|8|9|10)\b|scene\{[^}]*\b(?:6|7|8|9|10)\b|/scene\
 
 @pytest.fixture(scope="module")
 def scenes() -> dict[tuple[str, str], Scene]:
-    return read_scenes(config.defaults() | {"scenes": str(TABLE)})
+    return read_scenes(config.resolve({"scenes": str(TABLE)}, ROOT / "config/presets"))
 
 
 @pytest.fixture(scope="module")

@@ -1,20 +1,26 @@
-"""The configuration: defaults, preset, user's keys and scene's keys, checked against the options of all stages."""
+"""The configuration: layers of keys, merged in order and checked once against the options of all stages.
+
+Of the layers of a scene the later ones win: defaults of the set of models, preset, protocol of the format, the user's keys, the
+scene's row, variants. ``dag.decide`` adds what the survey decides.
+"""
 
 import functools
 import pkgutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
 
 from egosplat.errors import UserError
-from egosplat.files import read_user_text
 from egosplat.pipeline.general_options import PROTOCOLS, VARIANTS, GeneralOptions
-from egosplat.pipeline.messages import make_options, not_allowed, shorten, shown, unknown_key
-from egosplat.pipeline.model_sets import AUTO, DEFAULTS, PHOTOS, choose_set, name_set, set_of, switch_models
+from egosplat.pipeline.messages import not_allowed, refusal, shorten, shown, unknown_key
+from egosplat.pipeline.model_sets import AUTO, DEFAULTS
 from egosplat.pipeline.options import Options, keys_of, sections_of
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml, problem
+from egosplat.pipeline.strict_yaml import parse_value, read_yaml
 
+# A value for each key, by section.
 Config = dict[str, Any]
 
 # Options of the sections that no stage has for itself.
@@ -27,6 +33,27 @@ _SHARED = {
     "query": "egosplat.query.options:QueryOptions",
     "presence": "egosplat.evaluation.options:PresenceOptions",
 }
+
+
+class Layer(NamedTuple):
+    """Keys by section, and what sets them, for messages."""
+
+    where: str
+    keys: Mapping[str, Any]
+
+
+class LayeredConfig(Config):
+    """A complete configuration, and the layers that it is merged from.
+
+    Attributes:
+        layers: what it is merged from; later ones win.
+        variants: complete configurations of variants by name, as far as they were asked for.
+    """
+
+    def __init__(self, values: Mapping[str, Any], layers: Sequence[Layer] = ()) -> None:
+        super().__init__(values)
+        self.layers = tuple(layers)
+        self.variants: dict[str, LayeredConfig] = {}
 
 
 @functools.cache
@@ -62,7 +89,7 @@ def stage_sections(stage: str) -> dict[str, tuple[str, ...]]:
     return sections_of(options, stage) if options else {}
 
 
-def stage_values(stage: str, config: Mapping[str, Any]) -> Config:
+def stage_values(stage: str, config: Mapping[str, Any]) -> dict[str, Any]:
     """Get the values of a stage's options from a complete configuration, by name."""
     return {key: config[section][key] for section, keys in stage_sections(stage).items() for key in keys}
 
@@ -73,55 +100,111 @@ def options_of(stage: str, config: Mapping[str, Any]) -> Options | None:
     return options and options.model_validate(stage_values(stage, config))
 
 
-def validate(values: Mapping[str, Any], where: str = "configuration") -> Config:
-    """Check a configuration, and add the defaults of the keys that it lacks.
+def configure(layers: Sequence[Layer], automatic: str = AUTO) -> LayeredConfig:
+    """Merge layers over the defaults of the set of models that they choose, and check the values.
+
+    Args:
+        automatic: the set that they choose with ``auto``, or by naming none.
 
     Raises:
-        UserError: a key is wrong; names the first one, its value and what is allowed.
+        UserError: a key is wrong; names the last layer that sets it, its value and what is allowed.
     """
+    chosen = _chosen_set(layers) or automatic
+    values = merge_layers([Layer(chosen, DEFAULTS.get(chosen, {})), *layers])
+    config = LayeredConfig(_checked(values, layers), layers)
+    config["models"]["set"] = chosen
+    return config
+
+
+def merge_layers(layers: Iterable[Layer]) -> Config:
+    """Merge keys section by section, later layers over earlier ones; values are not checked."""
+    values: Config = {}
+    for section, above in (item for layer in layers for item in layer.keys.items()):
+        below = values.get(section)
+        both = isinstance(below, Mapping) and isinstance(above, Mapping)
+        values[section] = {**below, **above} if both else above
+    return values
+
+
+def _chosen_set(layers: Sequence[Layer]) -> str | None:
+    """Get the set of models that the last layer with one chooses; None for ``auto``."""
+    models = [layer.keys["models"] for layer in layers if isinstance(layer.keys.get("models"), Mapping)]
+    named = [keys["set"] for keys in models if "set" in keys]
+    return named[-1] if named and isinstance(named[-1], str) and named[-1] != AUTO else None
+
+
+def _checked(values: Mapping[str, Any], layers: Sequence[Layer]) -> dict[str, Any]:
+    """Check merged values, and add the defaults of the keys that they lack."""
     sections, general = section_options(), keys_of(GeneralOptions)
     for key in values:
         if key not in sections and key not in general:
             homes = [f"{name}.{key}" for name in sections if key in section_keys(name)]
-            raise UserError(f"{where}: {unknown_key('', key, [*general, *sections], homes)}")
+            raise UserError(f"{_setter(layers, key)}: {unknown_key('', key, [*general, *sections], homes)}")
     own = {key: value for key, value in values.items() if key in general}
-    found = make_options(GeneralOptions, own, where, "").as_dict()
-    found |= {name: _section(name, values.get(name, {}), where) for name in sections}
+    found = _options(GeneralOptions, own, layers, "")
+    found |= {name: _section(name, values.get(name, {}), layers) for name in sections}
     if found["splats"]["source"] is not None:
-        needs = {("splats", "language"): ("after",)}
-        needs |= {("camera", key): ("off", "auto") for key in keys_of(sections["camera"])}
-        _check_needs(found, needs, f"{where}: splats.source: the Gaussians are trained already, which")
+        _check_given_splats(found, layers)
     return found
 
 
-def _check_needs(values: Config, needs: Mapping[tuple[str, str], tuple[str, ...]], what: str) -> None:
-    """Check that keys have a value that another one needs."""
-    for (section, key), allowed in needs.items():
-        if (given := values[section][key]) not in allowed:
-            raise UserError(f"{what} needs {section}.{key} = {allowed[0]}, not {given}")
-
-
-def _section(name: str, values: Any, where: str) -> Config:
+def _section(name: str, values: Any, layers: Sequence[Layer]) -> dict[str, Any]:
     """Check a section, and add its defaults."""
     keys = section_keys(name)
     if not isinstance(values, Mapping):
         first, key = next(iter(keys.items()))
         why = f"must be keys with values, as in {name}: {{{first}: {shown(key['default'])}}}"
-        raise UserError(f"{where}: {not_allowed(name, values, why)}")
+        raise UserError(f"{_setter(layers, name)}: {not_allowed(name, values, why)}")
     for key in values:
         if key not in keys:
-            raise UserError(f"{where}: {unknown_key(name, key, list(keys))}")
-    found = make_options(section_options()[name], values, where, name).as_dict()
+            raise UserError(f"{_setter(layers, name, key)}: {unknown_key(name, key, list(keys))}")
+    found = _options(section_options()[name], values, layers, name)
     return {key: found[key] for key in keys}
 
 
-def defaults() -> Config:
+def _options(
+    options: type[Options], values: Mapping[str, Any], layers: Sequence[Layer], section: str
+) -> dict[str, Any]:
+    """Make options of a section, which checks the values and adds the defaults."""
+    try:
+        return options.model_validate(values).as_dict()
+    except ValidationError as error:
+        key = error.errors(include_url=False)[0]["loc"][0]
+        where = _setter(layers, section, key) if section else _setter(layers, key)
+        raise UserError(f"{where}: {refusal(error, values, options, section)}") from None
+
+
+def _setter(layers: Sequence[Layer], section: Any, key: Any = None) -> str:
+    """Say what sets a key: the last layer that has it."""
+    for where, keys in reversed(layers):
+        if section in keys and (key is None or (isinstance(keys[section], Mapping) and key in keys[section])):
+            return where
+    return "configuration"
+
+
+def _check_given_splats(values: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    """Check that nothing is trained or corrected where another program trained the Gaussians."""
+    needs = {("splats", "language"): ("after",)}
+    needs |= {("camera", key): ("off", "auto") for key in section_keys("camera")}
+    for (section, key), allowed in needs.items():
+        if (given := values[section][key]) not in allowed:
+            raise UserError(
+                f"{_setter(layers, 'splats', 'source')}: splats.source: the Gaussians are trained already, which needs "
+                f"{section}.{key} = {allowed[0]}, not {given}"
+            )
+
+
+# Its protocols replace values of a preset for all scenes.
+SHIPPED = Layer("protocols", {"formats": PROTOCOLS, "variants": VARIANTS})
+
+
+def defaults() -> LayeredConfig:
     """Get the default configuration."""
-    return validate({"variants": VARIANTS})
+    return configure([SHIPPED])
 
 
-def resolve(user: Mapping[str, Any], presets: Path) -> Config:
-    """Merge the user's keys over the preset's, and those over the defaults of the chosen set of models.
+def resolve(user: Mapping[str, Any], presets: Path) -> LayeredConfig:
+    """Get the configuration before a scene is chosen: its layers are the preset, the protocols and the user's keys.
 
     Args:
         user: keys from the configuration files and the command line.
@@ -130,72 +213,31 @@ def resolve(user: Mapping[str, Any], presets: Path) -> Config:
     Raises:
         UserError: a key is unknown or has a forbidden value; names the first one.
     """
-    asked = validate(user)
-    user = _only(asked, user)
-    path = presets / f"{asked['preset']}.yaml"
-    preset = read_yaml(path)
-    # A key that the user sets for all scenes wins over the value of a preset or protocol for one format.
-    below = merge(PROTOCOLS, preset.get("formats", {}))
-    formats = {name: _without(keys, user) for name, keys in below.items()}
-    settings = merge(preset | {"formats": formats}, user)
-    if set_of(settings) in (None, AUTO):
-        _check_automatic(settings)
-    # A variant of the user stands beside the default ones, and replaces one of its name.
-    settings["variants"] = {**VARIANTS, **asked["variants"]}
-    resolved = validate(merge(DEFAULTS.get(set_of(settings), {}), settings), f"preset {path.name}")
-    # Keys of a format are checked in the whole: a value may be valid by itself and not with the others.
-    for name in resolved["formats"]:
-        validate(of_format(resolved, name), f"formats.{name}")
-    return resolved
+    asked = Layer("configuration", user)
+    general = {key: value for key, value in user.items() if key in keys_of(GeneralOptions)}
+    preset = _options(GeneralOptions, general, [asked], "")["preset"]
+    path = presets / f"{preset}.yaml"
+    config = configure([Layer(f"preset {path.name}", read_yaml(path)), SHIPPED, asked])
+    # A format that no scene of the table has is checked, too.
+    for format in user.get("formats", {}):
+        of_format(config, format)
+    return config
 
 
-def _check_automatic(settings: Mapping[str, Any]) -> None:
-    """Check that no key has the value of the small models where recordings take another: it would be lost there."""
-    for section, keys in DEFAULTS[PHOTOS].items():
-        for name, value in keys.items():
-            given = settings.get(section, {}).get(name)
-            if given == DEFAULTS[AUTO][section][name] != value:
-                raise UserError(
-                    f"configuration: {section}.{name} = {shown(given)} is for the small models, and recordings take "
-                    f"{shown(value)} by themselves. Set models.set, too: small or {PHOTOS} (docs/models.md)"
-                )
+def of_format(config: LayeredConfig, format: str, *above: Layer, automatic: str = AUTO) -> LayeredConfig:
+    """Get the configuration of scenes of a format, with layers above; ``automatic`` as in ``configure``."""
+    return configure([*layers_of_format(config.layers, format), *above], automatic)
 
 
-def of_format(config: Mapping[str, Any], name: str) -> Config:
-    """Get the configuration of scenes of a format."""
-    return overlaid(config, config["formats"].get(name, {})) | {"formats": {}}
+def layers_of_format(layers: Iterable[Layer], format: str) -> Iterator[Layer]:
+    """Put the keys that a layer has for scenes of a format above its keys for all scenes."""
+    for where, keys in layers:
+        yield Layer(where, {section: values for section, values in keys.items() if section != "formats"})
+        if special := keys.get("formats", {}).get(format):
+            yield Layer(f"formats.{format}", special)
 
 
-def of_scene(config: Mapping[str, Any], format: str, options: Mapping[str, Any], automatic: str) -> Config:
-    """Get the configuration of a scene with a row, for which ``auto`` is another set of models; ``validate`` checks it."""
-    # Before keys of format and row are merged: those win over the defaults of the set.
-    formats = {name: name_set(keys, automatic) for name, keys in config["formats"].items()}
-    chosen = choose_set(config, automatic) | {"formats": formats}
-    return overlaid(of_format(chosen, format), name_set(options, automatic))
-
-
-def overlaid(config: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
-    """Merge keys of a format, scene or variant, and of the set of models that they choose, over a complete configuration."""
-    return merge(switch_models(config, above), above)
-
-
-def _only(config: Mapping[str, Any], given: Mapping[str, Any]) -> Config:
-    """Get the keys of a complete configuration that are given."""
-    return {
-        name: {key: config[name][key] for key in part} if name in section_options() else config[name]
-        for name, part in given.items()
-    }
-
-
-def _without(keys: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
-    """Get the keys that ``above`` does not set."""
-    return {
-        section: {name: value for name, value in part.items() if name not in above.get(section, {})}
-        for section, part in keys.items()
-    }
-
-
-def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
+def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Merge ``above`` over ``below``, section by section; what is not merged is shared, so nobody may edit it in place."""
     merged = dict(below)
     for key, value in above.items():
@@ -204,9 +246,9 @@ def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> Config:
     return merged
 
 
-def parse_options(text: str, where: str) -> Config:
+def parse_options(text: str, where: str) -> dict[str, Any]:
     """Parse ``frames.stride=2`` and more words to ``{"frames": {"stride": 2}}`` (UserError: one has another form)."""
-    options: Config = {}
+    options: dict[str, Any] = {}
     for word in text.split():
         key, equals, value = word.partition("=")
         section, dot, name = key.partition(".")
@@ -218,34 +260,6 @@ def parse_options(text: str, where: str) -> Config:
             raise UserError(f"{where}: option {shorten(key)} is set twice; remove one")
         options[section][name] = parse_value(value, f"{where}: option {shorten(word)}")
     return options
-
-
-def parse_value(text: str, where: str) -> Any:
-    """Parse a value as YAML (UserError: it is not YAML)."""
-    try:
-        return load_yaml(text)
-    except NO_YAML as error:
-        raise UserError(f"{where}: its value cannot be read ({problem(error)})") from None
-
-
-def read_yaml(path: Path) -> Config:
-    """Read a configuration file.
-
-    Raises:
-        UserError: the file is missing, is a pipe, is neither JSON nor YAML (names line and column), repeats a key, or is
-            not a mapping.
-    """
-    try:
-        content = load_yaml(read_user_text(path))
-    except FileNotFoundError:
-        raise UserError(f"{path}: does not exist. Give the path of a configuration file") from None
-    except NO_YAML as error:
-        raise UserError(f"{path}: cannot be read as YAML ({problem(error)})") from None
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
-        raise UserError(f"{path}: holds {type(content).__name__}, needs keys with values")
-    return content
 
 
 def check_config_files(paths: Iterable[Path]) -> None:

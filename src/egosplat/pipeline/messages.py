@@ -2,7 +2,6 @@
 
 import difflib
 import math
-import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from typing import Any
@@ -39,73 +38,6 @@ _LIMITS = {
     "maxLength": "at most {} letters",
 }
 
-_NO_GAIN = "no gain over draft was shown in five times its time: take draft or balanced (docs/speed.md)"
-
-# Removed keys, and values of keys, with their replacement.
-_REMOVED = {
-    "budget": "set preset (docs/speed.md)",
-    "preset: fast": _NO_GAIN,
-    "transient.strategy": "3DGS's density control is the only strategy",
-    "splats.strategy": "3DGS's density control is the only strategy (benchmarks/training/README.md)",
-    "splats.patience": "training always runs to its end: stopping early bought nothing",
-    "splats.min_improvement": "training always runs to its end",
-    "survey.max_moving_share": "survey.min_moving_share decides now",
-    "survey.max_moving_probability": "survey.min_moving_share decides now: a share of the picture",
-    "segments.levels": "all three levels are used",
-    **dict.fromkeys(
-        (
-            *("poses.overlap", "poses.max_gap_ms", "poses.seed", "segments.max_covered_new"),
-            *(
-                "segments.min_uncovered_fraction",
-                "instances.drop_iou",
-                "instances.claimed",
-                "instances.cut_iou",
-            ),
-            *("splats.position_lr", "splats.grow_grad2d", "splats.antialiased", "language.scales"),
-            *("language.channels", "metrics.confidence", "metrics.resamples", "metrics.seed"),
-            *("transient.checkpoint_s", "splats.checkpoint_s", "language.checkpoint_s"),
-        ),
-        "it is a constant now, because nobody changed it",
-    ),
-    **dict.fromkeys(
-        (
-            *(
-                "segments.pred_iou_thresh",
-                "segments.stability_score_thresh",
-                "segments.stability_score_offset",
-            ),
-            *("segments.box_nms_thresh", "segments.nms_iou_thresh", "segments.nms_score_thresh"),
-            "segments.nms_inner_thresh",
-        ),
-        "it follows models.set now (docs/models.md)",
-    ),
-    **dict.fromkeys(("segments.batch", "view_features.batch", "tiles.batch"), "its size is fixed now"),
-}
-
-# New names of renamed keys, by section and old name. Kept for one release.
-_RENAMED = {
-    "segments.absent_stride": "lost_track_stride",
-    "features.renormalize": "normalize",
-    "features.target": "supervision",
-    "features.outliers": "outlier_target",
-    "features.slipped": "mismatched_views",
-    "transient.lambda2": "transient_penalty",
-    "transient.cover": "densify_init",
-    "splats.lambda1": "feature_weight",
-    "splats.cover": "densify_init",
-    "language.unit_codes": "normalize_codes",
-    "query.smoothing": "box_filter",
-    "query.majority": "majority_filter",
-    "metrics.target": "hit_region",
-    "models.device": "run.device",
-    "models.precision": "run.precision",
-    **dict.fromkeys(("instances.seed", "features.seed", "transient.seed", "splats.seed"), "run.seed"),
-    "language.seed": "run.seed",
-    **dict.fromkeys(("transient.backend", "splats.backend", "language.backend"), "run.backend"),
-    "query.backend": "run.backend",
-    **dict.fromkeys(("transient.near_plane", "splats.near_plane"), "run.near_plane"),
-}
-
 
 def make_options(options: type[Options], values: Mapping[str, Any], where: str, own: str) -> Options:
     """Make options, which checks the values and adds the defaults.
@@ -120,33 +52,23 @@ def make_options(options: type[Options], values: Mapping[str, Any], where: str, 
     try:
         return options.model_validate(values)
     except ValidationError as error:
-        raise UserError(f"{where}: {_refusal(error, values, options, own)}") from None
+        raise UserError(f"{where}: {refusal(error, values, options, own)}") from None
 
 
-def _refusal(error: ValidationError, given: Mapping[Any, Any], options: type[Options], own: str) -> str:
+def refusal(error: ValidationError, given: Mapping[Any, Any], options: type[Options], own: str) -> str:
     """Describe the first error of options in one line: the key, its value, and what is allowed."""
     first, keys = error.errors(include_url=False)[0], keys_of(options)
-    name, *rest = first["loc"]
+    name, *steps = first["loc"]
     if name not in keys:
         return unknown_key("", name, list(keys))
-    path, part, value = [full_names(options, own)[name]], keys[name], given[name]
-    names: Mapping[str, Any] = {}
-    for step in rest:
-        if step == "[key]":  # the key itself is wrong
-            part, value = names or {"type": "string"}, path.pop()
-            break
-        if (inner := _inside(part, value, step)) is None:
-            break
-        names = _option(part, "object").get("propertyNames", {})
-        path, (part, value) = [*path, step], inner
-    cause, reason = first.get("ctx", {}).get("error"), why_removed(f"{path[0]}: {value}")
-    why = f"it was removed; {reason}" if reason else str(cause) if cause else allowed(part, value)
-    return not_allowed(".".join(map(str, path)), value, why)
-
-
-def why_removed(what: str) -> str | None:
-    """Say why a key, or a value as in ``preset: fast``, was removed, and what to set; None for all others."""
-    return _REMOVED.get(what)
+    path, value = [full_names(options, own)[name]], given[name]
+    for step in steps:  # pydantic adds names of types to the path, too
+        inside = isinstance(value, list | tuple) and isinstance(step, int) and step < len(value)
+        if inside or (isinstance(value, Mapping) and step in value):
+            path, value = [*path, str(step)], value[step]
+    cause = first.get("ctx", {}).get("error")
+    why = str(cause or first["msg"]) if cause or len(path) > 1 else allowed(keys[name], value)
+    return not_allowed(".".join(path), value, why)
 
 
 def not_allowed(key: str, value: object, why: str) -> str:
@@ -156,25 +78,16 @@ def not_allowed(key: str, value: object, why: str) -> str:
 
 
 def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence[str] = ()) -> str:
-    """Say that there is no such key, with what is meant: the closest key, a new name, or the reason of its removal.
+    """Say that there is no such key, with what is meant.
 
     Args:
         known: the keys of the section, which is empty outside sections.
         homes: full names of the keys of this name in sections.
     """
-    text = str(key)
-    name, colon, value = text.partition(":")
-    full = f"{section}.{text}" if section else text
-    last = section.rpartition(".")[2]
-    if advice := why_removed(f"{last}.{text}" if section else text):
-        return f"key '{full}' was removed; {advice}"
-    if new := _RENAMED.get(f"{last}.{text}"):
-        return f"key '{full}' was renamed; write {new!r}"
-    first, dot, rest = text.partition(".")
-    odd = next((letter for letter in text if not letter.isascii()), None)
-    if odd:
-        advice = f"{odd!a} ({unicodedata.name(odd, 'no letter')}) is no character of a key; type it anew"
-    elif colon and name in known:
+    full = f"{section}.{key}" if section else str(key)
+    name, colon, value = str(key).partition(":")
+    first, dot, rest = str(key).partition(".")
+    if colon and name in known:
         advice = f"write a space after the colon: {name}: {value[:_LONGEST]}"
     elif homes:
         advice = f"did you mean {' or '.join(homes)}?"
@@ -189,11 +102,10 @@ def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence
 
 def allowed(part: Mapping[str, Any], value: object) -> str:
     """Say what a JSON schema of one key allows in place of a refused value."""
-    words, kinds = choices(part), kinds_of(part)
-    if words and not kinds:
-        near = difflib.get_close_matches(str(value), words, n=1)
-        return describe_value(part) + (f" (did you mean {near[0]!r}?)" if near else "")
-    return ", ".join([f"must be {describe_value(part)}", *_hint(kinds, value)])
+    near = difflib.get_close_matches(str(value), choices(part), n=1)
+    largest = isinstance(value, int) and abs(value) > LARGEST_INTEGER
+    text = f"must be {describe_value(part)}" + (f", at most {LARGEST_INTEGER}" if largest else "")
+    return text + (f" (did you mean {near[0]!r}?)" if near else "")
 
 
 def describe_value(part: Mapping[str, Any]) -> str:
@@ -262,32 +174,3 @@ _C = "const"
 
 def _options(part: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return part.get("anyOf", [part])
-
-
-def _option(part: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
-    return next((one for one in _options(part) if one.get("type") == kind), {})
-
-
-def _inside(part: Mapping[str, Any], value: Any, step: Any) -> tuple[Mapping[str, Any], Any] | None:
-    """Get schema and value of an item of a list or mapping; None for the name of a type, which pydantic adds to a path."""
-    if isinstance(value, list | tuple) and isinstance(step, int) and step < len(value):
-        return _option(part, "array").get("items", {}), value[step]
-    if isinstance(value, Mapping) and step in value:
-        inner = _option(part, "object").get("additionalProperties", {})
-        return inner if isinstance(inner, Mapping) else {}, value[step]
-    return None
-
-
-def _hint(kinds: list[str], value: object) -> list[str]:
-    """Help with a number that is almost right."""
-    if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
-        return [f"at most {LARGEST_INTEGER}"]
-    if not isinstance(value, float) or not {"a number", "a whole number"} & {*kinds}:
-        return []
-    if not math.isfinite(value):
-        return ["and finite"]
-    return (
-        [f"written {value:.0f}"]
-        if value.is_integer() and abs(value) < 1e9 and "a number" not in kinds
-        else []
-    )

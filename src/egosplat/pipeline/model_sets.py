@@ -45,42 +45,6 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-def set_of(config: Mapping[str, Any]) -> str | None:
-    """Get the set that a configuration, complete or not, chooses; None if it chooses none."""
-    models = config.get("models")
-    return models.get("set") if isinstance(models, Mapping) else None
-
-
-def switch_models(config: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace the defaults of a complete configuration's set of models by those of the set that keys over it choose.
-
-    A value that differs from the default of its own set was set by somebody, and stays.
-    """
-    old, new = set_of(config), set_of(above)
-    found = dict(config)
-    if new in (None, old):
-        return found
-    for section, keys in DEFAULTS.get(new, {}).items():
-        usual = DEFAULTS[old][section]
-        changed = {name: value for name, value in keys.items() if config[section][name] == usual[name]}
-        found[section] = config[section] | changed
-    return found
-
-
-def choose_set(config: Mapping[str, Any], automatic: str) -> dict[str, Any]:
-    """Replace ``auto`` in a complete configuration by a set of models, that of ``automatic_set``, with its defaults."""
-    if set_of(config) != AUTO:
-        return dict(config)
-    return name_set(switch_models(config, {"models": {"set": automatic}}), automatic)
-
-
-def name_set(keys: Mapping[str, Any], automatic: str) -> dict[str, Any]:
-    """Replace ``auto``, the name alone, in keys to be merged over a configuration."""
-    if set_of(keys) != AUTO:
-        return dict(keys)
-    return dict(keys) | {"models": keys["models"] | {"set": automatic}}
-
-
 def automatic_set(origin: Origin) -> str:
     """Choose the set for a recording: the small models know only what egosplat renders."""
     return SMALL if origin == "synthetic" else PHOTOS

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
-from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import Config, Layer, LayeredConfig, of_format, parse_options
 from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.home import scenes_table
 from egosplat.pipeline.messages import make_options
@@ -71,7 +71,7 @@ class Scene:
     format: str
     recording: Path
     synthetic: bool
-    config: configuration.Config
+    config: LayeredConfig
     by_name: bool = False
 
     @property
@@ -89,7 +89,7 @@ class Scene:
         return not (self.synthetic or self.recording.exists())
 
 
-def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
+def read_scenes(config: LayeredConfig) -> dict[tuple[str, str], Scene]:
     """Read the table that the configuration names, and the local one beside it (UserError: one or a row is wrong)."""
     tables = tables_of(config)
     rows = {f"{path}, line {number}": row for path in tables for number, row in read_rows(path)}
@@ -104,13 +104,13 @@ def read_scenes(config: configuration.Config) -> dict[tuple[str, str], Scene]:
     return scenes
 
 
-def tables_of(config: configuration.Config) -> list[Path]:
+def tables_of(config: Config) -> list[Path]:
     """Get the tables of scenes that are there; the one that the configuration names if there is none."""
     named = scenes_table(expand_home(config["scenes"]))
     return [path for path in (named, local_table(config)) if path.exists()] or [named]
 
 
-def local_table(config: configuration.Config) -> Path:
+def local_table(config: Config) -> Path:
     """Get the path of the local table, which need not exist: ``scenes.local.tsv`` beside ``scenes.tsv``."""
     named = expand_home(config["scenes"])
     return named.with_name(f"{named.stem}.local{named.suffix}")
@@ -213,7 +213,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     return lines
 
 
-def _check_roots(config: configuration.Config, rows: Iterable[dict[str, Any]], path: Path) -> None:
+def _check_roots(config: Config, rows: Iterable[dict[str, Any]], path: Path) -> None:
     datasets = {*SHIPPED_DATASETS, *(row["dataset"] for row in rows)}
     if unknown := sorted(set(config["data_root"]) - datasets):
         raise UserError(
@@ -221,10 +221,10 @@ def _check_roots(config: configuration.Config, rows: Iterable[dict[str, Any]], p
         )
 
 
-def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) -> Scene:
+def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str) -> Scene:
     """Make the scene of a row, its values by column (UserError: a value is wrong; begins with ``where``)."""
     make_options(Row, row, where, "")
-    options = configuration.parse_options(row["options"], where)
+    options = parse_options(row["options"], where)
     if common := {"data_root", "formats"} & options.keys():
         raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")
     root = config["data_root"].get(row["dataset"])
@@ -250,8 +250,7 @@ def scene_of_row(row: dict[str, Any], config: configuration.Config, where: str) 
         origin = "synthetic" if synthetic else recording_origin(row["format"], recording)
     except UserError:
         origin = "real"  # the stage frames reports what is wrong with the recording
-    own = configuration.of_scene(config, row["format"], options, automatic_set(origin))
-    own = configuration.validate(own, where)
+    own = of_format(config, row["format"], Layer(where, options), automatic=automatic_set(origin))
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
 

@@ -9,16 +9,25 @@ from typing import Any
 from egosplat.calibration.companions import OF_PICTURES, poses_source, present_known_poses
 from egosplat.calibration.splat_source import source_files
 from egosplat.errors import UserError
-from egosplat.pipeline import config as configuration
-from egosplat.pipeline.config import Config, of_format, read_yaml, resolve
+from egosplat.pipeline.config import (
+    SHIPPED,
+    Config,
+    Layer,
+    LayeredConfig,
+    configure,
+    defaults,
+    layers_of_format,
+    merge_layers,
+    stage_values,
+)
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.messages import why_removed
-from egosplat.pipeline.model_sets import DEFAULTS, choose_set, locate_checkpoints, set_of
+from egosplat.pipeline.model_sets import DEFAULTS, locate_checkpoints
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene, read_scenes
 from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.strict_yaml import read_yaml
 
 # Key of a variant that names one or more variants to inherit keys from. Later ones win.
 EXTENDS = "extends"
@@ -54,7 +63,7 @@ _SCALED = {"frames.resolution"}
 _OF_THE_PAPER = ("view_features", "features", "query")
 
 
-def read_scenes_with_presets(config: Config, presets: Path) -> dict[tuple[str, str], Scene]:
+def read_scenes_with_presets(config: LayeredConfig, presets: Path) -> dict[tuple[str, str], Scene]:
     """Read the table of scenes, as ``read_scenes``; each preset is a variant of its name, unless another one has it."""
     return {
         key: replace(scene, config=with_presets(scene.config, presets, scene.format))
@@ -62,23 +71,23 @@ def read_scenes_with_presets(config: Config, presets: Path) -> dict[tuple[str, s
     }
 
 
-def with_presets(config: Config, presets: Path, format: str) -> Config:
+def with_presets(config: LayeredConfig, presets: Path, format: str) -> LayeredConfig:
     """Add the presets to the variants of a scene's configuration."""
     own = config["variants"]
     named = {name: preset_keys(name, presets, format) for name in PRESET_FILES if name not in own}
-    return config | {"variants": own | named}
+    return LayeredConfig(config | {"variants": own | named}, config.layers)
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:
     """Whether a variant changes a stage's artifact."""
-    if configuration.stage_values(stage, base) != configuration.stage_values(stage, variant):
+    if stage_values(stage, base) != stage_values(stage, variant):
         return True
     inputs = inputs_of(stage, variant)
     # Other inputs, or an input that the variant changes. The graph has no cycles, so this ends.
     return inputs != inputs_of(stage, base) or any(reaches(name, base, variant) for name in inputs)
 
 
-def owner(stage: str, base: Config, name: str, where: str) -> str | None:
+def owner(stage: str, base: LayeredConfig, name: str, where: str) -> str | None:
     """Get the owner of a variant's artifact: the variant, one that it extends, or None for the scene."""
     own = variant_config(base, name, where)
     # A variant has its own artifact only if it differs from the scene's and from those of the variants it extends.
@@ -90,23 +99,29 @@ def owner(stage: str, base: Config, name: str, where: str) -> str | None:
     return name
 
 
-def variant_config(base: Config, name: str, where: str) -> Config:
-    """Merge a variant's keys over a scene's configuration (UserError: there is none, or a key is not allowed)."""
-    merged = base
-    shared = (*keys_of(GeneralOptions), "tables", "tradeoff")
+def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
+    """Get the configuration of a scene's variant (UserError: there is none, or a key is not allowed)."""
+    if name not in base.variants:
+        base.variants[name] = _configure_variant(base, name, where)
+    return base.variants[name]
+
+
+def _configure_variant(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
+    """Put the keys of a variant, and of those that it extends, above the layers of its scene."""
+    layers = []
     for one in _ancestry(base["variants"], name, where):
-        for key in shared:
-            if base["variants"][one].get(key, base[key]) != base[key]:
-                raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
         keys = {key: value for key, value in base["variants"][one].items() if key not in (EXTENDS, METHOD)}
-        merged = configuration.overlaid(merged, keys)
+        for key in (*keys_of(GeneralOptions), "tables", "tradeoff"):
+            if keys.get(key, base[key]) != base[key]:
+                raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
+        layers.append(Layer(f"variant {one}", keys))
     # A variant's ``auto`` is the scene's set.
-    merged = choose_set(configuration.validate(merged, f"variant {name}"), set_of(base))
-    if merged["synthetic"] != base["synthetic"]:
+    config = configure([*base.layers, *layers], automatic=base["models"]["set"])
+    if config["synthetic"] != base["synthetic"]:
         raise UserError(
             f"variant {name}: variants share the scene's recording; leave out the section synthetic"
         )
-    return merged
+    return config
 
 
 def scene_config(scene: Scene, variant: str | None) -> Config:
@@ -171,8 +186,6 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
                 f"variant {name}: circular inheritance {' -> '.join([*above, one])}. Fix its key {EXTENDS!r}"
             )
         if one not in variants:
-            if reason := why_removed(f"preset: {one}"):
-                raise UserError(f"{where}: variant {one!r} was removed with its preset; {reason}")
             more = [f"{len(variants) - NAMED} more"] if len(variants) > NAMED else []
             raise UserError(
                 f"{where}: no variant {one!r}. Add it to the configuration key 'variants', "
@@ -211,21 +224,18 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
 def preset_keys(name: str, folder: Path, format: str) -> Config:
     """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
     kept = _KEPT | _SCALED if PRESET_FILES[name] != name else _KEPT
-    values = of_format(_resolved_preset(PRESET_FILES[name], folder), format)
+    preset, usual = Layer(name, read_yaml(folder / f"{PRESET_FILES[name]}.yaml")), defaults()
+    values = merge_layers(layers_of_format([preset, SHIPPED], format))
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
     keys: Config = {}
     for section, key in _set_by_presets(folder):
         if section not in kept and f"{section}.{key}" not in kept:
-            keys.setdefault(section, {})[key] = values[section][key]
+            value = values.get(section, {}).get(key, usual[section][key])
+            keys.setdefault(section, {})[key] = value
     if PRESET_FILES[name] == "paper":
         for section in _OF_THE_PAPER:
             keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
     return keys
-
-
-@functools.cache
-def _resolved_preset(file: str, folder: Path) -> Config:
-    return resolve({"preset": file}, folder)
 
 
 @functools.cache

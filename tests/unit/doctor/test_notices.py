@@ -13,10 +13,9 @@ from egosplat.pipeline.scenes import Scene, requested_targets
 @pytest.fixture
 def table(tmp_path):
     """Scenes by dataset and name: two real, one absent, two synthetic, one with published models."""
-    defaults = configuration.defaults() | {
-        "variants": {"published": {"models": {"clip_checkpoint": "b", "sam2_checkpoint": "a"}}}
-    }
-    published = configuration.merge(defaults, {"models": {"sam2_checkpoint": "a", "clip_checkpoint": "b"}})
+    models = {"models": {"clip_checkpoint": "b", "sam2_checkpoint": "a"}}
+    defaults = configuration.configure([configuration.Layer("mine", {"variants": {"published": models}})])
+    published = configuration.merge(defaults, models)
     (tmp_path / "video.mp4").touch()
     (tmp_path / "sequence").mkdir()
     (tmp_path / "sequence" / "metadata.json").write_text(json.dumps({"origin": "synthetic"}))

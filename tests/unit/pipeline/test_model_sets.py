@@ -98,7 +98,7 @@ def test_a_key_of_the_user_wins_over_the_set():
     found = resolved(**own)
     assert found["query"] | {"temperature": 5.0, "min_score": 0.0} == found["query"]
     assert found["models"]["clip_checkpoint"] == "mine.bin"
-    small = config.overlaid(found, {"models": {"set": "small"}})
+    small = variant_config(resolved(**own, variants={"back": SMALL}), "back", "s")
     assert small["query"] | {"temperature": 5.0, "min_score": 0.78} == small["query"]
     assert small["models"]["clip_checkpoint"] == "mine.bin" and small["models"]["sam2_checkpoint"] == "small"
 
@@ -154,6 +154,7 @@ def test_a_scene_without_a_choice_takes_the_set_that_suits_its_recording(
         ("", {"query": {"min_score": 0.5}}),
         ("query.min_score=0.5", {}),
         ("query.min_score=0.78", {}),  # the small models' default is a choice here
+        ("", {"query": {"min_score": 0.78}}),
         ("", {"formats": {"plain": {"query": {"min_score": 0.78}}}}),
         ("models.set=auto query.min_score=0.78", PUBLISHED),
         ("", {"models": {"set": "photos"}, "query": {"min_score": 0.78}}),
@@ -164,20 +165,6 @@ def test_a_key_of_the_user_stays_where_photos_are_taken_by_themselves(tmp_path, 
     asked = 0.5 if "0.5" in options + str(user) else 0.78
     assert found["models"]["set"] == found["models"]["clip_checkpoint"] == "photos"
     assert found["query"]["min_score"] == asked
-
-
-@pytest.mark.parametrize(
-    "section, key, value",
-    [("query", "min_score", 0.78), ("models", "clip_model", "small"), ("models", "clip_checkpoint", "small")],
-)
-def test_a_value_of_the_small_models_for_all_scenes_needs_a_set(section, key, value):
-    """It could not be told from a default where recordings take photos."""
-    with pytest.raises(UserError, match=rf"{section}\.{key} = {value} .*models.set"):
-        resolved(**{section: {key: value}})
-    for chosen in ("small", "photos"):
-        keys = {section: {key: value}} if section != "models" else {}
-        models = {"set": chosen} | ({key: value} if section == "models" else {})
-        assert resolved(**keys | {"models": models})[section][key] == value
 
 
 def test_exactly_the_stages_with_a_key_of_the_set_change():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.pipeline.config import defaults, merge, resolve, stage_values
+from egosplat.pipeline.config import merge, resolve, stage_values
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import owner, preset_keys, variant_config, with_presets
 
@@ -13,7 +13,7 @@ PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 
 def test_a_variant_of_the_configuration_keeps_its_name_from_a_preset():
     own = {"draft": {"features": {"dims": 4}}}
-    found = with_presets(defaults() | {"variants": own}, PRESETS, "adt")["variants"]
+    found = with_presets(resolve({"variants": own}, PRESETS), PRESETS, "adt")["variants"]
     assert found["draft"] == own["draft"] and "accurate" in found
 
 
@@ -23,7 +23,7 @@ def test_variants_of_another_seed_share_what_they_have_in_common():
         "narrow": {"features": {"dims": 8}},
         "both": {"extends": ["narrow", "seed"]},
     }
-    config = merge(defaults(), {"splats": {"masking": "refined"}}) | {"variants": variants}
+    config = resolve({"splats": {"masking": "refined"}, "variants": variants}, PRESETS)
     owners = {stage: owner(stage, config, "both", "adt/scene1") for stage in STAGES}
     assert {stage for stage, name in owners.items() if name == "both"} >= {"features", "language", "metrics"}
     assert {owners[stage] for stage in ("segments", "transient", "masks", "splats")} == {"seed"}
@@ -37,7 +37,7 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
         "frames": {"resolution": 300, "focal": 400.0, "evaluation_frames": 5},
         "segments": {"merge_iou": 0.4},
     }
-    base = merge(defaults(), own | {"models": {"clip_model": "mine"}})
+    base = resolve(own | {"models": {"clip_model": "mine"}}, PRESETS)
     config = with_presets(base, PRESETS, "adt")
     draft, paper = (variant_config(config, name, "adt/scene1") for name in ("draft", "paper_scaled"))
     for found in (draft, paper):
