@@ -10,9 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmarks.transient.truth import moved_objects
+from egosplat.calibration.files import adt_video, find_segmentation
 from egosplat.frames.adt import RGB_STREAM
 from egosplat.frames.adt_annotations import open_segmentation, read_instances
-from egosplat.frames.files import adt_video, find_segmentation
 
 BOXES = "2d_bounding_box_with_skeleton.csv"
 RESTS = "truth/rests.tsv"

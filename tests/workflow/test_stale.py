@@ -1,5 +1,7 @@
 """Only stale steps rerun."""
 
+import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -163,13 +165,23 @@ def overwrite(file: Path, image: Image.Image) -> None:
     assert file.parent.stat().st_mtime_ns == folder
 
 
-def test_a_photograph_that_is_overwritten_in_place_reruns_frames(one_scene, tmp_path):
+def test_the_bytes_of_a_recording_rerun_frames_and_no_time_does(one_scene, tmp_path):
     (pictures := tmp_path / "pictures").mkdir()
     for number in range(4):
         Image.new("RGB", (64, 48), (40 * number, 90, 0)).save(pictures / f"{number}.png")
+    camera = dict.fromkeys(("fx", "fy"), 60.0) | {"width": 64, "height": 48, "cx": 32.0, "cy": 24.0}
+    (pictures / "camera.json").write_text(json.dumps(camera))
     workdir, frames = one_scene("plain", pictures), "results/mine/scene/frames.zarr"
     workdir.run(frames)
     (pictures / "notes.txt").touch()
+    (pictures / "2.png").touch()
+    assert workdir.stale(frames) == set()
+    (older := tmp_path / "camera.json").write_text(json.dumps(camera | {"fx": 61.0}))
+    os.utime(older, (0, 0))
+    original = (pictures / "camera.json").rename(tmp_path / "original.json")
+    older.rename(pictures / "camera.json")
+    assert workdir.stale(frames) == {"frames"}
+    original.rename(pictures / "camera.json")
     assert workdir.stale(frames) == set()
     overwrite(pictures / "2.png", Image.new("RGB", (64, 48), (41 * 2, 90, 0)))
     assert workdir.stale(frames) == {"frames"}

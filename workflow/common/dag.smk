@@ -5,14 +5,7 @@ Parameters hold the options of a stage and the content hash of its code and mode
 changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
 """
 
-from egosplat.calibration.splat_source import source_files
-from egosplat.frames.files import (
-    annotations_files,
-    digest_of_files,
-    frames_files,
-    pictures_of,
-)
-from egosplat.frames.files import is_annotated
+from egosplat.calibration.files import digest_of_recording, is_annotated, source_files
 from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.config import stage_sections
@@ -33,7 +26,6 @@ from egosplat.pipeline.variants import (
     preset_of,
     scene_config,
 )
-from egosplat.poses.files import poses_files
 
 
 def names_of(wildcards):
@@ -156,7 +148,7 @@ def inputs(stage):
 
     def required(name):
         if name == "recording":
-            return recording_files(stage)
+            return recording_path
         return lambda wildcards: required_paths(stage, wildcards)[name]
 
     found = {name: required(name) for name in STAGES[stage].inputs}
@@ -173,7 +165,7 @@ def params(stage):
 
     ``arguments`` are the paths of its inputs and its values from the table of scenes, as words of the command line,
     ``options`` the values of its keys as JSON. The others are not for the command: Snakemake reruns the rule when the list of
-    training frames, the models, the code or pictures of the recording change.
+    training frames, the models, the code or the recording change.
     """
     about = STAGES[stage]
     get_config = decided_config if dag.follows_survey(stage) else config_of
@@ -196,7 +188,7 @@ def params(stage):
     if about.modules:
         found["code"] = lambda wildcards: code_of(stage, value_of(stage, wildcards))
     if "recording" in about.inputs:
-        found["pictures"] = digest_of_pictures(stage)
+        found["recording"] = recording_digest(stage)
     if "survey" in about.optional:
         found["kept"] = training_frames(stage)
     if keys := stage_sections(stage).get("models"):
@@ -237,41 +229,27 @@ def value_of(stage, wildcards):
     return chosen_value(stage, scene_of(wildcards), config_of(wildcards))
 
 
-def recording_files(stage):
-    """Get a function of the wildcards: the files of the recording that a stage opens, without pictures of folders."""
-
-    def paths(wildcards):
-        scene, config = scene_of(wildcards), config_of(wildcards)
-        if scene.synthetic:  # one folder, which a rule makes
-            return [str(scene.recording)]
-        check_recording(scene)
-        known = config["frames"]["known_poses"]
-        if stage == "poses":
-            trajectory = config["poses"]["trajectory"]
-            source = value_of(stage, wildcards)
-            found = poses_files(source, scene.recording, trajectory, known)
-        else:
-            files = frames_files if stage == "frames" else annotations_files
-            found = files(scene.format, scene.recording, known)
-        # Snakemake reads braces as wildcards.
-        return [str(path) for path in found if not set("{}") & set(str(path))]
-
-    return paths
+def recording_path(wildcards):
+    """Get the recording, one folder or video file. Its time does not count: a parameter has the digest of what a stage reads."""
+    scene = scene_of(wildcards)
+    path = str(scene.recording)
+    if scene.synthetic:  # a rule makes it
+        return [path]
+    check_recording(scene)
+    # HOI4D's sequences have names that are no folder.
+    return [ancient(path)] if os.path.exists(path) else []
 
 
-def digest_of_pictures(stage):
-    """
-    Get a function of the wildcards: a digest of the pictures of a folder that a stage opens.
-
-    A folder's time of change does not tell of a file in it that is overwritten, and thousands of inputs take Snakemake long.
-    """
+def recording_digest(stage):
+    """Get a function of the wildcards: the digest of all files of the recording that a stage reads."""
 
     def digest(wildcards):
         scene = scene_of(wildcards)
         if scene.synthetic:
             return "none"
-        known = config_of(wildcards)["frames"]["known_poses"]
-        return digest_of_files(pictures_of(stage, scene.format, scene.recording, known))
+        return digest_of_recording(
+            stage, scene.format, scene.recording, config_of(wildcards)
+        )
 
     return digest
 

@@ -16,12 +16,10 @@ class Contents:
 
     Attributes:
         camera_file, pose_file: names for errors.
-        lenses: of the full-size pictures.
-        lens_of: (N,) int64: the index of the lens of each picture.
-        names: N names of pictures, as the file spells them.
+        lenses, lens_of: of the full-size pictures, and (N,) int64 the index of each picture's.
+        names: of N pictures, as the file spells them.
         camera_to_world: (N, 4, 4) float64, OpenCV axes, in the file's own world and unit.
-        points: (P, 3) float64 in the same world.
-        point_rgb: (P, 3) uint8.
+        points, point_rgb: (P, 3) float64 in the same world, (P, 3) uint8.
         point_views: (P,) int64: number of pictures that see each point; 0 where the file does not say.
         point_error_px: (P,) float64 mean reprojection error [px of the full-size pictures]; 0 where not known.
         masks: the mask of each picture, black where it is not to be used, or None; empty if there is none.

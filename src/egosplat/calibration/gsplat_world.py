@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import compose, rotate, transform
+from egosplat.geometry import compose, make_pose, rotate, transform
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def _of_cameras(camera_to_world: Array) -> Array:
         nearest = centers - (ahead * centers).sum(axis=1, keepdims=True) * ahead
         shift = -np.median(nearest, axis=0)
         scale = 1.0 / np.median(np.linalg.norm(centers + shift, axis=1))
-        return np.vstack([scale * np.column_stack([turn, shift]), [0.0, 0.0, 0.0, 1.0]])
+        return make_pose(scale * turn, scale * shift)
 
 
 def _principal_axes(points: Array) -> Array:
@@ -52,4 +52,4 @@ def _principal_axes(points: Array) -> Array:
     axes = axes[:, values.argsort()[::-1]]
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1
-    return np.vstack([np.column_stack([axes.T, -rotate(axes.T, center)]), [0.0, 0.0, 0.0, 1.0]])
+    return make_pose(axes.T, -rotate(axes.T, center))

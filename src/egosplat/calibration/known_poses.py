@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.calibration.colmap_model import read_model
-from egosplat.calibration.companions import KNOWN_POSES, known_poses_path, present_known_poses
 from egosplat.calibration.contents import Contents
+from egosplat.calibration.files import KNOWN_POSES, known_poses_path, present_known_poses
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.geometry import is_rigid
@@ -29,19 +29,6 @@ _EXTENSIONS = (
     *(".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jxl"),
     *(".exr", ".ppm", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"),
 )
-
-
-@dataclass(frozen=True)
-class Match:
-    """Which entry of a file belongs to which picture.
-
-    Attributes:
-        row: (P,) int64: the entry of each picture; -1 where there is none.
-        unmatched: names of the entries that match no picture.
-    """
-
-    row: NDArray[np.int64]
-    unmatched: list[str]
 
 
 def find_known_poses(recording: Path, wanted: str) -> str | None:
@@ -77,7 +64,7 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
         first = contents.names[int((contents.lens_of == index).argmax())]
         lens.check(f"{contents.camera_file}: {first}" if len(contents.lenses) > 1 else contents.camera_file)
     wheres = [f"{contents.pose_file}: {name}" for name in contents.names]
-    poses = np.stack([_rigid(*one) for one in zip(contents.camera_to_world, wheres, strict=True)])
+    poses = np.stack([_rigid(*pair) for pair in zip(contents.camera_to_world, wheres, strict=True)])
     _check_positions(poses[:, :3, 3], wheres)
     return replace(contents, camera_to_world=poses)
 
@@ -97,7 +84,23 @@ def _check_positions(centers: NDArray[np.float64], wheres: Sequence[str]) -> Non
         )
 
 
-def match_pictures(names: Sequence[str], pictures: Sequence[str], path: Path) -> Match:
+def _rigid(pose: NDArray[np.float64], where: str) -> NDArray[np.float64]:
+    """Return a pose whose rotation is orthonormal; up to ``_MAX_DEVIATION`` it is corrected."""
+    if not np.isfinite(pose).all():
+        raise UserError(f"{where}: the pose has a value that is not finite.")
+    if is_rigid(pose):
+        return pose
+    if not is_rigid(pose, _MAX_DEVIATION):
+        raise UserError(f"{where}: the pose is not a rotation and a translation (is it scaled or mirrored?).")
+    corrected = pose.copy()
+    corrected[:3, :3] = Rotation.from_matrix(pose[:3, :3]).as_matrix()
+    corrected[3] = [0.0, 0.0, 0.0, 1.0]
+    return corrected
+
+
+def match_pictures(
+    names: Sequence[str], pictures: Sequence[str], path: Path
+) -> tuple[NDArray[np.int64], list[str]]:
     """Assign the entries of a file to pictures: one name is the end of the other, whose extension may differ.
 
     Args:
@@ -105,27 +108,36 @@ def match_pictures(names: Sequence[str], pictures: Sequence[str], path: Path) ->
         pictures: of the pictures from the recording's folder, or the numbers of a video's frames, counted from 0.
         path: of the file, for errors.
 
+    Returns:
+        (P,) int64, the entry of each picture, -1 where there is none; and the names of the entries that match no picture.
+
     Raises:
         UserError: two entries match one picture, an entry matches two, or no entry matches any.
     """
-    endings, numbers = _endings(pictures), {}
+    endings: dict[tuple[str, ...], list[int]] = {}
+    for index, parts in enumerate(map(_parts, pictures)):
+        for start in range(len(parts)):
+            endings.setdefault(parts[start:], []).append(index)
+    numbers = {}
     if all(re.fullmatch("[0-9]+", picture) for picture in pictures):
         numbers = {int(picture): index for index, picture in enumerate(pictures)}
     row, unmatched = np.full(len(pictures), -1, np.int64), []
     for entry, name in enumerate(names):
-        found = numbers.get(number_of(name)) if numbers else _place(name, endings, pictures, path)
-        if found is None:
+        picture = numbers.get(number_of(name)) if numbers else _picture_of(name, endings, pictures, path)
+        if picture is None:
             unmatched.append(name)
-        elif row[found] >= 0:
-            raise UserError(f"{path}: {names[row[found]]} and {name} are both the picture {pictures[found]}.")
+        elif row[picture] >= 0:
+            raise UserError(
+                f"{path}: {names[row[picture]]} and {name} are both the picture {pictures[picture]}."
+            )
         else:
-            row[found] = entry
+            row[picture] = entry
     if not (row >= 0).any():
         raise UserError(
             f"{path}: none of its {len(names)} names, such as {', '.join(unmatched[:_MAX_NAMES])}, is the name of a "
             f"picture, such as {pictures[0]}."
         )
-    return Match(row, unmatched)
+    return row, unmatched
 
 
 def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
@@ -143,42 +155,26 @@ def number_of(name: str) -> int | None:
     return int(stem) if re.fullmatch("[0-9]+", stem) else None
 
 
-def _place(
+def _picture_of(
     name: str, endings: dict[tuple[str, ...], list[int]], pictures: Sequence[str], path: Path
 ) -> int | None:
     """The picture that an entry means, by the longest ending of its name that is the whole name of one of the two."""
     parts = _parts(name)
-    shorter = [
-        place
-        for start in range(len(parts))
-        for place in endings.get(parts[start:], ())
-        if _parts(pictures[place]) == parts[start:]
-    ]
-    found = shorter[:1] or endings.get(parts, [])
-    if len(found) > 1:
-        raise UserError(
-            f"{path}: {name} is both {pictures[found[0]]} and {pictures[found[1]]}; name its folder."
-        )
-    return found[0] if found else None
+    tails = [parts[start:] for start in range(len(parts))]
+    whole = [index for tail in tails for index in endings.get(tail, ()) if _parts(pictures[index]) == tail]
+    matches = whole[:1] or endings.get(parts, [])
+    if len(matches) > 1:
+        first, second = (pictures[index] for index in matches[:2])
+        raise UserError(f"{path}: {name} is both {first} and {second}; name its folder.")
+    return matches[0] if matches else None
 
 
-def _endings(pictures: Sequence[str]) -> dict[tuple[str, ...], list[int]]:
-    """The pictures by each ending of their names."""
-    found: dict[tuple[str, ...], list[int]] = {}
-    for index, parts in enumerate(map(_parts, pictures)):
-        for start in range(len(parts)):
-            found.setdefault(parts[start:], []).append(index)
-    return found
-
-
-def unmatched_line(match: Match, path: Path) -> str | None:
-    """The log line about entries without a picture; None if there are none."""
-    if not match.unmatched:
-        return None
-    more = ", ..." if len(match.unmatched) > _MAX_NAMES else ""
-    listed = ", ".join(match.unmatched[:_MAX_NAMES])
-    plural = "s" if len(match.unmatched) > 1 else ""
-    return f"{path}: ignores {len(match.unmatched)} name{plural} without a picture: {listed}{more}"
+def unmatched_line(unmatched: list[str], path: Path) -> str:
+    """The log line about entries without a picture."""
+    more = ", ..." if len(unmatched) > _MAX_NAMES else ""
+    listed = ", ".join(unmatched[:_MAX_NAMES])
+    plural = "s" if len(unmatched) > 1 else ""
+    return f"{path}: ignores {len(unmatched)} name{plural} without a picture: {listed}{more}"
 
 
 def _parts(name: str) -> tuple[str, ...]:
@@ -186,17 +182,3 @@ def _parts(name: str) -> tuple[str, ...]:
     base = PurePosixPath(name.replace("\\", "/"))
     known = base.suffix.lower() in _EXTENSIONS
     return (*base.parts[:-1], base.stem if known else base.name)
-
-
-def _rigid(pose: NDArray[np.float64], where: str) -> NDArray[np.float64]:
-    """Return a pose whose rotation is orthonormal; up to ``_MAX_DEVIATION`` it is corrected."""
-    if not np.isfinite(pose).all():
-        raise UserError(f"{where}: the pose has a value that is not finite.")
-    if is_rigid(pose):
-        return pose
-    if not is_rigid(pose, _MAX_DEVIATION):
-        raise UserError(f"{where}: the pose is not a rotation and a translation (is it scaled or mirrored?).")
-    corrected = pose.copy()
-    corrected[:3, :3] = Rotation.from_matrix(pose[:3, :3]).as_matrix()
-    corrected[3] = [0.0, 0.0, 0.0, 1.0]
-    return corrected

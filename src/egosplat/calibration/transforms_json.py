@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.companions import points_path
 from egosplat.calibration.contents import Contents
+from egosplat.calibration.files import points_path
 from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError

@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from projectaria_tools.core.sensor_data import TimeDomain
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
 
+from egosplat.calibration.files import ADT_INSTANCES, ADT_SEGMENTATIONS, adt_video, find_segmentation
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.frames.adt import RGB_STREAM, device_calibration, open_video, rectification
-from egosplat.frames.files import ADT_INSTANCES, ADT_SEGMENTATIONS, adt_video, find_segmentation
+from egosplat.frames.adt import RGB_STREAM, device_calibration, open_checked, open_video, rectification
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.recording import Instance
-from egosplat.frames.vrs import open_checked
 from egosplat.progress import log
 
 WITH_PEOPLE, WITHOUT_PEOPLE = ADT_SEGMENTATIONS

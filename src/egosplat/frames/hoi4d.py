@@ -1,19 +1,17 @@
-"""Read the frames of HOI4D recordings (docs/method.md#hoi4d-files).
+"""Import HOI4D recordings (docs/method.md#hoi4d-files).
 
 A sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset with the video ``align_rgb/image.mp4``. The
 intrinsics are a separate download: ``camera_params/<ZY…>/intrin.npy`` in the dataset's root folder.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.calibration.files import HOI4D_VIDEO, find_sequence, intrinsics_files, sequence_parts
 from egosplat.errors import UserError
-from egosplat.frames.files import HOI4D_VIDEO, find_sequence, intrinsics_files, sequence_parts
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.recording import Capture
+from egosplat.frames.recording import Recording
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video
 from egosplat.geometry import Camera
@@ -23,47 +21,42 @@ from egosplat.images import resize_image
 _OPENCV_PIXEL_OFFSET = 0.5
 
 
-class Hoi4dRecording:
-    """The frames of one sequence; a ``Recording`` without a device frame."""
+def open_recording(path: Path, options: FramesOptions) -> Recording:
+    """Open the video and select frames; ``path`` is the folder, or the name with underscores in the root folder.
 
-    def __init__(self, path: Path, options: FramesOptions) -> None:
-        """Open the video and select frames; ``path`` is the folder, or the name with underscores in the root folder.
-
-        Raises:
-            UserError: the sequence, its video or its intrinsics are missing, damaged or too small, or no frame is selected.
-        """
-        folder = find_sequence(path)
-        self._video = Video(folder / HOI4D_VIDEO)
-        width, height, resolution = self._video.width, self._video.height, options.resolution
-        if resolution > width:
-            raise UserError(
-                f"resolution: {resolution} px, but {self._video.path} is {width} px wide. Choose from 1 to {width}."
-            )
-        camera = read_intrinsics(find_intrinsics(folder), width, height)
-        times = self._video.timestamp_ns
-        self._frames = select_frames(times, options, self._video.path)
-        target = camera.scaled_to(resolution, max(1, round(height * resolution / width)))
-        valid = np.ones((target.height, target.width), dtype=bool)
-        self.capture = Capture.of_video(times[self._frames], target, True, valid)
-
-    def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """See ``Recording.read_frames``; UserError if the video ends too early."""
-        camera = self.capture.camera
-        for image in self._video.read_frames(self._frames[indices]):
-            yield resize_image(image, camera.width, camera.height)
-
-
-open_recording = Hoi4dRecording
+    Raises:
+        UserError: the sequence, its video or its intrinsics are missing, damaged or too small, or no frame is selected.
+    """
+    folder = find_sequence(path)
+    video = Video(folder / HOI4D_VIDEO)
+    width, height, resolution = video.width, video.height, options.resolution
+    if resolution > width:
+        raise UserError(
+            f"resolution: {resolution} px, but {video.path} is {width} px wide. Choose from 1 to {width}."
+        )
+    camera = read_intrinsics(find_intrinsics(folder), width, height)
+    camera = camera.scaled_to(resolution, max(1, round(height * resolution / width)))
+    frames = select_frames(video.timestamp_ns, options, video.path)
+    times, size = video.timestamp_ns[frames], (camera.width, camera.height)
+    return Recording(
+        timestamp_ns=times,
+        exposure_middle_ns=times,
+        camera=camera,
+        camera_known=True,
+        valid=np.ones(size[::-1], dtype=bool),
+        read_frames=lambda indices: (
+            resize_image(image, *size) for image in video.read_frames(frames[indices])
+        ),
+    )
 
 
 def find_intrinsics(folder: Path) -> Path:
     """Path of ``intrin.npy``, see ``intrinsics_files``; UserError if it does not exist."""
     if files := intrinsics_files(folder):
         return files[0]
-    camera = sequence_parts(folder)[0]
     raise UserError(
-        f"{folder}: has no intrinsics. Put HOI4D's camera parameters at camera_params/{camera}/intrin.npy "
-        "in the dataset's root folder."
+        f"{folder}: has no intrinsics. Put HOI4D's camera parameters at "
+        f"camera_params/{sequence_parts(folder)[0]}/intrin.npy in the dataset's root folder."
     )
 
 

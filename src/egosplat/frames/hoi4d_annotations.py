@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.files import find_masks, find_sequence, sequence_parts
 from egosplat.errors import UserError
-from egosplat.frames.files import find_masks, find_sequence, sequence_parts
 from egosplat.frames.images import read_rgb
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.recording import Instance

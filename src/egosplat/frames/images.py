@@ -1,4 +1,4 @@
-"""Read a folder of images as a recording."""
+"""Read images: single ones, masks, and a folder of images as a recording."""
 
 import contextlib
 import os
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
+from egosplat.calibration.files import DYNAMIC_MASK, dynamic_masks, list_pictures
 from egosplat.errors import UserError
-from egosplat.frames.files import DYNAMIC_MASK, dynamic_mask, dynamic_masks, list_pictures
 from egosplat.progress import log
 
 # Time between images. A folder has no clock: one second per image makes seconds equal image numbers.
@@ -28,15 +28,23 @@ _ORIENTATION_TAG, _UPRIGHT, _TRANSPOSED = 0x0112, 1, (5, 6, 7, 8)
 _BLACK_OF_JPEG = 127
 
 
+@dataclass(frozen=True)
+class _Header:
+    """What the head of an image's file says: size as stored [px], EXIF orientation, whether it has an alpha channel."""
+
+    path: Path
+    size: tuple[int, int]
+    orientation: int
+    alpha: bool
+
+
 class ImageFolder:
     """The png, jpg and jpeg images of a folder, in natural order (2 before 10).
 
     Attributes:
-        paths: the images.
-        names: their paths from the folder.
+        paths, names: of the images; names are paths from the folder.
         turned: whether EXIF orientation is applied.
-        sizes: width and height of each [px].
-        width, height: the most common size [px].
+        sizes: width and height of each [px]; ``width``, ``height``: the most common size.
         timestamp_ns: (N,) int64: image number times ``INTERVAL_NS``.
     """
 
@@ -52,33 +60,36 @@ class ImageFolder:
             log(f"{path}: ignores {others}")
         _check_names(listed)
         self._masks = {mask for each in folders for mask in dynamic_masks(each)}
+        self._headers = [_read_header(image) for image in listed]
+        self.timestamp_ns = np.arange(len(listed), dtype=np.int64) * INTERVAL_NS
+        self._describe()
         if self._masks:
-            used = len(self._masks & {dynamic_mask(image) for image in listed})
+            used = sum(self.mask(frame) is not None for frame in range(len(listed)))
             log(f"{path}: {used} of {len(self._masks)} {DYNAMIC_MASK}*.png leave pixels of a picture out")
-        self._list([_Header.read(image) for image in listed])
 
-    def _list(self, headers: "list[_Header]") -> None:
-        self._headers = headers
-        self.paths, self.sizes = [one.path for one in headers], [one.shown(self.turned) for one in headers]
+    def _describe(self) -> None:
+        self.paths = [header.path for header in self._headers]
         self.names = [os.path.relpath(image, self.path) for image in self.paths]
+        turned = [self.turned and header.orientation in _TRANSPOSED for header in self._headers]
+        sizes = zip(self._headers, turned, strict=True)
+        self.sizes = [header.size[::-1] if lies else header.size for header, lies in sizes]
         (self.width, self.height), _ = Counter(self.sizes).most_common(1)[0]
-        self.timestamp_ns = np.arange(len(headers), dtype=np.int64) * INTERVAL_NS
 
     def turn(self) -> None:
         """Apply EXIF orientation from now on."""
         self.turned = True
-        self.keep(np.arange(len(self.paths)))
+        self._describe()
 
     def keep(self, places: NDArray[np.int64]) -> None:
         """Keep the images at these places alone, at their times."""
-        times = self.timestamp_ns[places]
-        self._list([self._headers[place] for place in places])
-        self.timestamp_ns = times
+        self.timestamp_ns = self.timestamp_ns[places]
+        self._headers = [self._headers[place] for place in places]
+        self._describe()
 
     @property
     def oriented(self) -> int:
         """Number of images with an EXIF orientation that is not upright."""
-        return sum(one.orientation != _UPRIGHT for one in self._headers)
+        return sum(header.orientation != _UPRIGHT for header in self._headers)
 
     def has_alpha(self, frame: int) -> bool:
         """Whether an image has transparent pixels, or may have."""
@@ -86,7 +97,8 @@ class ImageFolder:
 
     def mask(self, frame: int) -> Path | None:
         """instant-ngp's mask of an image: pixels that are not black are left out; None without one."""
-        path = dynamic_mask(self.paths[frame])
+        picture = self.paths[frame]
+        path = picture.with_name(f"{DYNAMIC_MASK}{picture.stem}.png")
         return path if path in self._masks else None
 
     def check_sizes(self) -> None:
@@ -106,8 +118,7 @@ class ImageFolder:
     def read_opaque(self, frame: int) -> NDArray[np.bool_]:
         """(height, width) bool: pixels without any transparency; UserError if there is none, or it is undecodable."""
         path = self.paths[frame]
-        with _opened(path, self.turned) as image:
-            opaque = np.array(image.convert("RGBA"))[..., 3] == 255
+        opaque = _decode(path, "RGBA", self.turned)[..., 3] == 255
         if not opaque.any():
             raise UserError(
                 f"{path}: no pixel is opaque. Remove its alpha channel: magick mogrify -alpha off {path.name}"
@@ -131,19 +142,23 @@ def open_image(path: Path) -> Iterator[Image.Image]:
         raise UserError(f"{path}: not a readable image ({error}).") from error
 
 
-@contextlib.contextmanager
-def _opened(path: Path, turned: bool) -> Iterator[Image.Image]:
-    """Open an image, turned upright or as stored; UserError if it is undecodable or has more than 8 bits a channel."""
+def _read_header(path: Path) -> _Header:
+    with open_image(path) as image:
+        orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
+        return _Header(path, image.size, orientation, image.has_transparency_data)
+
+
+def _decode(path: Path, mode: str, turned: bool) -> NDArray[np.uint8]:
+    """Decode an image, turned upright or as stored; UserError if it is undecodable or has more than 8 bits a channel."""
     with open_image(path) as image:
         if image.mode not in _EIGHT_BIT:
             raise UserError(f"{path}: pixels of type {image.mode}. Convert it to 8 bits per channel.")
-        yield ImageOps.exif_transpose(image) if turned else image
+        return np.array((ImageOps.exif_transpose(image) if turned else image).convert(mode))
 
 
 def read_rgb(path: Path, *, turned: bool = True) -> NDArray[np.uint8]:
-    """Decode an image to (H, W, 3) uint8 RGB, turned by EXIF orientation or not; UserError as ``_opened``."""
-    with _opened(path, turned) as image:
-        return np.array(image.convert("RGB"))
+    """Decode an image to (H, W, 3) uint8 RGB, turned by EXIF orientation or not; UserError if it is no 8-bit image."""
+    return _decode(path, "RGB", turned)
 
 
 def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
@@ -169,12 +184,11 @@ def read_valid(path: Path, width: int, height: int) -> NDArray[np.bool_]:
 def _other_formats(folders: Sequence[Path]) -> str:
     """Number of images in formats that are not read, and the command that converts them; empty if there are none."""
     files = [path for each in folders for path in each.iterdir() if path.name[0] != "." and path.is_file()]
-    counts = Counter(path.suffix for path in files if path.suffix.lower() in _OTHER_SUFFIXES)
-    if not counts:
-        return ""
-    listed = ", ".join(f"{count} {suffix}" for suffix, count in sorted(counts.items()))
-    patterns = " ".join(f"*{suffix}" for suffix in sorted(counts))
-    return f"{listed}: only png and jpg are read. Convert them: magick mogrify -format png {patterns}"
+    counts = sorted(Counter(path.suffix for path in files if path.suffix.lower() in _OTHER_SUFFIXES).items())
+    listed = ", ".join(f"{count} {suffix}" for suffix, count in counts)
+    patterns = " ".join(f"*{suffix}" for suffix, _ in counts)
+    advice = f": only png and jpg are read. Convert them: magick mogrify -format png {patterns}"
+    return listed and listed + advice
 
 
 def _check_names(images: list[Path]) -> None:
@@ -184,24 +198,3 @@ def _check_names(images: list[Path]) -> None:
     for image in images:
         if (other := first.setdefault(image.with_suffix(""), image)) is not image:
             raise UserError(f"{image.parent}: {other.name} and {image.name} are the same image. Remove one.")
-
-
-@dataclass(frozen=True)
-class _Header:
-    """What the head of an image's file says: size as stored [px], EXIF orientation, whether it has an alpha channel."""
-
-    path: Path
-    size: tuple[int, int]
-    orientation: int
-    alpha: bool
-
-    @classmethod
-    def read(cls, path: Path) -> "_Header":
-        """Read a header without decoding the image; UserError if the file is not an image."""
-        with open_image(path) as image:
-            orientation = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT)
-            return cls(path, image.size, orientation, image.has_transparency_data)
-
-    def shown(self, turned: bool) -> tuple[int, int]:
-        """Width and height [px] as the image is read."""
-        return self.size[::-1] if turned and self.orientation in _TRANSPOSED else self.size

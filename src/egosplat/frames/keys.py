@@ -30,23 +30,22 @@ class Originals:
     @classmethod
     def of_facts(cls, facts: Mapping[str, Any], timestamp_ns: NDArray[np.int64]) -> "Originals":
         """Those that frames.zarr tells of its (F,) frames; of a recording that is not plain it tells nothing."""
-        lenses = [Lens.of_facts(lens) for lens in facts.get("lenses", ())]
-        of_frame = zip(timestamp_ns.tolist(), facts.get("lens_of_frame", ()), strict=bool(lenses))
-        pinhole = facts.get("pinhole")
+        lenses, pinhole = [Lens.of_facts(lens) for lens in facts.get("lenses", ())], facts.get("pinhole")
+        index_of = dict(zip(timestamp_ns.tolist(), facts["lens_of_frame"], strict=True)) if lenses else {}
         return cls(
             facts.get("known_poses"),
             facts.get("turned", True),
-            {time: lenses[index] for time, index in of_frame} if lenses else {},
+            {time: lenses[index] for time, index in index_of.items()},
             Camera(**pinhole) if pinhole else None,
         )
 
 
 @dataclass(frozen=True)
 class AnnotationKeys:
-    """How annotations are read from a recording.
+    """How annotations are read.
 
     Attributes:
-        camera, upright: of the frames, as in ``Capture``.
+        camera, upright: of the frames, as in ``Recording``.
         max_age_ns: largest time between a frame and its annotation; pictures are annotated by name.
         originals: of pictures: how they became the frames.
     """

@@ -6,9 +6,9 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.files import labels_folder, labels_of
 from egosplat.calibration.lens import Rectifier
 from egosplat.errors import UserError
-from egosplat.frames.files import labels_folder, labels_of
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.images import resize_labels
 

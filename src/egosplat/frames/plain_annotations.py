@@ -17,10 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.companions import companion_path
+from egosplat.calibration.files import ANNOTATIONS, INSTANCES_TABLE, companion_path, is_annotated, list_masks
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
-from egosplat.frames.files import ANNOTATIONS, INSTANCES_TABLE, is_annotated, list_masks
 from egosplat.frames.images import ImageFolder, open_image
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.labels import fit_labels

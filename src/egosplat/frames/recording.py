@@ -1,8 +1,4 @@
-"""Interfaces of a recording: its rectified frames and its annotations.
-
-Training reads ``Recording`` only. ``Annotations`` serves evaluation and is implemented in separate modules
-(``*_annotations.py``), which no training stage imports.
-"""
+"""A recording as importers return it, one a format: its frames, and separately its annotations, which training never reads."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,15 +12,16 @@ from egosplat.pipeline.recording_origin import Origin
 
 
 @dataclass(frozen=True)
-class Capture:
-    """Camera and times of a recording after rectification, known before any frame is decoded.
+class Recording:
+    """The rectified frames of a recording, and what is known of them before any is decoded.
 
     Attributes:
         timestamp_ns: (F,) int64, strictly increasing: capture time of each frame (video: since its start).
         exposure_middle_ns: (F,) int64: middle of each exposure; poses are of this time.
         camera_known: True for a calibration, False for a guessed field of view.
-        device_from_camera: (4, 4) float64, or None if the recording has no device frame.
         valid: (H, W) bool: pixels that show the scene (inside the lens circle).
+        read_frames: yields the (H, W, 3) uint8 RGB frame of each of increasing indices, 0 outside ``valid``.
+        device_from_camera: (4, 4) float64, or None if the recording has no device frame.
         origin: ``real`` or ``synthetic``.
         upright: whether up in the frames is up in the world, as far as the recording tells.
         labeled: (E,) int64 frames whose labels a benchmark scores; None if any frame may be held out.
@@ -36,34 +33,14 @@ class Capture:
     exposure_middle_ns: NDArray[np.int64]
     camera: Camera
     camera_known: bool
-    device_from_camera: NDArray[np.float64] | None
     valid: NDArray[np.bool_]
-    origin: Origin
+    read_frames: Callable[[NDArray[np.int64]], Iterator[NDArray[np.uint8]]]
+    device_from_camera: NDArray[np.float64] | None = None
+    origin: Origin = "real"
     upright: bool = True
     labeled: NDArray[np.int64] | None = None
     masked: Callable[[int], NDArray[np.bool_]] | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def of_video(
-        cls, timestamp_ns: NDArray[np.int64], camera: Camera, camera_known: bool, valid: NDArray[np.bool_]
-    ) -> "Capture":
-        """Capture of a real video without a device frame; frames are exposed at their timestamps."""
-        return cls(timestamp_ns, timestamp_ns, camera, camera_known, None, valid, "real")
-
-
-class Recording(Protocol):
-    """The frames of a recording."""
-
-    @property
-    def capture(self) -> Capture: ...
-
-    def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (H, W, 3) uint8 RGB frame of each index; indices increase.
-
-        Pixels outside ``capture.valid`` are 0.
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -71,8 +48,7 @@ class Instance:
     """One annotated instance.
 
     Attributes:
-        id: the dataset's id.
-        name: the dataset's name of this instance.
+        id, name: the dataset's.
         category: the phrase of its query, for example ``"step stool"``.
         motion_type: the dataset's label ``static`` or ``dynamic``; people are dynamic.
         instance_type: ``object`` or ``human``.
@@ -92,11 +68,7 @@ class Annotations(Protocol):
     def instances(self) -> list[Instance]: ...
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """The instance of each pixel of the frame captured at ``timestamp_ns``; None if it is not annotated.
-
-        Returns:
-            (H, W) int32 index into ``instances``; -1 where nothing is annotated.
-        """
+        """(H, W) int32 index into ``instances`` of the frame captured then, -1 for none; None if it is not annotated."""
         ...
 
 

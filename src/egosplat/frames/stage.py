@@ -9,15 +9,18 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.schemas import FRAMES
 from egosplat.artifacts.writer import create
+from egosplat.calibration.files import is_annotated
 from egosplat.errors import UserError
-from egosplat.frames.files import is_annotated
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Recording
-from egosplat.frames.selection import SHARPEST
-from egosplat.frames.split import AUTO, evaluation_count, split_frames
+from egosplat.frames.selection import AUTO, SHARPEST, evaluation_count, split_frames
 from egosplat.images import measure_sharpness
 from egosplat.pipeline.stages import load_module
 from egosplat.progress import log, track
+
+# A frame is blurred that is less sharp than the recording's median by this: what a motion of 4 px during the exposure costs,
+# or a Gaussian blur of 0.7 px. The least sharp frame of a synthetic apartment is 0.4 below the median.
+BLURRED = 1.4
 
 
 def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
@@ -26,46 +29,50 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
     Raises:
         UserError: the recording is missing or damaged, or the keys select no frame.
     """
-    reader = open_recording(format, recording_path, options)
-    capture = reader.capture
-    count = len(capture.timestamp_ns)
+    recording = open_recording(format, recording_path, options)
+    count, labeled = len(recording.timestamp_ns), recording.labeled
     annotated = is_annotated(format, recording_path)
-    labeled = capture.labeled
     wanted = evaluation_count(
         options.evaluation_frames, count, annotated, None if labeled is None else len(labeled)
     )
     train, evaluation = split_frames(count, wanted, options.holdout, labeled)
-    made = provenance.begin("frames", options.as_dict() | {"format": format}, capture.origin, chosen=format)
+    made = provenance.begin("frames", options.as_dict() | {"format": format}, recording.origin, chosen=format)
     with create(output, FRAMES, made) as artifact:
-        artifact.put("valid", capture.valid)
-        artifact.put("timestamp_ns", capture.timestamp_ns)
-        artifact.put("exposure_middle_ns", capture.exposure_middle_ns)
+        artifact.put("valid", recording.valid)
+        artifact.put("timestamp_ns", recording.timestamp_ns)
+        artifact.put("exposure_middle_ns", recording.exposure_middle_ns)
         artifact.put("train", train)
         artifact.put("evaluation", evaluation)
-        artifact.allocate("rgb", (count, *capture.valid.shape, 3))
-        if capture.masked:
-            artifact.allocate("masked", (count, *capture.valid.shape))
+        artifact.allocate("rgb", (count, *recording.valid.shape, 3))
+        if recording.masked:
+            artifact.allocate("masked", (count, *recording.valid.shape))
         # One frame at a time: a recording does not fit into memory.
-        images, sharpness = reader.read_frames(np.arange(count)), np.empty(count)
+        images, sharpness = recording.read_frames(np.arange(count)), np.empty(count)
         for index, image in enumerate(track(images, f"reading {recording_path.name}", total=count)):
             artifact.put_row("rgb", index, image)
-            shown = capture.valid
-            if capture.masked:
-                artifact.put_row("masked", index, masked := capture.masked(index))
+            shown = recording.valid
+            if recording.masked:
+                artifact.put_row("masked", index, masked := recording.masked(index))
                 shown = shown & ~masked
             sharpness[index] = measure_sharpness(image, shown)
-        device = capture.device_from_camera
+        device = recording.device_from_camera
         artifact.facts = {
             "recording": recording_path.name,
             "format": format,
-            "upright": capture.upright,
-            "camera": asdict(capture.camera),
-            "camera_known": capture.camera_known,
+            "upright": recording.upright,
+            "camera": asdict(recording.camera),
+            "camera_known": recording.camera_known,
             "blurred_frames": count_blurred(sharpness),
             "device_from_camera": None if device is None else device.tolist(),
-            **capture.facts,
+            **recording.facts,
         }
-    log(_split_line(count, int(evaluation.sum()), options.evaluation_frames == AUTO and not annotated))
+    if options.evaluation_frames == AUTO and not annotated:
+        log(
+            f"{count} frames, all for training: the recording has no annotations "
+            "(frames.evaluation_frames=N holds N of them out)"
+        )
+    else:
+        log(f"{count} frames, {evaluation.sum()} of them for evaluation")
 
 
 def open_recording(format: str, path: Path, options: FramesOptions) -> Recording:
@@ -79,21 +86,6 @@ def open_recording(format: str, path: Path, options: FramesOptions) -> Recording
             f"frames.pick={SHARPEST}: only for plain recordings, and this is {format}; set first."
         )
     return load_module("frames", format).open_recording(path, options)
-
-
-def _split_line(count: int, evaluation: int, unannotated: bool) -> str:
-    """The log line about the split."""
-    if unannotated:
-        return (
-            f"{count} frames, all for training: the recording has no annotations "
-            "(frames.evaluation_frames=N holds N of them out)"
-        )
-    return f"{count} frames, {evaluation} of them for evaluation"
-
-
-# A frame is blurred that is less sharp than the recording's median by this: what a motion of 4 px during the exposure costs,
-# or a Gaussian blur of 0.7 px. The least sharp frame of a synthetic apartment is 0.4 below the median.
-BLURRED = 1.4
 
 
 def count_blurred(sharpness: NDArray[np.float64]) -> int:

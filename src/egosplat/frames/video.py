@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.companions import NONE, picture_folders
+from egosplat.calibration.files import NONE, picture_folders
 from egosplat.errors import UserError
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log

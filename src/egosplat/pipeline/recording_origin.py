@@ -4,13 +4,11 @@ import os
 from pathlib import Path
 from typing import Literal
 
+from egosplat.calibration.files import METADATA
 from egosplat.errors import UserError
 from egosplat.files import read_json
 
 Origin = Literal["real", "synthetic"]
-
-# Facts about an ADT sequence, such as its origin.
-METADATA = "metadata.json"
 
 
 def recording_origin(format: str, recording: Path) -> Origin:

@@ -6,8 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from egosplat.calibration.companions import OF_PICTURES, poses_source, present_known_poses
-from egosplat.calibration.splat_source import source_files
+from egosplat.calibration.files import chosen_poses, source_files
 from egosplat.errors import UserError
 from egosplat.pipeline.config import (
     SHIPPED,
@@ -212,9 +211,7 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
         case "frames" | "annotations":
             return scene.format
         case "poses":
-            known = config["frames"]["known_poses"]
-            has_known = scene.format in OF_PICTURES and bool(present_known_poses(scene.recording, known))
-            return poses_source(config["poses"]["method"], scene.format == "adt", has_known)
+            return chosen_poses(scene.format, scene.recording, config)
         case "language":
             return "joint" if config["splats"]["language"] == "joint" else config["language"]["method"]
     return None

@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from egosplat.calibration.files import MPS_FOLDER, POINTS, TRAJECTORIES, find_points
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, is_rigid
-from egosplat.poses.files import MPS_FOLDER, POINTS, TRAJECTORIES, find_points
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses, mean_camera_up, unregistered
 from egosplat.poses.trajectory import (

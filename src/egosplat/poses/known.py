@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.calibration.companions import accept_advice, known_poses_path
 from egosplat.calibration.contents import Contents
+from egosplat.calibration.files import accept_advice, known_poses_path
 from egosplat.calibration.gsplat_world import gsplat_world
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
@@ -54,7 +54,7 @@ def known_poses(
     contents = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
     if contents.lenses != lenses:
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
-    row = match_pictures(contents.names, pictures, path).row
+    row, _ = match_pictures(contents.names, pictures, path)
     registered = row >= 0
     _check_share(registered, path, options.min_registered)
     scale = options.meters_per_unit or 1.0

@@ -8,7 +8,7 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
 from egosplat.artifacts.writer import create
-from egosplat.calibration.companions import KNOWN_POSES, poses_source
+from egosplat.calibration.files import KNOWN_POSES, poses_source
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from egosplat.calibration.companions import AUTO
+from egosplat.calibration.files import AUTO
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.files import read_user_text, write_text

@@ -11,16 +11,22 @@ from pathlib import Path, PurePosixPath
 
 import cv2
 
-from egosplat.calibration.companions import AUTO, KNOWN_POSES, PICTURES, present_known_poses
+from egosplat.calibration.files import (
+    ADT_VIDEOS,
+    AUTO,
+    KNOWN_POSES,
+    PICTURES,
+    TRAJECTORIES,
+    list_pictures,
+    present_known_poses,
+)
 from egosplat.calibration.known_poses import find_known_poses
 from egosplat.errors import MAKE_ROOM, UserError, reraise_as
 from egosplat.files import atomic_directory
-from egosplat.frames.files import ADT_VIDEOS, list_pictures
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.pictures import ENOUGH_PER_S
 from egosplat.frames.video import Video, open_source
-from egosplat.poses.files import TRAJECTORIES
 
 _TAKES = "Give a video, a folder or .zip of photographs, a COLMAP or nerfstudio folder, or a .vrs"
 

@@ -14,7 +14,7 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.calibration.splat_source import source_files
+from egosplat.calibration.files import source_files
 from egosplat.codes.joint_objective import JointLanguage, initial_codes
 from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError

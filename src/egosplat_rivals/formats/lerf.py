@@ -6,11 +6,12 @@ A scene is the folder of a COLMAP project, ``figurines/images/`` and ``figurines
 
 from pathlib import Path
 
+from egosplat.frames import pictures
 from egosplat.frames.labels import find_labels
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.pictures import PlainRecording
+from egosplat.frames.recording import Recording
 
 
-def open_recording(path: Path, options: FramesOptions) -> PlainRecording:
+def open_recording(path: Path, options: FramesOptions) -> Recording:
     """Open the pictures of a scene."""
-    return PlainRecording(path, options, find_labels("lerf", path))
+    return pictures.open_recording(path, options, find_labels("lerf", path))

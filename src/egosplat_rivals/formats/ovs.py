@@ -6,11 +6,12 @@ masks, ``04/CLASS.png``, for each labeled picture.
 
 from pathlib import Path
 
+from egosplat.frames import pictures
 from egosplat.frames.labels import find_labels
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.pictures import PlainRecording
+from egosplat.frames.recording import Recording
 
 
-def open_recording(path: Path, options: FramesOptions) -> PlainRecording:
+def open_recording(path: Path, options: FramesOptions) -> Recording:
     """Open the pictures of a scene."""
-    return PlainRecording(path, options, find_labels("3d_ovs", path))
+    return pictures.open_recording(path, options, find_labels("3d_ovs", path))

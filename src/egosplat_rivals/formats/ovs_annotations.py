@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from egosplat.calibration.files import OVS_CLASSES, labels_folder, list_masks
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
-from egosplat.frames.files import OVS_CLASSES, labels_folder, list_masks
 from egosplat.frames.images import read_rgb
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.labels import find_labels

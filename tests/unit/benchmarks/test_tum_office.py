@@ -11,9 +11,9 @@ from benchmarks.tum_office.__main__ import HERE, Outline, parse_drawing, rasteri
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.pictures import PlainRecording
+from egosplat.frames.pictures import open_recording
 from egosplat.frames.plain_annotations import read_instances
-from egosplat.frames.split import split_frames
+from egosplat.frames.selection import split_frames
 
 DRAWING = parse_drawing(json.loads((HERE / "polygons.json").read_text()))
 CONFIG = yaml.safe_load((HERE / "config.yaml").read_text())
@@ -65,8 +65,8 @@ def test_the_drawn_pictures_are_the_evaluated_ones():
 def test_the_recording_is_read_as_a_plain_one(pictures, tmp_path):
     output = tmp_path / "recording"
     write_recording(pictures, output, DRAWING)
-    recording = PlainRecording(output, FramesOptions(resolution=CONFIG["frames"]["resolution"]))
-    capture = recording.capture
+    recording = open_recording(output, FramesOptions(resolution=CONFIG["frames"]["resolution"]))
+    capture = recording
     assert capture.camera_known and len(capture.timestamp_ns) == len(DRAWING.pictures)
     # TUM states the center for pixel centers at integers.
     assert (capture.camera.cx, capture.camera.cy) == pytest.approx((320.6, 248.1))

@@ -1,11 +1,8 @@
 """The files of known poses: the reader needs no other, and of two formats it reads one."""
 
-import json
-
 import numpy as np
-import pytest
 
-from egosplat.calibration.companions import known_pose_files
+from egosplat.calibration.files import known_pose_files
 from egosplat.calibration.known_poses import read_known_poses
 from tests.support.recordings import copy_files
 
@@ -46,17 +43,3 @@ def test_a_transforms_file_names_the_file_of_its_points(pictures, transforms, tm
     transforms(ply_file_path="cloud/points.ply")
     assert names(pictures, "auto") == ["transforms.json", "cloud/points.ply"]
     check_copy(pictures, "transforms", tmp_path / "copy")
-
-
-def test_the_files_of_a_video_lie_beside_it(tmp_path):
-    clip = tmp_path / "clip.mp4"
-    clip.touch()
-    document = tmp_path / "clip.mp4.transforms.json"
-    document.write_text(json.dumps({"ply_file_path": "points.ply"}))
-    assert known_pose_files(clip, "auto") == [document, tmp_path / "points.ply"]
-
-
-@pytest.mark.parametrize("text", ["{", "[]", '{"ply_file_path": 1}'])
-def test_a_damaged_file_is_listed_alone(tmp_path, text):
-    (tmp_path / "transforms.json").write_text(text)
-    assert names(tmp_path, "auto") == ["transforms.json"]

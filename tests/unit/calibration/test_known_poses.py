@@ -312,9 +312,9 @@ MATCHES = {
 @pytest.mark.parametrize("names, pictures, row", MATCHES.values(), ids=MATCHES)
 def test_names_match_pictures(tmp_path, names, pictures, row):
     """What tools write for one picture; only a video's frames are told by number."""
-    match = match_pictures(names, pictures, tmp_path)
-    assert match.row.tolist() == row
-    assert match.unmatched == [name for index, name in enumerate(names) if index not in row]
+    matched, unmatched = match_pictures(names, pictures, tmp_path)
+    assert matched.tolist() == row
+    assert unmatched == [name for index, name in enumerate(names) if index not in row]
 
 
 def test_names_that_match_twice_or_never_are_named(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.frames.adt import AdtRecording
+from egosplat.frames.adt import open_recording
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
@@ -19,12 +19,12 @@ ANNOTATION_NS = [87551170910000, 87551204237999]
 
 @pytest.fixture(scope="module")
 def full_size(sample):
-    return AdtRecording(sample, OPTIONS.change(resolution=1408))
+    return open_recording(sample, OPTIONS.change(resolution=1408))
 
 
 @pytest.fixture(scope="module")
 def annotations(sample, full_size):
-    return open_annotations("adt", sample, AnnotationKeys(full_size.capture.camera, True))
+    return open_annotations("adt", sample, AnnotationKeys(full_size.camera, True))
 
 
 def test_instances_are_read_with_their_categories(annotations):
@@ -39,7 +39,7 @@ def test_instances_are_read_with_their_categories(annotations):
 def test_instance_maps_belong_to_their_frames_only(annotations, full_size):
     maps = [annotations.instance_map(time) for time in CAPTURE_NS]
     assert maps[2] is None
-    valid = full_size.capture.valid
+    valid = full_size.valid
     for one in maps[:2]:
         assert one.shape == (1408, 1408) and one.dtype == np.int32
         assert (one[~valid] == -1).all()

@@ -6,7 +6,7 @@ import pytest
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
 from scipy.spatial.transform import Rotation
 
-from egosplat.frames.adt import RGB_LABEL, RGB_STREAM, AdtRecording, device_calibration, open_video
+from egosplat.frames.adt import RGB_LABEL, RGB_STREAM, device_calibration, open_recording, open_video
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log
@@ -24,7 +24,7 @@ def rgb_calibration(sample):
 
 @pytest.fixture(scope="module")
 def full_size(sample):
-    return AdtRecording(sample, OPTIONS.change(resolution=1408))
+    return open_recording(sample, OPTIONS.change(resolution=1408))
 
 
 def poses(table, translation, rotation):
@@ -75,8 +75,8 @@ def test_box_centers_project_into_the_2d_boxes(sample, boxes, world_from_device)
 
 @pytest.mark.parametrize("upright", [False, True])
 def test_the_pinhole_camera_finds_the_instances_at_box_centers(sample, boxes, world_from_device, upright):
-    recording = AdtRecording(sample, OPTIONS.change(resolution=1408, upright=upright))
-    capture = recording.capture
+    recording = open_recording(sample, OPTIONS.change(resolution=1408, upright=upright))
+    capture = recording
     reader = open_annotations("adt", sample, AnnotationKeys(capture.camera, upright))
     instance_map = reader.instance_map(ANNOTATION_NS[0])
     world = boxes[["x", "y", "z"]].to_numpy()
@@ -116,7 +116,7 @@ def raw_ids(sample):
 
 def test_depth_and_instances_warp_onto_the_other_frame(sample, copy, full_size, world_from_device):
     """Without people: between the frames the wearer's hands move by up to a finger's width."""
-    capture, camera = full_size.capture, full_size.capture.camera
+    capture, camera = full_size, full_size.camera
     (copy / "segmentations_with_skeleton.vrs").unlink()
     reader = open_annotations("adt", copy, AnnotationKeys(camera, True))
     ids = [reader.instance_map(time) for time in ANNOTATION_NS]

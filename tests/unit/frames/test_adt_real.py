@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from projectaria_tools.core import data_provider
 
+from egosplat.calibration.files import is_annotated
 from egosplat.errors import UserError
-from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, RGB_STREAM, AdtRecording
+from egosplat.frames import adt
+from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, RGB_STREAM, open_recording
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.files import frames_files, is_annotated
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.rectify import pinhole
+from tests.support.recordings import opened
 
 OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
 CAPTURE_NS = [87551170813262, 87551204152300, 87551237472175]
@@ -22,16 +24,16 @@ CAPTURE_NS = [87551170813262, 87551204152300, 87551237472175]
 
 @pytest.fixture(scope="module")
 def full_size(sample):
-    return AdtRecording(sample, OPTIONS.change(resolution=1408))
+    return open_recording(sample, OPTIONS.change(resolution=1408))
 
 
 def open_and_read(folder, **options):
-    recording = AdtRecording(folder, OPTIONS.change(**options))
-    return list(recording.read_frames(np.arange(len(recording.capture.timestamp_ns))))
+    recording = open_recording(folder, OPTIONS.change(**options))
+    return list(recording.read_frames(np.arange(len(recording.timestamp_ns))))
 
 
 def test_the_sample_has_three_color_frames_in_the_lens_circle(full_size):
-    capture = full_size.capture
+    capture = full_size
     assert capture.timestamp_ns.tolist() == CAPTURE_NS
     assert (capture.exposure_middle_ns - capture.timestamp_ns == EXPOSURE_MIDDLE_AFTER_CAPTURE_NS).all()
     assert capture.origin == "real" and capture.camera_known
@@ -60,7 +62,7 @@ def test_a_recording_of_arias_own_tools_has_another_name(copy):
     (copy / "video.vrs").rename(copy / "recording.vrs")
     (copy / "metadata.json").unlink()
     assert all(np.array_equal(one, other) for one, other in zip(before, open_and_read(copy), strict=True))
-    assert [path.name for path in frames_files("adt", copy, "auto")] == ["recording.vrs"]
+    assert [path.name for path in opened("frames", "adt", copy)] == ["recording.vrs"]
     reader = open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
     assert reader.instance_map(CAPTURE_NS[0]) is not None
     for path in copy.glob("segmentations*.vrs"):
@@ -76,22 +78,22 @@ def test_a_folder_without_a_recording_names_both_files(copy):
 
 
 def test_a_small_frame_is_the_large_one_averaged(sample, full_size):
-    small = AdtRecording(sample, OPTIONS)
+    small = open_recording(sample, OPTIONS)
     (image,) = small.read_frames(np.array([1]))
     (large,) = full_size.read_frames(np.array([1]))
     averaged = large.reshape(352, 4, 352, 4, 3).mean(axis=(1, 3))
-    both = small.capture.valid & full_size.capture.valid.reshape(352, 4, 352, 4).all(axis=(1, 3))
+    both = small.valid & full_size.valid.reshape(352, 4, 352, 4).all(axis=(1, 3))
     assert np.abs(averaged - image)[both].mean() < 1.5
 
 
 def test_stride_and_range_select_frames(sample):
-    assert AdtRecording(sample, OPTIONS.change(stride=2)).capture.timestamp_ns.tolist() == CAPTURE_NS[::2]
-    late = AdtRecording(sample, OPTIONS.change(start_s=0.02))
-    assert late.capture.timestamp_ns.tolist() == CAPTURE_NS[1:]
-    first, second = AdtRecording(sample, OPTIONS).read_frames(np.array([0, 2]))
+    assert open_recording(sample, OPTIONS.change(stride=2)).timestamp_ns.tolist() == CAPTURE_NS[::2]
+    late = open_recording(sample, OPTIONS.change(start_s=0.02))
+    assert late.timestamp_ns.tolist() == CAPTURE_NS[1:]
+    first, second = open_recording(sample, OPTIONS).read_frames(np.array([0, 2]))
     assert (second == next(late.read_frames(np.array([1])))).all() and (first != second).any()
     with pytest.raises(UserError, match="no frame"):
-        AdtRecording(sample, OPTIONS.change(start_s=1.0))
+        open_recording(sample, OPTIONS.change(start_s=1.0))
 
 
 def test_library_messages_are_silenced(sample, capfd):
@@ -111,10 +113,10 @@ def test_frames_need_only_the_video_file(copy, sample):
 
 def test_origin_follows_the_metadata(copy):
     (copy / "metadata.json").write_text('{"origin": "synthetic"}')
-    assert AdtRecording(copy, OPTIONS).capture.origin == "synthetic"
+    assert open_recording(copy, OPTIONS).origin == "synthetic"
     (copy / "metadata.json").write_text("{")
     with pytest.raises(UserError, match="metadata.json.*JSON"):
-        AdtRecording(copy, OPTIONS)
+        open_recording(copy, OPTIONS)
 
 
 def record_ends(content):
@@ -130,21 +132,21 @@ def test_a_truncated_video_is_rejected(copy, keep):
     content = (copy / "video.vrs").read_bytes()
     (copy / "video.vrs").write_bytes(content[:keep])
     with pytest.raises(UserError, match="video.vrs"):
-        AdtRecording(copy, OPTIONS)
+        open_recording(copy, OPTIONS)
 
 
 def test_a_video_truncated_at_the_end_of_a_record_is_rejected(copy):
     content = (copy / "video.vrs").read_bytes()
     (copy / "video.vrs").write_bytes(content[: record_ends(content)[150]])
     with pytest.raises(UserError, match="video.vrs.*truncated"):
-        AdtRecording(copy, OPTIONS)
+        open_recording(copy, OPTIONS)
 
 
 @pytest.mark.parametrize("name", ["segmentations.vrs"])
 def test_another_vrs_file_is_rejected(copy, name):
     shutil.copyfile(copy / name, copy / "video.vrs")
     with pytest.raises(UserError, match="video.vrs.*RGB"):
-        AdtRecording(copy, OPTIONS)
+        open_recording(copy, OPTIONS)
 
 
 def test_a_damaged_frame_is_named(copy):
@@ -158,13 +160,13 @@ def test_a_damaged_frame_is_named(copy):
 def test_missing_videos_are_named(copy):
     (copy / "video.vrs").unlink()
     with pytest.raises(UserError, match="video.vrs"):
-        AdtRecording(copy, OPTIONS)
+        open_recording(copy, OPTIONS)
     with pytest.raises(UserError, match="nowhere"):
-        AdtRecording(copy / "nowhere", OPTIONS)
+        open_recording(copy / "nowhere", OPTIONS)
 
 
 def test_a_black_frame_is_named(sample, monkeypatch):
-    recording = AdtRecording(sample, OPTIONS)
-    monkeypatch.setattr(recording, "_decode", lambda frame: np.zeros((1408, 1408, 3), np.uint8))
+    recording = open_recording(sample, OPTIONS)
+    monkeypatch.setattr(adt, "_decode", lambda *_: np.zeros((1408, 1408, 3), np.uint8))
     with pytest.raises(UserError, match="frame 2 .*black"):
         next(recording.read_frames(np.array([2])))

@@ -1,19 +1,20 @@
 """The rules and the readers of frames and annotations have one list of files: a reader needs no file that it lacks."""
 
+import hashlib
 import json
 import os
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
-from egosplat.calibration.companions import companion_path
+from egosplat.calibration.files import companion_path, digest_of_recording
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.files import annotations_files, digest_of_files, frames_files, pictures_of
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.stage import open_recording
-from tests.support.recordings import copy_files
+from tests.support.recordings import copy_files, opened
 from tests.unit.frames.test_hoi4d import FOLDER, root
 from tests.unit.frames.test_plain import CALIBRATION, images
 from tests.unit.frames.test_plain_annotations import IDS, TABLE
@@ -21,21 +22,16 @@ from tests.unit.frames.test_plain_annotations import IDS, TABLE
 __all__ = ("images", "root")  # fixtures
 
 OPTIONS = FramesOptions(resolution=32, focal=460.0, upright=True)
-
-
-def files_of(stage: str, format: str, recording: Path) -> list[Path]:
-    found = (
-        frames_files(format, recording, "auto")
-        if stage == "frames"
-        else annotations_files(format, recording, "auto")
-    )
-    return [*found, *pictures_of(stage, format, recording, "auto")]
+CONFIG = {
+    "frames": {"known_poses": "auto"},
+    "poses": {"method": "auto", "trajectory": "closed_loop"},
+}
 
 
 def read_frames(format: str, recording: Path) -> tuple[np.ndarray, list]:
     """All that a recording gives, and its pictures."""
     reader = open_recording(format, recording, OPTIONS)
-    capture, count = reader.capture, len(reader.capture.timestamp_ns)
+    capture, count = reader, len(reader.timestamp_ns)
     told = [
         capture.timestamp_ns.tolist(),
         capture.camera,
@@ -48,7 +44,7 @@ def read_frames(format: str, recording: Path) -> tuple[np.ndarray, list]:
 
 def read_annotations(format: str, recording: Path) -> tuple[list[np.ndarray | None], list]:
     """The instance maps of all frames, and the instances."""
-    capture = open_recording(format, recording, OPTIONS).capture
+    capture = open_recording(format, recording, OPTIONS)
     reader = open_annotations(format, recording, AnnotationKeys(capture.camera, True))
     return [reader.instance_map(int(time)) for time in capture.timestamp_ns], reader.instances
 
@@ -64,11 +60,11 @@ def annotate(recording: Path, names: tuple[str, str]) -> None:
 
 def check_copies(format: str, top: Path, place: str, target: Path) -> None:
     """Compare what is read of a recording with what is read of copies that have only the listed files."""
-    frames = files_of("frames", format, top / place)
+    frames = opened("frames", format, top / place)
     pictures, told = read_frames(format, top / place)
     copied, copied_told = read_frames(format, copy_files(frames, top, target / "frames") / place)
     assert np.array_equal(pictures, copied) and told == copied_told
-    every = {*frames, *files_of("annotations", format, top / place)}
+    every = {*frames, *opened("annotations", format, top / place)}
     maps, instances = read_annotations(format, top / place)
     again, same = read_annotations(format, copy_files(every, top, target / "annotations") / place)
     assert instances == same and sum(one is not None for one in maps) >= 2
@@ -79,7 +75,7 @@ def check_copies(format: str, top: Path, place: str, target: Path) -> None:
 def test_readers_of_adt_need_the_listed_files_alone(copy, tmp_path):
     check_copies("adt", copy.parent, copy.name, tmp_path / "copies")
     listed = {
-        stage: {path.name for path in files_of(stage, "adt", copy)} for stage in ("frames", "annotations")
+        stage: {path.name for path in opened(stage, "adt", copy)} for stage in ("frames", "annotations")
     }
     assert listed == {
         "frames": {"video.vrs", "metadata.json"},
@@ -89,7 +85,7 @@ def test_readers_of_adt_need_the_listed_files_alone(copy, tmp_path):
 
 def test_readers_of_hoi4d_need_the_listed_files_alone(root, tmp_path):
     check_copies("hoi4d", root, FOLDER, tmp_path / "copies")
-    named = {path.name for path in files_of("annotations", "hoi4d", root / FOLDER)}
+    named = {path.name for path in opened("annotations", "hoi4d", root / FOLDER)}
     assert named == {"00000.png", "00003.png"}
 
 
@@ -99,7 +95,7 @@ def test_readers_of_plain_recordings_need_the_listed_files_alone(images, tmp_pat
     annotate(images, ("2", "10"))
     check_copies("plain", images.parent, images.name, tmp_path / "copies")
     (images / "notes.txt").touch()
-    assert images / "notes.txt" not in files_of("frames", "plain", images)
+    assert images / "notes.txt" not in opened("frames", "plain", images)
 
 
 def test_readers_of_videos_need_the_listed_files_alone(video, tmp_path):
@@ -112,26 +108,51 @@ def test_readers_of_videos_need_the_listed_files_alone(video, tmp_path):
 def test_a_missing_recording_has_no_files(tmp_path):
     for format in ("adt", "hoi4d", "plain", "lerf", "3d_ovs"):
         for stage in ("frames", "annotations"):
-            assert files_of(stage, format, tmp_path / "nowhere") == []
+            assert opened(stage, format, tmp_path / "nowhere") == []
 
 
-def test_the_digest_follows_an_overwritten_picture_and_no_other_file(images):
-    pictures = pictures_of("frames", "plain", images, "auto")
-    first = digest_of_files(pictures)
-    (images / "notes.txt").touch()
-    assert (
-        digest_of_files(pictures_of("frames", "plain", images, "auto"))
-        == first
-        == digest_of_files(pictures[::-1])
+@pytest.fixture
+def digest(monkeypatch, tmp_path):
+    """The digest of what ``frames`` reads, with a cache of this test."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return lambda recording, format="plain", stage="frames": digest_of_recording(
+        stage, format, recording, CONFIG
     )
-    folder, before = images.stat(), (images / "3.png").stat()
-    (images / "3.png").write_bytes(bytes(before.st_size))  # of the same size
-    os.utime(images, ns=(folder.st_atime_ns, folder.st_mtime_ns))
-    os.utime(images / "3.png", ns=(before.st_atime_ns, before.st_mtime_ns + 1))
-    assert digest_of_files(pictures) != first
 
 
-def test_a_broken_link_is_a_file_too(images):
+def test_the_digest_follows_bytes_and_neither_times_nor_other_files(images, digest):
+    first = digest(images)
+    (images / "notes.txt").touch()
+    os.utime(images / "3.png")
+    assert digest(images) == first
+    (changed := images / "3.png").write_bytes(bytes(changed.stat().st_size))  # of the same size
+    assert digest(images) != first
+
+
+@pytest.mark.parametrize("name", ["transforms.json", "clip.mp4", "camera.json", "2.png"])
+def test_the_digest_follows_a_file_that_is_replaced_by_an_older_one(video, images, digest, name):
+    recording = video("clip.mp4") if name == "clip.mp4" else images
+    file = recording if name == "clip.mp4" else images / name
+    file.write_bytes(b"{1}")
+    first, other = digest(recording), images / "other"
+    other.write_bytes(b"{2}")
+    os.utime(other, ns=(0, file.stat().st_mtime_ns - 10**12))
+    other.replace(file)
+    assert digest(recording) != first
+
+
+def test_the_digest_reads_bytes_again_only_where_size_time_or_inode_changed(images, digest, monkeypatch):
+    first, opened = digest(images), []
+    read = hashlib.file_digest
+    monkeypatch.setattr(
+        hashlib, "file_digest", lambda file, kind: opened.append(file.name) or read(file, kind)
+    )
+    os.utime(images / "2.png", ns=(0, 0))
+    assert digest(images) == first and opened == [str(images / "2.png")]
+
+
+def test_a_broken_link_is_a_file_too(images, digest):
     (images / "annotations").mkdir()
+    before = digest(images, stage="annotations")
     (images / "annotations/1.png").symlink_to("nowhere.png")
-    assert digest_of_files(pictures_of("annotations", "plain", images, "auto"))
+    assert digest(images, stage="annotations") != before

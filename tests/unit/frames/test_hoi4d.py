@@ -7,7 +7,7 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.hoi4d import Hoi4dRecording, find_intrinsics, find_sequence
+from egosplat.frames.hoi4d import find_intrinsics, find_sequence, open_recording
 from egosplat.frames.hoi4d_annotations import decode_labels, instances_of, voc_color_map
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
@@ -59,8 +59,8 @@ def test_labels_are_decoded_and_unknown_colors_marked():
 
 
 def test_frames_are_scaled_with_their_camera(root):
-    recording = Hoi4dRecording(root / FOLDER, OPTIONS)
-    capture = recording.capture
+    recording = open_recording(root / FOLDER, OPTIONS)
+    capture = recording
     # intrin.npy has pixel centers at the integer: 31.5 there is the middle, 32, here, and 16 at half size.
     assert capture.camera == Camera(32, 24, 25.0, 25.5, 16.0, 12.0)
     assert capture.camera_known and capture.device_from_camera is None and capture.valid.all()
@@ -72,8 +72,8 @@ def test_frames_are_scaled_with_their_camera(root):
 
 
 def test_stride_and_range_select_by_the_containers_time(root):
-    recording = Hoi4dRecording(root / FOLDER, OPTIONS.change(stride=2, start_s=0.2, end_s=0.6))
-    assert np.round(recording.capture.timestamp_ns * 15e-9).tolist() == [3, 5, 7]
+    recording = open_recording(root / FOLDER, OPTIONS.change(stride=2, start_s=0.2, end_s=0.6))
+    assert np.round(recording.timestamp_ns * 15e-9).tolist() == [3, 5, 7]
     (image,) = recording.read_frames(np.array([2]))
     assert abs(int(image[12, 28, 1]) - 70) <= 3
 
@@ -90,7 +90,7 @@ def test_videos_and_annotations_may_have_separate_root_folders(root):
     annotations = root / "HOI4D_annotations" / FOLDER
     annotations.mkdir(parents=True)
     (release / "2Dseg").rename(annotations / "2Dseg")
-    assert Hoi4dRecording(root / NAME, OPTIONS).capture.camera_known
+    assert open_recording(root / NAME, OPTIONS).camera_known
     assert open_annotations("hoi4d", root / NAME, AnnotationKeys(CAMERA)).instance_map(0) is not None
 
 
@@ -101,7 +101,7 @@ def test_intrinsics_in_the_sequence_have_priority(root):
 
 def test_masks_belong_to_their_frames(root):
     annotations = open_annotations("hoi4d", root / FOLDER, AnnotationKeys(CAMERA))
-    capture = Hoi4dRecording(root / FOLDER, OPTIONS).capture
+    capture = open_recording(root / FOLDER, OPTIONS)
     maps = [annotations.instance_map(int(time)) for time in capture.timestamp_ns]
     assert [index for index, found in enumerate(maps) if found is not None] == [0, 3]
     first = maps[0]
@@ -143,32 +143,32 @@ def test_the_meaning_of_labels_depends_on_the_category(root):
 def test_bad_intrinsics_are_named(root, matrix, problem):
     write_intrinsics(root, matrix)
     with pytest.raises(UserError, match=f"intrin.npy: .*{problem}"):
-        Hoi4dRecording(root / FOLDER, OPTIONS)
+        open_recording(root / FOLDER, OPTIONS)
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"\x93NUMPY\x01\x00", b"PK\x03\x04half an archive"])
 def test_damaged_intrinsics_are_named(root, content):
     (root / "camera_params/ZY20210800001/intrin.npy").write_bytes(content)
     with pytest.raises(UserError, match="intrin.npy"):
-        Hoi4dRecording(root / FOLDER, OPTIONS)
+        open_recording(root / FOLDER, OPTIONS)
 
 
 def test_missing_parts_are_named(root):
     with pytest.raises(UserError, match="sequence"):
-        Hoi4dRecording(root / NAME.replace("H1", "H9"), OPTIONS)
+        open_recording(root / NAME.replace("H1", "H9"), OPTIONS)
     with pytest.raises(UserError, match="not the name"):
-        Hoi4dRecording(root / "nothing", OPTIONS)
+        open_recording(root / "nothing", OPTIONS)
     (root / "camera_params/ZY20210800001/intrin.npy").unlink()
     with pytest.raises(UserError, match="camera_params/ZY20210800001/intrin.npy"):
-        Hoi4dRecording(root / FOLDER, OPTIONS)
+        open_recording(root / FOLDER, OPTIONS)
     (root / FOLDER / "align_rgb/image.mp4").unlink()
     with pytest.raises(UserError, match="image.mp4"):
-        Hoi4dRecording(root / FOLDER, OPTIONS)
+        open_recording(root / FOLDER, OPTIONS)
 
 
 def test_a_resolution_above_the_video_is_rejected(root):
     with pytest.raises(UserError, match="resolution: 65 .*image.mp4 .*64"):
-        Hoi4dRecording(root / FOLDER, OPTIONS.change(resolution=65))
+        open_recording(root / FOLDER, OPTIONS.change(resolution=65))
 
 
 def test_bad_masks_are_named(root):

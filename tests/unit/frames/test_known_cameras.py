@@ -13,8 +13,7 @@ from egosplat.calibration.lens import Lens, Rectifier, shared_pinhole
 from egosplat.errors import UserError
 from egosplat.export.dataset import DataSet, _write_images, write_nerfstudio
 from egosplat.frames import annotations_stage, pictures
-from egosplat.frames.files import frames_files, pictures_of
-from egosplat.frames.pictures import PlainRecording
+from egosplat.frames.pictures import open_recording
 from egosplat.frames.stage import FramesOptions
 from egosplat.frames.stage import run as make_frames
 from egosplat.gaussians.training_views import open_masking
@@ -22,7 +21,7 @@ from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
 from egosplat.poses.stage import PosesOptions
 from egosplat.poses.stage import run as make_poses
-from tests.support.recordings import copy_files
+from tests.support.recordings import copy_files, opened
 
 WIDTH, HEIGHT = 64, 48
 OPTIONS = FramesOptions(resolution=64)
@@ -100,10 +99,10 @@ def test_pictures_lie_as_their_files_have_them(tmp_path, capsys, kind, orientati
         write_model(recording, NAMES, [f"PINHOLE {size[0]} {size[1]} 60 60 32 24"], [1] * 4)
     else:
         write_transforms(recording, NAMES, numbers)
-    (shown,) = PlainRecording(recording, OPTIONS).read_frames(np.array([2]))
+    (shown,) = open_recording(recording, OPTIONS).read_frames(np.array([2]))
     np.testing.assert_array_equal(shown, image)
     assert "4 pictures of" in capsys.readouterr().err
-    (turned,) = PlainRecording(recording, OPTIONS.change(known_poses="none")).read_frames(np.array([2]))
+    (turned,) = open_recording(recording, OPTIONS.change(known_poses="none")).read_frames(np.array([2]))
     assert turned.shape != image.shape or (turned != image).any()
 
 
@@ -112,10 +111,10 @@ def test_pictures_are_turned_if_only_this_is_the_size_of_their_camera(tmp_path, 
     for name in NAMES:
         save(tmp_path / name, picture(), 6)
     write_transforms(tmp_path, NAMES, CAMERA | {"w": HEIGHT, "h": WIDTH, "cx": 24.0, "cy": 32.0})
-    recording = PlainRecording(tmp_path, OPTIONS)
+    recording = open_recording(tmp_path, OPTIONS)
     (shown,) = recording.read_frames(np.array([0]))
     np.testing.assert_array_equal(shown, np.rot90(picture(), -1))
-    assert recording.capture.facts["turned"] and "turned by it" in capsys.readouterr().err
+    assert recording.facts["turned"] and "turned by it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["colmap", "transforms"])
@@ -128,7 +127,7 @@ def test_a_camera_of_another_size_is_named(folder, kind):
     with pytest.raises(
         UserError, match=r"(cameras.txt|transforms.json): for 128x96 px, but .* 64x48 \(1.png\)"
     ):
-        PlainRecording(folder, OPTIONS)
+        open_recording(folder, OPTIONS)
 
 
 def test_two_cameras_become_one_that_both_see(tmp_path):
@@ -167,7 +166,7 @@ def test_cameras_without_a_common_view_are_named():
 def test_names_that_are_no_path_match_no_picture(folder):
     """No traceback of the file system's."""
     write_transforms(folder, ["a/" * 3000 + "1.png", "\0.png"])
-    assert PlainRecording(folder, OPTIONS).capture.facts["pictures"] == NAMES
+    assert open_recording(folder, OPTIONS).facts["pictures"] == NAMES
 
 
 def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
@@ -218,7 +217,7 @@ def test_a_mask_of_the_folder_needs_pictures_of_one_size(tmp_path):
         tmp_path, ["a.png", "b.png"], ["PINHOLE 64 48 60 60 32 24", "PINHOLE 48 64 60 60 24 32"], [1, 2]
     )
     with pytest.raises(UserError, match="valid.png: the pictures have several sizes"):
-        PlainRecording(tmp_path, OPTIONS)
+        open_recording(tmp_path, OPTIONS)
 
 
 def write_masks(folder: Path, *, suffix: str = "png") -> np.ndarray:
@@ -259,7 +258,7 @@ def test_a_mask_of_another_size_is_named(folder):
     save(folder / "masks/all.png", np.full((10, 10), 255, np.uint8))
     write_transforms(folder, NAMES, mask_path="masks/all.png")
     with pytest.raises(UserError, match="all.png: 10x10 px, but the frames are 64x48"):
-        PlainRecording(folder, OPTIONS)
+        open_recording(folder, OPTIONS)
 
 
 def test_the_export_of_a_scene_is_read_again(folder, tmp_path):
@@ -297,8 +296,8 @@ def test_transparent_pixels_are_not_valid(folder, known):
         save(folder / name, np.dstack([picture(), alpha[index]]))
     if known:
         write_transforms(folder, NAMES)
-    recording = PlainRecording(folder, OPTIONS.change(lens="pinhole"))
-    opaque, capture = alpha == 255, recording.capture
+    recording = open_recording(folder, OPTIONS.change(lens="pinhole"))
+    opaque, capture = alpha == 255, recording
     np.testing.assert_array_equal(capture.valid, opaque.any(axis=0))
     for index in range(4):
         np.testing.assert_array_equal(capture.masked(index), capture.valid & ~opaque[index])
@@ -309,7 +308,7 @@ def test_transparent_pixels_are_not_valid(folder, known):
 def test_a_picture_without_an_opaque_pixel_is_named(folder):
     save(folder / "2.png", np.dstack([picture(), np.full((HEIGHT, WIDTH), 254, np.uint8)]))
     with pytest.raises(UserError, match="2.png: no pixel is opaque"):
-        PlainRecording(folder, OPTIONS.change(lens="pinhole"))
+        open_recording(folder, OPTIONS.change(lens="pinhole"))
 
 
 LAYOUTS = {
@@ -350,17 +349,17 @@ def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, names, fir
     assert frames.facts["pictures"][0] == first and len(frames.facts["pictures"]) == 4
     np.testing.assert_allclose(poses.read("camera_to_world")[:, 0, 3], [0.0, 0.3, 0.6, 0.9])
     (tmp_path / "copy").mkdir()
-    files = [*frames_files("plain", recording, "auto"), *pictures_of("frames", "plain", recording, "auto")]
-    copied = PlainRecording(copy_files(files, recording, tmp_path / "copy"), OPTIONS)
-    assert frames.facts | json.loads(json.dumps(copied.capture.facts)) == frames.facts
+    files = opened("frames", "plain", recording)
+    copied = open_recording(copy_files(files, recording, tmp_path / "copy"), OPTIONS)
+    assert frames.facts | json.loads(json.dumps(copied.facts)) == frames.facts
 
 
 def test_masks_count_as_files_of_the_recording(folder):
     """A mask that is overwritten makes the frames stale."""
     write_masks(folder)
     write_transforms(folder, NAMES, mask_path="masks/1.png")
-    assert folder / "masks/1.png" in pictures_of("frames", "plain", folder, "auto")
-    assert folder / "masks/1.png" not in pictures_of("frames", "plain", folder, "none")
+    assert folder / "masks/1.png" in opened("frames", "plain", folder, "auto")
+    assert folder / "masks/1.png" not in opened("frames", "plain", folder, "none")
 
 
 def test_points_that_are_not_finite_are_told(folder, capsys):
@@ -385,8 +384,8 @@ def test_masks_of_instant_ngp_are_no_pictures(folder, capsys):
     assert frames.facts["pictures"] == NAMES and frames.read("valid").all()
     np.testing.assert_array_equal(frames.read("masked"), np.multiply.outer(np.arange(4) == 0, moves > 0))
     assert "1 of 2 dynamic_mask_" in capsys.readouterr().err
-    pictures = pictures_of("frames", "plain", folder, "auto")
-    assert folder / "dynamic_mask_1.png" in pictures and len(pictures) == len(set(pictures)) == 6
+    pictures = opened("frames", "plain", folder, "auto")
+    assert folder / "dynamic_mask_1.png" in pictures and len(pictures) == len(set(pictures)) == 7
 
 
 def test_masks_that_leave_nothing_are_an_error(folder):
@@ -394,7 +393,7 @@ def test_masks_that_leave_nothing_are_an_error(folder):
         save(folder / f"dynamic_mask_{index}.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
     write_transforms(folder, NAMES)
     with pytest.raises(UserError, match="masks leave no pixel.*dynamic_mask_"):
-        PlainRecording(folder, OPTIONS)
+        open_recording(folder, OPTIONS)
 
 
 def test_the_lens_is_looked_for_in_the_pixels_that_a_picture_shows(folder, monkeypatch):
@@ -404,6 +403,6 @@ def test_the_lens_is_looked_for_in_the_pixels_that_a_picture_shows(folder, monke
     save(folder / "2.png", np.dstack([picture(), alpha]))
     given = []
     monkeypatch.setattr(pictures, "lens_of_frames", lambda *about: given.append(about[-1]) or (None, None))
-    PlainRecording(folder, OPTIONS)
+    open_recording(folder, OPTIONS)
     np.testing.assert_array_equal(given[0](1), alpha > 0)
     assert given[0](2).all()

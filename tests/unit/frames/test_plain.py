@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
+from egosplat.frames import stage
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.pictures import PlainRecording, stride_advice
-from egosplat.frames.stage import open_recording
+from egosplat.frames.pictures import open_recording
 from egosplat.geometry import Camera
 
 OPTIONS = FramesOptions(resolution=32)
@@ -43,22 +43,11 @@ def reds(recording, indices):
 
 
 def test_images_come_in_natural_order(images):
-    recording = PlainRecording(images, OPTIONS)
+    recording = open_recording(images, OPTIONS)
     assert reds(recording, range(12)) == [10 * number for number in range(12)]
-    assert recording.capture.timestamp_ns.tolist() == [number * 10**9 for number in range(12)]
-    part = PlainRecording(images, OPTIONS.change(stride=3, start_s=2, end_s=9))
+    assert recording.timestamp_ns.tolist() == [number * 10**9 for number in range(12)]
+    part = open_recording(images, OPTIONS.change(stride=3, start_s=2, end_s=9))
     assert reds(part, [0, 1, 2]) == [20, 50, 80]
-
-
-def test_digits_that_are_no_decimals_are_letters_of_a_name(tmp_path):
-    """``str.isdigit`` is true of them, and ``int`` refuses them."""
-    names = ["2.png", "10.png", "²1.png", "①2.png", "③.png", "٣.png"]
-    for place, name in enumerate(names):
-        Image.new("RGB", (64, 48), (10 * place, 0, 0)).save(tmp_path / name)
-    recording = PlainRecording(tmp_path, OPTIONS)
-    assert sorted(reads := reds(recording, range(6))) == [0, 10, 20, 30, 40, 50] and reads.index(
-        0
-    ) < reads.index(10)
 
 
 def test_the_sharpest_of_every_stride_frames_is_used(tmp_path):
@@ -70,23 +59,23 @@ def test_the_sharpest_of_every_stride_frames_is_used(tmp_path):
         Image.fromarray(cv2.blur(grey, (blur, 1))).convert("RGB").save(folder / f"{number}.png")
     options = OPTIONS.change(resolution=64, stride=3)
     for pick, expected in (("first", [0, 3, 6]), ("sharpest", [1, 3, 6])):
-        capture = PlainRecording(folder, options.change(pick=pick)).capture
+        capture = open_recording(folder, options.change(pick=pick))
         assert capture.facts["pictures"] == [f"{number}.png" for number in expected]
         assert capture.timestamp_ns.tolist() == [number * 10**9 for number in expected]
-    late = PlainRecording(folder, options.change(start_s=2.0, pick="sharpest")).capture
+    late = open_recording(folder, options.change(start_s=2.0, pick="sharpest"))
     assert late.facts["pictures"] == ["3.png", "6.png"]
 
 
 def test_only_plain_recordings_have_a_sharpest_frame(tmp_path):
     with pytest.raises(UserError, match="frames.pick=sharpest"):
-        open_recording("adt", tmp_path, OPTIONS.change(stride=2, pick="sharpest"))
+        stage.open_recording("adt", tmp_path, OPTIONS.change(stride=2, pick="sharpest"))
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp", ".tif", ".TIFF", ".bmp", ".heic", ".avif", ".dng"])
 def test_images_of_other_formats_are_counted(images, capsys, suffix):
     for number in range(3):
         (images / f"more{number}{suffix}").touch()
-    assert len(PlainRecording(images, OPTIONS).capture.timestamp_ns) == 12
+    assert len(open_recording(images, OPTIONS).timestamp_ns) == 12
     told = capsys.readouterr().err
     assert f"3 {suffix}: only png and jpg are read" in told and f"mogrify -format png *{suffix}" in told
 
@@ -95,13 +84,13 @@ def test_a_folder_of_other_formats_only_advises_their_conversion(tmp_path):
     for name in ("a.heic", "b.heic", "c.webp"):
         (tmp_path / name).touch()
     with pytest.raises(UserError, match=r"2 \.heic, 1 \.webp: .*\*\.heic \*\.webp"):
-        PlainRecording(tmp_path, OPTIONS)
+        open_recording(tmp_path, OPTIONS)
 
 
 def test_files_that_are_not_images_are_ignored_silently(images, capsys):
     for name in ("notes.txt", "camera.txt", ".hidden.webp"):
         (images / name).touch()
-    PlainRecording(images, OPTIONS)
+    open_recording(images, OPTIONS)
     assert "ignores" not in capsys.readouterr().err
 
 
@@ -112,11 +101,11 @@ def test_two_images_of_one_name_are_rejected_with_both_names(tmp_path, first, se
     """One of the two would be trained on and the other held out."""
     folder = write_images(tmp_path / "twice", ["5.png", first, second, "7.png"])
     with pytest.raises(UserError, match=f"{first} and {second}|{second} and {first}"):
-        PlainRecording(folder, OPTIONS)
+        open_recording(folder, OPTIONS)
 
 
 def test_a_guessed_camera_is_marked_as_guessed(images):
-    capture = PlainRecording(images, OPTIONS).capture
+    capture = open_recording(images, OPTIONS)
     assert capture.camera == Camera(32, 24, 1.2 * 32, 1.2 * 32, 16.0, 12.0)
     assert not capture.camera_known and capture.device_from_camera is None and capture.origin == "real"
 
@@ -126,7 +115,7 @@ def test_a_companion_calibration_is_used(images, video, kind):
     path = images if kind == "images" else video()
     target = path / "camera.json" if kind == "images" else path.with_name("clip.mp4.camera.json")
     target.write_text(json.dumps(CALIBRATION))
-    capture = PlainRecording(path, OPTIONS).capture
+    capture = open_recording(path, OPTIONS)
     assert capture.camera == Camera(32, 24, 25.0, 25.5, 15.0, 12.0)
     assert capture.camera_known
 
@@ -146,29 +135,29 @@ def test_a_companion_calibration_is_used(images, video, kind):
 def test_a_bad_calibration_is_named(images, content, problem):
     (images / "camera.json").write_text(content)
     with pytest.raises(UserError, match=f"camera.json: .*{problem}"):
-        PlainRecording(images, OPTIONS)
+        open_recording(images, OPTIONS)
 
 
 def test_a_resized_mask_keeps_wholly_valid_pixels(images):
     mask = np.full((48, 64), 255, np.uint8)
     mask[:, :9] = 0
     Image.fromarray(mask).save(images / "valid.png")
-    recording = PlainRecording(images, OPTIONS)
+    recording = open_recording(images, OPTIONS)
     expected = np.ones((24, 32), bool)
     expected[:, :5] = False
-    assert (recording.capture.valid == expected).all()
+    assert (recording.valid == expected).all()
     (image,) = recording.read_frames(np.array([11]))
     assert (image[~expected] == 0).all() and (image[expected] == [110, 100, 0]).all()
-    assert len(recording.capture.timestamp_ns) == 12
+    assert len(recording.timestamp_ns) == 12
 
 
 def test_bad_masks_are_named(images):
     Image.new("L", (63, 48), 255).save(images / "valid.png")
     with pytest.raises(UserError, match="valid.png: 63x48"):
-        PlainRecording(images, OPTIONS)
+        open_recording(images, OPTIONS)
     Image.new("L", (64, 48), 0).save(images / "valid.png")
     with pytest.raises(UserError, match="valid.png.*black"):
-        PlainRecording(images, OPTIONS)
+        open_recording(images, OPTIONS)
 
 
 def test_exif_orientation_is_applied(tmp_path):
@@ -178,29 +167,21 @@ def test_exif_orientation_is_applied(tmp_path):
     exif = Image.Exif()
     exif[0x0112] = 6  # shown turned clockwise
     Image.fromarray(image).save(folder / "a.jpg", exif=exif, quality=95)
-    recording = PlainRecording(folder, OPTIONS.change(resolution=64))
+    recording = open_recording(folder, OPTIONS.change(resolution=64))
     (shown,) = recording.read_frames(np.array([0]))
     assert shown.shape == (64, 48, 3)
     assert shown[:, 40, 1].min() > 150 and shown[:, 8, 1].max() < 50
 
 
-def test_opaque_pictures_and_palettes_become_plain_colors(tmp_path):
-    folder = write_images(tmp_path / "images", ["0.png"])
-    Image.new("RGBA", (64, 48), (10, 20, 30, 255)).save(folder / "1.png")
-    Image.new("RGB", (64, 48), (10, 20, 30)).quantize(4).save(folder / "2.png")
-    frames = list(PlainRecording(folder, OPTIONS).read_frames(np.array([1, 2])))
-    assert [image[3, 3].tolist() for image in frames] == [[10, 20, 30]] * 2
-
-
 def test_bad_image_folders_are_named(images, tmp_path):
     with pytest.raises(UserError, match="no png"):
-        PlainRecording(write_images(tmp_path / "empty", []), OPTIONS)
+        open_recording(write_images(tmp_path / "empty", []), OPTIONS)
     Image.new("RGB", (48, 64)).save(images / "7.png")
     with pytest.raises(UserError, match="7.png: 48x64 px.*64x48"):
-        PlainRecording(images, OPTIONS)
+        open_recording(images, OPTIONS)
     (images / "7.png").write_text("no image")
     with pytest.raises(UserError, match="7.png"):
-        PlainRecording(images, OPTIONS)
+        open_recording(images, OPTIONS)
 
 
 def test_an_image_that_cannot_be_decoded_is_named(images):
@@ -210,16 +191,16 @@ def test_an_image_that_cannot_be_decoded_is_named(images):
     content = (images / "3.png").read_bytes()
     (images / "3.png").write_bytes(content[: len(content) // 2])
     with pytest.raises(UserError, match="3.png"):
-        reds(PlainRecording(images, OPTIONS), [2])
+        reds(open_recording(images, OPTIONS), [2])
     Image.fromarray(np.zeros((48, 64), np.uint16)).save(images / "3.png")
     with pytest.raises(UserError, match="3.png.*8 bits"):
-        reds(PlainRecording(images, OPTIONS), [2])
+        reds(open_recording(images, OPTIONS), [2])
 
 
 def test_images_that_are_smaller_than_the_resolution_keep_their_size(images, capsys):
     """A preset asks for one size of all recordings."""
-    recording = PlainRecording(images, OPTIONS.change(resolution=65))
-    assert (recording.capture.camera.width, recording.capture.camera.height) == (64, 48)
+    recording = open_recording(images, OPTIONS.change(resolution=65))
+    assert (recording.camera.width, recording.camera.height) == (64, 48)
     assert "frames keep their 64 px" in capsys.readouterr().err
 
 
@@ -227,13 +208,13 @@ def test_area_averaging_does_not_alias(tmp_path):
     folder = write_images(tmp_path / "images", ["0.png"])
     checkers = np.indices((48, 64)).sum(axis=0) % 2 * 255
     Image.fromarray(np.repeat(checkers[..., None], 3, axis=2).astype(np.uint8)).save(folder / "0.png")
-    (image,) = PlainRecording(folder, OPTIONS).read_frames(np.array([0]))
+    (image,) = open_recording(folder, OPTIONS).read_frames(np.array([0]))
     assert np.abs(image.astype(int) - 127).max() <= 1
 
 
 def test_video_frames_have_the_times_of_their_container(video):
-    recording = PlainRecording(video(), OPTIONS.change(stride=5))
-    assert np.abs(recording.capture.timestamp_ns - np.array([0, 5, 10]) * 1e9 / 15).max() < 1000
+    recording = open_recording(video(), OPTIONS.change(stride=5))
+    assert np.abs(recording.timestamp_ns - np.array([0, 5, 10]) * 1e9 / 15).max() < 1000
     greens = [int(image[12, 28, 1]) for image in recording.read_frames(np.array([1, 2]))]
     assert np.abs(np.array(greens) - [50, 100]).max() <= 3
 
@@ -241,20 +222,16 @@ def test_video_frames_have_the_times_of_their_container(video):
 @pytest.mark.parametrize("stride, advised", [(1, "12 frames, 15 a second; frames.stride=5"), (3, None)])
 def test_a_stride_is_advised_where_colmap_would_take_long(video, capsys, stride, advised):
     """A video of 30 frames a second takes COLMAP many minutes for views that hardly differ."""
-    PlainRecording(video(), OPTIONS.change(stride=stride))
+    open_recording(video(), OPTIONS.change(stride=stride))
     said = capsys.readouterr().err
     assert advised in said if advised else "frames.stride" not in said
-
-
-def test_one_frame_or_equal_times_advise_nothing():
-    assert stride_advice(np.zeros(1, np.int64), 1) is stride_advice(np.zeros(5, np.int64), 1) is None
 
 
 def test_a_variable_frame_rate_keeps_its_times(video):
     source = video()
     varied = source.with_name("varied.mp4")
     ffmpeg("-i", source, "-vf", "setpts='if(lt(N,5),N,5+3*(N-5))/15/TB'", "-fps_mode", "vfr", varied)
-    times = PlainRecording(varied, OPTIONS).capture.timestamp_ns * 15e-9
+    times = open_recording(varied, OPTIONS).timestamp_ns * 15e-9
     assert np.abs(times - [0, 1, 2, 3, 4, 5, 8, 11, 14, 17, 20, 23]).max() < 0.01
 
 
@@ -262,8 +239,8 @@ def test_a_rotated_video_is_shown_upright(video):
     source = video()
     turned = source.with_name("turned.mp4")
     ffmpeg("-display_rotation", "90", "-i", source, "-c", "copy", turned)
-    recording = PlainRecording(turned, OPTIONS)
-    camera = recording.capture.camera
+    recording = open_recording(turned, OPTIONS)
+    camera = recording.camera
     assert (camera.width, camera.height) == (24, 32)
     (image,) = recording.read_frames(np.array([2]))
     # Turned counter-clockwise, the red left half comes to lie below.
@@ -274,15 +251,8 @@ def test_a_rotated_video_is_shown_upright(video):
 def test_a_file_that_is_not_a_video_is_named(tmp_path, content, capfd):
     (tmp_path / "clip.mp4").write_bytes(content)
     with pytest.raises(UserError, match="clip.mp4"):
-        PlainRecording(tmp_path / "clip.mp4", OPTIONS)
+        open_recording(tmp_path / "clip.mp4", OPTIONS)
     assert capfd.readouterr().err == ""
-
-
-def test_a_video_without_frames_is_named(tmp_path):
-    writer = cv2.VideoWriter(str(tmp_path / "clip.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 15, (64, 48))
-    writer.release()
-    with pytest.raises(UserError, match="clip.mp4"):
-        PlainRecording(tmp_path / "clip.mp4", OPTIONS)
 
 
 def test_a_truncated_video_is_reported(video, capfd):
@@ -291,8 +261,8 @@ def test_a_truncated_video_is_reported(video, capfd):
     ffmpeg("-i", source, "-c", "copy", "-movflags", "+faststart", streamed)
     content = streamed.read_bytes()
     streamed.write_bytes(content[: int(len(content) * 0.7)])
-    recording = PlainRecording(streamed, OPTIONS)
-    assert 1 <= len(recording.capture.timestamp_ns) < 40
+    recording = open_recording(streamed, OPTIONS)
+    assert 1 <= len(recording.timestamp_ns) < 40
     assert "of 40 declared frames" in capfd.readouterr().err
 
 
@@ -300,4 +270,4 @@ def test_a_truncated_video_is_reported(video, capfd):
 def test_a_dangling_link_is_named(images, name):
     (images / name).symlink_to("nowhere")
     with pytest.raises(UserError, match=name):
-        PlainRecording(images, OPTIONS)
+        open_recording(images, OPTIONS)

@@ -13,7 +13,7 @@ from egosplat.frames import annotations_stage, stage
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.pictures import PlainRecording
+from egosplat.frames.pictures import open_recording
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import Layer, configure, defaults
@@ -41,7 +41,7 @@ def images(tmp_path):
 
 
 def maps(path):
-    times = PlainRecording(path, OPTIONS).capture.timestamp_ns
+    times = open_recording(path, OPTIONS).timestamp_ns
     annotations = open_annotations("plain", path, AnnotationKeys(CAMERA))
     return [annotations.instance_map(int(time)) for time in times]
 

@@ -1,6 +1,5 @@
 """Recordings open by format, and reading frames imports no annotation code."""
 
-import numpy as np
 import pytest
 
 from egosplat.errors import UserError
@@ -37,19 +36,3 @@ def test_a_missing_recording_is_named_with_the_reason(tmp_path, format, problem)
         open_recording(format, nowhere, OPTIONS)
     with pytest.raises(UserError, match=f"nowhere: {problem}"):
         open_annotations(format, nowhere, AnnotationKeys(CAMERA, True))
-
-
-def test_every_format_has_its_reader(tmp_path, video):
-    plain = open_recording("plain", video(), OPTIONS)
-    assert plain.capture.valid.shape == (24, 32)
-    (image,) = plain.read_frames(np.array([3]))
-    assert image.shape == (24, 32, 3)
-    assert open_annotations("plain", tmp_path / "clip.mp4", AnnotationKeys(CAMERA, True)) is None
-    sequence = tmp_path / "ZY20210800001/H1/C11/N58/S376/s02/T2"
-    video(sequence / "align_rgb/image.mp4")
-    np.save(sequence / "intrin.npy", np.array([[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]))
-    assert open_recording("hoi4d", sequence, OPTIONS).capture.camera_known
-    assert open_annotations("hoi4d", sequence, AnnotationKeys(CAMERA, True)) is None
-    with pytest.raises(UserError, match="video.vrs"):
-        open_recording("adt", tmp_path, OPTIONS)
-    assert open_annotations("adt", tmp_path, AnnotationKeys(CAMERA, True)) is None

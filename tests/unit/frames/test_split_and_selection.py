@@ -7,8 +7,7 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.selection import select_frames
-from egosplat.frames.split import evaluation_count, split_frames
+from egosplat.frames.selection import evaluation_count, select_frames, split_frames
 
 
 @pytest.mark.parametrize(("count", "evaluation"), [(10, 2), (300, 7), (5, 3), (1000, 999 - 1), (9, 1)])

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.frames import adt
-from egosplat.frames.adt import AdtRecording, rectification
+from egosplat.frames.adt import open_recording, rectification
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
@@ -109,8 +109,8 @@ OPTIONS = FramesOptions(resolution=64, focal=460.0)
 
 def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
     """The sample's frames with the mounting of gen2: as the sensor takes them, whatever frames.upright says."""
-    lying = AdtRecording(sample, OPTIONS.change(upright=False))
-    assert not lying.capture.upright
+    lying = open_recording(sample, OPTIONS.change(upright=False))
+    assert not lying.upright
 
     def gen2(provider, path):
         lens = provider.get_device_calibration().get_camera_calib(RGB)
@@ -127,13 +127,13 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
     monkeypatch.setattr(adt, "device_calibration", gen2)
     monkeypatch.setattr("egosplat.frames.adt_annotations.device_calibration", gen2)
     for upright in (True, False):
-        turned = AdtRecording(sample, OPTIONS.change(upright=upright))
-        assert turned.capture.upright
+        turned = open_recording(sample, OPTIONS.change(upright=upright))
+        assert turned.upright
         image = next(turned.read_frames(np.array([0])))
         assert (image == next(lying.read_frames(np.array([0])))).all()
     found = [
-        open_annotations("adt", sample, AnnotationKeys(lying.capture.camera, upright)).instance_map(
-            int(lying.capture.timestamp_ns[0])
+        open_annotations("adt", sample, AnnotationKeys(lying.camera, upright)).instance_map(
+            int(lying.timestamp_ns[0])
         )
         for upright in (True, False)
     ]

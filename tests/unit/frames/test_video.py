@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.frames.split import split_frames
+from egosplat.frames.selection import split_frames
 from egosplat.frames.video import Video, rebuild_times
 from tests.unit.frames.conftest import grey_frames, write_video
 from tests.unit.frames.test_plain import ffmpeg

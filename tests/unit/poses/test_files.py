@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from egosplat.poses.adt import adt_poses
-from egosplat.poses.files import poses_files
 from egosplat.poses.options import PosesOptions
-from tests.support.recordings import copy_files
+from tests.support.recordings import copy_files, opened
 from tests.unit.poses.test_adt import CAMERA, MOUNT, cloud
 
 TIMES = np.array([1_010_000_000, 1_015_000_000])
@@ -15,7 +14,7 @@ TIMES = np.array([1_010_000_000, 1_015_000_000])
 @pytest.mark.parametrize("trajectory", ["closed_loop", "ground_truth"])
 def test_the_trajectory_and_the_points_of_the_device_are_read(recording, table, tmp_path, trajectory):
     folder = recording(table, cloud([1e-4], [0.01]), trajectory == "closed_loop")
-    listed = poses_files("device", folder, trajectory, "auto")
+    listed = opened("poses", "adt", folder, trajectory=trajectory)
     copied = copy_files(listed, folder, tmp_path / "copy")
     whole, alone = (
         adt_poses(one, TIMES, MOUNT, CAMERA, PosesOptions(trajectory=trajectory)) for one in (folder, copied)
@@ -27,6 +26,6 @@ def test_the_trajectory_and_the_points_of_the_device_are_read(recording, table, 
 
 def test_colmap_reads_no_file_and_known_poses_theirs(tmp_path):
     (tmp_path / "transforms.json").write_text("{}")
-    assert poses_files("colmap", tmp_path, "closed_loop", "auto") == []
-    assert poses_files("known", tmp_path, "closed_loop", "auto") == [tmp_path / "transforms.json"]
-    assert poses_files("device", tmp_path, "closed_loop", "auto") == []
+    assert opened("poses", "plain", tmp_path, method="colmap") == []
+    assert opened("poses", "plain", tmp_path) == [tmp_path / "transforms.json"]
+    assert opened("poses", "adt", tmp_path / "nowhere") == []

@@ -8,7 +8,7 @@ import pycolmap
 from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.joining import Joined, join_models
 from egosplat.calibration.colmap.matching import MatchingResult
-from egosplat.calibration.companions import accept_advice
+from egosplat.calibration.files import accept_advice
 from egosplat.errors import UserError
 from egosplat.progress import format_ranges, log
 

@@ -1,0 +1,392 @@
+"""The files of a recording that each stage opens, by its format, and the digest of their bytes.
+
+The readers find them here, and so do the rules: the workflow imports this module, so it stays light. A missing file is no error
+here; its reader reports it. A broken link counts as present for the same reason.
+"""
+
+import hashlib
+import math
+import os
+import re
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from egosplat.errors import UserError
+from egosplat.files import expand_home, read_json, user_cache, write_json
+
+# Formats of pictures, with companion files. Labels choose the evaluation frames of the last two.
+OF_PICTURES = ("plain", "lerf", "3d_ovs")
+
+# The formats of pictures that are read, their calibration, the mask of the pixels that show the scene in all of them, and
+# instant-ngp's mask of the picture NAME.jpg, dynamic_mask_NAME.png: pixels that are not black move, and are left out.
+PICTURES = (".png", ".jpg", ".jpeg")
+CAMERA_FILE, VALID_MASK, DYNAMIC_MASK = "camera.json", "valid.png", "dynamic_mask_"
+
+# The annotations of a plain recording, the table in their folder, and the names of the classes of a scene of 3D-OVS.
+ANNOTATIONS, INSTANCES_TABLE, OVS_CLASSES = "annotations", "instances.tsv", "classes.txt"
+
+# The files with known poses, by the value of ``frames.known_poses``, and its other values: those that are there, and none.
+KNOWN_POSES = {"colmap": "colmap", "transforms": "transforms.json"}
+AUTO, NONE = "auto", "none"
+
+# The model in the folder of a COLMAP project, whose pictures lie in ``images``, and its files that are read. rigs and frames of
+# newer versions repeat what these three say of a single camera. COLMAP itself prefers .bin where both exist.
+PROJECT_MODELS, PROJECT_PICTURES = ("sparse/0", "sparse"), "images"
+MODEL_FILES, MODEL_SUFFIXES = ("cameras", "images", "points3D"), (".bin", ".txt")
+
+# Recordings of Aria glasses: ADT's name and that of Aria's tools; segmentations, preferably with people; trajectories by the
+# value of ``poses.trajectory``; current and older name of the points.
+ADT_VIDEOS, ADT_INSTANCES, METADATA = ("video.vrs", "recording.vrs"), "instances.json", "metadata.json"
+ADT_SEGMENTATIONS = ("segmentations_with_skeleton.vrs", "segmentations.vrs")
+MPS_FOLDER, POINTS = Path("mps") / "slam", ("semidense_points.csv.gz", "global_points.csv.gz")
+TRAJECTORIES = {
+    "closed_loop": MPS_FOLDER / "closed_loop_trajectory.csv",
+    "ground_truth": Path("aria_trajectory.csv"),
+}
+
+# HOI4D: its two downloads, videos and annotations; shift_mask is aligned with the video where mask is not.
+HOI4D_VIDEO, HOI4D_INTRINSICS = Path("align_rgb") / "image.mp4", "intrin.npy"
+HOI4D_ROOTS, HOI4D_MASKS = ("HOI4D_release", "HOI4D_annotations"), ("shift_mask", "mask")
+_SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(rf"({letter}\d+)" for letter in ("ZY", *"HCNSsT")) + "$")
+
+# nerfstudio writes this file beside a training's config.yml: from the world of the data to that of the Gaussians.
+DATAPARSER = "dataparser_transforms.json"
+
+# Registering fewer frames is no loss to accept: most of the recording would be missing.
+_LEAST_ADVISED = 0.5
+
+
+def digest_of_recording(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> str:
+    """Digest of the names and bytes of all files that a stage opens, 16 hexadecimal digits; arguments as of ``opened_files``."""
+    files = sorted({*opened_files(stage, format, recording, config)})
+    return digest_of_files(files, f"{stage} {recording.absolute()}") if files else "none"
+
+
+def opened_files(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> list[Path]:
+    """The existing files of a recording that the stage frames, annotations or poses opens.
+
+    Args:
+        format: of the recording, as in the table of scenes.
+        recording: folder, video file, or name of a HOI4D sequence.
+        config: the configuration, of which ``frames.known_poses``, ``poses.method`` and ``poses.trajectory`` count.
+    """
+    known = config["frames"]["known_poses"]
+    if stage == "poses":
+        source = chosen_poses(format, recording, config)
+        if source == "known":
+            files = known_pose_files(recording, known)
+        else:
+            trajectory = recording / TRAJECTORIES[config["poses"]["trajectory"]]
+            files = [trajectory, find_points(recording / MPS_FOLDER)] if source == "device" else []
+    elif format == "adt":
+        more = [recording / ADT_INSTANCES, find_segmentation(recording)]
+        files = [adt_video(recording), *([recording / METADATA] if stage == "frames" else more)]
+    elif format == "hoi4d":
+        files = _hoi4d_files(stage, recording)
+    elif stage == "annotations" and not is_annotated(format, recording):
+        files = []
+    else:
+        files = _picture_files(stage, format, recording, known)
+    return [path for path in files if path is not None and os.path.lexists(path)]
+
+
+def _hoi4d_files(stage: str, recording: Path) -> list[Path]:
+    with suppress(UserError):
+        folder = find_sequence(recording)
+        if stage == "frames":
+            return [folder / HOI4D_VIDEO, *intrinsics_files(folder)[:1]]
+        masks = find_masks(folder)
+        return list_masks(masks) if masks else []
+    return []
+
+
+def _picture_files(stage: str, format: str, recording: Path, known: str) -> list[Path]:
+    """The pictures or the video, the masks of single pictures, the known poses, and companions or annotations."""
+    files = [recording] if recording.is_file() else []
+    for folder in picture_folders(recording, known) if recording.is_dir() else ():
+        files += [*list_pictures(folder), *dynamic_masks(folder)]
+    files += [*known_pose_files(recording, known), *mask_files(recording, known)]
+    if format != "plain":
+        for label in labels_of(format, recording).values():
+            files += list_masks(label) if label.is_dir() else [label]
+        files.append(labels_folder(format, recording) / OVS_CLASSES)
+    elif stage == "annotations":
+        folder = companion_path(recording, ANNOTATIONS)
+        files += [folder / INSTANCES_TABLE, *list_masks(folder)]
+    if stage == "frames":
+        files += [companion_path(recording, name) for name in (CAMERA_FILE, VALID_MASK)]
+    return files
+
+
+def digest_of_files(files: Iterable[Path], use: str) -> str:
+    """Digest of the names and bytes of files; bytes are read again where size, time or inode changed since the last call of a use."""
+    cache = user_cache() / "digests" / f"{hashlib.sha256(use.encode()).hexdigest()[:16]}.json"
+    known: dict[str, list[Any]] = {}
+    with suppress(OSError, ValueError):
+        known = read_json(cache)
+    told = {str(path): _digest_of_file(path, known.get(str(path))) for path in files}
+    if told != known:
+        with suppress(OSError, UserError):
+            cache.parent.mkdir(parents=True, exist_ok=True)
+            write_json(cache, told)
+    return hashlib.sha256(repr([(name, row[-1]) for name, row in told.items()]).encode()).hexdigest()[:16]
+
+
+def _digest_of_file(path: Path, known: list[Any] | None) -> list[Any]:
+    """Size, time of change [ns], inode and digest of a file; a broken link or a folder has no bytes."""
+    if not path.is_file():
+        return ["none"]
+    status = path.stat()
+    identity = [status.st_size, status.st_mtime_ns, status.st_ino]
+    if known is not None and known[:-1] == identity:
+        return known
+    with path.open("rb") as file:
+        return [*identity, hashlib.file_digest(file, "sha256").hexdigest()[:16]]
+
+
+def chosen_poses(format: str, recording: Path, config: Mapping[str, Any]) -> str:
+    """``poses_source`` of a recording by the configuration, before its frames are read."""
+    known = format in OF_PICTURES and present_known_poses(recording, config["frames"]["known_poses"])
+    return poses_source(config["poses"]["method"], format == "adt", bool(known))
+
+
+def poses_source(method: str, has_device: bool, has_known: bool) -> str:
+    """Where poses come from, by ``poses.method`` and what there is: ``device``, ``known`` or ``colmap``."""
+    if method != AUTO:
+        return method
+    return "known" if has_known else "device" if has_device else "colmap"
+
+
+def is_annotated(format: str, path: Path) -> bool:
+    """Whether a recording comes with annotations, judged without reading them.
+
+    HOI4D, LERF-OVS and 3D-OVS do. An ADT recording does if it has a segmentation, which other recordings of Aria glasses have not;
+    one that does not exist yet is a synthetic one. A plain recording does if its annotations folder exists.
+    """
+    if format == "adt":
+        return find_segmentation(path) is not None or not path.is_dir()
+    return format != "plain" or os.path.lexists(companion_path(path, ANNOTATIONS))
+
+
+def companion_path(source: Path, name: str) -> Path:
+    """Path of a companion file of a plain recording: in the image folder, or next to the video as ``clip.mp4.<name>``."""
+    return source / name if source.is_dir() else source.with_name(f"{source.name}.{name}")
+
+
+def list_pictures(folder: Path) -> list[Path]:
+    """The pictures of a plain recording, in no order; masks are none."""
+    files = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != "."]
+    masks = {folder / VALID_MASK, *dynamic_masks(folder)}
+    return [path for path in files if path not in masks and path.is_file()]
+
+
+def dynamic_masks(folder: Path) -> list[Path]:
+    """instant-ngp's masks of single pictures in a folder, sorted."""
+    return sorted(folder.glob(f"{DYNAMIC_MASK}*.png"))
+
+
+def list_masks(folder: Path) -> list[Path]:
+    """The PNG files of a folder, sorted; none without the folder."""
+    return sorted(folder.glob("*.png"))
+
+
+def labels_folder(format: str, recording: Path) -> Path:
+    """The folder with a benchmark's labels: of 3D-OVS in the scene, of LERF-OVS ``label/SCENE`` beside it."""
+    whole = recording.absolute()
+    return whole.parent / "label" / whole.name if format == "lerf" else recording / "segmentations"
+
+
+def labels_of(format: str, recording: Path) -> dict[str, Path]:
+    """The label of each labeled picture of a benchmark, by its name, sorted: a file (LERF-OVS), or a folder of masks (3D-OVS)."""
+    folder, suffix = labels_folder(format, recording), ".json" if format == "lerf" else ""
+    # macOS leaves ._frame_00041.json beside frame_00041.json.
+    labels = sorted(path for path in folder.glob(f"*{suffix}") if not path.name.startswith("."))
+    return {path.name.removesuffix(suffix): path for path in labels if suffix or path.is_dir()}
+
+
+def adt_video(folder: Path) -> Path:
+    """The recording of a sequence of Aria glasses, whether it exists or not."""
+    paths = [folder / name for name in ADT_VIDEOS]
+    return next(filter(os.path.lexists, paths), paths[0])
+
+
+def find_segmentation(folder: Path) -> Path | None:
+    """The segmentation of an ADT sequence, preferably the one with people; None if there is none."""
+    return next((path for name in ADT_SEGMENTATIONS if os.path.lexists(path := folder / name)), None)
+
+
+def find_points(folder: Path) -> Path | None:
+    """The point cloud in an MPS folder; None if there is none."""
+    return next((path for name in POINTS if (path := folder / name).is_file()), None)
+
+
+def find_sequence(path: Path) -> Path:
+    """The folder of a HOI4D sequence, given as it is or as ``root/ZY…_H…_C…_N…_S…_s…_T…``; UserError if there is none."""
+    if path.is_dir():
+        return path.absolute()
+    parts = sequence_parts(path)
+    for root in (path.parent, path.parent / HOI4D_ROOTS[0]):
+        if root.joinpath(*parts).is_dir():
+            return root.joinpath(*parts).absolute()
+    raise UserError(f"{path}: no such sequence. Looked for {path.parent.joinpath(*parts)}.")
+
+
+def sequence_parts(path: Path) -> tuple[str, ...]:
+    """Camera, person, category, object, room, layout and task of a HOI4D sequence; UserError if its path does not end so."""
+    match = _SEQUENCE.search(path.as_posix())
+    if match is None:
+        raise UserError(
+            f"{path}: not the name of a HOI4D sequence, such as ZY20210800001/H1/C11/N58/S376/s02/T2."
+        )
+    return match.groups()
+
+
+def intrinsics_files(folder: Path) -> list[Path]:
+    """The existing intrinsics of a HOI4D sequence: in it, in its parent, or in ``camera_params/<ZY…>`` of a folder above."""
+    above = [parent / "camera_params" / sequence_parts(folder)[0] for parent in folder.parents]
+    return [path for each in (folder, folder.parent, *above) if (path := each / HOI4D_INTRINSICS).is_file()]
+
+
+def find_masks(folder: Path) -> Path | None:
+    """The mask folder of a HOI4D sequence; None if there is none. Its two downloads may have separate root folders."""
+    release, annotations = HOI4D_ROOTS
+    elsewhere = Path(folder.as_posix().replace(f"/{release}/", f"/{annotations}/"))
+    candidates = [root / "2Dseg" / name for root in (folder, elsewhere) for name in HOI4D_MASKS]
+    return next((path for path in candidates if path.is_dir()), None)
+
+
+def present_known_poses(recording: Path, wanted: str) -> list[str]:
+    """The kinds of known poses of a recording that ``frames.known_poses`` allows, keys of ``KNOWN_POSES``."""
+    kinds = [] if wanted == NONE else [*KNOWN_POSES] if wanted == AUTO else [wanted]
+    present = [kind for kind in kinds if os.path.lexists(known_poses_path(recording, kind))]
+    if len(present) > 1 and not model_files(known_poses_path(recording, "colmap")):
+        # nerfstudio keeps COLMAP's database in a folder of this name.
+        present.remove("colmap")
+    return present
+
+
+def known_poses_path(recording: Path, kind: str) -> Path:
+    """The file or folder with the known poses of a kind, which need not exist."""
+    path = companion_path(recording, KNOWN_POSES[kind])
+    places = (path, *(recording / place for place in PROJECT_MODELS)) if kind == "colmap" else ()
+    return next((place for place in places if model_files(place)), path)
+
+
+def known_pose_files(recording: Path, wanted: str) -> list[Path]:
+    """The files of a recording's known poses; those of every kind if it has several."""
+    files: list[Path] = []
+    for kind in present_known_poses(recording, wanted):
+        path = known_poses_path(recording, kind)
+        points = None if kind == "colmap" else points_path(path, _document(path))
+        files += model_files(path) if kind == "colmap" else [path, points] if points else [path]
+    return files
+
+
+def model_files(folder: Path) -> list[Path]:
+    """The three files of a COLMAP model, all .bin or all .txt; fewer if one is missing in both formats."""
+    every = [[folder / f"{name}{suffix}" for name in MODEL_FILES] for suffix in MODEL_SUFFIXES]
+    return max(([file for file in files if file.is_file()] for files in every), key=len)
+
+
+def points_path(path: Path, document: Any) -> Path | None:
+    """The PLY file that the document of a ``transforms.json`` at ``path`` names; None if it names none."""
+    name = document.get("ply_file_path") if isinstance(document, dict) else None
+    return path.parent / name if isinstance(name, str) else None
+
+
+def mask_files(recording: Path, wanted: str) -> list[Path]:
+    """The masks of single pictures that a recording's ``transforms.json`` names."""
+    if "transforms" not in present_known_poses(recording, wanted):
+        return []
+    path = known_poses_path(recording, "transforms")
+    return [path.parent / name for name in dict.fromkeys(_texts(_document(path), "mask_path"))]
+
+
+def picture_folders(recording: Path, wanted: str) -> list[Path]:
+    """The folders with the pictures of a folder's recording: those that its known poses name, or the folder itself.
+
+    A folder without pictures may have them in ``images``.
+    """
+    names = [name for kind in present_known_poses(recording, wanted) for name in _names(recording, kind)]
+    roots = [root for root in (recording, recording / PROJECT_PICTURES) if root.is_dir()]
+    places = [*(_named_folders(recording, root, names) for root in roots), *([root] for root in roots)]
+    return next((folders for folders in places if any(map(_has_pictures, folders))), [recording])
+
+
+def _named_folders(recording: Path, root: Path, names: list[str]) -> list[Path]:
+    """The folders of a recording to which names lead from ``root``."""
+    named = (os.path.normpath((root / name.replace("\\", "/")).parent) for name in names)
+    whole = os.path.normpath(recording)
+    return [
+        each for each in map(Path, dict.fromkeys(named)) if each.is_relative_to(whole) and os.path.isdir(each)
+    ]
+
+
+def _has_pictures(folder: Path) -> bool:
+    return any(path.suffix.lower() in PICTURES for path in folder.iterdir())
+
+
+def _names(recording: Path, kind: str) -> list[str]:
+    """The names of pictures in a file with known poses; none of a damaged one, whose reader reports it."""
+    path = known_poses_path(recording, kind)
+    if kind == "transforms":
+        return _texts(_document(path), "file_path")
+    images = next((file for file in model_files(path) if file.stem == "images"), None)
+    with suppress(OSError, ValueError, IndexError, struct.error):
+        if images is not None:
+            return [*(text_names(images) if images.suffix == ".txt" else _binary_names(images.read_bytes()))]
+    return []
+
+
+def _binary_names(content: bytes) -> Iterator[str]:
+    """The names in COLMAP's ``images.bin``: after 64 bytes of numbers, before 24 for each point."""
+    position = 8
+    for _ in range(*struct.unpack_from("<Q", content)):
+        end = content.index(b"\0", position + 64)
+        yield content[position + 64 : end].decode()
+        position = end + 9 + 24 * struct.unpack_from("<Q", content, end + 1)[0]
+
+
+def text_names(path: Path) -> Iterator[str]:
+    """The names in COLMAP's ``images.txt``: the tenth word of every second line, spaces included."""
+    lines = iter(path.read_text(encoding="utf-8").splitlines())
+    for line in lines:
+        if line.strip() and not line.startswith("#"):
+            yield line.split(maxsplit=9)[9].strip()
+            next(lines, None)
+
+
+def _document(path: Path) -> Any:
+    with suppress(OSError, ValueError):
+        return read_json(path)
+    return None
+
+
+def _texts(document: Any, key: str) -> list[str]:
+    """The texts of a key in the frames of a ``transforms.json``."""
+    frames = document.get("frames") if isinstance(document, dict) else None
+    entries = [frame for frame in frames if isinstance(frame, dict)] if isinstance(frames, list) else []
+    return [text for frame in entries if isinstance(text := frame.get(key), str) and text]
+
+
+def source_files(source: str) -> list[Path]:
+    """The Gaussians of ``splats.source``, and nerfstudio's transform beside them; UserError if there is no such file."""
+    path = expand_home(source)
+    if path.is_dir():
+        raise UserError(
+            f"splats.source: {path} is a folder; give a file in it, such as point_cloud/iteration_30000/point_cloud.ply"
+        )
+    if not path.is_file():
+        raise UserError(f"splats.source: there is no file {path}. Give the path of a .ply or .spz file")
+    beside = path.with_name(DATAPARSER)
+    return [path, beside] if beside.is_file() else [path]
+
+
+def accept_advice(registered: int, frames: int) -> str:
+    """How to accept the loss of frames without a pose; empty if most of them have none."""
+    # Rounded down, so that the suggested value accepts this model.
+    share = math.floor(100 * registered / frames) / 100
+    return f"accept the loss: poses.min_registered={share:g}" if share >= _LEAST_ADVISED else ""
