@@ -14,8 +14,7 @@ from egosplat.language.method import Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
-from egosplat_rivals.decoders import Layers
-from egosplat_rivals.loop import Step, Trainee, adam, train
+from egosplat_rivals.loop import Layers, Step, Trainee, adam, train
 from egosplat_rivals.pixel_views import PixelViews
 
 # Published: numbers of a code, layers of both decoders, learning rates, and iterations.

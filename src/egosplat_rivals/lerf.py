@@ -1,7 +1,5 @@
 """Method ``train_field``: LERF (Kerr et al., ICCV 2023). A field of features by position and scale, over the Gaussians' surfaces."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -19,11 +17,10 @@ from egosplat.language.options import LanguageOptions
 from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import pixel_lists
-from egosplat_rivals.decoders import Layers
 from egosplat_rivals.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract, exponential
-from egosplat_rivals.loop import Step, Trainee, train
+from egosplat_rivals.loop import Layers, Step, Trainee, train
 from egosplat_rivals.pixel_views import PixelViews
-from egosplat_rivals.tile_views import TileViews, nearest, open_tile_views
+from egosplat_rivals.tile_views import TileViews, nearest
 
 # Published: hidden layers of the features' and the regulariser's network, the learning rate and where it ends, decay,
 # iterations, and the largest scale of a query.
@@ -76,26 +73,21 @@ def train_field(
     return Coded(code, share.repeat(1, len(levels)), levels, decoder, curve, stands_in)
 
 
-@dataclass(frozen=True, eq=False)
 class World:
-    """The world as the field sees it: the cameras' (3,) mean position [m] at 0, their largest coordinate [m] at 1."""
+    """The world as the field sees it: the cameras' mean position at 0, their largest coordinate at 1 (``unit`` [m])."""
 
-    center: Tensor
-    unit: float
+    def __init__(self, camera_to_world: NDArray[np.float64], device: torch.device) -> None:
+        """Take (V, 4, 4) poses; the unit is 1 m if all cameras stand at one place."""
+        positions = camera_to_world[:, :3, 3]
+        center = positions.mean(axis=0)
+        most = float(np.abs(positions - center).max())
+        # In proportion, because the world may be in any unit.
+        self.unit = most if most > 1e-9 * float(np.abs(positions).max()) else 1.0
+        self._center = torch.from_numpy(center).to(device, torch.float32)
 
     def local(self, points: Tensor) -> Tensor:
         """(..., 3) points of the world."""
-        return (points - self.center) / self.unit
-
-
-def world_of(camera_to_world: NDArray[np.float64], device: torch.device) -> World:
-    """World of (V, 4, 4) poses; of unit 1 m if all cameras stand at one place."""
-    positions = camera_to_world[:, :3, 3]
-    center = positions.mean(axis=0)
-    most = float(np.abs(positions - center).max())
-    # In proportion, because the world may be in any unit.
-    least = 1e-9 * float(np.abs(positions).max())
-    return World(torch.from_numpy(center).to(device, torch.float32), most if most > least else 1.0)
+        return (points - self._center) / self.unit
 
 
 def feature_loss(found: Tensor, wanted: Tensor) -> Tensor:
@@ -129,7 +121,7 @@ class Field(Trainee):
             torch.optim.SparseAdam([self.grid.table], lr=_FIRST_RATE, eps=_EPSILON),
             torch.optim.RAdam(networks, lr=_FIRST_RATE, eps=_EPSILON, weight_decay=_DECAY),
         ]
-        self.world = world_of(pixels.views.camera_to_world, pixels.views.device)
+        self.world = World(pixels.views.camera_to_world, pixels.views.device)
         self._pixels, self._tiles = pixels, tiles
 
     def forward(self, points: Tensor, scale: Tensor) -> Tensor:
@@ -196,4 +188,4 @@ def evaluate_at_centers(
     return code, Decoder((basis.shape[1], basis.shape[0]), values)
 
 
-METHOD = Method(train_field, (TILES,), open_tile_views)
+METHOD = Method(train_field, (TILES,), TileViews)

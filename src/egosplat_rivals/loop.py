@@ -1,15 +1,18 @@
-"""The training loop of every method that trains: one view an iteration; recorded, resumable, repeatable."""
+"""What methods train: small networks, and the loop of one view an iteration; recorded, resumable, repeatable."""
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.codes.decoder import Decoder, apply_layers, split_layers
 from egosplat.errors import UserError
 from egosplat.language.result import Curve
 from egosplat.progress import log, track
@@ -20,13 +23,7 @@ RECORD_EVERY = 10
 
 @dataclass(frozen=True)
 class Step:
-    """One iteration.
-
-    Attributes:
-        view: index of its view.
-        iteration: its number, from 1.
-        draw: generator of all that is random.
-    """
+    """One iteration: the index of its view, its number from 1, and the generator of all that is random."""
 
     view: int
     iteration: int
@@ -34,12 +31,7 @@ class Step:
 
 
 class Trainee(nn.Module, ABC):
-    """What a method trains: parameters, their optimizers, and the loss of an iteration.
-
-    Attributes:
-        optimizers: of all parameters; one without a gradient does not move.
-        advice: what to do if training diverges.
-    """
+    """What a method trains: parameters, their optimizers, and the loss of an iteration; advice if it diverges."""
 
     optimizers: list[torch.optim.Optimizer]
     advice = "lower language.lr"
@@ -47,6 +39,32 @@ class Trainee(nn.Module, ABC):
     @abstractmethod
     def loss(self, step: Step) -> Tensor:
         """Return the () loss of an iteration; may set learning rates."""
+
+
+class Layers(nn.Module):
+    """A decoder in training, without the normalization at the end; ``values`` are all weights and biases."""
+
+    def __init__(self, widths: tuple[int, ...], seed: int, device: torch.device, **more: object) -> None:
+        """Start from random weights of ``seed``; the other arguments are those of ``Decoder``."""
+        super().__init__()
+        self._described = Decoder(widths, np.zeros(0, np.float32), **more)
+        self.values = nn.Parameter(_random(widths, seed).to(device))
+
+    def forward(self, codes: Tensor) -> Tensor:
+        """(..., C) codes -> (..., D)."""
+        return apply_layers(codes, split_layers(self.values, self._described.widths), self._described)
+
+    def trained(self) -> Decoder:
+        """The decoder with the weights of now."""
+        return replace(self._described, values=self.values.detach().cpu().numpy())
+
+
+def _random(widths: tuple[int, ...], seed: int) -> Tensor:
+    """Uniform weights and biases within one over the root of a layer's inputs, as PyTorch's linear layers start."""
+    draw = torch.Generator().manual_seed(seed)
+    sizes = [(wide * (narrow + 1), narrow) for narrow, wide in pairwise(widths)]
+    parts = [(2 * torch.rand(size, generator=draw) - 1) / narrow**0.5 for size, narrow in sizes]
+    return torch.cat(parts)
 
 
 def adam(groups: Iterable[tuple[Iterable[nn.Parameter], float]]) -> torch.optim.Adam:
@@ -70,45 +88,32 @@ def train(trainee: Trainee, views: int, iterations: int, seed: int, checkpoint: 
     Raises:
         UserError: training diverges. The checkpoint is removed, because resuming would diverge again.
     """
-    training = Training(trainee, views, iterations, seed)
+    training = _Training(trainee, views, seed)
     if (saved := checkpoint.load()) is not None:
         training.load_state_dict(saved)
         log(f"training of codes resumes after iteration {training.iteration}")
-    try:
-        training.run(checkpoint)
-    except UserError:
-        checkpoint.remove()
-        raise
+    for iteration in track(range(training.iteration + 1, iterations + 1), "training codes", unit="iteration"):
+        training.iterate(iteration)
+        if iteration % RECORD_EVERY == 0 or iteration == iterations:
+            if not training.record():
+                checkpoint.remove()
+                raise UserError(f"training of codes diverged at iteration {iteration}; {trainee.advice}")
+            checkpoint.save_if_due(training.state_dict)
     return training.curve
 
 
-class Training:
+class _Training:
     """State of a training; ``iteration`` is the last one done, ``curve`` its records."""
 
-    def __init__(self, trainee: Trainee, views: int, iterations: int, seed: int) -> None:
-        """Start a training; see ``train``."""
+    def __init__(self, trainee: Trainee, views: int, seed: int) -> None:
         self.curve = Curve()
         self.iteration = 0
-        self._trainee, self._views, self._iterations = trainee, views, iterations
+        self._trainee, self._views = trainee, views
         self._draw = torch.Generator().manual_seed(seed)
         self._order: list[int] = []
         self._loss = next(trainee.parameters()).new_zeros(())
 
-    def run(self, checkpoint: Checkpoint) -> None:
-        """Train until the last iteration.
-
-        Raises:
-            UserError: training diverges.
-        """
-        rest = range(self.iteration + 1, self._iterations + 1)
-        for iteration in track(rest, "training codes", unit="iteration"):
-            self._iterate(iteration)
-            self.iteration = iteration
-            if iteration % RECORD_EVERY == 0 or iteration == self._iterations:
-                self._record()
-                checkpoint.save_if_due(self.state_dict)
-
-    def _iterate(self, iteration: int) -> None:
+    def iterate(self, iteration: int) -> None:
         if not self._order:
             self._order = torch.randperm(self._views, generator=self._draw).tolist()
         for optimizer in self._trainee.optimizers:
@@ -118,23 +123,20 @@ class Training:
         for optimizer in self._trainee.optimizers:
             optimizer.step()
         self._loss += loss.detach()
+        self.iteration = iteration
 
-    def _record(self) -> None:
+    def record(self) -> bool:
+        """Record the mean loss since the last record; whether it and all parameters are finite."""
         before = self.curve.iteration[-1] if self.curve.iteration else 0
         # Reading the sum waits for the GPU, so it is read at records only.
         loss = float(self._loss) / (self.iteration - before)
         self._loss.zero_()
-        finite = math.isfinite(loss) and all(
-            bool(part.isfinite().all()) for part in self._trainee.parameters()
-        )
-        if not finite:
-            advice = self._trainee.advice
-            raise UserError(f"training of codes diverged at iteration {self.iteration}; {advice}")
         self.curve.iteration.append(self.iteration)
         self.curve.loss.append(loss)
+        parameters = self._trainee.parameters()
+        return math.isfinite(loss) and all(bool(values.isfinite().all()) for values in parameters)
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state for ``load_state_dict``."""
         return {
             "trainee": self._trainee.state_dict(),
             "optimizers": [optimizer.state_dict() for optimizer in self._trainee.optimizers],
@@ -146,7 +148,6 @@ class Training:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state from ``state_dict``."""
         self._trainee.load_state_dict(state["trainee"])
         for optimizer, saved in zip(self._trainee.optimizers, state["optimizers"], strict=True):
             optimizer.load_state_dict(saved)

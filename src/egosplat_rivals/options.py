@@ -2,11 +2,7 @@
 
 from typing import Literal
 
-from egosplat.pipeline.shared_options import (
-    ClipOptions,
-    DeviceOptions,
-    Sam2Options,
-)
+from egosplat.pipeline.shared_options import ClipOptions, DeviceOptions, Sam2Options
 
 
 class TilesOptions(ClipOptions, Sam2Options, DeviceOptions):

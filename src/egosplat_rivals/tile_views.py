@@ -15,11 +15,6 @@ from egosplat.gaussians.training_views import StoredRows, stored_rows
 from egosplat_rivals.tiles import Scale, at_pixels
 
 
-def open_tile_views(learnt_from: Sequence[Artifact], frames: Artifact, device: torch.device) -> "TileViews":
-    """Open the tiles of frames as targets; raises as ``TileViews``."""
-    return TileViews(*learnt_from, frames)
-
-
 class TileViews:
     """The tiles of frames, as many as ``stored_rows`` holds in memory.
 
@@ -30,12 +25,9 @@ class TileViews:
         stands_in: what replaces the foreign model of the published methods.
     """
 
-    def __init__(self, tiles: Artifact, frames: Artifact) -> None:
-        """Take tiles of ``frames``.
-
-        Raises:
-            UserError: they are of other frames.
-        """
+    def __init__(self, learnt_from: Sequence[Artifact], frames: Artifact, device: torch.device) -> None:
+        """Take the tiles of frames (UserError: they are of other frames)."""
+        (tiles,) = learnt_from
         check_made_from(tiles, frames)
         self._path = tiles.path
         self._row = {int(frame): row for row, frame in enumerate(tiles.read("frame"))}

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, replace
-from itertools import count, product
+from itertools import chain, product
 from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
 from egosplat.evaluation.scored_scenes import CHANCE, FULL, VALIDATION, Cell, Cost, ScoredScene
 from egosplat.evaluation.series import APARTMENTS, NAMES, OWN, VALIDATION_APARTMENTS, Series
-from egosplat_rivals.tables.paper_numbers import LAYOUTS, PAPER_NOTES, find_printed, scenes_of
+from egosplat_rivals.tables.paper_numbers import LAYOUTS, find_notes, find_printed, scenes_of
 from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
 
 INTERVALS = (
@@ -26,8 +26,8 @@ def _fill(layout: Layout, series: Sequence[Series]) -> Layout:
     own = [one for one in series if one.first.dataset == layout.dataset and _scenes_of(layout, one)]
     if layout.components:  # an ablation of EgoSplat
         own = [one for one in own if one.own]
-    letters = _letters()
-    notes = [replace(one, mark=next(letters) if one.cells else "") for one in PAPER_NOTES[layout.name]]
+    letters = chain(ascii_lowercase, map("".join, product(ascii_lowercase, repeat=2)))
+    notes = [replace(one, mark=next(letters) if one.cells else "") for one in find_notes(layout.name)]
     measured = _measured_rows(layout, own)
     marks = {text: next(letters) for text in dict.fromkeys(one for row in measured for one in row.stands_in)}
     measured = [
@@ -167,12 +167,6 @@ def _empty_row(layout: Layout, kind: str, title: str, line: str, data: str) -> R
     method, by = (line, "") if variant is None else (OWN, "egosplat, ")
     label, cells = f"{method} ({by}{data}: not measured)", (Cell(),) * len(layout.columns)
     return Row(kind, title, label, method, data, steps, cells, variant=variant or "")
-
-
-def _letters() -> Iterator[str]:
-    """a to z, then aa, ab and so on."""
-    for length in count(1):
-        yield from map("".join, product(ascii_lowercase, repeat=length))
 
 
 def _sentence(text: str) -> str:

@@ -11,7 +11,7 @@ from egosplat.gaussians.training_views import Masking
 from egosplat.language.options import LanguageOptions
 from egosplat.language.views import select_code_views
 from egosplat_rivals.langsplat import PlainCodes, codes_to_render
-from egosplat_rivals.loop import Training, train
+from egosplat_rivals.loop import train
 
 CPU = torch.device("cpu")
 OPTIONS = LanguageOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
@@ -71,10 +71,8 @@ def test_normalized_codes_leave_their_first_direction(wall, views, codes, checkp
 def test_a_run_resumes_to_the_same_codes(views, codes, checkpoint):
     whole, begun, rest = codes(), codes(), codes()
     curve = train(whole, len(views), 60, 0, checkpoint)
-    half = Training(begun, len(views), 30, 0)
-    half.run(checkpoint)
     saved = Checkpoint(checkpoint.file.parent.parent / "language.zarr", "key", 0.0)
-    saved.save_if_due(half.state_dict)
+    train(begun, len(views), 30, 0, saved)
     assert train(rest, len(views), 60, 0, saved) == curve and torch.equal(whole.code, rest.code)
 
 

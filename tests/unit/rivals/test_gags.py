@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from egosplat.codes.decoder import split_layers
-from egosplat_rivals.decoders import Layers
 from egosplat_rivals.gags import (
     CHANNELS,
     HIDDEN,
@@ -20,6 +19,7 @@ from egosplat_rivals.gags import (
     variance_within,
     weighted_target,
 )
+from egosplat_rivals.loop import Layers
 
 CPU = torch.device("cpu")
 

@@ -6,8 +6,17 @@ import pytest
 import torch
 
 from egosplat.codes.decoder import Decoder, decode
-from egosplat_rivals.codebook import MIXED, REGULARISER, WORDS, Codebook, even_use, mixture
-from egosplat_rivals.legaussians import LEAST_SMOOTHING, smoothing, uncertain_loss
+from egosplat_rivals.legaussians import (
+    LEAST_SMOOTHING,
+    MIXED,
+    REGULARISER,
+    WORDS,
+    Codebook,
+    even_use,
+    mixture,
+    smoothing,
+    uncertain_loss,
+)
 
 
 def test_the_best_uncertainty_for_the_entropy_of_128_equal_words():

@@ -14,7 +14,7 @@ from egosplat_rivals.hash_grid import (
     corners,
     exponential,
 )
-from egosplat_rivals.lerf import evaluate_at_centers, feature_loss, input_scale, world_of
+from egosplat_rivals.lerf import World, evaluate_at_centers, feature_loss, input_scale
 
 
 @pytest.mark.parametrize(
@@ -50,12 +50,12 @@ def test_contraction_of_far_points():
 def test_the_world_has_its_farthest_camera_at_one():
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, 0, 3] = [1.0, 3.0, 8.0]
-    world = world_of(poses, torch.device("cpu"))
+    world = World(poses, torch.device("cpu"))
     assert float(world.local(torch.tensor([8.0, 0, 0]))[0]) == pytest.approx(1.0)
-    assert world_of(poses[:1], torch.device("cpu")).unit == 1.0  # cameras at one place
+    assert World(poses[:1], torch.device("cpu")).unit == 1.0  # cameras at one place
     small = poses.copy()
     small[:, 0, 3] *= 1e-7
-    assert world_of(small, torch.device("cpu")).unit == pytest.approx(1e-7 * world.unit)
+    assert World(small, torch.device("cpu")).unit == pytest.approx(1e-7 * world.unit)
 
 
 def test_the_grid_has_its_resolutions_and_interpolates_between_corners():
