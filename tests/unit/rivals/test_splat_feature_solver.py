@@ -130,15 +130,6 @@ def test_a_missing_library_is_reported_before_anything_is_computed(monkeypatch):
         lift_clusters(None, None, None)
 
 
-def test_without_clusters_codes_are_those_of_lifting_with_sharpened_opacities(monkeypatch):
-    monkeypatch.setattr(solver, "LEAST", 1000)
-    gaussians, _ = halves()
-    masks = Masks([(LEFT, RIGHT)] * 2)
-    kept = lift(look_at(sharpen(gaussians), masks))
-    found = coded(gaussians, masks)
-    assert torch.equal(found.code, kept.code) and torch.equal(found.share, kept.share)
-
-
 @pytest.mark.parametrize("agreement, counts", [(81, [7]), (80, [])])
 def test_a_mask_agrees_above_an_iou_of_four_fifths(agreement, counts):
     """Of 100 pixels of cluster 3, and the rest of the picture in none."""
@@ -170,13 +161,6 @@ def test_sharpening_scales_logits_and_is_finite_at_opacities_0_and_1():
     assert float(found.share[0]) == 0.0 and float(found.share[4]) > 0.0
 
 
-def test_sharpened_opacities_weaken_what_a_faint_gaussian_hides():
-    """The rear one is seen through the front one: the sharper the front, the less it mixes into the mean."""
-    assert float(sharpen(blobs([[0.0, 0.0, 2.0]], [0.2])).opacities) == pytest.approx(
-        1 / (1 + 4**SHARPENING), abs=1e-6
-    )
-
-
 def groups(sizes: list[int], spread: float = 1e-3) -> torch.Tensor:
     """Codes near the axes of three dimensions, so many each."""
     draw = torch.Generator().manual_seed(0)
@@ -186,6 +170,8 @@ def groups(sizes: list[int], spread: float = 1e-3) -> torch.Tensor:
 
 
 def test_groups_of_codes_are_clusters_and_small_ones_are_none():
+    equal = groups([30, 30, 0], spread=0.0)
+    assert clusters_of(equal, torch.ones(60), 0).unique().tolist() == [0, 1]
     found = clusters_of(groups([60, 40, 8]) * torch.tensor([1.0, 1.0, 10.0]), torch.ones(108), 0)
     first, second, third = found.split([60, 40, 8])
     assert {*first.tolist()} | {*second.tolist()} == {0, 1}
@@ -214,10 +200,6 @@ def test_codes_without_any_spread_are_no_clusters_and_no_error(spread):
     same = torch.ones(60, 4) + spread * torch.randn(60, 4)
     with np.errstate(all="raise"):
         assert clusters_of(same, torch.ones(60), 0).tolist() == [-1] * 60
-
-
-def test_two_groups_of_equal_codes_are_two_clusters():
-    assert clusters_of(groups([30, 30, 0], spread=0.0), torch.ones(60), 0).unique().tolist() == [0, 1]
 
 
 def test_principal_components_keep_distances_in_the_directions_of_most_variance(monkeypatch):

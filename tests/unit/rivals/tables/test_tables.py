@@ -16,14 +16,8 @@ def row(*cells: Cell, kind: str = PRINTED, method: str = "a") -> Row:
 
 
 def test_numbers_are_formatted_as_the_paper_formats_them():
-    assert [number(value) for value in (35.9, 0.0, 100.0, 12.349, 9.96, None)] == [
-        "35.9",
-        "0.0",
-        "100.0",
-        "12.3",
-        "10.0",
-        "-",
-    ]
+    texts = ["35.9", "0.0", "100.0", "12.3", "10.0", "-"]
+    assert [number(value) for value in (35.9, 0.0, 100.0, 12.349, 9.96, None)] == texts
 
 
 @pytest.mark.parametrize(
@@ -113,20 +107,22 @@ def test_notes_are_attached_to_their_cells():
     assert {mark for one in table.rows[:6] for mark in one.marks} == {"", *texts}
 
 
-def test_equal_numbers_share_the_rank():
-    assert ranks([row(Cell(29.4)), row(Cell(29.41)), row(Cell(28.3)), row(Cell())]) == [[1], [1], [2], [0]]
+SCENES_OF = [Cell(50.0, scenes=("scene1",)), Cell(40.0, scenes=("scene1", "scene2"))]
 
 
-def test_a_row_alone_and_averages_over_different_scenes_are_not_ranked():
-    assert ranks([row(Cell(50.0))]) == [[0]]
-    scenes = [row(Cell(50.0, scenes=("scene1",))), row(Cell(40.0, scenes=("scene1", "scene2")))]
-    assert ranks(scenes) == [[0], [0]]
-
-
-def test_chance_and_synthetic_rows_are_not_ranked():
-    chance = row(Cell(99.0), method=CHANCE["random_pixel"])
-    assert ranks([row(Cell(50.0)), row(Cell(40.0)), chance]) == [[1], [2], [0]]
-    assert ranks([row(Cell(50.0), kind=SYNTHETIC), row(Cell(40.0), kind=SYNTHETIC)]) == [[0], [0]]
+@pytest.mark.parametrize(
+    "rows, expected",
+    [
+        ([row(Cell(29.4)), row(Cell(29.41)), row(Cell(28.3)), row(Cell())], [1, 1, 2, 0]),
+        ([row(Cell(50.0))], [0]),
+        ([row(one) for one in SCENES_OF], [0, 0]),
+        ([row(Cell(50.0)), row(Cell(40.0)), row(Cell(99.0), method=CHANCE["random_pixel"])], [1, 2, 0]),
+        ([row(Cell(50.0), kind=SYNTHETIC), row(Cell(40.0), kind=SYNTHETIC)], [0, 0]),
+    ],
+)
+def test_equal_numbers_share_a_rank_and_what_cannot_be_compared_has_none(rows, expected):
+    """A row alone, averages over different scenes, chance, and synthetic rows."""
+    assert ranks(rows) == [[rank] for rank in expected]
 
 
 def scored(name: str, hits: dict[str, list[bool]], chance: float | None = 0.05) -> ScoredScene:
