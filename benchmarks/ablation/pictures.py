@@ -18,8 +18,8 @@ from benchmarks.common import command
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, LANGUAGE, MASKS, POSES, SPLATS, TRANSIENT, camera_poses
-from egosplat.codes.rendering import render_codes
 from egosplat.drawing import middles_of_parts, plt, save_figure, show
+from egosplat.language.rendering import render_codes
 from egosplat.pipeline.variants import variant_folder
 from egosplat.query.scene import TrainedScene, read_trained_scene
 from egosplat.report.sheets.language_sheet import principal_colors

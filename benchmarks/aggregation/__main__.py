@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from benchmarks.aggregation.tracks import KINDS, Features, Tracks, corrupted, find_tracks
 from benchmarks.common import command, markdown
 from benchmarks.small_sam2.worlds import world_folders
-from egosplat.codes.decoder import decode
-from egosplat.codes.vectors import unit
 from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.features.compression import fit
 from egosplat.features.supervision import reconstruction, spread
+from egosplat.language.decoder import decode
+from egosplat.language.vectors import unit
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.progress import track

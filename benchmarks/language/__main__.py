@@ -23,15 +23,15 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS, camera_poses
 from egosplat.artifacts.usage import peak_memory_mb
-from egosplat.codes.decoder import Decoder, decode, read_decoder
-from egosplat.codes.rendering import render_codes
-from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import open_masking
+from egosplat.language.decoder import Decoder, decode, read_decoder
 from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
+from egosplat.language.rendering import render_codes
+from egosplat.language.targets import CodeTargets, Targets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log

@@ -22,7 +22,7 @@ from egosplat.evaluation.run_queries import ask_of, run_queries
 from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import Lifted, lift
-from egosplat.language.result import Coded
+from egosplat.language.method import Coded
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.query.answer import Asker
 from egosplat.report.sheets.queries_asking import evaluation_of, open_scored

@@ -30,13 +30,13 @@ from egosplat.artifacts.kept_frames import kept_frames
 from egosplat.artifacts.locating import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS
-from egosplat.codes.rendering import render_codes
-from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import Mask, read_map
 from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.dominant import mean_of_dominant, target_votes
+from egosplat.language.rendering import render_codes
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.query.finished_scene import Scene

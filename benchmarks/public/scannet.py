@@ -23,11 +23,11 @@ from scipy.spatial import cKDTree
 
 from benchmarks.common import command, markdown
 from egosplat.calibration.ply import read_vertices
-from egosplat.codes.decoder import decode
 from egosplat.errors import UserError
 from egosplat.evaluation.scores import iou
 from egosplat.files import read_json, write_text
 from egosplat.geometry import OPENGL_AXES
+from egosplat.language.decoder import decode
 from egosplat.query.finished_scene import Scene
 from egosplat.query.opening import open_scene
 

@@ -4,15 +4,14 @@ import torch
 from torch import Tensor, nn
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.codes.joint_objective import code_l1
-from egosplat.codes.targets import CodeTargets
+from egosplat.language.joint_objective import code_l1
 from egosplat.language.lifting import shares
-from egosplat.language.method import Method
+from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.result import Coded, fewer_iterations
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import composite
-from egosplat_rivals.loop import Step, Trainee, adam, train
+from egosplat_rivals.loop import Step, Trainee, adam, fewer_iterations, train
 
 # LangSplat's iterations.
 _ITERATIONS = 30_000

@@ -8,15 +8,14 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.codes.decoder import Decoder
-from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
+from egosplat.language.decoder import Decoder
 from egosplat.language.lifting import shares
-from egosplat.language.method import Method
+from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.result import Coded, fewer_iterations
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
-from egosplat_rivals.loop import Step, Trainee, adam, train
+from egosplat_rivals.loop import Step, Trainee, adam, fewer_iterations, train
 from egosplat_rivals.pixel_views import PixelViews
 
 # Published: words of the codebook, and words in a code.

@@ -9,15 +9,14 @@ from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.tiles import TILES
-from egosplat.codes.decoder import Decoder
 from egosplat.geometry import Camera
+from egosplat.language.decoder import Decoder
 from egosplat.language.lifting import evaluate_everywhere, shares
-from egosplat.language.method import Method
+from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
-from egosplat_rivals.loop import Layers, Step, Trainee, adam, train
+from egosplat_rivals.loop import Layers, Step, Trainee, adam, fewer_iterations, train
 from egosplat_rivals.pixel_views import PixelViews
 from egosplat_rivals.tile_views import TileViews, nearest
 

@@ -8,17 +8,16 @@ from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.tiles import TILES
-from egosplat.codes.centers import median_depths
-from egosplat.codes.decoder import Decoder
 from egosplat.geometry import invert
+from egosplat.language.centers import median_depths
+from egosplat.language.decoder import Decoder
 from egosplat.language.lifting import evaluate_everywhere, shares
-from egosplat.language.method import Method
+from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.result import Coded, fewer_iterations
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import pixel_lists
 from egosplat_rivals.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract, exponential
-from egosplat_rivals.loop import Layers, Step, Trainee, train
+from egosplat_rivals.loop import Layers, Step, Trainee, fewer_iterations, train
 from egosplat_rivals.pixel_views import PixelViews
 from egosplat_rivals.tile_views import TileViews, nearest
 

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor, nn
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.codes.decoder import Decoder, apply_layers, split_layers
 from egosplat.errors import UserError
-from egosplat.language.result import Curve
+from egosplat.language.decoder import Decoder, apply_layers, split_layers
+from egosplat.language.method import Curve
 from egosplat.progress import log, track
 
 # Iterations per record. Checkpoints are written at records only.
@@ -155,3 +155,8 @@ class _Training:
         self._order, self.iteration = state["order"], state["iteration"]
         self.curve = Curve(*state["curve"])
         self._loss = state["loss"].to(self._loss.device)
+
+
+def fewer_iterations(done: int, published: int, of: str = "") -> tuple[str, ...]:
+    """The stand-in of a shorter training than the authors'; none for one as long. ``of`` follows "iterations"."""
+    return () if done >= published else (f"{done:,} of {published:,} iterations{of}",)

@@ -3,9 +3,8 @@
 import numpy as np
 import torch
 
-from egosplat.codes.targets import CodeTargets
-from egosplat.language.method import Method
-from egosplat.language.result import Coded
+from egosplat.language.method import Coded, Method
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 

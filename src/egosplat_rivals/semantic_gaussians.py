@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from egosplat.codes.centers import Centers
-from egosplat.codes.targets import CodeTargets
-from egosplat.language.method import Method
-from egosplat.language.result import Coded
+from egosplat.language.centers import Centers
+from egosplat.language.method import Coded, Method
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
-from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.language.lifting import lift
-from egosplat.language.method import Method
+from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.result import Coded
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 from egosplat.rasterize.view import composite_sparse

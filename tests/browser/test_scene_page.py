@@ -10,9 +10,9 @@ import torch
 from PIL import Image
 
 from egosplat.artifacts.schemas import GAUSSIANS
-from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
+from egosplat.language.decoder import Decoder
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.answers import FoundThing

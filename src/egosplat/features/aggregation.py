@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.codes.vectors import unit
+from egosplat.language.vectors import unit
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from egosplat.codes.decoder import Decoder
 from egosplat.compute import single_thread
 from egosplat.errors import UserError
+from egosplat.language.decoder import Decoder
 from egosplat.progress import log, track
 
 # Channels of the hidden layers: LangSplat's defaults.

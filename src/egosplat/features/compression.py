@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.codes.decoder import Decoder
 from egosplat.errors import UserError
 from egosplat.features.autoencoder import fit_autoencoder
+from egosplat.language.decoder import Decoder
 
 Features = NDArray[np.float32]
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from scipy import ndimage
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.artifacts.work import lie_within
-from egosplat.codes.vectors import unit, usable
+from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.progress import track
 

@@ -13,8 +13,6 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, VIEW_FEATURES
 from egosplat.artifacts.writer import create
-from egosplat.codes.decoder import decode, decoder_metadata
-from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import Aggregate, aggregate
 from egosplat.features.compression import SHARE, Compression, Need, fit
 from egosplat.features.options import FeaturesOptions
@@ -28,6 +26,8 @@ from egosplat.features.supervision import (
     supervise,
     vanishing,
 )
+from egosplat.language.decoder import decode, decoder_metadata
+from egosplat.language.vectors import unit, usable
 from egosplat.progress import log
 
 Features = NDArray[np.float32]

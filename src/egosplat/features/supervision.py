@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from egosplat.codes.decoder import Decoder, decode
-from egosplat.codes.vectors import unit
+from egosplat.language.decoder import Decoder, decode
+from egosplat.language.vectors import unit
 
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]

@@ -18,7 +18,6 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, VIEW_FEATURES, lies_on_its_side
 from egosplat.artifacts.work import Chunks, Work
 from egosplat.artifacts.writer import create
-from egosplat.codes.vectors import usable
 from egosplat.errors import UserError
 from egosplat.features.crops import (
     InstanceViews,
@@ -30,6 +29,7 @@ from egosplat.features.crops import (
     split_batches,
 )
 from egosplat.features.options import ViewFeaturesOptions
+from egosplat.language.vectors import usable
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.clip import OpenClip
 from egosplat.models.configs import SMALL

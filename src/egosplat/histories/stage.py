@@ -25,7 +25,6 @@ from egosplat.artifacts.schemas import (
     seconds_of,
 )
 from egosplat.artifacts.writer import create
-from egosplat.codes.vectors import unit
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import STORED, read_exposure, read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
@@ -36,6 +35,7 @@ from egosplat.histories.places import Recording, Scenery, scene_depth, see_place
 from egosplat.histories.rests import Rest, ends_of, find_rests, link, places_of
 from egosplat.histories.sightings import see_tracks
 from egosplat.histories.things import Look, find_things, look_at
+from egosplat.language.vectors import unit
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_clip_of
 from egosplat.progress import log

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import aggregate
 from egosplat.features.crops import channels, encode, fill_hull, pad_square, resize
 from egosplat.histories.fitting import improved
 from egosplat.histories.places import PlaceView, Scenery
 from egosplat.histories.rests import Rest
 from egosplat.images import evenly_spaced
+from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip
 
 # Things whose features have this cosine look alike; they are two if rests of both last at once, at places that do not touch, for more

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.codes.centers import look_at_centers
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.instances.geometry import nearest_pixels, training_options
 from egosplat.instances.options import InstancesOptions
+from egosplat.language.centers import look_at_centers
 from egosplat.progress import track
 from egosplat.rasterize.view import sum_over_pixels
 

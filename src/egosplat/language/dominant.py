@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.schemas import GAUSSIANS
-from egosplat.codes.targets import CodeTargets
 from egosplat.language.lifting import labeled_share
-from egosplat.language.method import Method
-from egosplat.language.result import Coded
+from egosplat.language.method import Coded, Method
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 

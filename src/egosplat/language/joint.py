@@ -6,8 +6,7 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.language.lifting import lift
-from egosplat.language.method import Method
-from egosplat.language.result import Coded
+from egosplat.language.method import Coded, Method
 from egosplat.language.views import CodeViews
 
 

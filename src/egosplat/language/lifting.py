@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from egosplat.codes.targets import Targets
+from egosplat.language.targets import Targets
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 from egosplat.rasterize.view import sum_over_pixels

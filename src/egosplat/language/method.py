@@ -1,18 +1,49 @@
-"""What a way to give Gaussians codes consists of; docs/methods.md says how to add one."""
+"""What a way to give Gaussians codes consists of, and what it gives; docs/methods.md says how to add one."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from torch import device
+from torch import Tensor, device
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Schema
-from egosplat.artifacts.schemas import FEATURES, INSTANCES
-from egosplat.codes.targets import CodeTargets
-from egosplat.language.result import Coded
+from egosplat.artifacts.schemas import FEATURES, INSTANCES, PIXELS
+from egosplat.language.decoder import Decoder
+from egosplat.language.targets import CodeTargets
 
 _SEGMENTERS = {"sam2": "SAM2", "classical": "a classical segmenter"}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Last iteration and mean loss of each record."""
+
+    iteration: list[int] = field(default_factory=list)
+    loss: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Coded:
+    """Codes of N Gaussians at L levels, with C channels.
+
+    Attributes:
+        code: (N, L, C) float32.
+        share: (N, L) float32 in [0, 1], how much of its compositing weight a Gaussian has in queries; 0 without a code.
+        levels: name of each level.
+        decoder: from codes to features, where the method learns its own; else that of features.zarr.
+        curve: empty if nothing is trained.
+        stands_in: short sentences, each on a part of the published method that something else replaces.
+        decoded: what queries decode, see ``egosplat.artifacts.schemas``.
+    """
+
+    code: Tensor
+    share: Tensor
+    levels: list[str]
+    decoder: Decoder | None = None
+    curve: Curve = field(default_factory=Curve)
+    stands_in: tuple[str, ...] = ()
+    decoded: str = PIXELS
 
 
 def open_code_targets(learnt_from: Sequence[Artifact], frames: Artifact, device: device) -> CodeTargets:

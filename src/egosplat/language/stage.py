@@ -15,15 +15,14 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.schemas import FRAMES, LANGUAGE, POSES, SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.codes.decoder import decoder_metadata
-from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.training_views import open_masking
-from egosplat.language.method import Method
+from egosplat.language.decoder import decoder_metadata
+from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.result import Coded
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import select_code_views
 from egosplat.pipeline.stages import load_module
 from egosplat.progress import log

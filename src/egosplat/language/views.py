@@ -10,12 +10,12 @@ from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses
-from egosplat.codes.centers import Centers, look_at_centers
-from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.gaussians.training_views import Masking, pixel_weight, split_views, valid_weight
 from egosplat.geometry import Camera
+from egosplat.language.centers import Centers, look_at_centers
+from egosplat.language.targets import Targets
 from egosplat.rasterize.view import View
 
 

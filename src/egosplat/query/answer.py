@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.schemas import GAUSSIANS
-from egosplat.codes.decoder import Decoder
-from egosplat.codes.rendering import render_codes
 from egosplat.gaussians.render import render
 from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Array, Camera, transform
 from egosplat.histories.known import Rests
+from egosplat.language.decoder import Decoder
+from egosplat.language.rendering import render_codes
 from egosplat.query.histories import relevancies_at, relevancy_of_rests
 from egosplat.query.maps import (
     PLATEAU,

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from egosplat.codes.decoder import Decoder, decode
 from egosplat.compute import all_finite
+from egosplat.language.decoder import Decoder, decode
 from egosplat.query.text import Texts
 
 

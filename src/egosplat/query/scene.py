@@ -9,12 +9,12 @@ from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import PIXELS
-from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
+from egosplat.language.decoder import Decoder, read_scene_decoder
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.text import Texts
 

@@ -12,8 +12,8 @@ from torch import Tensor
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES
 from egosplat.artifacts.tiles import TILES
-from egosplat.codes.vectors import unit, usable
 from egosplat.errors import UserError
+from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip
 
 # Start and end of every text.

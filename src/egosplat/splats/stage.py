@@ -15,8 +15,6 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.calibration.files import source_files
-from egosplat.codes.joint_objective import JointLanguage, initial_codes
-from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.corrections import Corrections, make_corrections, resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
@@ -36,6 +34,8 @@ from egosplat.gaussians.training_views import (
     read_views,
     split_views,
 )
+from egosplat.language.joint_objective import JointLanguage, initial_codes
+from egosplat.language.targets import CodeTargets
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
 from egosplat.splats.corrections import put_corrections

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2, vq
 
-from egosplat.codes.decoder import Decoder, decode
+from egosplat.language.decoder import Decoder, decode
 from egosplat.viewing.container import Arrays
 
 # Entries of a level.

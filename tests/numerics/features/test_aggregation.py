@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.codes.vectors import unit, usable
 from egosplat.features.aggregation import NORMS, aggregate, robust_mean
 from egosplat.features.supervision import consistent_directions, supervise
+from egosplat.language.vectors import unit, usable
 
 EACH_NORM = pytest.mark.parametrize("norm", NORMS)
 K = 3.0

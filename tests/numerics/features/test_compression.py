@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES
-from egosplat.codes.decoder import Decoder, decode
-from egosplat.codes.vectors import unit
 from egosplat.errors import UserError
 from egosplat.features import autoencoder, stage
 from egosplat.features.compression import fit
 from egosplat.features.supervision import reconstruction, spread
+from egosplat.language.decoder import Decoder, decode
+from egosplat.language.vectors import unit
 from egosplat.pipeline.config import defaults
 from tests.support.scenes import put
 

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.joint_objective import code_l1
-from egosplat.codes.targets import Targets
 from egosplat.errors import UserError
 from egosplat.gaussians import loss as objective
 from egosplat.gaussians import trainer as state
@@ -15,6 +13,8 @@ from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import LearningRates
 from egosplat.gaussians.training_views import pixel_weight
+from egosplat.language.joint_objective import code_l1
+from egosplat.language.targets import Targets
 from egosplat.splats import stage
 
 FRAMES, SIZE = 7, 20

@@ -6,7 +6,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.codes.decoder import Decoder
+from egosplat.language.decoder import Decoder
 from egosplat.query.options import LANGSPLAT, QueryOptions
 from egosplat.query.relevancy import fold, relevancy, relevancy_maps
 from egosplat.query.text import Texts

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.decoder import Decoder, decode
-from egosplat.codes.vectors import unit
 from egosplat.features.autoencoder import BATCH, Autoencoder, batches, loss
 from egosplat.features.compression import fit
 from egosplat.features.supervision import reconstruction, spread, summary
+from egosplat.language.decoder import Decoder, decode
+from egosplat.language.vectors import unit
 
 
 def rows(count: int, channels: int, rank: int, seed: int = 0) -> np.ndarray:

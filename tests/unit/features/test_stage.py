@@ -6,12 +6,12 @@ import torch
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.codes.decoder import decode, read_decoder
-from egosplat.codes.vectors import unit
 from egosplat.errors import UserError
 from egosplat.features import stage
 from egosplat.features.autoencoder import fit_autoencoder
 from egosplat.features.supervision import agreement
+from egosplat.language.decoder import decode, read_decoder
+from egosplat.language.vectors import unit
 from egosplat.pipeline.config import defaults
 
 KEYS = defaults()["features"] | {"dims": 3, "epochs": 2}

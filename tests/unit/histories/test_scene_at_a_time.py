@@ -8,12 +8,12 @@ import torch
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import GAUSSIANS, HISTORIES, PIXELS
-from egosplat.codes.decoder import Decoder
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.histories.known import Rests
+from egosplat.language.decoder import Decoder
 from egosplat.query.answer import Asker
 from egosplat.query.command import run
 from egosplat.query.histories import scene_at

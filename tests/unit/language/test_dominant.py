@@ -8,12 +8,12 @@ import torch
 from scipy import sparse
 
 from egosplat.artifacts.schemas import GAUSSIANS
-from egosplat.codes.centers import project_centers
-from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import view_of
 from egosplat.gaussians.training_views import Masking, open_masking
+from egosplat.language.centers import project_centers
 from egosplat.language.dominant import lift_instances, mean_of_dominant, target_votes
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import select_code_views
 from egosplat.rasterize.view import composite
 from tests.unit.language.conftest import CODES

@@ -4,11 +4,11 @@ import pytest
 import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.codes.joint_objective import code_l1
-from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.training_views import Masking
+from egosplat.language.joint_objective import code_l1
 from egosplat.language.options import LanguageOptions
+from egosplat.language.targets import CodeTargets, Targets
 from egosplat.language.views import select_code_views
 from egosplat_rivals.langsplat import PlainCodes, codes_to_render
 from egosplat_rivals.loop import train

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.rendering import render_codes
-from egosplat.codes.targets import CodeTargets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import view_of
 from egosplat.gaussians.training_views import Masking, open_masking
 from egosplat.language.lifting import lift
+from egosplat.language.rendering import render_codes
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.rasterize.view import composite
 

@@ -12,17 +12,16 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES
 from egosplat.artifacts.tiles import TILES, scale_name
-from egosplat.codes.decoder import Decoder, decode
-from egosplat.codes.rendering import render_codes
-from egosplat.codes.targets import CodeTargets
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Masking
-from egosplat.language.method import Method
+from egosplat.language.decoder import Decoder, decode
+from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.result import Coded
+from egosplat.language.rendering import render_codes
+from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.stages import STAGES, load_module

@@ -9,11 +9,10 @@ import pytest
 
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.registry import SCHEMAS
-from egosplat.codes.decoder import Decoder, read_scene_decoder
 from egosplat.errors import UserError
 from egosplat.language import dominant, joint, stage
-from egosplat.language.method import Method
-from egosplat.language.result import Coded
+from egosplat.language.decoder import Decoder, read_scene_decoder
+from egosplat.language.method import Coded, Method
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.stages import code_of
 from egosplat.splats import stage as splats_stage

@@ -2,7 +2,7 @@
 
 import torch
 
-from egosplat.codes.targets import CodeTargets
+from egosplat.language.targets import CodeTargets
 
 CPU = torch.device("cpu")
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.decoder import Decoder
 from egosplat.geometry import Camera
+from egosplat.language.decoder import Decoder
 from egosplat.query import answer as module
 from egosplat.query.answer import View, answer_from_codes
 from egosplat.query.options import LANGSPLAT

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
-from egosplat.codes.decoder import Decoder
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Camera
+from egosplat.language.decoder import Decoder
 from egosplat.query import answer as module
 from egosplat.query.answer import Asker, ViewAnswer, ask, view_of
 from egosplat.query.options import LANGSPLAT, QueryOptions

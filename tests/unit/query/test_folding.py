@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.decoder import Decoder, decode
+from egosplat.language.decoder import Decoder, decode
 from egosplat.query.relevancy import fold
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.decoder import Decoder
 from egosplat.geometry import Camera
+from egosplat.language.decoder import Decoder
 from egosplat.query.answer import View, answer_from_codes
 from egosplat.query.maps import find_in_maps, find_peak
 from egosplat.query.options import LANGSPLAT

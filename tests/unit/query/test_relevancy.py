@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.decoder import Decoder, decode
+from egosplat.language.decoder import Decoder, decode
 from egosplat.query import relevancy as module
 from egosplat.query.relevancy import relevancy, relevancy_maps
 from egosplat.query.text import Texts

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.targets import Targets
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Masking
 from egosplat.geometry import Camera
 from egosplat.language.lifting import lift
+from egosplat.language.targets import Targets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.occam import average_at_centers
 from egosplat_rivals.semantic_gaussians import EVERY, pixel_features, project_views

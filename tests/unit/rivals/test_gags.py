@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from egosplat.codes.decoder import split_layers
+from egosplat.language.decoder import split_layers
 from egosplat_rivals.gags import (
     CHANNELS,
     HIDDEN,

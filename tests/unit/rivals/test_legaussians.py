@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from egosplat.codes.decoder import Decoder, decode
+from egosplat.language.decoder import Decoder, decode
 from egosplat_rivals.legaussians import (
     LEAST_SMOOTHING,
     MIXED,

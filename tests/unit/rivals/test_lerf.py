@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.decoder import decode
+from egosplat.language.decoder import decode
 from egosplat_rivals.hash_grid import (
     ENTRIES,
     FEATURES,

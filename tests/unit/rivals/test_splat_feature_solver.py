@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.targets import Targets
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
+from egosplat.language.targets import Targets
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat_rivals import splat_feature_solver as solver
 from egosplat_rivals.splat_feature_solver import (

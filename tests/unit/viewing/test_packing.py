@@ -8,7 +8,7 @@ import torch
 from scipy.cluster.vq import vq
 
 from egosplat.cli import main
-from egosplat.codes.decoder import Decoder
+from egosplat.language.decoder import Decoder
 from egosplat.viewing.container import pack, unpack
 from egosplat.viewing.gaussians import (
     SMALLEST,

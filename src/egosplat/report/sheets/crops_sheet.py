@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.codes.vectors import unit, usable
 from egosplat.drawing import empty_grid, plt
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
+from egosplat.language.vectors import unit, usable
 from egosplat.models.configs import PHOTOS
 from egosplat.report.sheets.sheet import sheet
 

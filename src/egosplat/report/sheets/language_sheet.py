@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses
-from egosplat.codes.rendering import render_codes
 from egosplat.drawing import empty_grid, plt, show
 from egosplat.geometry import Camera
+from egosplat.language.rendering import render_codes
 from egosplat.query.scene import TrainedScene, read_trained_scene, rendering_camera
 from egosplat.report.sheets.sheet import sheet
 

@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
-from egosplat.codes.targets import CodeTargets, Targets
 from egosplat.gaussians.loss import L1Ssim, Objective
 from egosplat.gaussians.training_views import Views
+from egosplat.language.targets import CodeTargets, Targets
 
 
 def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor:

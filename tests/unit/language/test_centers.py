@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.centers import look_at_centers, median_depths
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
+from egosplat.language.centers import look_at_centers, median_depths
 from egosplat.rasterize.view import View, own_weights, pixel_lists
 from tests.support.blobs import blobs
 

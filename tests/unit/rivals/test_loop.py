@@ -2,7 +2,7 @@
 
 import pytest
 
-from egosplat.language.result import fewer_iterations
+from egosplat_rivals.loop import fewer_iterations
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.codes.decoder import Decoder, decode, decoder_metadata
+from egosplat.language.decoder import Decoder, decode, decoder_metadata
 
 
 def chain(*layers: tuple[list[list[float]], list[float]], **fields: object) -> Decoder:
