@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from egosplat.pipeline.results import default_scenes
-from egosplat.pipeline.scenes import Scene
+from egosplat.pipeline.scenes import Scene, default_scenes
 from egosplat.pipeline.variants import reaches, variant_config, variant_folder
 
 # Variants that have rows in the tables, in addition to the scene itself.

@@ -19,7 +19,7 @@ from tests.support.warm import run_snakemake
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = "results/mine/scene"
 BOTH = {"view_features", "features"}
-FILES = ("common/start", "common/scenes", "common/dag", "common/resources", "rules/features")
+FILES = ("common/start", "common/scenes", "common/dag", "rules/features")
 SNAKEFILE = "# Two rules of egosplat.\n" + "".join(f'include: "{name}.smk"\n' for name in FILES)
 UNSURVEYED = (
     "survey.min_view_change_deg=0 survey.blur_limit=0 splats.masking=none segments.track_moving=never "

@@ -24,11 +24,7 @@ def refused(workdir, *targets: str) -> str:
     said = done.stdout + done.stderr
     assert done.returncode != 0, said
     assert "Traceback" not in said, said
-    lines = [line.strip() for line in said.splitlines() if line.strip().startswith("egosplat: ")]
-    # The run repeats a stage's message as its last line, after the name of what was not made.
-    (told,) = {line for line in lines if " was not made. " not in line}
-    message = told.removeprefix("egosplat: ")
-    assert all(line.endswith(f" was not made. {message}") for line in lines if line != told)
+    (told,) = {line for line in map(str.strip, said.splitlines()) if line.startswith("egosplat: ")}
     return told
 
 
@@ -44,25 +40,6 @@ def test_a_disk_that_fills_during_a_stage_is_reported(on_small_disk, small_disk)
     small_disk.enlarge()
     on_small_disk.run(str(target))
     assert (on_small_disk.folder / target / "video.vrs").exists()
-
-
-def test_a_disk_full_before_the_run_is_reported(on_small_disk, small_disk):
-    small_disk.leave(0)
-    told = refused(on_small_disk, str(SCENE / "recording"))
-    assert told == (
-        f"egosplat: {on_small_disk.folder}/.snakemake: No space left on device. "
-        "Make room and start the same command again: complete results are kept"
-    )
-
-
-def test_an_unwritable_results_folder_is_reported(workdir, small_disk):
-    results = Path(shutil.move(workdir.folder / "results", small_disk.folder))
-    (workdir.folder / "results").symlink_to(results)
-    shutil.rmtree(workdir.folder / SCENE / "recording")
-    small_disk.freeze()
-    told = refused(workdir, str(SCENE / "recording"))
-    assert told.startswith(f"egosplat: {workdir.folder}/results: Read-only file system")
-    assert workdir.snakemake("--dry-run", "--", str(SCENE / "recording")).returncode == 0
 
 
 def test_colmap_is_not_begun_on_a_full_disk(small_disk, finished, tmp_path, monkeypatch, capfd):

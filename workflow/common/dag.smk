@@ -1,363 +1,116 @@
 """
-Inputs and parameters of the rules, from plain functions in egosplat.pipeline of a configuration and a survey.
-
-Parameters hold the options of a stage and the content hash of its code and models: Snakemake reruns the stage when one of them
-changes. Functions of (dataset, scene, variant) are cached, because every rule calls them.
+Inputs, parameters and requests of the rules as functions of the wildcards: the plain functions in egosplat.run.jobs of a job.
 """
 
-from egosplat.calibration.files import digest_of_recording, is_annotated, source_files
-from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
-from egosplat.pipeline import dag
-from egosplat.pipeline.config import stage_sections
-from egosplat.pipeline.home import snakemake_in
-from egosplat.pipeline.results import (
-    default_results,
-    default_scenes,
-    results_by_survey,
-)
-from egosplat.pipeline.scenes import check_recording
-from egosplat.pipeline.stages import STAGES, code_of
-from egosplat.pipeline.survey_file import read_survey
-from egosplat.pipeline.variants import (
-    artifact_folder,
-    artifact_path,
-    chosen_value,
-    method_of,
-    preset_of,
-    scene_config,
-)
+from egosplat.pipeline import costs
+from egosplat.pipeline.code_hash import code_hash
+from egosplat.pipeline.stages import STAGES
+from egosplat.run import jobs
 
 
-def names_of(wildcards):
-    """Get (dataset, scene, variant); the variant is None for the scene itself."""
-    folder = wildcards.get("variant")
-    return wildcards.dataset, wildcards.scene, folder.split("/")[1] if folder else None
-
-
-def scene_of(wildcards):
-    """Get the row of the table of scenes."""
-    return find_scene(scenes, wildcards.dataset, wildcards.scene)
+def wait_for_survey(scene, folder):
+    """Let Snakemake make the survey in a folder of a scene, and evaluate the rules again."""
+    checkpoints.survey.get(dataset=scene.dataset, scene=scene.scene, variant=folder)
 
 
 @cache
-def config_named(dataset, scene, variant):
-    """Get the configuration of a scene or a variant."""
-    return scene_config(find_scene(scenes, dataset, scene), variant)
+def job_named(dataset, scene, variant=None, chunk=None):
+    """Get the job on a scene or variant."""
+    return jobs.Job(find_scene(scenes, dataset, scene), variant, chunk, wait_for_survey)
 
 
-def config_of(wildcards):
-    """Get the configuration of the scene or variant."""
-    return config_named(*names_of(wildcards))
+def job_of(wildcards):
+    """Get the job of wildcards."""
+    variant = wildcards.get("variant", "").removeprefix("variants/").removesuffix("/")
+    chunk = wildcards.get("chunk")
+    return job_named(wildcards.dataset, wildcards.scene, variant or None, chunk)
 
 
-@cache
-def path_named(stage, dataset, scene, variant):
-    """Get the path of an artifact, the variant's own or a shared one."""
-    return artifact_path(stage, find_scene(scenes, dataset, scene), variant)
+def asked(function, *given):
+    """Get a function of the wildcards from one whose last argument is a job."""
+    return lambda wildcards: or_exit(lambda: function(*given, job_of(wildcards)))
 
 
-@cache
-def survey_folder(dataset, scene, variant):
-    """Get the folder, below the scene's, of the survey of a scene or variant."""
-    return artifact_folder("survey", find_scene(scenes, dataset, scene), variant)
+def shared(file):
+    """Get the path of an artifact: a variant has its own only where it differs."""
+    return asked(jobs.path_of, Path(file).stem)
 
 
-@cache
-def survey_at(path, written):
-    """Read a survey that was written at a time [ns]."""
-    return read_survey(Path(path))
+def recording(wildcards):
+    """Get the recording. Its time does not count: a parameter has the digest of what a stage reads."""
+    job = job_of(wildcards)
+    path = or_exit(jobs.recording_path, job)
+    return [path if job.scene.synthetic else ancient(path)] if path else []
 
 
-def survey_named(dataset, scene, variant):
-    """Read the survey of a scene or variant. Snakemake makes it first and then evaluates the rules again."""
-    folder = survey_folder(dataset, scene, variant)
-    checkpoints.survey.get(dataset=dataset, scene=scene, variant=folder)
-    path = path_named("survey", dataset, scene, variant)
-    return survey_at(path, os.stat(path).st_mtime_ns if os.path.exists(path) else None)
+def configured(stage):
+    """Get the inputs that depend on configuration and survey, for the rule to unpack."""
 
+    def decided(job):
+        # The survey's decisions are parameters of the rule, so a newer file alone must not rerun it.
+        paths = jobs.surveyed_paths(stage, job).items()
+        return [ancient(path) if name == "survey" else path for name, path in paths]
 
-def decided_config(wildcards):
-    """Get the configuration with the survey's decisions. It waits for the survey only if the survey decides something."""
-    config = config_of(wildcards)
-    if not dag.decided_by_survey(config):
-        return config
-    return dag.decide(config, survey_named(*names_of(wildcards)))
-
-
-def required_paths(stage, wildcards):
-    """Get the paths of the inputs that a stage always reads, by name; a recording is one folder or video file."""
-    scene, names = scene_of(wildcards), STAGES[stage].inputs
-    given = {"recording": str(scene.recording)}
     return {
-        name: given.get(name) or path_named(name, *names_of(wildcards))
-        for name in names
+        "learnt": asked(lambda job: [*jobs.learnt_paths(stage, job).values()]),
+        "decided": asked(decided),
+        "chunks": asked(jobs.chunk_files, stage),
     }
-
-
-def learnt_paths(stage, wildcards):
-    """Get the paths of what codes are learnt from, by stage. A plan made before the survey knows them."""
-    names = dag.learnt_from(stage, config_of(wildcards))
-    return {name: path_named(name, *names_of(wildcards)) for name in names}
-
-
-def decided_paths(stage, wildcards):
-    """Get the paths of the optional inputs that the survey may decide, by stage."""
-    names = dag.optional_inputs_of(stage, decided_config(wildcards))
-    other = {*learnt_paths(stage, wildcards)}
-    if is_chunk(wildcards):  # what moves is tracked by the job that gathers
-        other.add("transient")
-    return {
-        name: path_named(name, *names_of(wildcards))
-        for name in names
-        if name not in other
-    }
-
-
-def is_chunk(wildcards):
-    """Tell whether a job works on a chunk of the frames alone."""
-    return "chunk" in wildcards.keys()
-
-
-def chunk_files(stage):
-    """Get a function of the wildcards: the results of chunks that a job gathers; none where it does the work itself.
-
-    As with Snakemake's scattergather, whose number of parts is the same for all scenes; the survey knows the frames of each.
-    """
-
-    def paths(wildcards):
-        config = config_of(wildcards)
-        if is_chunk(wildcards) or not dag.is_surveyed(config):
-            return []
-        count = dag.count_chunks(stage, config, survey_named(*names_of(wildcards)))
-        folder = "results/{dataset}/{scene}/{variant}".format(**wildcards)
-        return [f"{folder}{stage}.{number}.chunk" for number in range(1, count + 1)]
-
-    return paths
-
-
-def inputs(stage):
-    """Get the inputs of a stage's rule as functions of the wildcards, for the rule to unpack."""
-
-    def decided(wildcards):
-        paths = decided_paths(stage, wildcards)
-        if "survey" in paths:
-            survey_named(*names_of(wildcards))
-            # The decisions of a survey are parameters of the rule, so a newer file alone must not rerun it.
-            paths["survey"] = ancient(paths["survey"])
-        return list(paths.values())
-
-    def required(name):
-        if name == "recording":
-            return recording_path
-        return lambda wildcards: required_paths(stage, wildcards)[name]
-
-    found = {name: required(name) for name in STAGES[stage].inputs}
-    if STAGES[stage].optional:
-        found["learnt"] = lambda wildcards: [*learnt_paths(stage, wildcards).values()]
-        found["decided"] = decided
-    if STAGES[stage].by_chunks:
-        found["chunks"] = chunk_files(stage)
-    return found
 
 
 def params(stage):
-    """Get the parameters of a stage's rule as functions of the wildcards, for the rule to unpack.
+    """Get the parameters of a stage, for the rule to unpack: words of its command, and what makes it stale."""
+    return {
+        name: asked(function, stage)
+        for name, function in jobs.parameters(stage).items()
+    }
 
-    ``arguments`` are the paths of its inputs and its values from the table of scenes, as words of the command line,
-    ``options`` the values of its keys as JSON. The others are not for the command: Snakemake reruns the rule when the list of
-    training frames, the models, the code or the recording change.
-    """
-    about = STAGES[stage]
-    get_config = decided_config if dag.follows_survey(stage) else config_of
 
-    def arguments(wildcards):
-        paths = required_paths(stage, wildcards) | learnt_paths(stage, wildcards)
-        if about.optional:
-            paths |= decided_paths(stage, wildcards)
-        values = {name: SCENE_VALUES[name](wildcards) for name in about.scene}
-        values |= {"chunk": wildcards.get("chunk")}
-        flags = dag.input_flags(paths | {n: v for n, v in values.items() if v})
-        chunks = chunk_files(stage)(wildcards) if about.by_chunks else ()
-        return " ".join([flags, *(f"--gather {shlex.quote(path)}" for path in chunks)])
+def request(stage):
+    """Get the memory, time and GPUs that a job requests, for the rule to unpack; they are <TBD> until its inputs exist."""
+
+    def evaluated(function):
+        def value(wildcards, input, attempt):
+            job = job_of(wildcards)
+            return function(stage, job.config, input, attempt, bool(job.chunk))
+
+        return value
 
     found = {
-        "arguments": arguments,
-        "options": lambda wildcards: dag.options_json(stage, get_config(wildcards)),
-        "code": code_of(stage),
+        "mem_mb": evaluated(costs.memory_mb),
+        "runtime": evaluated(costs.runtime_min),
     }
-    if about.modules:
-        found["code"] = lambda wildcards: code_of(stage, value_of(stage, wildcards))
-    if "recording" in about.inputs:
-        found["recording"] = recording_digest(stage)
-    if "survey" in about.optional:
-        found["kept"] = training_frames(stage)
-    if keys := stage_sections(stage).get("models"):
-        found["models"] = model_files(keys)
+    if costs.can_use_gpu(stage):
+        found["gpu"] = asked(lambda job: costs.gpus(stage, job.config))
     return found
 
 
-def training_frames(stage):
-    """Get a function of the wildcards: the digest of the frames that a stage trains on."""
-
-    def digest(wildcards):
-        config = config_of(wildcards)
-        if not dag.leaves_frames_out(config):  # there may be no survey
-            return dag.ALL_FRAMES
-        return dag.training_frames(stage, config, survey_named(*names_of(wildcards)))
-
-    return digest
-
-
-@cache
-def models_named(dataset, scene, variant):
-    """Get the hashes of the models of a scene or variant."""
-    return model_hashes(config_named(dataset, scene, variant))
-
-
-def model_files(keys):
-    """Get a function of the wildcards: content hashes of the models of keys."""
-
-    def hashes(wildcards):
-        found = models_named(*names_of(wildcards))
-        return " ".join(f"{key}={found[key]}" for key in keys if key in found)
-
-    return hashes
-
-
-def value_of(stage, wildcards):
-    """Get the value by which a stage chooses its module."""
-    return chosen_value(stage, scene_of(wildcards), config_of(wildcards))
-
-
-def recording_path(wildcards):
-    """Get the recording, one folder or video file. Its time does not count: a parameter has the digest of what a stage reads."""
-    scene = scene_of(wildcards)
-    path = str(scene.recording)
-    if scene.synthetic:  # a rule makes it
-        return [path]
-    check_recording(scene)
-    # HOI4D's sequences have names that are no folder.
-    return [ancient(path)] if os.path.exists(path) else []
-
-
-def recording_digest(stage):
-    """Get a function of the wildcards: the digest of all files of the recording that a stage reads."""
-
-    def digest(wildcards):
-        scene = scene_of(wildcards)
-        if scene.synthetic:
-            return "none"
-        return digest_of_recording(
-            stage, scene.format, scene.recording, config_of(wildcards)
-        )
-
-    return digest
-
-
-def encoder_weights(wildcards):
-    """Get a hash of the encoder's weights, so that a changed file reruns the rule. The stage reports a missing file."""
-    name = config_of(wildcards)["transient"]["encoder_weights"]
-    path = Path(name).expanduser() if name else None
-    return content_hash(path)[:16] if path and path.is_file() else "none"
-
-
-def source_content(wildcards):
-    """Get a hash of the Gaussians of another program, as above."""
-    source = config_of(wildcards)["splats"]["source"]
-    try:
-        return joint_hash(source_files(source)) if source else "none"
-    except UserError:
-        return "none"
-
-
-def is_recording_annotated(wildcards):
-    """Tell whether a plain recording has annotations. Without them all frames train."""
-    scene = scene_of(wildcards)
-    return is_annotated(scene.format, scene.recording)
-
-
-def get_title(wildcards):
-    """Get the name of the scene or variant in pages and tables."""
-    variant = names_of(wildcards)[2]
-    name = scene_of(wildcards).name
-    return f"{name}, {variant}" if variant else name
-
-
-def get_method(wildcards):
-    """Get the published method that a variant stands for; None for EgoSplat."""
-    variant = names_of(wildcards)[2]
-    scene = scene_of(wildcards)
-    return variant and method_of(scene.config, variant, scene.name)
-
-
-def get_preset(wildcards):
-    """Get the preset of a scene or variant."""
-    scene = scene_of(wildcards)
-    return preset_of(scene.config, names_of(wildcards)[2], scene.name)
-
-
-def get_world(key):
-    """Get a function of the wildcards: a key of a scene's synthetic apartment; None for a recording."""
-
-    def value(wildcards):
-        scene = scene_of(wildcards)
-        return str(scene.config["synthetic"][key]) if scene.synthetic else None
-
-    return value
-
-
-# What a stage takes from the table of scenes and the variant, by name of its argument.
-SCENE_VALUES = {
-    "title": get_title,
-    "method": get_method,
-    "preset": get_preset,
-    "world_seed": get_world("seed"),
-    "camera": get_world("camera"),
-    "format": lambda wildcards: scene_of(wildcards).format,
-}
-
-
 def labels(page):
-    """Get a function of the wildcards: the labels of a result in Snakemake's report, unique for each result."""
+    """Get the labels of a result in Snakemake's report, unique for each result."""
     return lambda wildcards: {
         "dataset": wildcards.dataset,
         "scene": wildcards.scene,
-        "variant": names_of(wildcards)[2] or "none",
+        "variant": job_of(wildcards).variant or "none",
         "page": page,
     }
 
 
+@cache
+def wanted_scenes():
+    """Get the scenes of a run without a target, and name the user's own that lack their recordings."""
+    for scene in scenes.values():
+        if is_own(scene) and scene.lacks_recording:
+            told = f"{scene.name} is skipped: no recording at {scene.recording}"
+            print(f"egosplat: {told}", file=sys.stderr)
+    return default_scenes(scenes.values())
+
+
 def results_of_scenes(_):
-    """Get the results of a run without a target. A report takes only those that exist."""
-    wanted = [
-        path
-        for scene in default_scenes(scenes.values())
-        for path in default_results(scene)
-    ]
-    if not CALL.reports:
-        return wanted
-    found = [path for path in wanted if os.path.exists(path)]
-    if not found:
-        sys.exit(
-            f"egosplat: no scene has results to report; make some: {snakemake_in(Path())} --cores 2 results/DATASET/SCENE/metrics.json"
-        )
-    return found
+    """Get the results of a run without a target."""
+    return [path for scene in wanted_scenes() for path in jobs.default_results(scene)]
 
 
 def surveyed_results(_):
-    """Get transient.png and carries.png of the scenes whose survey finds motion."""
-    asked = [
-        scene
-        for scene in default_scenes(scenes.values())
-        if not {("splats", "masking"), ("segments", "track_moving")}.isdisjoint(
-            dag.decided_by_survey(scene.config)
-        )
-    ]
-    if CALL.reports:
-        pages = [STAGES[name].output for name in ("transient_sheet", "carries_sheet")]
-        paths = [str(scene.results / page) for scene in asked for page in pages]
-        return [path for path in paths if os.path.exists(path)]
-    surveys = [
-        (scene, survey_named(scene.dataset, scene.scene, None)) for scene in asked
-    ]
-    return [path for pair in surveys for path in results_by_survey(*pair)]
+    """Get the pages of scenes whose survey finds motion."""
+    asked = [job_named(scene.dataset, scene.scene) for scene in wanted_scenes()]
+    return [path for job in asked for path in jobs.results_by_survey(job)]

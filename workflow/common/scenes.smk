@@ -1,38 +1,19 @@
 """
-The table of scenes, the notices before a run, and the beginning of every shell command.
+The table of scenes, the locks of a Snakemake that was killed, and the beginning of every shell command.
 """
 
-import os
-import shlex
-from functools import cache
-
-from egosplat.doctor.inputs import left_out_notices, plan_notices
-from egosplat.pipeline import config as configuration
+from egosplat.pipeline.config import resolve
 from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks
-from egosplat.pipeline.scenes import find_scene, requested_targets
-from egosplat_rivals.compared import compared_variants
-from egosplat.pipeline.variants import check_target, read_scenes_with_presets
+from egosplat.pipeline.scenes import default_scenes, find_scene, is_own
+from egosplat.pipeline.variants import read_scenes_with_presets
 
-try:
-    scenes = read_scenes_with_presets(configuration.resolve(config, PRESETS), PRESETS)
-    targets = requested_targets(CALL.targets)
-    for target in targets:
-        check_target(scenes, target)
-        if target.name.startswith("tradeoff/"):
-            compared_variants(scenes[target.dataset, target.scene])
-except UserError as error:
-    sys.exit(f"egosplat: {error}")
+settings = or_exit(resolve, config, presets_folder())
+scenes = or_exit(read_scenes_with_presets, settings, presets_folder())
 
-if IS_MAIN:
-    notices = [*plan_notices(scenes, targets), *left_out_notices(scenes, targets)]
-    for line in notices:
-        print(f"egosplat: {line}", file=sys.stderr)
-
-# A killed Snakemake leaves its locks. Removing them lets the same command continue without --unlock. Jobs on a cluster
-# outlive a killed Snakemake, so their locks stay; only --jobs, the number of submitted jobs, shows a cluster here.
-if IS_MAIN and workflow.resource_settings.nodes is None:
-    if clear_stale_locks(Path(".snakemake")):
-        print("The last Snakemake here was killed: continuing.", file=sys.stderr)
+# A killed Snakemake leaves its locks. Removing them lets the same command continue without --unlock. Jobs keep them while they
+# run, on a cluster too, where they outlive a killed Snakemake.
+if clear_stale_locks(Path(".snakemake")):
+    print("The last Snakemake here was killed: continuing.", file=sys.stderr)
 
 # A killed command cannot report itself. `|| true` keeps the command's own exit status.
 TELL_IF_KILLED = str(Path(workflow.basedir) / "scripts/tell_if_killed.sh")

@@ -11,7 +11,9 @@ TOOLS: OpenCLIP, PyTorch.
 rule view_features:
     """Encode the crop of each instance in each training frame with OpenCLIP."""
     input:
-        **inputs("view_features"),
+        **configured("view_features"),
+        frames=shared("frames.zarr"),
+        instances=shared("instances.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}view_features.zarr"),
     log:
@@ -20,9 +22,7 @@ rule view_features:
         "logs/{dataset}/{scene}/{variant}view_features.tsv"
     threads: 8
     resources:
-        mem_mb=memory("view_features"),
-        runtime=runtime("view_features"),
-        gpu=gpus("view_features"),
+        **request("view_features"),
     params:
         **params("view_features"),
     shell:
@@ -41,7 +41,7 @@ use rule view_features as view_features_chunk with:
 rule features:
     """Aggregate each instance's features over its views, and compress them to codes."""
     input:
-        **inputs("features"),
+        view_features=shared("view_features.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}features.zarr"),
     log:
@@ -50,8 +50,7 @@ rule features:
         "logs/{dataset}/{scene}/{variant}features.tsv"
     threads: 1  # the autoencoder uses one, for reproducible results
     resources:
-        mem_mb=memory("features"),
-        runtime=runtime("features"),
+        **request("features"),
     params:
         **params("features"),
     shell:

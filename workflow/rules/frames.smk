@@ -17,8 +17,7 @@ rule synthetic:
         "logs/{dataset}/{scene}/synthetic.tsv"
     threads: 2  # each renders frames of its own, and needs memory for one
     resources:
-        mem_mb=memory("synthetic"),
-        runtime=runtime("synthetic"),
+        **request("synthetic"),
     params:
         **params("synthetic"),
     shell:
@@ -28,7 +27,7 @@ rule synthetic:
 rule frames:
     """Read and rectify the recording's frames, and split them into training and evaluation."""
     input:
-        **inputs("frames"),
+        recording=recording,
     output:
         directory("results/{dataset}/{scene}/{variant}frames.zarr"),
     log:
@@ -36,11 +35,10 @@ rule frames:
     benchmark:
         "logs/{dataset}/{scene}/{variant}frames.tsv"
     resources:
-        mem_mb=memory("frames"),
-        runtime=runtime("frames"),
+        **request("frames"),
     params:
         **params("frames"),
-        annotated=is_recording_annotated,
+        annotated=asked(jobs.has_annotations),
     shell:
         "egosplat frames {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
@@ -48,7 +46,8 @@ rule frames:
 rule annotations:
     """Read the instance maps of the evaluation frames. No training rule may depend on them."""
     input:
-        **inputs("annotations"),
+        recording=recording,
+        frames=shared("frames.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}annotations.zarr"),
     log:
@@ -56,8 +55,7 @@ rule annotations:
     benchmark:
         "logs/{dataset}/{scene}/{variant}annotations.tsv"
     resources:
-        mem_mb=memory("annotations"),
-        runtime=runtime("annotations"),
+        **request("annotations"),
     params:
         **params("annotations"),
     shell:

@@ -11,7 +11,12 @@ TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 rule metrics:
     """Query every annotated category in the evaluation frames, and score answers and renders."""
     input:
-        **inputs("metrics"),
+        **configured("metrics"),
+        frames=shared("frames.zarr"),
+        poses=shared("poses.zarr"),
+        annotations=shared("annotations.zarr"),
+        splats=shared("splats.zarr"),
+        language=shared("language.zarr"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}metrics.json",
@@ -25,9 +30,7 @@ rule metrics:
         "logs/{dataset}/{scene}/{variant}metrics.tsv"
     threads: 8
     resources:
-        mem_mb=memory("metrics"),
-        runtime=runtime("metrics"),
-        gpu=gpus("metrics"),
+        **request("metrics"),
     params:
         **params("metrics"),
     shell:

@@ -10,7 +10,8 @@ TOOLS: projectaria-tools for ADT's trajectories, pycolmap for everything else.
 rule poses:
     """Get the pose of every frame from the device's trajectory, a file, or COLMAP."""
     input:
-        **inputs("poses"),
+        recording=recording,
+        frames=shared("frames.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}poses.zarr"),
     log:
@@ -19,8 +20,7 @@ rule poses:
         "logs/{dataset}/{scene}/{variant}poses.tsv"
     threads: 8
     resources:
-        mem_mb=memory("poses"),
-        runtime=runtime("poses"),
+        **request("poses"),
     params:
         **params("poses"),
     shell:

@@ -27,7 +27,8 @@ for sheet, label in SHEETS.items():
         name:
             sheet
         input:
-            **inputs(sheet),
+            **{name: shared(STAGES[name].output) for name in STAGES[sheet].inputs},
+            **configured(sheet),
         output:
             report(
                 f"results/{{dataset}}/{{scene}}/{{variant}}{STAGES[sheet].output}",
@@ -38,8 +39,7 @@ for sheet, label in SHEETS.items():
         log:
             f"logs/{{dataset}}/{{scene}}/{{variant}}{sheet}.log",
         resources:
-            mem_mb=memory(sheet),
-            runtime=runtime(sheet),
+            **request(sheet),
         params:
             **params(sheet),
             command=sheet.replace("_", "-"),
@@ -50,7 +50,13 @@ for sheet, label in SHEETS.items():
 rule scene_page:
     """Write the scene as one HTML file that answers queries in the browser."""
     input:
-        **inputs("scene_page"),
+        **configured("scene_page"),
+        frames=shared("frames.zarr"),
+        poses=shared("poses.zarr"),
+        instances=shared("instances.zarr"),
+        features=shared("features.zarr"),
+        splats=shared("splats.zarr"),
+        language=shared("language.zarr"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}scene.html",
@@ -72,7 +78,7 @@ rule scene_page:
 rule story:
     """Tell on one page what became of the scene, step by step."""
     input:
-        get_story_files,
+        asked(jobs.story_files),
     output:
         report(
             "results/{dataset}/{scene}/{variant}story.html",
@@ -86,11 +92,7 @@ rule story:
         mem_mb=2000,
         runtime=10,
     params:
-        title=get_title,
+        title=asked(jobs.scene_value, "title"),
         code=code_hash("egosplat.report.story", libraries=("jinja2",)),
     shell:
-        "egosplat story"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " {input:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat story --title {params.title:q} --output {output:q} {input:q} 2>&1 | tee {log:q}"

@@ -7,6 +7,13 @@ tradeoff.html of several scenes.
 TOOLS: OpenCLIP, PyTorch, SAM2; pandas, matplotlib, adjustText, Jinja2.
 """
 
+from egosplat_rivals.compared import (
+    compared_methods,
+    compared_variants,
+    table_pictures,
+    table_scores,
+)
+
 TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
 
 
@@ -19,7 +26,8 @@ localrules:
 rule tiles:
     """Encode the tiles of each training frame with OpenCLIP, for the methods of others that need them."""
     input:
-        **inputs("tiles"),
+        **configured("tiles"),
+        frames=shared("frames.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}tiles.zarr"),
     log:
@@ -28,9 +36,7 @@ rule tiles:
         "logs/{dataset}/{scene}/{variant}tiles.tsv"
     threads: 8
     resources:
-        mem_mb=8000,
-        runtime=240,
-        gpu=gpus("tiles"),
+        **request("tiles"),
     params:
         **params("tiles"),
     shell:
@@ -67,7 +73,9 @@ rule tables:
         mem_mb=2000,
         runtime="10m",
     params:
-        pictures=get_picture_flags,
+        pictures=lambda wildcards, input: [
+            word for path in input.pictures for word in ("--picture", path)
+        ],
         code=code_hash(
             "egosplat_rivals.tables.stage",
             libraries=("jinja2", "jsonschema", "pandas"),
@@ -75,7 +83,7 @@ rule tables:
     shell:
         "egosplat-rivals tables"
         " --output results/benchmark"
-        " {params.pictures}"
+        " {params.pictures:q}"
         " {input.metrics:q}"
         " 2>&1 | tee {log:q}"
 
@@ -83,7 +91,7 @@ rule tables:
 rule tradeoff:
     """Compare cost and accuracy of a scene and its variants in tradeoff.variants."""
     input:
-        metrics=lambda wildcards: compared_variants(scene_of(wildcards)),
+        metrics=asked(lambda job: compared_variants(job.scene)),
     output:
         multiext("results/{dataset}/{scene}/tradeoff/tradeoff", ".csv", ".png"),
         page=report(
@@ -118,7 +126,11 @@ rule tradeoff:
 
 use rule tradeoff as tradeoff_scenes with:
     input:
-        metrics=get_scenes_of_tradeoff,
+        metrics=lambda _: [
+            path
+            for name in settings["tradeoff"]["scenes"]
+            for path in compared_variants(job_named(*name.split("/")).scene)
+        ],
     output:
         multiext("results/benchmark/tradeoff", ".csv", ".png"),
         page=report(
@@ -134,7 +146,7 @@ use rule tradeoff as tradeoff_scenes with:
 rule methods_sheet:
     """Draw the answers of the compared methods to the same queries side by side."""
     input:
-        metrics=lambda wildcards: compared_methods(scene_of(wildcards)),
+        metrics=asked(lambda job: compared_methods(job.scene)),
     output:
         report(
             "results/{dataset}/{scene}/methods.png",
@@ -148,7 +160,7 @@ rule methods_sheet:
         mem_mb=2000,
         runtime=30,
     params:
-        title=get_title,
+        title=asked(jobs.scene_value, "title"),
         code=code_hash(
             "egosplat_rivals.methods_sheet", libraries=("matplotlib", "torch")
         ),

@@ -12,7 +12,8 @@ TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; egosplat's kernels
 rule segments:
     """Find instances with a grid of point prompts, and track them forwards and backwards."""
     input:
-        **inputs("segments"),
+        **configured("segments"),
+        frames=shared("frames.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}segments.zarr"),
     log:
@@ -21,9 +22,7 @@ rule segments:
         "logs/{dataset}/{scene}/{variant}segments.tsv"
     threads: 8
     resources:
-        mem_mb=memory("segments"),
-        runtime=runtime("segments"),
-        gpu=gpus("segments"),
+        **request("segments"),
     params:
         **params("segments"),
     shell:
@@ -42,7 +41,10 @@ use rule segments as segments_chunk with:
 rule instances:
     """Merge masks on Gaussians, the scene's or temporary ones, into instances that hold in 3D."""
     input:
-        **inputs("instances"),
+        **configured("instances"),
+        frames=shared("frames.zarr"),
+        poses=shared("poses.zarr"),
+        segments=shared("segments.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}instances.zarr"),
     log:
@@ -51,9 +53,7 @@ rule instances:
         "logs/{dataset}/{scene}/{variant}instances.tsv"
     threads: 1  # the stage uses one, for reproducible results
     resources:
-        mem_mb=memory("instances"),
-        runtime=runtime("instances"),
-        gpu=gpus("instances"),
+        **request("instances"),
     params:
         **params("instances"),
     shell:

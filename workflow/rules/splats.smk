@@ -11,7 +11,9 @@ TOOLS: PyTorch, egosplat's kernels or gsplat.
 rule splats:
     """Train Gaussians on the training frames, and score their renders of the held-out frames."""
     input:
-        **inputs("splats"),
+        **configured("splats"),
+        frames=shared("frames.zarr"),
+        poses=shared("poses.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}splats.zarr"),
     log:
@@ -20,12 +22,10 @@ rule splats:
         "logs/{dataset}/{scene}/{variant}splats.tsv"
     threads: 8
     resources:
-        mem_mb=memory("splats"),
-        runtime=runtime("splats"),
-        gpu=gpus("splats"),
+        **request("splats"),
     params:
         **params("splats"),
-        source=source_content,
+        source=asked(jobs.given_splats),
     shell:
         "egosplat splats {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
@@ -33,7 +33,10 @@ rule splats:
 rule language:
     """Assign each Gaussian the code of its instance, at every level."""
     input:
-        **inputs("language"),
+        **configured("language"),
+        frames=shared("frames.zarr"),
+        poses=shared("poses.zarr"),
+        splats=shared("splats.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}language.zarr"),
     log:
@@ -42,9 +45,7 @@ rule language:
         "logs/{dataset}/{scene}/{variant}language.tsv"
     threads: 8
     resources:
-        mem_mb=memory("language"),
-        runtime=runtime("language"),
-        gpu=gpus("language"),
+        **request("language"),
     params:
         **params("language"),
     shell:
@@ -54,7 +55,12 @@ rule language:
 rule histories:
     """Find what is carried from where to where, and train Gaussians of what lies somewhere for a while."""
     input:
-        **inputs("histories"),
+        **configured("histories"),
+        frames=shared("frames.zarr"),
+        poses=shared("poses.zarr"),
+        instances=shared("instances.zarr"),
+        view_features=shared("view_features.zarr"),
+        splats=shared("splats.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}histories.zarr"),
     log:
@@ -63,9 +69,7 @@ rule histories:
         "logs/{dataset}/{scene}/{variant}histories.tsv"
     threads: 8
     resources:
-        mem_mb=memory("histories"),
-        runtime=runtime("histories"),
-        gpu=gpus("histories"),
+        **request("histories"),
     params:
         **params("histories"),
     shell:

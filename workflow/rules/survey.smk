@@ -14,7 +14,8 @@ reruns the rules after such a rule.
 checkpoint survey:
     """Decide from frames and poses whether the scene is static and which frames to train on."""
     input:
-        **inputs("survey"),
+        frames=shared("frames.zarr"),
+        poses=shared("poses.zarr"),
     output:
         report(
             "results/{dataset}/{scene}/{variant}survey.json",
@@ -27,8 +28,7 @@ checkpoint survey:
     benchmark:
         "logs/{dataset}/{scene}/{variant}survey.tsv"
     resources:
-        mem_mb=memory("survey"),
-        runtime=runtime("survey"),
+        **request("survey"),
     params:
         **params("survey"),
     shell:

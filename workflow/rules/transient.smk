@@ -10,7 +10,9 @@ TOOLS: PyTorch, timm, egosplat's kernels or gsplat.
 rule transient:
     """Train the network and temporary Gaussians, and predict the transient probability of all frames."""
     input:
-        **inputs("transient"),
+        **configured("transient"),
+        frames=shared("frames.zarr"),
+        poses=shared("poses.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}transient.zarr"),
     log:
@@ -19,12 +21,10 @@ rule transient:
         "logs/{dataset}/{scene}/{variant}transient.tsv"
     threads: 1  # the stage uses one, for reproducible results
     resources:
-        mem_mb=memory("transient"),
-        runtime=runtime("transient"),
-        gpu=gpus("transient"),
+        **request("transient"),
     params:
         **params("transient"),
-        weights=encoder_weights,
+        weights=asked(jobs.encoder_weights),
     shell:
         "egosplat transient {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
 
@@ -32,17 +32,17 @@ rule transient:
 rule masks:
     """Select the transient instances, and mask them in every frame."""
     input:
-        **inputs("masks"),
+        frames=shared("frames.zarr"),
+        transient=shared("transient.zarr"),
+        instances=shared("instances.zarr"),
     output:
         directory("results/{dataset}/{scene}/{variant}masks.zarr"),
     log:
         "logs/{dataset}/{scene}/{variant}masks.log",
     benchmark:
         "logs/{dataset}/{scene}/{variant}masks.tsv"
-    threads: 1
     resources:
-        mem_mb=memory("masks"),
-        runtime=runtime("masks"),
+        **request("masks"),
     params:
         **params("masks"),
     shell:

@@ -1,6 +1,6 @@
 """Read the configuration as the workflow does, and check the models and recordings that it names."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +13,8 @@ from egosplat.pipeline.config import Config, merge, read_yaml, resolve
 from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.recording_origin import recording_origin
-from egosplat.pipeline.scenes import Scene, Target, is_own, read_scenes, tables_of
+from egosplat.pipeline.scenes import Scene, is_own, read_scenes, tables_of
 from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
-from egosplat.pipeline.variants import variant_config
 
 MIB = 1024**2
 
@@ -23,42 +22,15 @@ MIB = 1024**2
 NAMED = 5
 
 
-def scene_notice(scene: Scene, config: Config | None = None) -> str | None:
-    """The warning for a scene, or its variant of that configuration; None if the models suit its recording or it is absent."""
+def scene_notice(scene: Scene) -> str | None:
+    """The warning for a scene; None if the models suit its recording or it is absent."""
     if scene.synthetic or not scene.recording.exists():
         return None
     try:
         origin = recording_origin(scene.format, scene.recording)
     except UserError:
         return None  # the stage frames reports what is wrong with the recording
-    return notice(origin, configured_checkpoints(config or scene.config), aria=scene.format == "adt")
-
-
-def plan_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
-    """One line for each distinct warning about the targets, or without any about all scenes, with their names."""
-    asked = [(scenes[one.dataset, one.scene], one.variant) for one in targets]
-    found: dict[str, dict[str, None]] = {}
-    for scene, variant in asked or [(scene, None) for scene in scenes.values()]:
-        config = variant_config(scene.config, variant, scene.name) if variant else scene.config
-        if warning := scene_notice(scene, config):
-            # All scenes of a dataset usually share it.
-            found.setdefault(warning, {})[f"{scene.name}, {variant}" if variant else scene.name] = None
-    return [f"{', '.join(names)}: {warning}" for warning, names in found.items()]
-
-
-def left_out_notices(scenes: Mapping[tuple[str, str], Scene], targets: Sequence[Target]) -> list[str]:
-    """A line that names the user's own rows without recording, if all scenes are targets."""
-    # A target of a scene without its recording is an error of its own.
-    absent = [scene for scene in scenes.values() if is_own(scene) and scene.lacks_recording]
-    if targets or not absent:
-        return []
-    names = [f"{one.name} ({one.recording})" for one in absent]
-    return [f"skipped, their recordings are missing: {_enumerated(names)}"]
-
-
-def _enumerated(names: Sequence[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return ", ".join(names[:NAMED]) + more
+    return notice(origin, configured_checkpoints(scene.config), aria=scene.format == "adt")
 
 
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[Config, list[str]]:
@@ -189,6 +161,7 @@ def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
         return Finding(Mark.OK, subject, found)
     if not any(map(is_own, absent)):
         return Finding(Mark.NOTE, subject, f"none; data_root.{dataset} is not set")
-    names = _enumerated([f"{scene.scene} ({scene.recording})" for scene in absent])
+    names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent[:NAMED])
+    names += f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
     advice = f"Copy them there, set data_root.{dataset} to their folder, or remove their rows from the table of scenes"
     return Finding(Mark.MISSING, subject, f"{found}; missing: {names}", advice)

@@ -260,9 +260,3 @@ def parse_options(text: str, where: str) -> dict[str, Any]:
             raise UserError(f"{where}: option {shorten(key)} is set twice; remove one")
         options[section][name] = parse_value(value, f"{where}: option {shorten(word)}")
     return options
-
-
-def check_config_files(paths: Iterable[Path]) -> None:
-    """Check that each configuration file can be read and repeats no key: Snakemake silently takes the last one."""
-    for path in paths:
-        read_yaml(path)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from egosplat.pipeline.chunks import CHUNK_FRAMES
-from egosplat.pipeline.config import Config, stage_values
+from egosplat.pipeline.config import Config, stage_sections, stage_values
 from egosplat.pipeline.dag import merges_masks
 from egosplat.pipeline.stages import STAGES
 
@@ -61,6 +61,11 @@ def runtime_min(stage: str, config: Config, inputs: Iterable[str], attempt: int,
     factor = _PUBLISHED_TIMES if _is_published(stage, config) and not gpus(stage, config) else 1
     needed = base + factor * slope * gigapixels(stage, config, inputs, chunk)
     return attempt * math.ceil(min(needed, _DAY_MIN))
+
+
+def can_use_gpu(stage: str) -> bool:
+    """Whether a stage has a key that lets models or rendering run on a GPU."""
+    return any({"device", "backend"} & {*keys} for keys in stage_sections(stage).values())
 
 
 def gpus(stage: str, config: Config) -> int:

@@ -1,8 +1,7 @@
 """Inputs, flags and survey decisions of each stage, as functions of a configuration and a survey."""
 
 import json
-import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from egosplat.pipeline.chunks import split_frames
 from egosplat.pipeline.config import Config, merge, stage_sections, stage_values
@@ -181,11 +180,6 @@ def count_chunks(stage: str, config: Config, survey: Survey) -> int:
 def options_json(stage: str, config: Config) -> str:
     """Format the values of a stage's options as JSON, sorted by name, for its flag ``--options``."""
     return json.dumps(stage_values(stage, config), sort_keys=True)
-
-
-def input_flags(paths: Mapping[str, str]) -> str:
-    """Format optional inputs, by stage, as command line flags."""
-    return " ".join(f"--{name.replace('_', '-')} {shlex.quote(path)}" for name, path in paths.items())
 
 
 def default_pages(config: Config) -> list[str]:

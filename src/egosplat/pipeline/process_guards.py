@@ -8,7 +8,6 @@ import threading
 import time
 from pathlib import Path
 
-from egosplat.errors import UserError
 from egosplat.progress import log
 
 # Environment variable with the process id of the Snakemake that started a stage. The workflow sets it.
@@ -81,10 +80,3 @@ def name_user() -> None:
         getpass.getuser()
     except (KeyError, OSError):
         os.environ["USER"] = str(os.getuid())
-
-
-def check_cores(cores: int | None, nodes: int | None) -> None:
-    """Check that one job can run: with no core, or no job slot on a cluster, Snakemake waits forever (UserError)."""
-    for option, count in (("--cores", cores), ("--jobs", nodes)):
-        if count is not None and count < 1:
-            raise UserError(f"{option} {count}: nothing can run; give 1 or more, as in {option} 2")

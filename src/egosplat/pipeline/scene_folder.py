@@ -1,13 +1,11 @@
 """Check of a finished scene's folder, before anything in it is opened."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import read_yaml, resolve
-from egosplat.pipeline.home import config_file, make_command, presets_folder, shared_with
-from egosplat.pipeline.scenes import requested_targets
-from egosplat.pipeline.variants import check_target, read_scenes_with_presets
+from egosplat.pipeline.home import make_command, shared_with
 
 # Example of a scene folder for messages.
 EXAMPLE = "results/adt/scene1"
@@ -38,16 +36,9 @@ def title_of(folder: Path) -> str:
 
 
 def _advice(folder: Path) -> str:
-    """How to make what a folder lacks, or why the workflow cannot with the working directory's configuration."""
-    found = requested_targets([f"{folder}/metrics.json"])
+    """How to make what a folder lacks."""
+    found = re.fullmatch(r"(?:\./)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?", folder.as_posix())
     if not found:
         return f"Give the folder of a finished scene, such as {EXAMPLE}"
-    what = "scene" if found[0].variant is None else "variant"
-    command = make_command(folder / "metrics.json")
-    presets = presets_folder()
-    try:
-        config = resolve(read_yaml(config_file()), presets)
-        check_target(read_scenes_with_presets(config, presets), found[0])
-    except UserError as error:
-        return str(error)
-    return f"Make the {what}: {command}"
+    what = "variant" if found[1] else "scene"
+    return f"Make the {what}: {make_command(folder / 'metrics.json')}"

@@ -126,6 +126,11 @@ def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str
     return scenes[dataset, scene]
 
 
+def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:
+    """Get the scenes of a run without a target: those with a recording, and synthetic ones that need not be named."""
+    return [scene for scene in scenes if not (scene.by_name or scene.lacks_recording)]
+
+
 def check_recording(scene: Scene) -> None:
     """Check that a recording exists or can be made (UserError: it is missing; names the expected path)."""
     if scene.lacks_recording:
@@ -177,25 +182,6 @@ _LONGEST_NAME = 255
 
 # Longest header in a message [characters].
 _LONGEST_HEADER = 200
-
-
-@dataclass(frozen=True)
-class Target:
-    """A path below results: dataset, scene, variant (None for the scene itself), and the rest."""
-
-    dataset: str
-    scene: str
-    variant: str | None
-    name: str
-
-
-_TARGET = r"(?:\./)?results/([a-z0-9_]+)/([A-Za-z0-9_-]+)/(?:variants/([A-Za-z0-9_-]+)/)?(.+)"
-
-
-def requested_targets(words: Iterable[str]) -> list[Target]:
-    """Parse the words that are paths of a scene below ``results``. Names of rules are skipped."""
-    found = (re.fullmatch(_TARGET, word) for word in words)
-    return [Target(*match.groups()) for match in found if match and match[1] != "benchmark"]
 
 
 def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:

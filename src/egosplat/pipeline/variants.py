@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from egosplat.calibration.files import chosen_poses, source_files
+from egosplat.calibration.files import chosen_poses
 from egosplat.errors import UserError
 from egosplat.pipeline.config import (
     SHIPPED,
@@ -24,7 +24,7 @@ from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.model_sets import DEFAULTS, locate_checkpoints
 from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.published import PUBLISHED
-from egosplat.pipeline.scenes import Scene, Target, check_recording, find_scene, read_scenes
+from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import read_yaml
 
@@ -153,26 +153,6 @@ def artifact_folder(stage: str, scene: Scene, variant: str | None) -> str:
 def artifact_path(stage: str, scene: Scene, variant: str | None) -> str:
     """Get the path of a variant's artifact, its own or a shared one."""
     return f"{scene.results}/{artifact_folder(stage, scene, variant)}{STAGES[stage].output}"
-
-
-def check_target(scenes: Mapping[tuple[str, str], Scene], target: Target) -> None:
-    """Check that a target can be made, before Snakemake searches for a rule.
-
-    Raises:
-        UserError: no such scene or variant, no recording, or an artifact that the variant shares (names its path).
-    """
-    scene = find_scene(scenes, target.dataset, target.scene)
-    check_recording(scene)
-    if source := scene_config(scene, target.variant)["splats"]["source"]:
-        source_files(source)
-    if target.variant is None:
-        return
-    stage, _, suffix = target.name.partition(".")
-    made = suffix in ("zarr", "json") and stage in STAGES and target.name == STAGES[stage].output
-    if made and (home := artifact_folder(stage, scene, target.variant)) != variant_folder(target.variant):
-        raise UserError(
-            f"variant {target.variant} does not change {target.name}; use {scene.results}/{home}{target.name}"
-        )
 
 
 def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) -> list[str]:

@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -80,8 +81,10 @@ def _command(scene: Scene, cores: int, settings: Sequence[str]) -> list[str]:
     path = snakefile()
     place = [] if path == SNAKEFILE else ["--snakefile", str(path)]
     config = ["--config", *settings] if settings else []
+    # Two jobs on one GPU may exceed its memory.
+    gpu = ["--resources", "gpu=1"] if shutil.which("nvidia-smi") else []
     goal = scene.results / STAGES[GOAL].output
-    return ["snakemake", *place, "--cores", str(cores), *config, "--", str(goal)]
+    return ["snakemake", *place, "--cores", str(cores), *gpu, *config, "--", str(goal)]
 
 
 def run_snakemake(words: Sequence[str]) -> int:

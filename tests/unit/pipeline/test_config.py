@@ -18,7 +18,7 @@ from egosplat.pipeline import config
 from egosplat.pipeline.config_table import FIRST_KEYS, json_schema, keys_page
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.options import Options, describe, keys_of
-from egosplat.pipeline.scenes import SHIPPED_DATASETS, find_scene, is_own, read_scenes, requested_targets
+from egosplat.pipeline.scenes import SHIPPED_DATASETS, find_scene, is_own, read_scenes
 from egosplat.pipeline.stages import ARTIFACTS, STAGES, path_help
 from egosplat.pipeline.validation import Draft202012Validator
 
@@ -322,13 +322,6 @@ def test_an_absent_table_an_unknown_scene_and_an_unknown_root_are_named(tmp_path
         find_scene(scenes, "adt", "t")
     with pytest.raises(UserError, match="data_root.adtt"):
         table(tmp_path, HEADER, data_root={"adtt": "/data"})
-
-
-def test_scenes_are_found_on_a_command_line():
-    words = ["snakemake", "--cores", "2", "results/adt/scene1/poses.zarr"]
-    words += ["./results/hoi4d/scene2/metrics.json", "all"]
-    found = [(target.dataset, target.scene, target.variant) for target in requested_targets(words)]
-    assert found == [("adt", "scene1", None), ("hoi4d", "scene2", None)]
 
 
 def test_each_artifact_of_the_table_of_stages_has_a_schema():

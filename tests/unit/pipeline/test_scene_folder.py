@@ -59,31 +59,6 @@ def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "given, said",
-    [
-        (
-            "results/hoi4d/scene77",
-            "no scene hoi4d/scene77 in the table of scenes. Add a row, or take one of: adt/scene1",
-        ),
-        ("results/adt/scene10/variants/none", "none"),
-        ("results/hoi4d/scene1", "no recording at"),
-        ("results/adt/scene10", "Make the scene: snakemake --cores 2 results/adt/scene10/metrics.json"),
-        (
-            "results/adt/scene10/variants/draft",
-            "Make the variant: snakemake --cores 2 results/adt/scene10/variants/draft/me",
-        ),
-    ],
-)
-def test_only_a_command_that_works_is_advised(monkeypatch, given, said):
-    """The configuration of the working directory knows the scenes and variants that can be made."""
-    monkeypatch.chdir(ROOT)
-    with pytest.raises(UserError) as caught:
-        check_scene_folder(Path(given), STAGES)
-    assert said in str(caught.value) and "\n" not in str(caught.value)
-    assert ("snakemake" in said) == ("snakemake" in str(caught.value))
-
-
 def test_a_finished_scene_is_taken(folder):
     for name in STAGES:
         (folder / SCENE / f"{name}.zarr").mkdir(exist_ok=True)

@@ -7,11 +7,10 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge, resolve
 from egosplat.pipeline.dag import inputs_of
-from egosplat.pipeline.scenes import Scene, Target
+from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.stages import PAGES, STAGES
 from egosplat.pipeline.variants import (
     artifact_path,
-    check_target,
     method_of,
     owner,
     preset_of,
@@ -188,19 +187,6 @@ def test_an_artifact_is_in_the_folder_of_the_variant_only_where_a_key_reaches_it
     assert (
         scene_config(SCENE, "narrow")["features"]["dims"] == 4 and scene_config(SCENE, None) == SCENE.config
     )
-
-
-def test_a_target_that_the_variant_shares_is_refused_with_its_path():
-    """Protects the message before Snakemake looks for a rule."""
-    scenes = {("adt", "scene1"): SCENE}
-    check_target(scenes, Target("adt", "scene1", "narrow", "features.zarr"))
-    check_target(scenes, Target("adt", "scene1", "narrow", "instances.png"))
-    with pytest.raises(UserError, match="narrow .*segments.zarr; use results/adt/scene1/segments.zarr"):
-        check_target(scenes, Target("adt", "scene1", "narrow", "segments.zarr"))
-    with pytest.raises(UserError, match="no variant 'wide'"):
-        check_target(scenes, Target("adt", "scene1", "wide", "metrics.json"))
-    with pytest.raises(UserError, match="no scene adt/scene2"):
-        check_target(scenes, Target("adt", "scene2", None, "metrics.json"))
 
 
 def test_a_variant_inherits_the_name_of_a_method_and_configurations_have_no_such_key():

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import merge
-from egosplat.pipeline.results import default_results
+from egosplat.pipeline.config import merge, resolve
+from egosplat.run.jobs import default_results
 from egosplat_rivals.compared import compared_variants, table_pictures, table_scores
-from tests.unit.pipeline.test_results import CONFIG, scenes
+from tests.unit.run.test_jobs import PRESETS, scenes
 
 __all__ = ("scenes",)
 
@@ -40,9 +40,9 @@ def test_the_tables_wait_for_the_methods_of_the_configuration(scenes):
 def test_variants_that_change_nothing_are_not_compared(scenes):
     variants = {"same": {}, "narrow": {"features": {"dims": 8}}}
     keys = {"variants": variants, "tradeoff": {"variants": ["same", "narrow"]}}
-    scene = replace(scenes["adt", "one"], config=merge(CONFIG, keys))
+    scene = replace(scenes["adt", "one"], config=resolve(keys, PRESETS))
     home = "results/adt/one"
     assert compared_variants(scene) == [f"{home}/metrics.json", f"{home}/variants/narrow/metrics.json"]
-    lost = replace(scene, config=merge(CONFIG, {"tradeoff": {"variants": ["nothing"]}}))
+    lost = replace(scene, config=resolve({"tradeoff": {"variants": ["nothing"]}}, PRESETS))
     with pytest.raises(UserError, match="adt/one: no variant 'nothing'"):
         compared_variants(lost)

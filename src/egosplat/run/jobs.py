@@ -1,0 +1,235 @@
+"""What the rules of the workflow ask: inputs and parameters of a job, from its scene, its configuration and its survey.
+
+Snakemake reruns a job when a parameter changes: options, code, models, the list of training frames or the recording.
+"""
+
+import functools
+import os
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from egosplat.calibration.files import digest_of_recording, is_annotated, source_files
+from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
+from egosplat.pipeline import dag
+from egosplat.pipeline.config import Config, stage_sections
+from egosplat.pipeline.scenes import Scene, check_recording
+from egosplat.pipeline.stages import STAGES, code_of
+from egosplat.pipeline.survey_file import Survey, read_survey
+from egosplat.pipeline.variants import (
+    artifact_folder,
+    artifact_path,
+    chosen_value,
+    method_of,
+    preset_of,
+    scene_config,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A scene or its variant, on which a stage works.
+
+    Attributes:
+        scene: row of the table of scenes.
+        variant: name of the variant; None for the scene itself.
+        chunk: number of the chunk of frames that the stage works on alone; None for all frames.
+        wait: waits until the survey in a folder of the scene is made.
+    """
+
+    scene: Scene
+    variant: str | None = None
+    chunk: str | None = None
+    wait: Callable[[Scene, str], object] = lambda scene, folder: None
+
+    @functools.cached_property
+    def config(self) -> Config:
+        """The configuration (UserError: no such variant, or the Gaussians of another program are missing)."""
+        config = scene_config(self.scene, self.variant)
+        if source := config["splats"]["source"]:
+            source_files(source)
+        return config
+
+    @property
+    def decided(self) -> Config:
+        """The configuration with the survey's decisions, if it decides something."""
+        return dag.decide(self.config, self.survey) if dag.decided_by_survey(self.config) else self.config
+
+    @property
+    def survey(self) -> Survey:
+        """The survey. Snakemake makes it first, and then evaluates the rules again."""
+        self.wait(self.scene, artifact_folder("survey", self.scene, self.variant))
+        path = path_of("survey", self)
+        return _survey_at(path, os.stat(path).st_mtime_ns)
+
+    @functools.cached_property
+    def models(self) -> dict[str, str]:
+        """Hashes of the models by key."""
+        return model_hashes(self.config)
+
+
+@functools.cache
+def _survey_at(path: str, _written_ns: int) -> Survey:
+    return read_survey(Path(path))
+
+
+@functools.cache
+def path_of(stage: str, job: Job) -> str:
+    """Get the path of an artifact, the variant's own or a shared one."""
+    return artifact_path(stage, job.scene, job.variant)
+
+
+def required_paths(stage: str, job: Job) -> dict[str, str]:
+    """Get the paths of the inputs that a stage always reads, by name; a recording is one folder or video file."""
+    recording = str(job.scene.recording)
+    return {name: recording if name == "recording" else path_of(name, job) for name in STAGES[stage].inputs}
+
+
+def learnt_paths(stage: str, job: Job) -> dict[str, str]:
+    """Get the paths of what codes are learnt from, by stage. No survey decides them."""
+    return {name: path_of(name, job) for name in dag.learnt_from(stage, job.config)}
+
+
+def decided_paths(stage: str, job: Job) -> dict[str, str]:
+    """Get the paths of the other optional inputs, by stage, which the survey may decide."""
+    if not STAGES[stage].optional:
+        return {}
+    # What moves is tracked by the job that gathers the chunks.
+    others = {*dag.learnt_from(stage, job.config), *(["transient"] if job.chunk else [])}
+    names = dag.optional_inputs_of(stage, job.decided)
+    return {name: path_of(name, job) for name in names if name not in others}
+
+
+def surveyed_paths(stage: str, job: Job) -> dict[str, str]:
+    """Get ``decided_paths``, once the survey is there if it is one of them."""
+    paths = decided_paths(stage, job)
+    if "survey" in paths:
+        job.survey  # noqa: B018
+    return paths
+
+
+def chunk_files(stage: str, job: Job) -> list[str]:
+    """Get the results of chunks that a job gathers; none where it does the work itself. The survey knows the frames."""
+    if job.chunk or not STAGES[stage].by_chunks or not dag.is_surveyed(job.config):
+        return []
+    own = Path(job.scene.results, "variants", job.variant) if job.variant else job.scene.results
+    count = dag.count_chunks(stage, job.config, job.survey)
+    return [f"{own}/{stage}.{number}.chunk" for number in range(1, count + 1)]
+
+
+def recording_path(job: Job) -> str | None:
+    """Get the recording, one folder or video file; None where its name is no path (UserError: there is none)."""
+    check_recording(job.scene)
+    # HOI4D's sequences have names that are no folder.
+    return str(job.scene.recording) if job.scene.synthetic or job.scene.recording.exists() else None
+
+
+def parameters(stage: str) -> dict[str, Callable[[str, Job], str]]:
+    """Get the functions of the parameters of a stage's rule, by name, each of the stage and a job.
+
+    ``arguments`` and ``options`` are words of the command, the others make the job stale.
+    """
+    about = STAGES[stage]
+    conditions = {
+        "recording": "recording" in about.inputs,
+        "kept": "survey" in about.optional,
+        "models": "models" in stage_sections(stage),
+    }
+    functions = {"arguments": arguments, "options": options, "code": code}
+    functions |= {"recording": _recording, "kept": _training_frames, "models": _models}
+    return {name: function for name, function in functions.items() if conditions.get(name, True)}
+
+
+def arguments(stage: str, job: Job) -> str:
+    """Format the paths of a stage's inputs, and its values from the table of scenes, as flags of its command."""
+    flags = required_paths(stage, job) | learnt_paths(stage, job) | decided_paths(stage, job)
+    flags |= {name: value for name in STAGES[stage].scene if (value := scene_value(name, job))}
+    flags |= {"chunk": job.chunk} if job.chunk else {}
+    words = [f"--{name.replace('_', '-')} {shlex.quote(value)}" for name, value in flags.items()]
+    return " ".join([*words, *(f"--gather {shlex.quote(path)}" for path in chunk_files(stage, job))])
+
+
+def scene_value(name: str, job: Job) -> str | None:
+    """Get what a stage takes from the table of scenes and the variant, by name of its argument."""
+    scene, world = job.scene, job.scene.config["synthetic"]
+    match name:
+        case "title":
+            return f"{scene.name}, {job.variant}" if job.variant else scene.name
+        case "method":
+            return method_of(scene.config, job.variant, scene.name) if job.variant else None
+        case "preset":
+            return preset_of(scene.config, job.variant, scene.name)
+        case "format":
+            return scene.format
+        case _:
+            return str(world[name.removeprefix("world_")]) if scene.synthetic else None
+
+
+def options(stage: str, job: Job) -> str:
+    """Format the values of a stage's keys as JSON, sorted by name."""
+    return dag.options_json(stage, job.decided if dag.follows_survey(stage) else job.config)
+
+
+def code(stage: str, job: Job) -> str:
+    """Get the hash of a stage's code."""
+    return code_of(stage, chosen_value(stage, job.scene, job.config))
+
+
+def _training_frames(stage: str, job: Job) -> str:
+    """Get the digest of the frames that a stage trains on."""
+    if not dag.leaves_frames_out(job.config):  # there may be no survey
+        return dag.ALL_FRAMES
+    return dag.training_frames(stage, job.config, job.survey)
+
+
+def _models(stage: str, job: Job) -> str:
+    keys = stage_sections(stage)["models"]
+    return " ".join(f"{key}={job.models[key]}" for key in keys if key in job.models)
+
+
+def _recording(stage: str, job: Job) -> str:
+    """Get the digest of all files of the recording that a stage reads."""
+    scene = job.scene
+    if scene.synthetic:
+        return "none"
+    return digest_of_recording(stage, scene.format, scene.recording, job.config)
+
+
+def encoder_weights(job: Job) -> str:
+    """Get a hash of the weights of the encoder of ``transient``, which reports a missing file."""
+    path = Path(job.config["transient"]["encoder_weights"] or "").expanduser()
+    return content_hash(path)[:16] if path.is_file() else "none"
+
+
+def given_splats(job: Job) -> str:
+    """Get a hash of the Gaussians of another program."""
+    source = job.config["splats"]["source"]
+    return joint_hash(source_files(source)) if source else "none"
+
+
+def has_annotations(job: Job) -> bool:
+    """Whether a plain recording has annotations. Without them all frames train."""
+    return is_annotated(job.scene.format, job.scene.recording)
+
+
+def story_files(job: Job) -> list[str]:
+    """Get the outputs that the story of a scene or variant tells of."""
+    stages = dag.story_stages(job.decided, has_annotations(job), dag.is_surveyed(job.config))
+    return [path_of(stage, job) for stage in stages]
+
+
+def default_results(scene: Scene) -> list[str]:
+    """Get the paths that such a run makes for a scene, except those that its survey decides."""
+    return [str(scene.results / name) for name in dag.default_pages(scene.config)]
+
+
+def results_by_survey(job: Job) -> list[str]:
+    """Get the paths that such a run makes for a scene because its survey finds motion."""
+    moving = {("splats", "masking"), ("segments", "track_moving")}
+    if moving.isdisjoint(dag.decided_by_survey(job.scene.config)):
+        return []
+    pages = dag.default_pages(dag.decide(job.scene.config, job.survey))
+    return [
+        path for page in pages if (path := str(job.scene.results / page)) not in default_results(job.scene)
+    ]
