@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.objects.materials import some_fabric, some_glaze, some_metal, some_plastic
-from egosplat_apartments.objects.model import Model
+from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, box, cushion, cylinder, ellipsoid, join, lathe, leaf, rod
 from egosplat_apartments.objects.textures import Rng, checks, cloth, make_texture, motifs, speckled, wicker
@@ -19,19 +19,15 @@ def trash_can(rng: Rng) -> Model:
         [lathe([(0.13, 0.1), (0.142, 0.1), (0.146, 0.15), (0.134, 0.15)]), cylinder(0.02, 0.46, 0.49)]
     )
     pedal = box((-0.035, 0.01, 0.1), (0.035, 0.025, 0.19))
-    return Model(
-        (
-            Part("pail", pail, body),
-            Part("lid", lid, some_metal(rng)),
-            Part(
-                "band",
-                bands,
-                make_texture(
-                    checks(rng, (0.9, 0.9, 0.85), random_color(rng)), 0.1, surface="checked plastic"
-                ),
-            ),
-            Part("pedal", pedal, some_plastic(rng, (0.1, 0.1, 0.1))),
-        )
+    return assemble(
+        Part("pail", pail, body),
+        Part("lid", lid, some_metal(rng)),
+        Part(
+            "band",
+            bands,
+            make_texture(checks(rng, (0.9, 0.9, 0.85), random_color(rng)), 0.1, surface="checked plastic"),
+        ),
+        Part("pedal", pedal, some_plastic(rng, (0.1, 0.1, 0.1))),
     )
 
 
@@ -47,12 +43,10 @@ def clothes_basket(rng: Rng) -> Model:
         cushion((-0.17, 0.36, -0.12), (0.06, 0.42, 0.12), 0.028),
         cushion((-0.04, 0.36, -0.1), (0.17, 0.445, 0.13), 0.03),
     ]
-    return Model(
-        (
-            Part("basket", wall, straw),
-            Part("handles", join(handles + posts), straw),
-            *(Part(f"laundry {number}", shape, some_fabric(rng)) for number, shape in enumerate(cloths)),
-        )
+    return assemble(
+        Part("basket", wall, straw),
+        Part("handles", join(handles + posts), straw),
+        *(Part(f"laundry {number}", shape, some_fabric(rng)) for number, shape in enumerate(cloths)),
     )
 
 
@@ -67,16 +61,14 @@ def box_with_lid(rng: Rng) -> Model:
         0.2,
         surface="flowered paper",
     )
-    return Model(
-        (
-            Part("body", box((-w / 2, 0, -d / 2), (w / 2, h - 0.035, d / 2)), paper),
-            Part(
-                "lid",
-                box((-w / 2 - 0.004, h - 0.035, -d / 2 - 0.004), (w / 2 + 0.004, h, d / 2 + 0.004)),
-                some_fabric(rng),
-            ),
-            Part("ribbon", join(band), ribbon),
-        )
+    return assemble(
+        Part("body", box((-w / 2, 0, -d / 2), (w / 2, h - 0.035, d / 2)), paper),
+        Part(
+            "lid",
+            box((-w / 2 - 0.004, h - 0.035, -d / 2 - 0.004), (w / 2 + 0.004, h, d / 2 + 0.004)),
+            some_fabric(rng),
+        ),
+        Part("ribbon", join(band), ribbon),
     )
 
 
@@ -99,8 +91,8 @@ def tissue_box(rng: Rng) -> Model:
         for turn in (0.3, 2.2, 4.4)
     ]
     paper = make_texture(cloth(rng, (0.92, 0.92, 0.92), 0.06), 0.1, surface="paper")
-    return Model(
-        (Part("box", box((-0.115, 0, -0.06), (0.115, 0.09, 0.06)), card), Part("tissue", join(tissue), paper))
+    return assemble(
+        Part("box", box((-0.115, 0, -0.06), (0.115, 0.09, 0.06)), card), Part("tissue", join(tissue), paper)
     )
 
 
@@ -116,16 +108,14 @@ def vase(rng: Rng) -> Model:
     tips = [(rng.uniform(-0.08, 0.08), h + rng.uniform(0.1, 0.2), rng.uniform(-0.08, 0.08)) for _ in range(5)]
     stems = [rod((0, h * 0.8, 0), tip, 0.004) for tip in tips]
     blossoms = [ellipsoid((0.028, 0.022, 0.028), tip, 10) for tip in tips]
-    return Model(
-        (
-            Part("body", body, some_glaze(rng)),
-            Part("stems", join(stems), make_texture(cloth(rng, (0.2, 0.45, 0.18)), 0.1)),
-            Part(
-                "blossoms",
-                join(blossoms),
-                make_texture(
-                    speckled(rng, random_color(rng, (0.6, 0.95), (0.7, 0.95)), (0.95, 0.9, 0.4), 40, 9), 0.08
-                ),
+    return assemble(
+        Part("body", body, some_glaze(rng)),
+        Part("stems", join(stems), make_texture(cloth(rng, (0.2, 0.45, 0.18)), 0.1)),
+        Part(
+            "blossoms",
+            join(blossoms),
+            make_texture(
+                speckled(rng, random_color(rng, (0.6, 0.95), (0.7, 0.95)), (0.95, 0.9, 0.4), 40, 9), 0.08
             ),
-        )
+        ),
     )

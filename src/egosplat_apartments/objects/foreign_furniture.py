@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.objects.foreign_textures import fabric, inlay, lacquer, shine
-from egosplat_apartments.objects.model import Model, Surface
+from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.shapes import (
     Part,
     Shape,
@@ -51,15 +51,13 @@ def couch(rng: Rng) -> Model:
     rolls = [rod((-w / 2, y, -0.3), (w / 2, y, -0.3), 0.13) for y in (0.55, 0.76)]
     end = rod((side * (w / 2 - 0.12), 0.53, -0.15), (side * (w / 2 - 0.12), 0.53, 0.4), 0.12)
     left, right = (-w / 2 + 0.26, w / 2 - 0.04) if side < 0 else (-w / 2 + 0.04, w / 2 - 0.26)
-    return Model(
-        (
-            Part("feet", join(runners), shine(rng)),
-            Part("base", slab(w, 0.86, 0.06, 0.2), lacquer(rng)),
-            Part("seat cushions", cushion((-w / 2, 0.2, -0.43), (w / 2, 0.42, 0.45), 0.08), fabric(rng)),
-            Part("back cushions", join(rolls), fabric(rng)),
-            Part("arms", end, fabric(rng)),
-        ),
-        (Surface("soft", (left, -0.1), (right, 0.32), 0.42),),
+    return assemble(
+        Part("feet", join(runners), shine(rng)),
+        Part("base", slab(w, 0.86, 0.06, 0.2), lacquer(rng)),
+        Part("seat cushions", cushion((-w / 2, 0.2, -0.43), (w / 2, 0.42, 0.45), 0.08), fabric(rng)),
+        Part("back cushions", join(rolls), fabric(rng)),
+        Part("arms", end, fabric(rng)),
+        surfaces=(Surface("soft", (left, -0.1), (right, 0.32), 0.42),),
     )
 
 
@@ -73,39 +71,35 @@ def armchair(rng: Rng) -> Model:
     ends = [(0.36 * np.sin(a), 0.86, 0.36 * np.cos(a)) for a in turn]
     rail = [rod(a, b, 0.03) for a, b in itertools.pairwise(ends)]
     drum = lathe([(0, 0), (0.26, 0), (0.34, 0.18), (0.34, 0.36), (0, 0.36)], 32)
-    return Model(
-        (
-            Part("base", drum, fabric(rng)),
-            Part("back", join([*posts, *rail]), lacquer(rng)),
-            Part(
-                "seat cushions",
-                lathe([(0, 0.36), (0.3, 0.36), (0.33, 0.4), (0.28, 0.44), (0, 0.44)], 32),
-                fabric(rng),
-            ),
+    return assemble(
+        Part("base", drum, fabric(rng)),
+        Part("back", join([*posts, *rail]), lacquer(rng)),
+        Part(
+            "seat cushions",
+            lathe([(0, 0.36), (0.3, 0.36), (0.33, 0.4), (0.28, 0.44), (0, 0.44)], 32),
+            fabric(rng),
         ),
-        (Surface("soft", (-0.2, -0.14), (0.2, 0.22), 0.44),),
+        surfaces=(Surface("soft", (-0.2, -0.14), (0.2, 0.22), 0.44),),
     )
 
 
 def dining_chair(rng: Rng) -> Model:
     """A round seat and an oval back on one foot."""
     foot = lathe([(0, 0), (0.21, 0), (0.21, 0.015), (0.03, 0.07), (0.03, 0.42), (0, 0.42)])
-    return Model(
-        (
-            Part("legs", foot, shine(rng)),
-            Part("seat", cylinder(0.21, 0.42, 0.46, 28), lacquer(rng)),
-            Part("pad", lathe([(0, 0.46), (0.19, 0.46), (0.19, 0.48), (0, 0.49)], 28), fabric(rng)),
-            Part(
-                "back",
-                join(
-                    [
-                        ellipsoid((0.18, 0.17, 0.018), (0, 0.76, -0.19)),
-                        rod((0, 0.44, -0.17), (0, 0.65, -0.19), 0.022),
-                    ]
-                ),
-                lacquer(rng),
+    return assemble(
+        Part("legs", foot, shine(rng)),
+        Part("seat", cylinder(0.21, 0.42, 0.46, 28), lacquer(rng)),
+        Part("pad", lathe([(0, 0.46), (0.19, 0.46), (0.19, 0.48), (0, 0.49)], 28), fabric(rng)),
+        Part(
+            "back",
+            join(
+                [
+                    ellipsoid((0.18, 0.17, 0.018), (0, 0.76, -0.19)),
+                    rod((0, 0.44, -0.17), (0, 0.65, -0.19), 0.022),
+                ]
             ),
-        )
+            lacquer(rng),
+        ),
     )
 
 
@@ -121,9 +115,10 @@ def dining_table(rng: Rng) -> Model:
         )
         for a in turn
     ]
-    return Model(
-        (Part("top", cylinder(r, 0.69, 0.73, 40), inlay(rng)), Part("legs", join(legs), lacquer(rng))),
-        (_top("table", 1.36 * r, 1.36 * r, 0.73),),
+    return assemble(
+        Part("top", cylinder(r, 0.69, 0.73, 40), inlay(rng)),
+        Part("legs", join(legs), lacquer(rng)),
+        surfaces=(_top("table", 1.36 * r, 1.36 * r, 0.73),),
     )
 
 
@@ -147,26 +142,22 @@ def coffee_table(rng: Rng) -> Model:
 def desk(rng: Rng) -> Model:
     """A top on crossed bars with a hanging drawer."""
     drawer = box((-0.5, 0.6, -0.2), (-0.12, 0.7, 0.24))
-    return Model(
-        (
-            Part("top", slab(1.2, 0.6, 0.7, 0.74), lacquer(rng)),
-            Part("legs", _crossed(1.2, 0.6, 0.7), shine(rng)),
-            Part("drawers", drawer, inlay(rng)),
-            Part("knobs", ellipsoid((0.02, 0.02, 0.02), (-0.31, 0.65, 0.26), 10), shine(rng)),
-        ),
-        (_top("table", 1.12, 0.52, 0.74),),
+    return assemble(
+        Part("top", slab(1.2, 0.6, 0.7, 0.74), lacquer(rng)),
+        Part("legs", _crossed(1.2, 0.6, 0.7), shine(rng)),
+        Part("drawers", drawer, inlay(rng)),
+        Part("knobs", ellipsoid((0.02, 0.02, 0.02), (-0.31, 0.65, 0.26), 10), shine(rng)),
+        surfaces=(_top("table", 1.12, 0.52, 0.74),),
     )
 
 
 def side_table(rng: Rng) -> Model:
     """An hourglass."""
     outline = [(0, 0), (0.2, 0), (0.2, 0.03), (0.07, 0.25), (0.07, 0.3), (0.2, 0.5), (0, 0.5)]
-    return Model(
-        (
-            Part("body", lathe(outline, 32), lacquer(rng)),
-            Part("top", cylinder(0.24, 0.5, 0.53, 32), inlay(rng)),
-        ),
-        (_top("table", 0.34, 0.34, 0.53),),
+    return assemble(
+        Part("body", lathe(outline, 32), lacquer(rng)),
+        Part("top", cylinder(0.24, 0.5, 0.53, 32), inlay(rng)),
+        surfaces=(_top("table", 0.34, 0.34, 0.53),),
     )
 
 
@@ -183,14 +174,12 @@ def cabinet(rng: Rng) -> Model:
         ellipsoid((0.02, 0.02, 0.02), (x, (0.32 + h) / 2, d / 2 + 0.035), 10)
         for x in (-w / 4 + 0.13, w / 4 - 0.13)
     ]
-    return Model(
-        (
-            Part("body", slab(w, d, 0.3, h), lacquer(rng)),
-            Part("doors", join(doors), inlay(rng)),
-            Part("knobs", join(knobs), shine(rng)),
-            Part("legs", join(legs), shine(rng)),
-        ),
-        (_top("table", w - 0.04, d - 0.04, h),),
+    return assemble(
+        Part("body", slab(w, d, 0.3, h), lacquer(rng)),
+        Part("doors", join(doors), inlay(rng)),
+        Part("knobs", join(knobs), shine(rng)),
+        Part("legs", join(legs), shine(rng)),
+        surfaces=(_top("table", w - 0.04, d - 0.04, h),),
     )
 
 
@@ -198,9 +187,10 @@ def tv_stand(rng: Rng) -> Model:
     """A plank on two drums."""
     w = rng.uniform(1.5, 1.8)
     drums = [cylinder(0.17, 0, 0.36, 28).moved((x, 0, 0)) for x in (-w / 2 + 0.3, w / 2 - 0.3)]
-    return Model(
-        (Part("top", slab(w, 0.4, 0.36, 0.42), lacquer(rng)), Part("legs", join(drums), inlay(rng))),
-        (
+    return assemble(
+        Part("top", slab(w, 0.4, 0.36, 0.42), lacquer(rng)),
+        Part("legs", join(drums), inlay(rng)),
+        surfaces=(
             Surface("television", (-0.65, -0.17), (0.65, 0.15), 0.42),
             Surface("table", (-w / 2, 0.06), (w / 2, 0.2), 0.42),
         ),
@@ -215,41 +205,37 @@ def bookcase(rng: Rng) -> Model:
     top = 0.13 + 0.37 * (rows - 1)
     posts = [rod((x, 0, z), (x * 0.62, top, z), 0.016) for x in (-0.5, 0.5) for z in (-0.12, 0.12)]
     shelves = [_top("shelf", 0.76 * width, 0.26, 0.13 + 0.37 * row, 0.33) for row, width in enumerate(widths)]
-    return Model(
-        (Part("shelves", join(boards), inlay(rng)), Part("sides", join(posts), shine(rng))), tuple(shelves)
+    return assemble(
+        Part("shelves", join(boards), inlay(rng)),
+        Part("sides", join(posts), shine(rng)),
+        surfaces=tuple(shelves),
     )
 
 
 def refrigerator(rng: Rng) -> Model:
     """One rounded door with a bar across it, on feet."""
     body = lacquer(rng)
-    return Model(
-        (
-            Part("body", cushion((-0.36, 0.08, -0.31), (0.36, 1.5, 0.26), 0.1), body),
-            Part("doors", cushion((-0.35, 0.1, 0.22), (0.35, 1.48, 0.34), 0.055), body),
-            Part("handles", rod((-0.25, 1.0, 0.37), (0.1, 1.0, 0.37), 0.02), shine(rng)),
-            Part("band", box((-0.34, 1.2, 0.335), (0.34, 1.26, 0.345)), inlay(rng)),
-            Part(
-                "feet",
-                join(
-                    [cylinder(0.03, 0, 0.1, 12).moved((x, 0, z)) for x in (-0.28, 0.28) for z in (-0.22, 0.2)]
-                ),
-                shine(rng),
-            ),
-        )
+    return assemble(
+        Part("body", cushion((-0.36, 0.08, -0.31), (0.36, 1.5, 0.26), 0.1), body),
+        Part("doors", cushion((-0.35, 0.1, 0.22), (0.35, 1.48, 0.34), 0.055), body),
+        Part("handles", rod((-0.25, 1.0, 0.37), (0.1, 1.0, 0.37), 0.02), shine(rng)),
+        Part("band", box((-0.34, 1.2, 0.335), (0.34, 1.26, 0.345)), inlay(rng)),
+        Part(
+            "feet",
+            join([cylinder(0.03, 0, 0.1, 12).moved((x, 0, z)) for x in (-0.28, 0.28) for z in (-0.22, 0.2)]),
+            shine(rng),
+        ),
     )
 
 
 def bed_frame(rng: Rng) -> Model:
     """A low platform with a round head board."""
     head = cylinder(0.5, -0.03, 0.03, 40).moved((0, 0.5, -1.0), FORWARD)
-    return Model(
-        (
-            Part("base", slab(0.8, 1.8, 0.0, 0.12), inlay(rng)),
-            Part("rails", slab(1.05, 2.0, 0.12, 0.24), lacquer(rng)),
-            Part("head board", head.stretched((1.0, 0.9, 1.0)), fabric(rng)),
-        ),
-        (Surface("bed", (-0.5, -0.96), (0.5, 0.98), 0.24),),
+    return assemble(
+        Part("base", slab(0.8, 1.8, 0.0, 0.12), inlay(rng)),
+        Part("rails", slab(1.05, 2.0, 0.12, 0.24), lacquer(rng)),
+        Part("head board", head.stretched((1.0, 0.9, 1.0)), fabric(rng)),
+        surfaces=(Surface("bed", (-0.5, -0.96), (0.5, 0.98), 0.24),),
     )
 
 
@@ -261,8 +247,8 @@ def step_stool(rng: Rng) -> Model:
         box((-0.18, y, z - 0.05), (0.18, y + 0.025, z + 0.05))
         for y, z in ((0.18, 0.16), (0.38, 0.09), (0.6, 0.0))
     ]
-    return Model(
-        (Part("sides", join([*rails, *struts]), shine(rng)), Part("treads", join(steps), inlay(rng)))
+    return assemble(
+        Part("sides", join([*rails, *struts]), shine(rng)), Part("treads", join(steps), inlay(rng))
     )
 
 
@@ -271,9 +257,10 @@ def shelf(rng: Rng) -> Model:
     w, h = rng.uniform(0.55, 0.75), 0.3
     sides = [box((x - 0.01, 0, 0), (x + 0.01, h, 0.22)) for x in (-w / 2 + 0.01, w / 2 - 0.01)]
     boards = [box((-w / 2, y, 0), (w / 2, y + 0.02, 0.22)) for y in (0.0, h)]
-    return Model(
-        (Part("board", join(boards), lacquer(rng)), Part("sides", join(sides), inlay(rng))),
-        tuple(
+    return assemble(
+        Part("board", join(boards), lacquer(rng)),
+        Part("sides", join(sides), inlay(rng)),
+        surfaces=tuple(
             Surface("shelf", (-w / 2 + 0.03, 0.02), (w / 2 - 0.03, 0.2), y + 0.02, room)
             for y, room in ((0.0, 0.26), (h, 0.5))
         ),

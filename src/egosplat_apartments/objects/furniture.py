@@ -1,7 +1,7 @@
 """Tables, cabinets and shelves. Every builder returns an object in its own axes, front towards +z."""
 
 from egosplat_apartments.objects.materials import some_metal, some_paint, some_plastic, some_wood
-from egosplat_apartments.objects.model import Model, Surface
+from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.pictures import landscape, random_color
 from egosplat_apartments.objects.shapes import Part, Shape, box, cylinder, join, lathe, rod
 from egosplat_apartments.objects.textures import Rng, cloth, make_texture, marble, metal
@@ -26,13 +26,11 @@ def table(rng: Rng, width: float, depth: float, height: float) -> Model:
     )
     x, z = width / 2, depth / 2
     apron = box((-x + 0.06, height - 0.11, -z + 0.06), (x - 0.06, height - 0.04, z - 0.06))
-    return Model(
-        (
-            Part("top", box((-x, height - 0.04, -z), (x, height, z)), top),
-            Part("apron", apron, frame),
-            Part("legs", four_legs(width, depth, height - 0.04, 0.06), frame),
-        ),
-        (Surface("table", (-x + 0.04, -z + 0.04), (x - 0.04, z - 0.04), height),),
+    return assemble(
+        Part("top", box((-x, height - 0.04, -z), (x, height, z)), top),
+        Part("apron", apron, frame),
+        Part("legs", four_legs(width, depth, height - 0.04, 0.06), frame),
+        surfaces=(Surface("table", (-x + 0.04, -z + 0.04), (x - 0.04, z - 0.04), height),),
     )
 
 
@@ -47,7 +45,7 @@ def coffee_table(rng: Rng) -> Model:
     width, depth = rng.uniform(0.85, 1.1), rng.uniform(0.5, 0.6)
     low = table(rng, width, depth, 0.44)
     tray = box((-width / 2 + 0.1, 0.14, -depth / 2 + 0.1), (width / 2 - 0.1, 0.16, depth / 2 - 0.1))
-    return Model((*low.parts, Part("lower shelf", tray, low.parts[1].texture)), low.surfaces)
+    return assemble(*low.parts, Part("lower shelf", tray, low.parts[1].texture), surfaces=low.surfaces)
 
 
 def dining_table(rng: Rng) -> Model:
@@ -66,22 +64,20 @@ def desk(rng: Rng) -> Model:
         Part("drawers", fronts, paint),
         Part("knobs", knobs, some_metal(rng)),
     )
-    return Model((*plain.parts, *drawers), plain.surfaces)
+    return assemble(*plain.parts, *drawers, surfaces=plain.surfaces)
 
 
 def side_table(rng: Rng) -> Model:
     """A night stand: a small cabinet on legs with two drawers."""
     body, trim = some_paint(rng), some_wood(rng)
     fronts, knobs = _drawers(-0.19, 0.19, 0.18, 0.5, 2, 0.19)
-    return Model(
-        (
-            Part("body", box((-0.21, 0.14, -0.19), (0.21, 0.52, 0.19)), body),
-            Part("top", box((-0.23, 0.52, -0.2), (0.23, 0.55, 0.21)), trim),
-            Part("drawers", fronts, trim),
-            Part("knobs", knobs, some_metal(rng)),
-            Part("legs", four_legs(0.42, 0.38, 0.14, 0.05), trim),
-        ),
-        (Surface("table", (-0.21, -0.18), (0.21, 0.19), 0.55),),
+    return assemble(
+        Part("body", box((-0.21, 0.14, -0.19), (0.21, 0.52, 0.19)), body),
+        Part("top", box((-0.23, 0.52, -0.2), (0.23, 0.55, 0.21)), trim),
+        Part("drawers", fronts, trim),
+        Part("knobs", knobs, some_metal(rng)),
+        Part("legs", four_legs(0.42, 0.38, 0.14, 0.05), trim),
+        surfaces=(Surface("table", (-0.21, -0.18), (0.21, 0.19), 0.55),),
     )
 
 
@@ -91,16 +87,14 @@ def cabinet(rng: Rng) -> Model:
     w, d, h = rng.uniform(0.85, 1.05), 0.42, rng.uniform(0.8, 0.95)
     fronts, knobs = _drawers(-w / 2 + 0.02, w / 2 - 0.02, h * 0.66, h - 0.04, 1, d / 2, columns=2)
     doors, pulls = _drawers(-w / 2 + 0.02, w / 2 - 0.02, 0.1, h * 0.63, 1, d / 2, columns=2)
-    return Model(
-        (
-            Part("body", box((-w / 2, 0.06, -d / 2), (w / 2, h - 0.03, d / 2)), body),
-            Part("top", box((-w / 2 - 0.02, h - 0.03, -d / 2), (w / 2 + 0.02, h, d / 2 + 0.03)), trim),
-            Part("drawers", fronts, some_paint(rng)),
-            Part("doors", doors, trim),
-            Part("knobs", join([knobs, pulls]), some_metal(rng)),
-            Part("plinth", box((-w / 2 + 0.03, 0, -d / 2), (w / 2 - 0.03, 0.06, d / 2 - 0.03)), trim),
-        ),
-        (Surface("table", (-w / 2, -d / 2 + 0.02), (w / 2, d / 2), h),),
+    return assemble(
+        Part("body", box((-w / 2, 0.06, -d / 2), (w / 2, h - 0.03, d / 2)), body),
+        Part("top", box((-w / 2 - 0.02, h - 0.03, -d / 2), (w / 2 + 0.02, h, d / 2 + 0.03)), trim),
+        Part("drawers", fronts, some_paint(rng)),
+        Part("doors", doors, trim),
+        Part("knobs", join([knobs, pulls]), some_metal(rng)),
+        Part("plinth", box((-w / 2 + 0.03, 0, -d / 2), (w / 2 - 0.03, 0.06, d / 2 - 0.03)), trim),
+        surfaces=(Surface("table", (-w / 2, -d / 2 + 0.02), (w / 2, d / 2), h),),
     )
 
 
@@ -130,15 +124,13 @@ def tv_stand(rng: Rng) -> Model:
     ]
     doors = [_drawers(a, b, 0.11, h - 0.04, 1, d / 2) for a, b in ((-w / 2, -w / 6), (w / 6, w / 2))]
     top = box((-w / 2 - 0.01, h - 0.03, -d / 2), (w / 2 + 0.01, h, d / 2 + 0.02))
-    return Model(
-        (
-            Part("body", join(shell), body),
-            Part("top", top, body),
-            Part("doors", join([fronts for fronts, _ in doors]), door),
-            Part("knobs", join([knobs for _, knobs in doors]), some_metal(rng)),
-            Part("legs", four_legs(w, d, 0.08, 0.05), some_metal(rng)),
-        ),
-        (
+    return assemble(
+        Part("body", join(shell), body),
+        Part("top", top, body),
+        Part("doors", join([fronts for fronts, _ in doors]), door),
+        Part("knobs", join([knobs for _, knobs in doors]), some_metal(rng)),
+        Part("legs", four_legs(w, d, 0.08, 0.05), some_metal(rng)),
+        surfaces=(
             Surface("television", (-0.6, -0.15), (0.6, 0.15), h),
             Surface("table", (-w / 2 + 0.01, 0.06), (w / 2 - 0.01, d / 2 + 0.01), h),
             Surface("shelf", (-w / 6 + 0.02, -0.1), (w / 6 - 0.02, 0.18), 0.1, h - 0.14),
@@ -160,19 +152,17 @@ def bookcase(rng: Rng) -> Model:
         for y in heights[:-1]
     ]
     top = Surface("shelf", (-w / 2 + 0.04, -d / 2 + 0.03), (w / 2 - 0.04, d / 2 - 0.01), heights[-1] + 0.02)
-    return Model(
-        (
-            Part("shelves", join(boards), body),
-            Part("sides", join(sides), body),
-            Part(
-                "back",
-                back,
-                make_texture(
-                    cloth(rng, random_color(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5, surface="plain cloth"
-                ),
+    return assemble(
+        Part("shelves", join(boards), body),
+        Part("sides", join(sides), body),
+        Part(
+            "back",
+            back,
+            make_texture(
+                cloth(rng, random_color(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5, surface="plain cloth"
             ),
         ),
-        (*shelves, top),
+        surfaces=(*shelves, top),
     )
 
 
@@ -196,16 +186,14 @@ def refrigerator(rng: Rng) -> Model:
         )
         for number, (x, y) in enumerate(places)
     ]
-    return Model(
-        (
-            Part("body", box((-w / 2, 0.04, -d / 2), (w / 2, h, d / 2)), steel),
-            Part("doors", join(doors), make_texture(metal(rng, (0.75, 0.76, 0.78)), 0.6, surface="metal")),
-            Part("handles", join(handles), some_metal(rng)),
-            Part(
-                "feet",
-                box((-w / 2 + 0.03, 0, -d / 2), (w / 2 - 0.03, 0.04, d / 2 - 0.03)),
-                some_plastic(rng, (0.1, 0.1, 0.1)),
-            ),
-            *notes,
-        )
+    return assemble(
+        Part("body", box((-w / 2, 0.04, -d / 2), (w / 2, h, d / 2)), steel),
+        Part("doors", join(doors), make_texture(metal(rng, (0.75, 0.76, 0.78)), 0.6, surface="metal")),
+        Part("handles", join(handles), some_metal(rng)),
+        Part(
+            "feet",
+            box((-w / 2 + 0.03, 0, -d / 2), (w / 2 - 0.03, 0.04, d / 2 - 0.03)),
+            some_plastic(rng, (0.1, 0.1, 0.1)),
+        ),
+        *notes,
     )

@@ -45,6 +45,11 @@ class Model:
 Builder = Callable[[Rng], Model]
 
 
+def assemble(*parts: Part, surfaces: tuple[Surface, ...] = ()) -> Model:
+    """An object of these parts."""
+    return Model(parts, surfaces)
+
+
 def bounds_at(model: Model, pose: Array) -> tuple[Array, Array]:
     """Lower and upper corner (3,) of a model's box in world axes."""
     points = transform(pose, np.concatenate([part.shape.vertices for part in model.parts]))

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.objects.materials import some_fabric, some_glaze, some_metal, some_plastic, some_wood
-from egosplat_apartments.objects.model import Model
+from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, cylinder, ellipsoid, join, lathe, leaf, rod
 from egosplat_apartments.objects.textures import (
@@ -47,14 +47,10 @@ def _plant(rng: Rng, pot_radius: float, pot_height: float, leaves: int, length: 
         size = rng.uniform(0.75, 1.1)
         blades.append(leaf(length * size, width * size, length * 0.35).moved(root, rotation))
     stem = rod((0, pot_height * 0.85, 0), (0, pot_height + trunk, 0), 0.012 + 0.01 * trunk)
-    return Model(
-        (
-            Part("pot", pot, some_glaze(rng)),
-            Part(
-                "stem", join([stem, *stalks]), make_texture(wood(rng, (0.4, 0.36, 0.2)), 0.1, surface="wood")
-            ),
-            Part("leaves", join(blades), leaf_texture(rng, width, length)),
-        )
+    return assemble(
+        Part("pot", pot, some_glaze(rng)),
+        Part("stem", join([stem, *stalks]), make_texture(wood(rng, (0.4, 0.36, 0.2)), 0.1, surface="wood")),
+        Part("leaves", join(blades), leaf_texture(rng, width, length)),
     )
 
 
@@ -101,18 +97,16 @@ def desk_lamp(rng: Rng) -> Model:
         0.3,
         surface="striped cloth",
     )
-    return Model(
-        (
-            Part("foot", foot, some_metal(rng)),
-            Part("stem", rod((0, 0.03, 0), (0, h - 0.03, 0), 0.009), some_metal(rng)),
-            Part(
-                "bulb",
-                ellipsoid((0.03, 0.04, 0.03), (0, h - 0.02, 0), 10),
-                some_plastic(rng, (0.95, 0.9, 0.75)),
-                glow=1.2,
-            ),
-            Part("shade", shade, silk, glow=0.5),
-        )
+    return assemble(
+        Part("foot", foot, some_metal(rng)),
+        Part("stem", rod((0, 0.03, 0), (0, h - 0.03, 0), 0.009), some_metal(rng)),
+        Part(
+            "bulb",
+            ellipsoid((0.03, 0.04, 0.03), (0, h - 0.02, 0), 10),
+            some_plastic(rng, (0.95, 0.9, 0.75)),
+            glow=1.2,
+        ),
+        Part("shade", shade, silk, glow=0.5),
     )
 
 
@@ -131,11 +125,9 @@ def pillow(rng: Rng) -> Model:
         ellipsoid((0.014, 0.014, 0.01), (0, 0, z), 8).moved((0, 0, 0), lean).moved((0, -low, 0))
         for z in (0.085, -0.085)
     ]
-    return Model(
-        (
-            Part("pad", shape.moved((0, -low, 0)), some_fabric(rng)),
-            Part("buttons", join(buttons), some_plastic(rng, random_color(rng))),
-        )
+    return assemble(
+        Part("pad", shape.moved((0, -low, 0)), some_fabric(rng)),
+        Part("buttons", join(buttons), some_plastic(rng, random_color(rng))),
     )
 
 
@@ -151,12 +143,10 @@ def candle(rng: Rng) -> Model:
     )
     flame = ellipsoid((0.007, 0.018, 0.007), (0, 0.172, 0), 8)
     bright = make_texture(speckled(rng, (1.0, 0.8, 0.4), (1.0, 0.95, 0.7)), 0.05)
-    return Model(
-        (
-            Part("holder", holder, some_metal(rng)),
-            Part("wax", cylinder(0.024, 0.05, 0.15), wax),
-            Part("flame", flame, bright, glow=2.0),
-        )
+    return assemble(
+        Part("holder", holder, some_metal(rng)),
+        Part("wax", cylinder(0.024, 0.05, 0.15), wax),
+        Part("flame", flame, bright, glow=2.0),
     )
 
 
@@ -175,15 +165,13 @@ def figurine(rng: Rng) -> Model:
         rod((0.06, 0.05, 0.0), (0.055, 0.09, 0.01), 0.008),
     ]
     eyes = [ellipsoid((0.005, 0.006, 0.003), (x, 0.166, 0.041), 8) for x in (-0.012, 0.012)]
-    return Model(
-        (
-            Part("plinth", cylinder(0.06, 0, 0.025), some_wood(rng)),
-            Part("body", ellipsoid((0.042, 0.062, 0.045), (0, 0.083, -0.005), 18), fur),
-            Part("head", join(head), fur),
-            Part("legs", join(legs), fur),
-            Part("tail", join(tail), fur),
-            Part("eyes", join(eyes), some_plastic(rng, (0.9, 0.85, 0.2))),
-        )
+    return assemble(
+        Part("plinth", cylinder(0.06, 0, 0.025), some_wood(rng)),
+        Part("body", ellipsoid((0.042, 0.062, 0.045), (0, 0.083, -0.005), 18), fur),
+        Part("head", join(head), fur),
+        Part("legs", join(legs), fur),
+        Part("tail", join(tail), fur),
+        Part("eyes", join(eyes), some_plastic(rng, (0.9, 0.85, 0.2))),
     )
 
 
@@ -202,14 +190,12 @@ def toy(rng: Rng) -> Model:
             ellipsoid((0.032, 0.02, 0.02), (0.125, 0.158, 0), 12),
         ]
     )
-    return Model(
-        (
-            Part("body", ellipsoid((0.085, 0.04, 0.04), (0, 0.075, 0), 16), skin),
-            Part("head", neck, skin),
-            Part("tail", rod((-0.07, 0.075, 0), (-0.16, 0.045, 0), 0.024, 0.005), skin),
-            Part("legs", join(legs), skin),
-            Part("spikes", join(spikes), some_plastic(rng, random_color(rng, (0.7, 0.95), (0.7, 0.95)))),
-        )
+    return assemble(
+        Part("body", ellipsoid((0.085, 0.04, 0.04), (0, 0.075, 0), 16), skin),
+        Part("head", neck, skin),
+        Part("tail", rod((-0.07, 0.075, 0), (-0.16, 0.045, 0), 0.024, 0.005), skin),
+        Part("legs", join(legs), skin),
+        Part("spikes", join(spikes), some_plastic(rng, random_color(rng, (0.7, 0.95), (0.7, 0.95)))),
     )
 
 
@@ -221,12 +207,10 @@ def ball(rng: Rng) -> Model:
     )
     leather = speckled(rng, (0.8, 0.42, 0.16), (0.6, 0.28, 0.1), 900, 2)
     picture = leather * (1 - lines[..., None]) + 0.06 * lines[..., None]
-    return Model(
-        (
-            Part(
-                "ball",
-                ellipsoid((0.12, 0.12, 0.12), (0, 0.12, 0), 28),
-                make_texture(picture, 0.377, surface="leather"),
-            ),
+    return assemble(
+        Part(
+            "ball",
+            ellipsoid((0.12, 0.12, 0.12), (0, 0.12, 0), 28),
+            make_texture(picture, 0.377, surface="leather"),
         )
     )

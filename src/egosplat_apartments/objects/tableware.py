@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from egosplat_apartments.objects.materials import some_glaze, some_metal, some_plastic, some_wood
-from egosplat_apartments.objects.model import Model
+from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import label, random_color
 from egosplat_apartments.objects.shapes import (
     Part,
@@ -38,17 +38,13 @@ def coaster(rng: Rng) -> Model:
         2 * r,
         surface="flowered paper",
     )
-    return Model(
-        (
-            Part(
-                "mat",
-                cylinder(r, 0, 0.008, 28),
-                make_texture(
-                    speckled(rng, (0.65, 0.47, 0.28), (0.35, 0.22, 0.12)), 0.1, surface="speckled cork"
-                ),
-            ),
-            Part("picture", cylinder(r * 0.92, 0.008, 0.01, 28), top),
-        )
+    return assemble(
+        Part(
+            "mat",
+            cylinder(r, 0, 0.008, 28),
+            make_texture(speckled(rng, (0.65, 0.47, 0.28), (0.35, 0.22, 0.12)), 0.1, surface="speckled cork"),
+        ),
+        Part("picture", cylinder(r * 0.92, 0.008, 0.01, 28), top),
     )
 
 
@@ -62,12 +58,10 @@ def cup(rng: Rng) -> Model:
     handle = join([rod(a, b, 0.0055) for a, b in itertools.pairwise(arc)])
     glaze = some_glaze(rng)
     coffee = make_texture(speckled(rng, (0.2, 0.11, 0.06), (0.5, 0.35, 0.2), 40), 0.1)
-    return Model(
-        (
-            Part("body", wall, glaze),
-            Part("handle", handle, glaze),
-            Part("coffee", cylinder(r * 0.87, h * 0.8, h * 0.82), coffee),
-        )
+    return assemble(
+        Part("body", wall, glaze),
+        Part("handle", handle, glaze),
+        Part("coffee", cylinder(r * 0.87, h * 0.8, h * 0.82), coffee),
     )
 
 
@@ -83,17 +77,15 @@ def bowl(rng: Rng) -> Model:
         Part(f"fruit {k}", ellipsoid((0.037, 0.035, 0.037), place, 14), _peel(rng))
         for k, place in enumerate(places)
     ]
-    return Model(
-        (
-            Part(
-                "dish",
-                dish,
-                make_texture(wood(rng, (0.6, 0.4, 0.22)), 0.2, surface="wood")
-                if rng.random() < 0.5
-                else some_glaze(rng),
-            ),
-            *fruit,
-        )
+    return assemble(
+        Part(
+            "dish",
+            dish,
+            make_texture(wood(rng, (0.6, 0.4, 0.22)), 0.2, surface="wood")
+            if rng.random() < 0.5
+            else some_glaze(rng),
+        ),
+        *fruit,
     )
 
 
@@ -108,15 +100,13 @@ def plate(rng: Rng) -> Model:
         [(0, 0), (0.06, 0), (0.06, 0.004), (0.115, 0.018), (0.12, 0.022), (0.07, 0.01), (0, 0.01)], 32, 50
     )
     cake = cushion((-0.035, 0.01, -0.025), (0.035, 0.055, 0.03), 0.008)
-    return Model(
-        (
-            Part("dish", dish, some_glaze(rng)),
-            Part(
-                "cake",
-                cake,
-                make_texture(stripes(rng, ((0.45, 0.25, 0.14), (0.95, 0.88, 0.75)), 6, upright=False), 0.05),
-            ),
-        )
+    return assemble(
+        Part("dish", dish, some_glaze(rng)),
+        Part(
+            "cake",
+            cake,
+            make_texture(stripes(rng, ((0.45, 0.25, 0.14), (0.95, 0.88, 0.75)), 6, upright=False), 0.05),
+        ),
     )
 
 
@@ -148,12 +138,10 @@ def bottle(rng: Rng) -> Model:
         0.1,
         surface="glass",
     )
-    return Model(
-        (
-            Part("body", body, glass),
-            Part("label", sleeve, jacket),
-            Part("cap", cylinder(neck * 1.15, h * 0.93, h), some_metal(rng)),
-        )
+    return assemble(
+        Part("body", body, glass),
+        Part("label", sleeve, jacket),
+        Part("cap", cylinder(neck * 1.15, h * 0.93, h), some_metal(rng)),
     )
 
 
@@ -174,13 +162,11 @@ def tea_kettle(rng: Rng) -> Model:
             ellipsoid((0.014, 0.014, 0.014), (0, 0.156, 0), 10),
         ]
     )
-    return Model(
-        (
-            Part("body", body, enamel),
-            Part("spout", rod((0.07, 0.05, 0), (0.155, 0.13, 0), 0.022, 0.011), enamel),
-            Part("handle", handle, some_plastic(rng, (0.12, 0.1, 0.1))),
-            Part("lid", lid, some_metal(rng)),
-        )
+    return assemble(
+        Part("body", body, enamel),
+        Part("spout", rod((0.07, 0.05, 0), (0.155, 0.13, 0), 0.022, 0.011), enamel),
+        Part("handle", handle, some_plastic(rng, (0.12, 0.1, 0.1))),
+        Part("lid", lid, some_metal(rng)),
     )
 
 
@@ -193,19 +179,15 @@ def toaster(rng: Rng) -> Model:
         surface="striped metal",
     )
     bread = [cushion((-0.055, 0.15, z - 0.012), (0.055, 0.225, z + 0.012), 0.011) for z in (-0.035, 0.035)]
-    return Model(
-        (
-            Part("body", cushion((-0.13, 0.012, -0.08), (0.13, 0.19, 0.08), 0.03), body),
-            Part(
-                "slices",
-                join(bread),
-                make_texture(speckled(rng, (0.75, 0.55, 0.3), (0.45, 0.28, 0.12), 300), 0.1),
-            ),
-            Part(
-                "lever", box((0.128, 0.11, -0.02), (0.155, 0.125, 0.02)), some_plastic(rng, (0.1, 0.1, 0.1))
-            ),
-            Part("feet", _four_feet(), some_plastic(rng, (0.1, 0.1, 0.1))),
-        )
+    return assemble(
+        Part("body", cushion((-0.13, 0.012, -0.08), (0.13, 0.19, 0.08), 0.03), body),
+        Part(
+            "slices",
+            join(bread),
+            make_texture(speckled(rng, (0.75, 0.55, 0.3), (0.45, 0.28, 0.12), 300), 0.1),
+        ),
+        Part("lever", box((0.128, 0.11, -0.02), (0.155, 0.125, 0.02)), some_plastic(rng, (0.1, 0.1, 0.1))),
+        Part("feet", _four_feet(), some_plastic(rng, (0.1, 0.1, 0.1))),
     )
 
 
@@ -218,15 +200,13 @@ def cutting_board(rng: Rng) -> Model:
     """A board with a loaf and a handle."""
     board = join([box((-0.16, 0, -0.11), (0.16, 0.018, 0.11)), box((0.16, 0, -0.025), (0.23, 0.018, 0.025))])
     loaf = ellipsoid((0.09, 0.045, 0.05), (-0.03, 0.055, 0), 16)
-    return Model(
-        (
-            Part("board", board, some_wood(rng)),
-            Part(
-                "bread",
-                loaf,
-                make_texture(speckled(rng, (0.72, 0.48, 0.24), (0.95, 0.85, 0.65), 120, 5), 0.12),
-            ),
-        )
+    return assemble(
+        Part("board", board, some_wood(rng)),
+        Part(
+            "bread",
+            loaf,
+            make_texture(speckled(rng, (0.72, 0.48, 0.24), (0.95, 0.85, 0.65), 120, 5), 0.12),
+        ),
     )
 
 
@@ -242,10 +222,8 @@ def pot(rng: Rng) -> Model:
             ellipsoid((0.02, 0.015, 0.02), (0, 0.165, 0), 10),
         ]
     )
-    return Model(
-        (
-            Part("body", body, steel),
-            Part("handles", join(handles), some_plastic(rng, (0.1, 0.1, 0.1))),
-            Part("lid", lid, some_metal(rng)),
-        )
+    return assemble(
+        Part("body", body, steel),
+        Part("handles", join(handles), some_plastic(rng, (0.1, 0.1, 0.1))),
+        Part("lid", lid, some_metal(rng)),
     )

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.objects.materials import some_fabric, some_metal, some_paint, some_wood
-from egosplat_apartments.objects.model import Model, Surface
+from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.pictures import abstract, clock_face, landscape, random_color
 from egosplat_apartments.objects.shapes import Part, Shape, box, cylinder, join, lathe, rod, sheet
 from egosplat_apartments.objects.textures import Rng, cloth, make_texture
@@ -16,11 +16,8 @@ def wall_artwork(rng: Rng) -> Model:
     canvas = make_texture(abstract(rng, (320, 448)), w, h, surface="painted canvas")
     edge = make_texture(cloth(rng, (0.85, 0.82, 0.74)), 0.2, surface="canvas")
     front = sheet((-w / 2, h / 2, 0.031), (w, 0, 0), (0, -h, 0))
-    return Model(
-        (
-            Part("canvas", front, canvas),
-            Part("stretcher", box((-w / 2, -h / 2, 0), (w / 2, h / 2, 0.03)), edge),
-        )
+    return assemble(
+        Part("canvas", front, canvas), Part("stretcher", box((-w / 2, -h / 2, 0), (w / 2, h / 2, 0.03)), edge)
     )
 
 
@@ -31,12 +28,10 @@ def picture(rng: Rng) -> Model:
     inner = sheet((-w / 2 + 0.07, h / 2 - 0.07, 0.0135), (w - 0.14, 0, 0), (0, -h + 0.14, 0))
     scene = make_texture(landscape(rng, (224, 288)), w - 0.14, h - 0.14)
     frame = _frame(w, h, 0.035, 0.028)
-    return Model(
-        (
-            Part("frame", frame, some_wood(rng)),
-            Part("mat", box((-w / 2 + 0.03, -h / 2 + 0.03, 0), (w / 2 - 0.03, h / 2 - 0.03, 0.012)), mat),
-            Part("scene", inner, scene),
-        )
+    return assemble(
+        Part("frame", frame, some_wood(rng)),
+        Part("mat", box((-w / 2 + 0.03, -h / 2 + 0.03, 0), (w / 2 - 0.03, h / 2 - 0.03, 0.012)), mat),
+        Part("scene", inner, scene),
     )
 
 
@@ -61,13 +56,9 @@ def wall_clock(rng: Rng) -> Model:
     dial = make_texture(
         clock_face(rng, random_color(rng, (0.05, 0.3), (0.85, 0.97)), (0.08, 0.08, 0.12)), 1.8 * r
     )
-    return Model(
-        (
-            Part(
-                "rim", rim.moved(rotation=forward), some_metal(rng) if rng.random() < 0.5 else some_wood(rng)
-            ),
-            Part("dial", cylinder(r * 0.9, 0, 0.02, 36).moved(rotation=forward), dial),
-        )
+    return assemble(
+        Part("rim", rim.moved(rotation=forward), some_metal(rng) if rng.random() < 0.5 else some_wood(rng)),
+        Part("dial", cylinder(r * 0.9, 0, 0.02, 36).moved(rotation=forward), dial),
     )
 
 
@@ -80,12 +71,10 @@ def shelf(rng: Rng) -> Model:
         )
         for x in (-w / 3, w / 3)
     ]
-    return Model(
-        (
-            Part("board", box((-w / 2, 0, 0), (w / 2, 0.03, 0.22)), some_wood(rng)),
-            Part("brackets", join(brackets), some_metal(rng)),
-        ),
-        (Surface("shelf", (-w / 2 + 0.02, 0.02), (w / 2 - 0.02, 0.21), 0.03, 0.5),),
+    return assemble(
+        Part("board", box((-w / 2, 0, 0), (w / 2, 0.03, 0.22)), some_wood(rng)),
+        Part("brackets", join(brackets), some_metal(rng)),
+        surfaces=(Surface("shelf", (-w / 2 + 0.02, 0.02), (w / 2 - 0.02, 0.21), 0.03, 0.5),),
     )
 
 
@@ -93,12 +82,10 @@ def coat_rack(rng: Rng) -> Model:
     """A board with pegs and a coat on one of them."""
     pegs = [rod((x, 0, 0.02), (x, 0.03, 0.09), 0.011) for x in (-0.24, -0.08, 0.08, 0.24)]
     folds = _folds(0.3, 0.75, 0.012, 5).moved((-0.24, -0.02, 0.06))
-    return Model(
-        (
-            Part("board", box((-0.34, -0.05, 0), (0.34, 0.05, 0.022)), some_paint(rng)),
-            Part("pegs", join(pegs), some_metal(rng)),
-            Part("coat", folds, some_fabric(rng)),
-        )
+    return assemble(
+        Part("board", box((-0.34, -0.05, 0), (0.34, 0.05, 0.022)), some_paint(rng)),
+        Part("pegs", join(pegs), some_metal(rng)),
+        Part("coat", folds, some_fabric(rng)),
     )
 
 
@@ -111,11 +98,9 @@ def curtain(rng: Rng) -> Model:
             rod((w / 2, 0, 0), (w / 2, 0, 0.075), 0.008),
         ]
     )
-    return Model(
-        (
-            Part("cloth", _folds(w, h, 0.025, 6).moved((0, -0.02, 0.075)), some_fabric(rng)),
-            Part("rod", bar, some_metal(rng)),
-        )
+    return assemble(
+        Part("cloth", _folds(w, h, 0.025, 6).moved((0, -0.02, 0.075)), some_fabric(rng)),
+        Part("rod", bar, some_metal(rng)),
     )
 
 
