@@ -1,6 +1,6 @@
 """Stage ``metrics``: query every annotated category, score the answers and the renders."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,16 +23,16 @@ from egosplat.evaluation.evaluation_frames import (
     find_asked_queries,
     read_evaluation,
 )
-from egosplat.evaluation.in_time import score_in_time
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS, phrases_to_ask
-from egosplat.evaluation.rendering import summarise_rendering
+from egosplat.evaluation.rendering import RegionScore, summarise_rendering
 from egosplat.evaluation.run_queries import ask_of, run_queries
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
-from egosplat.query.finished_scene import scene_of
+from egosplat.query.finished_scene import Scene, scene_of
+from egosplat.query.histories import held_out_at
 from egosplat.query.text import open_encoded
 
 
@@ -87,7 +87,7 @@ def run(
     about = evaluation.instances, language.facts["levels"], evaluation.valid, options.masks
     rendering = without_time = [evaluation.rendering_of(frame) for frame in evaluation.frames]
     if scene.rests is not None:
-        rendering = score_in_time(evaluation, scene.trained, scene.rests, without_time)
+        rendering = list(_scores_in_time(evaluation, scene, without_time))
     answers = answer_entries(answered, evaluation.frames, rendering, *about)
     scores, used = answers["scores"], list(made_from.found.values())
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
@@ -116,6 +116,17 @@ def run(
     _log_presence(presence)
     for line in warning_lines(notice, alarms):
         log(line)
+
+
+def _scores_in_time(
+    evaluation: Evaluation, scene: Scene, stored: Sequence[Mapping[str, RegionScore]]
+) -> Iterator[Mapping[str, RegionScore]]:
+    """Scores of each frame's render at its own time (docs/method.md#own-time); where nothing rests then, the ``stored`` ones."""
+    for frame, score in zip(evaluation.frames, stored, strict=True):
+        place = frame.index, evaluation.camera_to_world[frame.index], float(scene.seconds[frame.index])
+        lacks = frame.held_out is None
+        picture = None if lacks else held_out_at(scene.trained, scene.rests, evaluation.splats, *place)
+        yield score if picture is None else evaluation.rendering_of(frame, picture)
 
 
 def _counts(

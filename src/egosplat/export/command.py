@@ -19,7 +19,7 @@ from egosplat.export.ply import code_columns, geometry_columns, write_ply
 from egosplat.export.rerun_recording import export_rerun
 from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
-from egosplat.histories.table import write_table
+from egosplat.histories.told import write_table
 from egosplat.pipeline.home import make_command
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene

@@ -18,10 +18,8 @@ from egosplat.rasterize.view import sum_over_pixels
 
 # Points that a thing starts from, in this part of the place's radius.
 _POINTS, _WITHIN = 300, 0.8
-
 # The learning rate of the means is this part of the radius, and is multiplied by this after each step.
 _RATE, _DECAY = 0.0032, 0.995
-
 # Few and short steps: all other rates are larger than those of a scene.
 _RATES = {
     "quats": 0.002,
@@ -32,16 +30,12 @@ _RATES = {
 }
 
 _SSIM_LAMBDA = 0.2
-
 # Weight of the mean opacity in the loss: a Gaussian that explains nothing disappears.
 _OPACITY_WEIGHT = 0.002
-
 # Gaussians below this opacity are left out in the end.
 _LEAST_OPACITY = 0.05
-
 # A Gaussian belongs to a thing if more than this share of what it shows is explained by it.
 _HALF = 0.5
-
 # A pixel counts as changed from this sum of differences of red, green and blue.
 _CHANGED = 0.05
 

@@ -11,31 +11,22 @@ from egosplat.histories.sightings import Ints, Sightings
 
 # A track that no frame shows for longer than this begins anew [s].
 _GAP_S = 0.7
-
 # Carries of fewer frames are chance.
 _LEAST_FRAMES = 4
-
 # A track whose median mask has a larger share of its pixels at the picture's edge is the wearer's arm or body.
 _MOST_EDGE = 0.01
-
 # A track slips to another thing where it jumps farther: in the world by this many sizes, and before the camera by this angle [rad].
 _JUMP_SIZES, _JUMP_ANGLE = 2.0, 0.25
-
 # Half of the window in which a thing at rest stays at its place, and the shortest rest between two carries [s].
 _STILL_S, _REST_S = 0.4, 1.0
-
 # Distance within which a thing is at one place: this share of its size, and of its depth, which the Gaussians tell no better.
 _OF_SIZE, _OF_DEPTH = 0.25, 0.04
-
 # A carried thing goes farther from where it was than this many of its sizes.
 _FAR = 2.0
-
 # A mask shows the same as a larger one that covers this share of it on average, in the frames of the shorter carry.
 _COVERED = 0.5
-
 # What is seen last at this speed is still on its way, and the depth behind it is not its own [sizes per s]; measured over this time at least [s].
 _FAST, _FAST_S = 5.0, 0.15
-
 # Frames of rest before and after a carry that tell the place.
 _TELLING = 5
 

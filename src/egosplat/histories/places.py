@@ -19,13 +19,10 @@ Mask = NDArray[np.bool_]
 
 # Longer side of the renders that give the depth [px]: a place needs no finer surface.
 _SIDE = 256
-
 # A crop goes beyond the place by so many pixels, and is no smaller than this.
 _MARGIN, _SMALLEST = 8, 12
-
 # A place is nearer than the surface that hides it by more than its radius and this share of its depth, which Gaussians tell no better.
 _OF_DEPTH = 0.04
-
 # A Gaussian ends at so many of its standard deviations.
 _REACH = 3.0
 
@@ -173,37 +170,26 @@ def see_places(
             if _is_open(places[number], recording.camera, pose, depth)
         }
         if crops:
-            whole = _Frame(frame, recording, transform(invert(pose), means), reach)
+            cut = _cutter(frame, recording, transform(invert(pose), means), reach)
             for number, crop in crops.items():
-                found[number].append(whole.cut(crop, places[number].track))
+                found[number].append(cut(*crop, places[number].track))
     return found
 
 
-class _Frame:
-    """One frame of a recording, read once for all places."""
+def _cutter(frame: int, recording: Recording, local: Array, reach: Array) -> Callable[..., PlaceView]:
+    """Read a frame once for all places; the scene's Gaussians are at (N, 3) points of its camera's axes, with their (N,) reach."""
+    picture, labels = recording.picture(frame), recording.labels(frame)
+    moving, full = recording.moving(frame, labels), recording.camera
 
-    def __init__(self, frame: int, recording: Recording, local: Array, reach: Array) -> None:
-        """Read a frame; the scene's Gaussians are at (N, 3) points of its camera's axes, and as wide as their (N,) reach."""
-        self._frame, self._recording, self._gaussians = frame, recording, (local, reach)
-        self._picture, self._labels = recording.picture(frame), recording.labels(frame)
-        self._moving = recording.moving(frame, self._labels)
-
-    def cut(self, crop: tuple[int, int, int, int], track: int) -> PlaceView:
-        """Cut a crop (left, top, right, bottom) around a thing with a track."""
-        left, top, right, bottom = crop
-        part, full = np.s_[top:bottom, left:right], self._recording.camera
-        own = (self._labels[:, top:bottom, left:right] == track).any(axis=0)
+    def cut(left: int, top: int, right: int, bottom: int, track: int) -> PlaceView:
+        part = np.s_[top:bottom, left:right]
+        own = (labels[:, top:bottom, left:right] == track).any(axis=0)
         camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
-        return PlaceView(
-            self._frame,
-            (left, top),
-            camera,
-            self._recording.camera_to_world[self._frame],
-            _near(*self._gaussians, camera),
-            self._picture[part].copy(),
-            self._recording.valid[part] & (own | ~self._moving[part]),
-            self._recording.log_gain(self._frame),
-        )
+        near, pose = _near(local, reach, camera), recording.camera_to_world[frame]
+        shown, log_gain = recording.valid[part] & (own | ~moving[part]), recording.log_gain(frame)
+        return PlaceView(frame, (left, top), camera, pose, near, picture[part].copy(), shown, log_gain)
+
+    return cut
 
 
 def _crop_of(

@@ -15,26 +15,20 @@ from egosplat.progress import track
 
 # The sphere of a thing has this part of its size as radius, and this more, as a part of the mean size of all.
 _OF_SIZE, _OF_MEAN = 0.6, 0.15
-
 # A rest is learnt first from so many views beyond this time from the carry, whose end is told to half a second [s]; where it is
 # shorter than _SURE_S, the carry may have ended later: it is learnt from later views, too.
 _FIRST_VIEWS, _LEAST_VIEWS, _APART_S = 8, 3, (0.6, 2.0)
 
 _SURE_S = 2.0
-
 # Steps from the first views, from all of its time, and with the Gaussians that are kept.
 _FIRST_STEPS, _STEPS, _LAST_STEPS = 120, 150, 60
-
 # A view shows the thing if its Gaussians explain more than this share of the error; fewer changed pixels than this part of
 # the median count for less.
 _SHARE, _OF_MEDIAN = 0.1, 0.05
-
 # A thing lies there if its Gaussians explain this share of the error, and so many are opaque to this degree.
 _LEAST_GAIN, _LEAST_OPAQUE, _OPAQUE = 0.3, 8, 0.3
-
 # Two rests are one if they are nearer than this part of the smaller radius.
 _ONE = 0.6
-
 # A carry belongs to a rest that begins or ends within this time of it [s].
 _TOGETHER_S = 2.0
 
@@ -46,18 +40,16 @@ class End:
     Attributes:
         carry: its number.
         after: whether the thing rests after the carry; else before.
-        center: (3,) float64 where [m].
+        place: the sphere in which it rests.
         size: of the thing [m].
         second: when the carry begins or ends [s].
-        track: instance of the carry in instances.zarr.
     """
 
     carry: int
     after: bool
-    center: Array
+    place: Place
     size: float
     second: float
-    track: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,25 +93,23 @@ class Rest:
 def ends_of(carries: Mapping[str, NDArray], seconds: Array) -> list[End]:
     """The ends of all carries, columns by name, whose place is known, in the order of carries."""
     names = ("instance", "first_frame", "last_frame", "start", "end", "size")
-    columns = zip(*(carries[name] for name in names), strict=True)
-    found = []
-    for number, (instance, first, last, start, end, size) in enumerate(columns):
-        for after, center, frame in ((False, start, first), (True, end, last)):
-            if np.isfinite(center).all():
-                one = End(number, after, center, float(size), float(seconds[frame]), int(instance))
-                found.append(one)
-    return found
-
-
-def places_of(ends: Sequence[End]) -> list[Place]:
-    """The spheres in which the things of carries rest."""
-    mean = float(np.mean([one.size for one in ends])) if ends else 0.0
-    return [Place(one.center, _OF_SIZE * one.size + _OF_MEAN * mean, one.track) for one in ends]
+    known = [
+        (number, after, center, float(size), float(seconds[frame]), int(instance))
+        for number, (instance, first, last, start, end, size) in enumerate(
+            zip(*(carries[name] for name in names), strict=True)
+        )
+        for after, center, frame in ((False, start, first), (True, end, last))
+        if np.isfinite(center).all()
+    ]
+    mean = float(np.mean([size for _, _, _, size, _, _ in known])) if known else 0.0
+    return [
+        End(number, after, Place(center, _OF_SIZE * size + _OF_MEAN * mean, track), size, second)
+        for number, after, center, size, second, track in known
+    ]
 
 
 def find_rests(
     ends: Sequence[End],
-    places: Sequence[Place],
     views: Sequence[Sequence[PlaceView]],
     seconds: Array,
     scene: Scenery,
@@ -128,16 +118,14 @@ def find_rests(
     """Find the rests of all ends of carries, in the order of time; an end at a rest that is known already joins it.
 
     Args:
-        places, views: of each end.
+        views: of the place of each end.
         seconds: (F,) time of each frame [s].
     """
     found: list[Rest] = []
-    for end, place, seen in track(
-        [*zip(ends, places, views, strict=True)], "learning what rests", unit="end"
-    ):
-        if any(_holds(one, place) and _covers(one, end, seconds) for one in found):
+    for end, seen in track([*zip(ends, views, strict=True)], "learning what rests", unit="end"):
+        if any(_holds(one, end.place) and _covers(one, end, seconds) for one in found):
             continue
-        rest = _learn(end, place, seen, seconds, scene, seed)
+        rest = _learn(end, seen, seconds, scene, seed)
         if rest is None:
             continue
         same = next((number for number, one in enumerate(found) if _are_one(one, rest)), None)
@@ -148,20 +136,18 @@ def find_rests(
     return sorted(found, key=lambda one: one.frames)
 
 
-def link(
-    ends: Sequence[End], places: Sequence[Place], rests: Sequence[Rest], seconds: Array, carries: int
-) -> NDArray[np.int32]:
+def link(ends: Sequence[End], rests: Sequence[Rest], seconds: Array, carries: int) -> NDArray[np.int32]:
     """(2, C) int32 rest before and after each carry, -1 for none: that of the most evidence at its place and time."""
     found = np.full((2, carries), -1, np.int32)
-    for end, place in zip(ends, places, strict=True):
-        fit = [
+    for end in ends:
+        joined = [
             number
             for number, one in enumerate(rests)
-            if _holds(one, place)
+            if _holds(one, end.place)
             and abs(seconds[one.frames[0 if end.after else 1]] - end.second) <= _TOGETHER_S
         ]
-        if fit:
-            found[int(end.after), end.carry] = max(fit, key=lambda number: rests[number].evidence)
+        if joined:
+            found[int(end.after), end.carry] = max(joined, key=lambda number: rests[number].evidence)
     return found
 
 
@@ -187,14 +173,12 @@ def _are_one(rest: Rest, other: Rest) -> bool:
     return both >= min(last - first, end - begin) / 2
 
 
-def _learn(
-    end: End, place: Place, views: Sequence[PlaceView], seconds: Array, scene: Scenery, seed: int
-) -> Rest | None:
+def _learn(end: End, views: Sequence[PlaceView], seconds: Array, scene: Scenery, seed: int) -> Rest | None:
     """Learn what lies at the end of a carry, and when; None if nothing does."""
     beyond = _beyond(end, views, seconds)
     found: Rest | None = None
     for apart in _APART_S:
-        rest = _learn_from(beyond > apart, beyond, end, place, views, scene, seed)
+        rest = _learn_from(beyond > apart, beyond, end, views, scene, seed)
         if rest is not None and (found is None or rest.evidence > found.evidence):
             found = rest
         if found is not None and seconds[found.frames[1]] - seconds[found.frames[0]] >= _SURE_S:
@@ -206,7 +190,6 @@ def _learn_from(
     allowed: NDArray[np.bool_],
     beyond: Array,
     end: End,
-    place: Place,
     views: Sequence[PlaceView],
     scene: Scenery,
     seed: int,
@@ -215,7 +198,7 @@ def _learn_from(
     first = sorted(np.flatnonzero(allowed), key=lambda number: beyond[number])[:_FIRST_VIEWS]
     if len(first) < _LEAST_VIEWS:
         return None
-    some = [views[number] for number in first]
+    some, place = [views[number] for number in first], end.place
     gaussians = fit(start_points(place, some, scene, seed), some, scene, place.radius, _FIRST_STEPS, seed)
     shown = _span(beyond, _shares(explained(gaussians, views, scene)))
     if shown.sum() < _LEAST_VIEWS:

@@ -15,7 +15,6 @@ Ints = NDArray[np.int64]
 
 # Pixels this near to the border of what the camera shows belong to its edge, as a share of the longer side.
 _EDGE = 0.01
-
 # Masks are compared at this size [px].
 _COMPARED = 128
 

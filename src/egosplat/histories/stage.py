@@ -32,7 +32,7 @@ from egosplat.geometry import Camera, known_poses
 from egosplat.histories.moves import Carry, find_carries
 from egosplat.histories.options import HistoriesOptions
 from egosplat.histories.places import Recording, Scenery, scene_depth, see_places
-from egosplat.histories.rests import Rest, ends_of, find_rests, link, places_of
+from egosplat.histories.rests import Rest, ends_of, find_rests, link
 from egosplat.histories.sightings import see_tracks
 from egosplat.histories.things import Look, find_things, look_at
 from egosplat.language.vectors import unit
@@ -106,10 +106,10 @@ def _find_rests(
     """The rests at the ends of carries, and ``link`` between both."""
     seconds, known = seconds_of(frames), known_poses(recording.camera_to_world)
     ends = ends_of(carries, seconds)
-    places = places_of(ends)
-    views = see_places(places, known[frames.read("train")[known]], recording, scene)
-    rests = find_rests(ends, places, views, seconds, scene, seed)
-    return rests, link(ends, places, rests, seconds, len(carries["instance"]))
+    places, training = [end.place for end in ends], known[frames.read("train")[known]]
+    views = see_places(places, training, recording, scene)
+    rests = find_rests(ends, views, seconds, scene, seed)
+    return rests, link(ends, rests, seconds, len(carries["instance"]))
 
 
 def _look_at(

@@ -21,10 +21,8 @@ from egosplat.models.clip import OpenClip
 # Things whose features have this cosine look alike; they are two if rests of both last at once, at places that do not touch, for more
 # than this part of one.
 _ALIKE, _AT_ONCE = 0.85, 0.25
-
 # Outliers among rests and carries of a thing: see ``aggregate``.
 _AGGREGATION = ("cosine", 2.0)
-
 # Views of a rest that OpenCLIP encodes, and the smallest thing among them [px].
 _VIEWS, _LEAST_PIXELS = 16, 50
 

@@ -1,12 +1,15 @@
 """Where a thing was, by when it was carried from where to where."""
 
+import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from egosplat.errors import UserError
+from egosplat.files import atomic_file
 from egosplat.geometry import Array
 
 # Two places are one if they are no farther apart than this many sizes of the thing: depth is that of the surface behind it.
@@ -116,3 +119,29 @@ def meet(carry: Carried, one: Array, other: Array) -> bool:
 
 def _is_known(place: Array) -> bool:
     return bool(np.isfinite(place).all())
+
+
+# Seconds since the first frame, and places in the world.
+_COLUMNS = (
+    *("name", "from_s", "until_s", "start_x", "start_y", "start_z", "end_x", "end_y", "end_z"),
+    *("size", "frame"),
+)
+
+
+def write_table(carried: Iterable[tuple[str, Carried]], output: Path) -> None:
+    """Write a row for each carry with its name."""
+    with atomic_file(output) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(_COLUMNS)
+        table.writerows(_cells(*one) for one in carried)
+
+
+def _cells(name: str, one: Carried) -> list[str]:
+    """A row; a place that is not known is empty."""
+    places = [
+        cell
+        for place, known in ((one.start, one.start_is_known), (one.end, one.end_is_known))
+        for cell in ([f"{value:.6g}" for value in place] if known else [""] * 3)
+    ]
+    times = [f"{value:.3f}" for value in (one.from_s, one.until_s)]
+    return [name, *times, *places, f"{one.size:.6g}", str(one.frame)]

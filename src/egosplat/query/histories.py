@@ -2,10 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.reader import Artifact
+from egosplat.gaussians.evaluation import rendered
+from egosplat.gaussians.io import read_exposure
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.training_views import Views
+from egosplat.geometry import Array
 from egosplat.histories.known import Histories, Rests
 from egosplat.histories.told import Carried
 from egosplat.query.grades.evidence import other_meanings
@@ -55,6 +62,30 @@ def scene_at(scene: TrainedScene, rests: Rests | None, second: float | None) -> 
         return scene
     every = Gaussians.concatenate([scene.gaussians, rests.gaussians.select(added)])
     return TrainedScene(every, scene.settings, scene.camera, scene.sh_degree)
+
+
+@torch.no_grad()
+def held_out_at(
+    scene: TrainedScene, rests: Rests, splats: Artifact, frame: int, pose: Array, second: float
+) -> NDArray[np.uint8] | None:
+    """(H, W, 3) render of a held-out frame at its time as the stage ``splats`` makes it, with the gains that it fitted if it
+    corrects any; None where nothing rests then."""
+    if (now := scene_at(scene, rests, second)) is scene:
+        return None
+    log_gain, compression = read_exposure(splats)
+    view = Views(
+        frame=np.array([frame]),
+        pictures=torch.empty(0),
+        camera_to_world=pose[None],
+        valid=None,
+        transient=None,
+        camera=now.camera,
+        device=now.gaussians.means.device,
+        log_gain=None if log_gain is None else log_gain[[frame]],
+        compression=compression,
+    )
+    shown = rendered(now.gaussians, view, 0, now.settings, now.sh_degree)
+    return (shown * 255.0).round().to(torch.uint8).cpu().numpy()
 
 
 def relevancies_at(scene: QueryScene, rests: Rests, of_rests: Tensor, second: float) -> QueryScene:

@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.histories import rests as finding
 from egosplat.histories.places import Place
-from egosplat.histories.rests import End, link, places_of
+from egosplat.histories.rests import End, ends_of, link
 from egosplat.histories.things import features_of, group, match
 
 SECONDS = np.arange(100) / 10
@@ -52,11 +52,11 @@ def rest(x, first, last, evidence=1.0, radius=0.2):
 
 
 def end(carry, after, x, second, size=0.3):
-    return End(carry, after, np.array([x, 0.0, 0.0]), size, second, 0)
+    return End(carry, after, Place(np.array([x, 0.0, 0.0]), 0.75 * size, 0), size, second)
 
 
 def links(ends, rests, carries):
-    return link(ends, places_of(ends), rests, SECONDS, carries).tolist()
+    return link(ends, rests, SECONDS, carries).tolist()
 
 
 def test_a_carry_leads_from_the_rest_before_to_the_rest_after():
@@ -79,7 +79,7 @@ def test_two_equal_things_that_change_places_stay_two():
     """Each takes the other's place: times and carries keep them apart."""
     ends = [end(0, False, 0, 3), end(0, True, 1, 6), end(1, False, 1, 3), end(1, True, 0, 6)]
     rests = [rest(0, 0, 30), rest(1, 0, 30), rest(0, 60, 99), rest(1, 60, 99)]
-    found = link(ends, places_of(ends), rests, SECONDS, 2)
+    found = link(ends, rests, SECONDS, 2)
     things, of_carries = group(4, found)
     assert things.tolist() == [0, 1, 1, 0] and of_carries.tolist() == [0, 1]
 
@@ -130,5 +130,13 @@ def test_a_thing_looks_like_its_rests_and_carries():
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_places_are_relative_to_the_sizes_of_things(scale):
-    ends = [end(0, True, scale, 1.0, size=scale), end(1, True, 0.0, 1.0, size=3 * scale)]
-    np.testing.assert_allclose([one.radius for one in places_of(ends)], [0.9 * scale, 2.1 * scale])
+    """An end that is not known has none."""
+    unknown = np.full((2, 3), np.nan)
+    carries = {"instance": [0, 1], "first_frame": [0, 0], "last_frame": [5, 9], "start": unknown}
+    carries |= {"end": scale * np.eye(2, 3), "size": scale * np.array([1.0, 3.0])}
+    ends = ends_of(carries, SECONDS)
+    np.testing.assert_allclose([one.place.radius for one in ends], [0.9 * scale, 2.1 * scale])
+    assert [(one.carry, one.after, one.second, one.place.track) for one in ends] == [
+        (0, True, 0.5, 0),
+        (1, True, 0.9, 1),
+    ]
