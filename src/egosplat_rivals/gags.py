@@ -41,7 +41,7 @@ def train_granular(
     """
     if len(targets.levels) != 3:
         raise UserError(
-            f"language.method = granular needs three levels, not {', '.join(targets.levels)}; lower segments.pred_iou_thresh"
+            f"language.method = granular needs three levels, not {', '.join(targets.levels)}; set another models.set"
         )
     pixels = PixelViews(views, options.pixels)
     codes = GranularCodes(pixels, targets.uncompressed(), options)
@@ -129,7 +129,7 @@ def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
 class GranularCodes(Trainee):
     """Codes, (N, 16), with two decoders: to features, and to the logits of the three levels' weights."""
 
-    advice = "use another language.seed"
+    advice = "use another run.seed"
 
     def __init__(self, pixels: PixelViews, targets: CodeTargets, options: LanguageOptions) -> None:
         """Start from zero codes and random decoders."""

@@ -103,7 +103,7 @@ class QuantizedCodes(Trainee):
         first_phase: iterations of the codebook alone.
     """
 
-    advice = "use another language.seed"
+    advice = "use another run.seed"
 
     def __init__(self, pixels: PixelViews, tiles: TileViews, seed: int) -> None:
         """Start from random numbers."""

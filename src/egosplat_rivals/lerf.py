@@ -102,7 +102,7 @@ def input_scale(scale: Tensor, distance: Tensor, height: int, focal: float) -> T
 class Field(Trainee):
     """Features by position and scale, from a grid of positions; and a regulariser by position, or None."""
 
-    advice = "use another language.seed"
+    advice = "use another run.seed"
 
     def __init__(self, pixels: PixelViews, tiles: TileViews, seed: int) -> None:
         """Start from random weights."""

@@ -1,13 +1,17 @@
 """The pages for people: their links open, they name every page, and they agree with the code."""
 
+import io
 import re
+import tokenize
 from pathlib import Path
 
 import pytest
 import yaml
 
 import egosplat
+from egosplat.alarms.table import TABLE
 from egosplat.artifacts.registry import SCHEMAS
+from egosplat.pipeline.config import section_keys, section_options
 from egosplat.pipeline.stages import PIPELINE, STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,6 +76,44 @@ def test_anchors_that_sources_cite_exist():
     assert len(cited) > 50
     lost = [one for one in cited if not (ROOT / one[1]).is_file() or one[2] not in _anchors(ROOT / one[1])]
     assert sorted(lost) == []
+
+
+KEYS = {f"{section}.{key}" for section in section_options() for key in section_keys(section)}
+NAMED = re.compile(rf"(?<![\w./`-])`?((?:{'|'.join(section_options())})\.[a-z_0-9]+)\b(?![(/\[.])")
+SUFFIXES = (".zarr", ".json", ".png", ".webp", ".ply", ".html", ".tsv", ".h", ".md")
+
+
+def _sentences(path: Path) -> list[str]:
+    """The lines of a text; of code its strings, without their expressions, and its comments."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        return text.splitlines()
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return [re.sub(r"{[^{}]*}", "", one.string) for one in tokens if one.type in (tokenize.STRING, tokenize.COMMENT)]
+
+
+def test_every_key_that_a_text_names_exists():
+    """No message, description or page sends people to a key that is gone. Alarms and fields of results look alike."""
+    folders = [ROOT / name for name in ("src", "docs", "config")]
+    texts = [path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".md", ".yaml")]
+    lost = [
+        (path.relative_to(ROOT).as_posix(), key)
+        for path in [ROOT / "README.md", *texts]
+        for sentence in _sentences(path)
+        for key in NAMED.findall(sentence)
+        if key not in {*KEYS, *TABLE} and not key.endswith(SUFFIXES)
+    ]
+    modules = {key for _, key in lost if (ROOT / f"src/egosplat/{key.replace('.', '/')}.py").is_file()}
+    assert [] == [one for one in lost if one[1] not in modules and one[0] != "docs/metrics.md"]
+
+
+def test_every_module_that_a_page_names_exists():
+    """Of docs/, without the page that invents a stage."""
+    modules = {path.name for path in SOURCES}
+    named = re.compile(r"`(?:[\w./-]*/)?(\w+\.(?:py|smk|cpp|h))`")
+    pages = [page for page in (ROOT / "docs").glob("*.md") if page.name != "adding_a_stage.md"]
+    lost = [(page.name, name) for page in pages for name in named.findall(_text(page)) if name not in modules]
+    assert lost == []
 
 
 def test_nothing_cites_a_note_that_readers_do_not_have():

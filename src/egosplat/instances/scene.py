@@ -123,8 +123,8 @@ def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
     lifted = lifter.lift(tracks.remove)
     if lifted is None:
         raise UserError(
-            f"{segments.path}: holds no mask in a training frame with a pose. Lower segments.pred_iou_thresh and "
-            "segments.stability_score_thresh, or set instances.source to tracks"
+            f"{segments.path}: holds no mask in a training frame with a pose. Set models.set to models that suit the "
+            "recording (docs/models.md), or instances.source to tracks"
         )
     weight = lifted.weight
     levels = segments.read("instances/level")

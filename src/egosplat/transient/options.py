@@ -79,7 +79,7 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     objects too."""
 
     grow_grad2d: Annotated[Positive, READING] = 2e-05
-    """Densification threshold, as splats.grow_grad2d, for the temporary Gaussians. Gradients of squared differences
+    """Densification threshold of the temporary Gaussians. Gradients of squared differences
     are about ten times smaller than those of the loss that 3DGS's 0.0002 is chosen for. With 0.0002, static
     surfaces without points (windows, lamps) are never reconstructed and are marked as transient. Smaller makes more
     Gaussians."""
