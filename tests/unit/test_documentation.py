@@ -89,13 +89,19 @@ def _sentences(path: Path) -> list[str]:
     if path.suffix != ".py":
         return text.splitlines()
     tokens = tokenize.generate_tokens(io.StringIO(text).readline)
-    return [re.sub(r"{[^{}]*}", "", one.string) for one in tokens if one.type in (tokenize.STRING, tokenize.COMMENT)]
+    return [
+        re.sub(r"{[^{}]*}", "", one.string)
+        for one in tokens
+        if one.type in (tokenize.STRING, tokenize.COMMENT)
+    ]
 
 
 def test_every_key_that_a_text_names_exists():
     """No message, description or page sends people to a key that is gone. Alarms and fields of results look alike."""
     folders = [ROOT / name for name in ("src", "docs", "config")]
-    texts = [path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".md", ".yaml")]
+    texts = [
+        path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".md", ".yaml")
+    ]
     lost = [
         (path.relative_to(ROOT).as_posix(), key)
         for path in [ROOT / "README.md", *texts]

@@ -73,8 +73,9 @@ def _tables(heading: str, reading: bool) -> list[str]:
     """A table for each section with such keys; keys outside of a section come first."""
     parts = []
     for section, (options, keys) in _sections().items():
+        prefix = "" if section == GENERAL else f"{section}."
         rows = [
-            _row(f"`{_path(section, name)}`", section, name, describe(options, name))
+            _row(f"`{prefix}{name}`", section, name, describe(options, name))
             for name, key in keys.items()
             if bool(key.get("reading")) == reading
         ]
@@ -90,10 +91,6 @@ def _sections() -> dict[str, tuple[type[Options], dict[str, dict[str, Any]]]]:
     return {GENERAL: (GeneralOptions, keys_of(GeneralOptions)), **found}
 
 
-def _path(section: str, name: str) -> str:
-    return name if section == GENERAL else f"{section}.{name}"
-
-
 def _first_row(path: str) -> str:
     """A row with a link to the key's section and the first sentence of its description."""
     section, name = path.split(".") if "." in path else (GENERAL, path)
@@ -105,13 +102,8 @@ def _row(shown_name: str, section: str, name: str, text: str) -> str:
     key = _sections()[section][1][name]
     # The pages that a description cites are links.
     linked = _PAGE.sub(r"[\g<0>](../\g<0>)", text)
-    return f"| {shown_name} | {_default(section, name, key)} | {_allowed(key)} | {linked} |"
-
-
-def _allowed(key: Mapping[str, Any]) -> str:
-    """What the key may be: words, types and limits."""
-    words = [f"`{word}`" for word in choices(key)]
-    return ", ".join([*kinds_of(key), *words, *limits_of(key)])
+    allowed = ", ".join([*kinds_of(key), *(f"`{word}`" for word in choices(key)), *limits_of(key)])
+    return f"| {shown_name} | {_default(section, name, key)} | {allowed} | {linked} |"
 
 
 def _default(section: str, name: str, key: Mapping[str, Any]) -> str:

@@ -32,6 +32,12 @@ def _only(pattern: str, allowed: str) -> Any:
     return check_with(re.compile(pattern).fullmatch, f"only {allowed}")
 
 
+def _is_path(text: str) -> bool:
+    """Whether a text can be a path that Snakemake handles; the longest name on Linux has 255 bytes."""
+    plain = re.fullmatch(r"(?!\s)(?![A-Za-z][\w+.-]*://)[^\x00-\x1f\x7f{}]*(?<!\s)", text)
+    return bool(plain) and all(len(os.fsencode(part)) <= 255 for part in Path(text).parts)
+
+
 class Row(Options):
     """A row of the table of scenes, as docs/recordings.md describes it."""
 
@@ -44,10 +50,7 @@ class Row(Options):
     format: Format
     recording: Annotated[
         Text,
-        _only(
-            r"(?!\s)[^\x00-\x1f\x7f]*(?<!\s)",
-            "a path without control characters, and without blanks around it",
-        ),
+        check_with(_is_path, "only a path, no URL; without braces, control characters and blanks around it"),
     ]
     options: str
 
@@ -156,47 +159,27 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
         text = read_user_text(path)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
-    lines = _lines(text, path)
-    expected = list(Row.model_fields)
-    if not lines:
-        raise UserError(f"{path}: is empty; its first line needs {', '.join(expected)}, tab-separated")
-    header = lines[0][1]
-    if header != expected:
-        # The header of a file that is no table may hold control characters.
-        found = ", ".join(header)[:_LONGEST_HEADER].encode("unicode_escape").decode()
-        raise UserError(f"{path}: has columns {found}; needs {', '.join(expected)}, tab-separated")
-    for number, cells in lines[1:]:
-        if len(cells) != len(expected):
-            mend = "put a tab between them, for an empty one too"
-            raise UserError(
-                f"{path}, line {number}: has {len(cells)} of the {len(expected)} columns {', '.join(expected)}; "
-                f"{mend if len(cells) < len(expected) else 'remove a tab'}"
-            )
-    return [(number, dict(zip(expected, cells, strict=True))) for number, cells in lines[1:]]
-
-
-_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
-
-# Longest file name on Linux [bytes].
-_LONGEST_NAME = 255
-
-# Longest header in a message [characters].
-_LONGEST_HEADER = 200
-
-
-def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     reader = csv.reader(io.StringIO(text, newline=""), delimiter="\t", strict=True)
-    lines, first = [], 1
+    expected, lines = list(Row.model_fields), []
     try:
         for cells in reader:
             if any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#"):
                 lines.append((reader.line_num, cells))
-            first = reader.line_num + 1
     except csv.Error as error:
-        raise UserError(
-            f'{path}, line {first}: is no row of a table ({error}). A cell that begins with " ends with one'
-        ) from None
-    return lines
+        why = f'is no row of a table ({error}). A cell that begins with " ends with one'
+        raise UserError(f"{path}, line {reader.line_num}: {why}") from None
+    for number, cells in lines[:1] or [(1, [])]:
+        if cells != expected:
+            raise UserError(
+                f"{path}, line {number}: has columns {ascii(cells)[:200]}; needs {', '.join(expected)}, tab-separated"
+            )
+    for number, cells in lines[1:]:
+        if len(cells) != len(expected):
+            raise UserError(
+                f"{path}, line {number}: has {len(cells)} of the {len(expected)} columns {', '.join(expected)}; put one "
+                "tab between two of them, for an empty one too"
+            )
+    return [(number, dict(zip(expected, cells, strict=True))) for number, cells in lines[1:]]
 
 
 def _check_roots(config: Config, rows: Iterable[dict[str, Any]], path: Path) -> None:
@@ -222,16 +205,9 @@ def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str) -> Scen
             "or a recording"
         )
     synthetic = filmed and (root is None or by_name)
-    home = Path("results", row["dataset"], row["scene"])
-    recording = home / "recording" if synthetic else _recording(row["recording"], root, where)
-    if set("{}") & set(str(recording)):
-        raise UserError(
-            f"{where}: recording {recording}: Snakemake cannot handle braces in names; rename it, or give a link to it"
-        )
-    if too_long := [part for part in recording.parts if len(os.fsencode(part)) > _LONGEST_NAME]:
-        raise UserError(
-            f"{where}: recording: a name is longer than {_LONGEST_NAME} bytes, {too_long[0][:40]}..."
-        )
+    recording = expand_home(root or ".") / expand_home(row["recording"])
+    if synthetic:
+        recording = Path("results", row["dataset"], row["scene"], "recording")
     try:
         origin = "synthetic" if synthetic else recording_origin(row["format"], recording)
     except UserError:
@@ -239,10 +215,3 @@ def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str) -> Scen
     own = of_format(config, row["format"], Layer(where, options), automatic=automatic_set(origin))
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
-
-
-def _recording(given: str, root: str | None, where: str) -> Path:
-    """Get the path of a row's recording. ``~`` is the home folder."""
-    if _ADDRESS.match(given):
-        raise UserError(f"{where}: recording {given[:80]}: is a URL; download it and give the file's path")
-    return expand_home(root or ".") / expand_home(given)

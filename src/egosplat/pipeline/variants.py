@@ -1,7 +1,7 @@
 """Variants of a scene: named sets of keys, presets among them, and the artifacts that they change."""
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -157,26 +157,25 @@ def artifact_path(stage: str, scene: Scene, variant: str | None) -> str:
 
 def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) -> list[str]:
     """Get a variant and all that it extends, in the order in which their keys are merged."""
-    found: list[str] = []
+    merged: list[str] = []
 
-    def visit(one: str, above: tuple[str, ...]) -> None:
-        if one in above:
+    def visit(variant: str, above: tuple[str, ...]) -> None:
+        if variant in above:
             raise UserError(
-                f"variant {name}: circular inheritance {' -> '.join([*above, one])}. Fix its key {EXTENDS!r}"
+                f"variant {name}: circular inheritance {' -> '.join([*above, variant])}. Fix its key {EXTENDS!r}"
             )
-        if one not in variants:
+        if variant not in variants:
             more = [f"{len(variants) - NAMED} more"] if len(variants) > NAMED else []
             raise UserError(
-                f"{where}: no variant {one!r}. Add it to the configuration key 'variants', "
+                f"{where}: no variant {variant!r}. Add it to the configuration key 'variants', "
                 f"or take one of: {', '.join([*list(variants)[:NAMED], *more]) or 'none'}"
             )
-        if one not in found:
-            for below in _extended(variants, one):
-                visit(below, (*above, one))
-            found.append(one)
+        for below in _extended(variants, variant):
+            visit(below, (*above, variant))
+        merged.extend([variant] if variant not in merged else [])
 
     visit(name, ())
-    return found
+    return merged
 
 
 def _extended(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]:
@@ -216,13 +215,8 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
 
 
 @functools.cache
-def _set_by_presets(folder: Path) -> list[tuple[str, str]]:
+def _set_by_presets(folder: Path) -> set[tuple[str, str]]:
     """The section and name of each key that a preset sets."""
-    files = sorted(set(PRESET_FILES.values()))
-    return [path for file in files for path in _paths(read_yaml(folder / f"{file}.yaml"))]
-
-
-def _paths(preset: Config) -> Iterator[tuple[str, str]]:
-    sections = {section: keys for section, keys in preset.items() if section != "formats"}
-    of_formats = [part for keys in preset.get("formats", {}).values() for part in keys.items()]
-    return ((section, key) for section, keys in [*sections.items(), *of_formats] for key in keys)
+    presets = [read_yaml(folder / f"{file}.yaml") for file in {*PRESET_FILES.values()}]
+    parts = [part for preset in presets for part in (preset, *preset.pop("formats", {}).values())]
+    return {(section, key) for part in parts for section, keys in part.items() for key in keys}

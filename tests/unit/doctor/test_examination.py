@@ -142,7 +142,7 @@ def test_an_address_is_no_recording(folder):
     """Recordings are never downloaded."""
     (folder / "config/scenes.tsv").write_text(HEADER + PLAIN.format("https://example.com/a.mp4") + "\n")
     finding = found()["scenes"]
-    assert finding.mark == Mark.MISSING and "line 2" in finding.value and "is a URL" in finding.value
+    assert finding.mark == Mark.MISSING and "line 2" in finding.value and "no URL" in finding.value
 
 
 @pytest.mark.parametrize(

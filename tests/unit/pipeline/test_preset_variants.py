@@ -29,7 +29,7 @@ def test_variants_of_another_seed_share_what_they_have_in_common():
     assert {owners[stage] for stage in ("segments", "transient", "masks", "splats")} == {"seed"}
     found = variant_config(config, "seed", "adt/scene1")
     changed = {stage for stage in STAGES if stage_values(stage, found) != stage_values(stage, config)}
-    assert changed == {"instances", "features", "transient", "splats", "language", "rests"}
+    assert changed == {"instances", "features", "transient", "splats", "language", "histories"}
 
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():
