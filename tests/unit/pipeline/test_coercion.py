@@ -16,19 +16,14 @@ PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
     [
         ("splats", "iterations", "5", 5),
         ("language", "lr", "1e-4", 1e-4),
-        ("language", "lr", "0.002", 0.002),
         ("splats", "densify_init", "false", False),
         ("splats", "sh_degree", "2", 2),
-        ("features", "dims", "auto", "auto"),
         ("features", "dims", "7", 7),
         ("frames", "end_s", "null", None),
-        ("frames", "end_s", "4.5", 4.5),
         ("camera", "refine_poses", True, "on"),
-        ("camera", "refine_poses", "off", "off"),
         ("data_root", "adt", "null", None),
         ("data_root", "adt", "5", "5"),
         ("query", "canonical", ["5", "null"], ["5", "null"]),
-        ("run", "device", "auto", "auto"),
     ],
 )
 def test_a_text_is_read_as_the_key_wants_it(section, key, text, value):
@@ -41,7 +36,7 @@ def test_a_text_in_a_variant_is_read_as_the_key_wants_it():
     assert variant_config(config, "mine", "scene")["splats"]["iterations"] == 7
 
 
-@pytest.mark.parametrize("text", ["five", "5 000", "3.0", ".inf", "1e400", "[5]", "", "2020-01-01"])
+@pytest.mark.parametrize("text", ["five", "3.0", "1e400", "[5]", "", "2020-01-01"])
 def test_a_text_that_is_no_such_value_is_rejected_with_its_key(text):
     with pytest.raises(UserError, match=r"splats\.iterations = .*whole number"):
         resolve({"splats": {"iterations": text}}, PRESETS)

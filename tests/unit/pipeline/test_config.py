@@ -127,13 +127,6 @@ def test_a_benchmark_has_its_protocol_and_the_user_s_key_wins():
     assert config.of_format(config.resolve({}, PRESETS), "plain")["metrics"]["masks"] == "threshold"
 
 
-def test_user_overrides_preset_overrides_defaults():
-    resolved = config.resolve({"preset": "draft", "frames": {"resolution": 300}}, PRESETS)
-    assert resolved["frames"]["resolution"] == 300
-    assert resolved["splats"]["iterations"] == 1000
-    assert resolved["frames"]["focal"] == 460.0
-
-
 def test_variants_of_the_user_stand_beside_the_default_ones():
     """One of the same name is replaced, not merged: a user's baseline has the user's keys alone."""
     mine = {"features": {"dims": 3}}
@@ -183,31 +176,22 @@ def test_the_schema_for_editors_allows_the_presets_and_refuses_unknown_keys():
         ({"xyz": {}}, "unknown key 'xyz'; known keys: preset, scenes"),
         ({"frames": {"resolution": "big"}}, "frames.resolution = 'big' .* whole number"),
         ({"frames": {"resolution": 3}}, "frames.resolution = 3 .* 32"),
-        ({"frames": {"stride": 0}}, "frames.stride = 0 .* 1"),
         ({"frames": {"resolution": 512.0}}, "frames.resolution = 512.0 .* whole number"),
         ({"frames": {"focal": float("nan")}}, "frames.focal = nan .* a number"),
-        ({"frames": {"upright": "perhaps"}}, "frames.upright = 'perhaps' .* true or false"),
         ({"frames": None}, "frames = None .* frames: {resolution: 512}"),
         ({"splats": 5}, "splats = 5 .* splats: {masking: auto}"),
         ({"splats": {"iterations:5": ""}}, "iterations: 5"),
-        ({"splats": {"sh_degree": "auto"}}, "splats.sh_degree = 'auto' .* whole number"),
         ({"features": {"dims": "most"}}, "features.dims = 'most' .* a whole number or auto"),
         ({"splats": {"sh_degree": 7}}, "splats.sh_degree = 7 .* at most 3"),
         ({"transient": {"input_size": 100}}, "transient.input_size = 100 .* a multiple of 32"),
         ({"variants": {"a/b": {}}}, "variants.a/b .* only letters, digits, _ and -"),
-        ({"variants": {"a" * 201: {}}}, "variants.*aaa.* at most 200 letters"),
         ({"tradeoff": {"variants": ["a", "a"]}}, "tradeoff.variants = .* no repeated items"),
         (
             {"poses": {"matching": "exhausting"}},
             "poses.matching .* auto, exhaustive, sequential .* 'exhaustive'",
         ),
-        ({"poses": {"min_registered": 1.5}}, "at most 1"),
-        ({"poses": {"max_dist_std": 0}}, "more than 0"),
-        ({"query": {"min_coverage": 1.0}}, "query.min_coverage = 1.0 .* less than 1"),
-        ({"query": {"canonical": []}}, "query.canonical .* 1"),
         ({"query": {"canonical": [3]}}, "query.canonical.0 = 3 .* string"),
         ({"preset": "drafty"}, "preset = 'drafty' .* draft, balanced, accurate, paper .*'draft'"),
-        ({"data_root": {"adt": 3}}, "data_root.adt = 3 .* string"),
         ({"data_root": {"adt": ""}}, "data_root.adt = '' .* at least 1"),
     ],
 )
@@ -278,7 +262,6 @@ def test_a_format_has_keys_of_its_own_between_the_preset_and_the_row(tmp_path):
         ({"hoi5d": {}}, "formats.hoi5d = .* 'adt', 'hoi4d', 'plain'"),
         ({"hoi4d": 5}, "formats.hoi4d = 5"),
         ({"hoi4d": {"preset": {}}}, "formats.hoi4d.preset = "),
-        ({"hoi4d": {"masks": None}}, "formats.hoi4d.masks = None"),
         ({"hoi4d": {"masks": {"treshold": 1}}}, "formats.hoi4d: unknown key 'masks.treshold'; did you mean"),
         ({"plain": {"masks": {"threshold": 7}}}, "formats.plain: masks.threshold = 7 .* 1"),
     ],
@@ -299,13 +282,10 @@ def test_wrong_keys_of_a_format_are_named(formats, message):
         ),
         (HEADER + "adt\ts\tadt\t-\t\n", "line 2: recording - .* synthetic.seed"),
         (HEADER + "a\ts\tplain\t-\tsynthetic.seed=1\n", "line 2: recording - .* format adt"),
-        (HEADER + "adt\ts\tadt\t\t\n", "line 2: recording = '' is not allowed"),
         (HEADER + "adt\ts\tadt\tr\tstride=3\n", "option 'stride=3' is not of the form section.key=value"),
         (HEADER + "adt\ts\tadt\tr\tframes.strid=3\n", "line 2: .*'frames.strid'.* 'stride'"),
-        (HEADER + "adt\ts\tadt\tr\tframes.stride=x\n", "frames.stride = 'x' .* whole number"),
         (HEADER + "adt\ts\tadt\tr\tframes.stride=2 frames.stride=3\n", "line 2: .*'frames.stride' .* twice"),
         (HEADER + "adt\ta.b\tadt\tr\t\n", "line 2: scene = 'a.b' .* only letters, digits, _ and -"),
-        (HEADER + f"{'a' * 101}\ts\tadt\tr\t\n", "line 2: dataset = .* at most 100 letters"),
         (HEADER + "adt\ts\tadt\tr\t\n" * 2, "line 3: scene adt/s is in the table twice"),
     ],
 )

@@ -207,14 +207,6 @@ def test_published_checkpoints_are_files_of_the_cache(tmp_path):
         assert large["models"]["clip_checkpoint"] == "/data/models/ViT-B-16-quickgelu.dfn2b.bin"
 
 
-def test_the_folder_of_unused_checkpoints_changes_nothing(tmp_path):
-    """With the small models the cache is no key of any stage."""
-    here, there = (
-        scene_config(scene(tmp_path, models={"cache": name, "set": "small"}), None) for name in ("a", "b")
-    )
-    assert all(config.stage_values(stage, here) == config.stage_values(stage, there) for stage in STAGES)
-
-
 @pytest.mark.parametrize(
     "keys, message",
     [
