@@ -142,8 +142,8 @@ CONFIG = click.option(
 @CONFIG
 def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
     """Report what this machine can do with the configuration and what is missing (exit status 1)."""
-    from egosplat.doctor.examination import examine
     from egosplat.doctor.findings import Mark, page
+    from egosplat.doctor.inputs import examine
 
     findings = examine(configfile, config)
     click.echo(page(findings))

@@ -1,10 +1,11 @@
-"""Read the configuration as the workflow does, and check the models and recordings that it names."""
+"""``egosplat doctor``: check this machine, the configuration, and the models and recordings that it names."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from egosplat.doctor.findings import Finding, Mark
+from egosplat.doctor.machine import machine_findings
 from egosplat.errors import UserError, user_message
 from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
@@ -31,6 +32,20 @@ def scene_notice(scene: Scene) -> str | None:
     except UserError:
         return None  # the stage frames reports what is wrong with the recording
     return notice(origin, configured_checkpoints(scene.config), aria=scene.format == "adt")
+
+
+def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
+    """All findings about this machine and the configuration; arguments and errors as ``read_configuration``."""
+    config, sources = read_configuration(files, options)
+    # A wrong configuration ends here; every later problem is a finding, so that one call shows all of them.
+    findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({', '.join(sources)})")]
+    findings += [*machine_findings(config), *model_findings(config)]
+    try:
+        scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
+    except UserError as error:
+        return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
+    findings += [*scene_model_findings(config, scenes), *recording_findings(config, scenes)]
+    return [*findings, *suitability_findings(scenes)]
 
 
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[Config, list[str]]:

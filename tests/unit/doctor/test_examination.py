@@ -11,8 +11,8 @@ import yaml
 
 from egosplat import cli
 from egosplat.doctor import machine
-from egosplat.doctor.examination import examine
 from egosplat.doctor.findings import Finding, Mark
+from egosplat.doctor.inputs import examine
 from egosplat.errors import UserError
 from egosplat.models.configs import PHOTO_WEIGHTS
 from egosplat.pipeline.general_options import GeneralOptions
