@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import click
 
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.errors import UserError
 from egosplat.progress import show_log
 

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from benchmarks.common import command
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, LANGUAGE, MASKS, POSES, SPLATS, TRANSIENT, camera_poses
 from egosplat.drawing import middles_of_parts, plt, save_figure, show

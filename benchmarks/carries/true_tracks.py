@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.carries.truth import recording_of
 from benchmarks.transient.truth import Truth, read_truth
 from benchmarks.true_instances.__main__ import PRESETS, run, write_instances
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, HISTORIES
 from egosplat.histories.known import Histories, Rests

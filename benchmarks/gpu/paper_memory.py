@@ -14,7 +14,7 @@ from benchmarks.gpu.main_job import SCENE, cells_of, make, records_of
 from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.segments_growth.__main__ import KEEP_ALL
 from egosplat.artifacts.reader import open_any
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.gaussians.model import Gaussians
 from egosplat.pipeline.config import resolve, stage_values

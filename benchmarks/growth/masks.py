@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from benchmarks.common import command
 from benchmarks.long_recording.__main__ import created
 from egosplat.artifacts.reader import open_any
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Camera

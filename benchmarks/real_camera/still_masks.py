@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import command, markdown, scene_folders, survey_of
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import MASKS, TRANSIENT
 from egosplat.pipeline.scene_folder import title_of

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import open_any
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 
 # Parts of documents that differ each time.
 VOLATILE = {"provenance", "artifacts", "costs", "created", "wall_s", "cpu_s", "peak_memory_mb", "digest"}

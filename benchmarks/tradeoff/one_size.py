@@ -13,10 +13,9 @@ import numpy as np
 import torch
 
 from benchmarks.common import command, markdown, scene_folders
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import shown_pixels
+from egosplat.artifacts.schemas import SCHEMAS, shown_pixels
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.rendering import regions
 from egosplat.image_quality import psnr

@@ -11,7 +11,7 @@ import yaml
 from safetensors.torch import load_file, save_file
 
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from tests.support.scenes import put_scene
 from tests.support.tiny_clip import CHECKPOINT, write_tiny_clip
 from tests.support.warm import run_snakemake

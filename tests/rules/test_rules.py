@@ -12,7 +12,7 @@ import yaml
 from PIL import Image, ImageChops
 
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.pipeline.stages import PAGES, PIPELINE, STAGES
 from egosplat.pipeline.validation import Draft202012Validator, schema
 from tests.conftest import ROOT

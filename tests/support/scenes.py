@@ -9,7 +9,7 @@ import numpy as np
 
 from egosplat.artifacts.provenance import Provenance, begin
 from egosplat.artifacts.reader import recorded_digest
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.artifacts.writer import create
 from egosplat.geometry import Camera
 

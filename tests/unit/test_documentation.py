@@ -10,7 +10,7 @@ import yaml
 
 import egosplat
 from egosplat.alarms.table import TABLE
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.pipeline.config import section_keys, section_options
 from egosplat.pipeline.stages import PIPELINE, STAGES
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.pipeline import config
 from egosplat.pipeline.validation import schema
 

@@ -14,7 +14,7 @@ from egosplat.errors import UserError
 from egosplat.files import atomic_directory, atomic_file, scratch_directory
 
 TINY = Schema("tiny", 1, {})
-OTHER = Schema("other", 1, {"a": Field(("n",), "int64", "-", "numbers")})
+OTHER = Schema("other", 1, {"a": Field("int64 n", "-", "numbers")})
 
 
 def write(path: Path, schema: Schema = TINY) -> None:

@@ -18,7 +18,7 @@ from benchmarks.robustness.scene import ARTIFACTS, Scene
 from benchmarks.rows import read_rows, stamp
 from benchmarks.survey.__main__ import survey_of
 from egosplat.artifacts.reader import open_any
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import title_of
 from tests.support.tables import cells

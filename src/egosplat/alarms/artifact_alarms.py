@@ -9,7 +9,7 @@ from egosplat.alarms import statistics
 from egosplat.alarms.table import CAUSES, TABLE, Alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.config import section_keys
 from egosplat.pipeline.stages import STAGES

@@ -8,7 +8,7 @@ from typing import Any
 from egosplat.artifacts.consistency import made_from_another
 from egosplat.artifacts.integrity import rebuild_command
 from egosplat.artifacts.reader import recorded_digest, verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError, user_message
 from egosplat.pipeline.validation import read_document
 

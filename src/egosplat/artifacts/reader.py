@@ -4,7 +4,7 @@ Opening checks schema, version, seal and completeness. Reading checks the CRC32C
 schema. ``verify`` checks every byte and number.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -79,11 +79,16 @@ class Artifact:
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Shape of an array, without reading it."""
-        return self._group[name].shape
+        return self._array(name).shape
+
+    def _array(self, name: str) -> zarr.Array:
+        array = self._group[name]
+        assert isinstance(array, zarr.Array)  # checked when it was opened
+        return array
 
     def read(self, name: str) -> NDArray[Any]:
         """Read a whole array; ArtifactError if a chunk's checksum differs, or the schema does not allow a number."""
-        array = self._group[name]
+        array = self._array(name)
         if array.nchunks == 1:
             return self._checked(array, name, slice(0, array.shape[0]))
         values = np.empty(array.shape, array.dtype)
@@ -98,11 +103,11 @@ class Artifact:
 
     def row(self, name: str, index: int) -> NDArray[Any]:
         """Read one index of the first axis. Raises as ``read``."""
-        return self._checked(self._group[name], name, index)
+        return self._checked(self._array(name), name, index)
 
     def _chunks(self, name: str) -> Iterator[tuple[int, NDArray[Any]]]:
         """First row and values of each chunk, so that an error names the damaged one."""
-        array = self._group[name]
+        array = self._array(name)
         # A matrix or vector of fixed size has one chunk.
         for start in range(0, array.shape[0] if array.size else 0, array.chunks[0]):
             yield start, self._checked(array, name, slice(start, start + array.chunks[0]))
@@ -204,39 +209,28 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     return group, _Attributes(attributes, path)
 
 
-def _check_arrays(
-    path: Path,
-    schema: Schema,
-    group: zarr.Group,
-) -> dict[str, int]:
+def _check_arrays(path: Path, schema: Schema, group: zarr.Group) -> dict[str, int]:
     """Check the layout of all arrays; return the size of each axis."""
     sizes: dict[str, int] = {}
     for name, declared in schema.fields.items():
-        if declared.optional and name not in group:
-            continue
-        _check_array(group, name, declared, sizes, lambda what: damaged(path, f"array {what}"))
+        if not declared.optional or name in group:
+            _check_array(path, group, name, declared, sizes)
     return sizes
 
 
-def _check_array(
-    group: zarr.Group,
-    name: str,
-    declared: Field,
-    sizes: dict[str, int],
-    blame: Callable[[str], ArtifactError],
-) -> None:
+def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, sizes: dict[str, int]) -> None:
     def tell(error: Exception) -> ArtifactError:
         unreadable = f"unreadable ({type(error).__name__})"
-        return blame(f"{name!r} is {'missing' if isinstance(error, KeyError) else unreadable}")
+        return damaged(path, f"array {name!r} is {'missing' if isinstance(error, KeyError) else unreadable}")
 
     with reraise_as(tell):
         array = group[name]
-    if not np.can_cast(array.dtype, declared.dtype, "no"):
-        raise blame(f"{name!r} is {array.dtype}, not {declared.dtype}")
+    if not isinstance(array, zarr.Array) or array.dtype != np.dtype(declared.dtype):
+        raise damaged(path, f"array {name!r} is {getattr(array, 'dtype', 'a group')}, not {declared.dtype}")
     try:
         check_shape(declared, array.shape, sizes, name)
     except ValueError as error:
-        raise blame(str(error)) from None
+        raise damaged(path, f"array {error}") from None
     # Zarr reads a missing chunk as zeros, without an error.
     if array.size and (lost := array.nchunks - array.nchunks_initialized):
-        raise blame(f"{name!r} lacks {lost} of {array.nchunks} chunks")
+        raise damaged(path, f"array {name!r} lacks {lost} of {array.nchunks} chunks")

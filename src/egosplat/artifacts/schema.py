@@ -43,7 +43,7 @@ class Values:
         """
         if not values.size or not self.limits(values.dtype):
             return ""
-        most = min(self.most, sizes[self.below] - 1) if self.below in sizes else self.most
+        most = self.most if self.below is None else min(self.most, sizes.get(self.below, math.inf) - 1)
         if not self._are_within(values, most):
             numbers = values.astype(np.float64)
             bad = ~((numbers >= self.least) & (numbers <= most)) & ~(self.nan & np.isnan(numbers))
@@ -115,22 +115,29 @@ class Field:
     """One array of an artifact.
 
     Attributes:
-        dims: name of each axis, or its fixed size. Axes with the same name have the same size within an artifact.
-        dtype: NumPy name of the element type.
+        array: NumPy's name of the element type, then the name of each axis, or its fixed size, as in ``float64 frame 4 4``.
+            Axes with the same name have the same size within an artifact.
         unit: physical unit, or what the numbers count.
+        values: the numbers that it may hold.
         by_row: number of rows (indices of the first axis) in a chunk: ``True`` (one) for arrays that are read frame by
             frame, a number that gives chunks of a few MB for many short rows, ``False`` for all rows.
         optional: whether an artifact may lack it.
-        values: the numbers that it may hold.
     """
 
-    dims: tuple[str | int, ...]
-    dtype: str
+    array: str
     unit: str
     about: str
+    values: Values = FINITE
     by_row: int = False
     optional: bool = False
-    values: Values = FINITE
+
+    @property
+    def dtype(self) -> str:
+        return self.array.split()[0]
+
+    @property
+    def dims(self) -> tuple[str | int, ...]:
+        return tuple(int(word) if word.isdigit() else word for word in self.array.split()[1:])
 
 
 @dataclass(frozen=True)

@@ -25,26 +25,26 @@ from egosplat.artifacts.schema import (
     index_of,
     index_or_none,
 )
+from egosplat.artifacts.tiles import TILES
 
 # ``frames.zarr``: the frames of a recording, and how they lie.
 FRAMES = Schema(
     "frames",
     1,
     {
-        "rgb": Field(("frame", "height", "width", 3), "uint8", "sRGB", "rectified pictures", by_row=True),
-        "valid": Field(("height", "width"), "bool", "-", "pixels inside the lens circle"),
+        "rgb": Field("uint8 frame height width 3", "sRGB", "rectified pictures", by_row=True),
+        "valid": Field("bool height width", "-", "pixels inside the lens circle"),
         "masked": Field(
-            ("frame", "height", "width"),
-            "bool",
+            "bool frame height width",
             "-",
             "valid pixels that a frame's own mask or transparency leaves out",
             by_row=True,
             optional=True,
         ),
-        "timestamp_ns": Field(("frame",), "int64", "ns", "capture time"),
-        "exposure_middle_ns": Field(("frame",), "int64", "ns", "middle of the exposure; poses belong to it"),
-        "train": Field(("frame",), "bool", "-", "frames to train on"),
-        "evaluation": Field(("frame",), "bool", "-", "frames to evaluate on"),
+        "timestamp_ns": Field("int64 frame", "ns", "capture time"),
+        "exposure_middle_ns": Field("int64 frame", "ns", "middle of the exposure; poses belong to it"),
+        "train": Field("bool frame", "-", "frames to train on"),
+        "evaluation": Field("bool frame", "-", "frames to evaluate on"),
     },
 )
 
@@ -71,26 +71,22 @@ ANNOTATIONS = Schema(
     "annotations",
     1,
     {
-        "frame": Field(
-            ("evaluation",), "int64", "index", "index of the evaluation frame in frames.zarr", values=COUNT
-        ),
-        "annotated": Field(("evaluation",), "bool", "-", "whether the frame has an annotation"),
+        "frame": Field("int64 evaluation", "index", "index of the evaluation frame in frames.zarr", COUNT),
+        "annotated": Field("bool evaluation", "-", "whether the frame has an annotation"),
         "instance_map": Field(
-            ("evaluation", "height", "width"),
-            "int32",
+            "int32 evaluation height width",
             "index",
             "index into the instances of the facts, -1 where nothing is annotated",
+            index_or_none("instances"),
             by_row=True,
-            values=index_or_none("instances"),
         ),
         "covered_map": Field(
-            ("evaluation", "layer", "height", "width"),
-            "int32",
+            "int32 evaluation layer height width",
             "index",
             "the same for the instances that others cover in part, whole, in as many layers as they need",
+            index_or_none("instances"),
             by_row=True,
             optional=True,
-            values=index_or_none("instances"),
         ),
     },
 )
@@ -102,15 +98,13 @@ POSES = Schema(
     1,
     {
         "camera_to_world": Field(
-            ("frame", 4, 4), "float64", "m", "OpenCV axes; NaN where not registered", values=POSES_OR_UNKNOWN
+            "float64 frame 4 4", "m", "OpenCV axes; NaN where not registered", POSES_OR_UNKNOWN
         ),
-        "registered": Field(("frame",), "bool", "-", "frames that have a pose"),
-        "intrinsics": Field(
-            (3, 3), "float64", "px", "pinhole matrix, pixel centers at + 0.5", values=PINHOLE
-        ),
-        "up": Field((3,), "float64", "-", "unit vector against gravity, in the world", values=UNIT_VECTOR),
-        "points/xyz": Field(("point", 3), "float64", "m", "points of the scene, in the world"),
-        "points/rgb": Field(("point", 3), "uint8", "sRGB", "their colors"),
+        "registered": Field("bool frame", "-", "frames that have a pose"),
+        "intrinsics": Field("float64 3 3", "px", "pinhole matrix, pixel centers at + 0.5", PINHOLE),
+        "up": Field("float64 3", "-", "unit vector against gravity, in the world", UNIT_VECTOR),
+        "points/xyz": Field("float64 point 3", "m", "points of the scene, in the world"),
+        "points/rgb": Field("uint8 point 3", "sRGB", "their colors"),
     },
 )
 
@@ -126,47 +120,41 @@ TRANSIENT = Schema(
     2,
     {
         "probability": Field(
-            ("frame", "height", "width"),
-            "float16",
+            "float16 frame height width",
             "0..1",
             "the network's probability that the pixel is of something transient, of frames without a pose too",
+            SHARE,
             by_row=True,
-            values=SHARE,
         ),
         "stands_out": Field(
-            ("frame", "height", "width"),
-            "bool",
+            "bool frame height width",
             "-",
             "pixels whose squared difference to the temporary Gaussians after the warm-up exceeds 3.5 medians of their frame; "
             "false in frames without residual_scale",
             by_row=True,
         ),
         "compared": Field(
-            ("height", "width"), "bool", "-", "pixels that stands_out speaks of: inside the lens circle"
+            "bool height width", "-", "pixels that stands_out speaks of: inside the lens circle"
         ),
         "residual_scale": Field(
-            ("frame",),
-            "float32",
+            "float32 frame",
             "squared sRGB in 0..1",
             "median squared difference of the frame to the temporary Gaussians after the warm-up; NaN if it was not measured: "
             "not trained on, or penalty_unit is absolute",
-            values=SCALE_OR_UNKNOWN,
+            SCALE_OR_UNKNOWN,
         ),
         "weights": Field(
-            ("number",), "float32", "-", "the network's tensors, flat, one after the other; facts name them"
+            "float32 number", "-", "the network's tensors, flat, one after the other; facts name them"
         ),
-        "curve/iteration": Field(
-            ("record",), "int64", "iteration", "last iteration of each record", values=COUNT
-        ),
+        "curve/iteration": Field("int64 record", "iteration", "last iteration of each record", COUNT),
         "curve/loss": Field(
-            ("record",), "float64", "-", "mean loss of the iterations since the record before", values=ANY
+            "float64 record", "-", "mean loss of the iterations since the record before", ANY
         ),
         "curve/probability": Field(
-            ("record",),
-            "float64",
+            "float64 record",
             "0..1",
             "mean probability in the same iterations; 0 in the warm-up",
-            values=SHARE_OR_UNKNOWN,
+            SHARE_OR_UNKNOWN,
         ),
     },
 )
@@ -175,19 +163,14 @@ TRANSIENT = Schema(
 # The arrays that instances.zarr has, too.
 LABELED = {
     "labels": Field(
-        ("frame", "level", "height", "width"),
-        "int32",
+        "int32 frame level height width",
         "index",
         "instance that the pixel belongs to at the level, -1 for none; levels as the facts name them",
+        index_or_none("instance"),
         by_row=True,
-        values=index_or_none("instance"),
     ),
     "instances/level": Field(
-        ("instance",),
-        "int8",
-        "index",
-        "level of the instance; it is seen at no other",
-        values=index_of("level"),
+        "int8 instance", "index", "level of the instance; it is seen at no other", index_of("level")
     ),
 }
 
@@ -198,24 +181,20 @@ SEGMENTS = Schema(
     {
         **LABELED,
         "instances/predicted_iou": Field(
-            ("instance",),
-            "float32",
+            "float32 instance",
             "0..1",
             "IoU that SAM2 predicts for the mask that began it; 1 without SAM2",
-            values=FINITE,
+            FINITE,
         ),
         "instances/stability": Field(
-            ("instance",),
-            "float32",
+            "float32 instance",
             "0..1",
             "IoU of that mask cut a little higher and lower; 1 without SAM2",
-            values=SHARE,
+            SHARE,
         ),
-        "instances/first_frame": Field(
-            ("instance",), "int64", "index", "frame whose prompts began it", values=COUNT
-        ),
+        "instances/first_frame": Field("int64 instance", "index", "frame whose prompts began it", COUNT),
         "instances/moving": Field(
-            ("instance",), "bool", "-", "tracked, because the transient network says that it moves"
+            "bool instance", "-", "tracked, because the transient network says that it moves"
         ),
     },
 )
@@ -231,31 +210,28 @@ INSTANCES = Schema(
     {
         **LABELED,
         "instances/parent": Field(
-            ("instance",),
-            "int32",
+            "int32 instance",
             "index",
             "instance of the next coarser level that holds most of it in 3D, -1 for none",
-            values=index_or_none("instance"),
+            index_or_none("instance"),
         ),
         "instances/masks": Field(
-            ("instance",),
-            "int32",
+            "int32 instance",
             "count",
             "masks of segments.zarr that are merged in it; of what moves, the frames that show it; else 1 for a track",
-            values=COUNT,
+            COUNT,
         ),
         "instances/moving": Field(
-            ("instance",), "bool", "-", "a track of segments.zarr of something that moves, not merged in 3D"
+            "bool instance", "-", "a track of segments.zarr of something that moves, not merged in 3D"
         ),
         "gaussians/xyz": Field(
-            ("gaussian", 3), "float32", "m", "centers of the Gaussians that masks are merged on"
+            "float32 gaussian 3", "m", "centers of the Gaussians that masks are merged on"
         ),
         "gaussians/instance": Field(
-            ("gaussian", "level"),
-            "int32",
+            "int32 gaussian level",
             "index",
             "instance that the Gaussian belongs to at the level, -1 for none",
-            values=index_or_none("instance"),
+            index_or_none("instance"),
         ),
     },
 )
@@ -273,27 +249,19 @@ VIEW_FEATURES = Schema(
     1,
     {
         "instance": Field(
-            ("view",),
-            "int32",
+            "int32 view",
             "index",
             "instance in segments.zarr; rows go by instance, then frame",
-            values=index_of("instance"),
+            index_of("instance"),
         ),
-        "frame": Field(
-            ("view",), "int32", "index", "frame in frames.zarr; training frames alone", values=COUNT
-        ),
+        "frame": Field("int32 view", "index", "frame in frames.zarr; training frames alone", COUNT),
         "feature": Field(
-            ("view", "channel"),
-            "float32",
-            "-",
-            "OpenCLIP's of the crop, of unit norm",
-            by_row=2048,
-            values=ANY,
+            "float32 view channel", "-", "OpenCLIP's of the crop, of unit norm", ANY, by_row=2048
         ),
-        "area": Field(("view",), "int32", "px", "pixels of the instance's mask in the frame", values=COUNT),
-        "box": Field(("view", 4), "int32", "px", "x0, y0, x1, y1 around the mask, the ends exclusive"),
+        "area": Field("int32 view", "px", "pixels of the instance's mask in the frame", COUNT),
+        "box": Field("int32 view 4", "px", "x0, y0, x1, y1 around the mask, the ends exclusive"),
         "instances/level": Field(
-            ("instance",), "int8", "index", "level of each instance, views or none", values=index_of("levels")
+            "int8 instance", "index", "level of each instance, views or none", index_of("levels")
         ),
     },
 )
@@ -305,34 +273,22 @@ FEATURES = Schema(
     1,
     {
         "consistent": Field(
-            ("instance", "channel"),
-            "float32",
-            "-",
-            "aggregated over the inlier views; 0 where there is no view",
+            "float32 instance channel", "-", "aggregated over the inlier views; 0 where there is no view"
         ),
-        "views": Field(
-            ("instance",), "int32", "count", "views that were aggregated, outliers among them", values=COUNT
-        ),
-        "instances/level": Field(
-            ("instance",), "int8", "index", "level of each instance", values=index_of("levels")
-        ),
+        "views": Field("int32 instance", "count", "views that were aggregated, outliers among them", COUNT),
+        "instances/level": Field("int8 instance", "index", "level of each instance", index_of("levels")),
         "instance": Field(
-            ("view",),
-            "int32",
-            "index",
-            "instance; the rows of view_features.zarr",
-            values=index_of("instance"),
+            "int32 view", "index", "instance; the rows of view_features.zarr", index_of("instance")
         ),
-        "frame": Field(("view",), "int32", "index", "frame in frames.zarr", values=COUNT),
-        "inlier": Field(("view",), "bool", "-", "views that agree with their instance's median"),
+        "frame": Field("int32 view", "index", "frame in frames.zarr", COUNT),
+        "inlier": Field("bool view", "-", "views that agree with their instance's median"),
         "supervision": Field(
-            ("view", "channel"), "float32", "-", "what the instance means in the frame", by_row=2048
+            "float32 view channel", "-", "what the instance means in the frame", by_row=2048
         ),
-        "code": Field(("view", "code"), "float32", "-", "supervision, compressed", by_row=65536),
-        "consistent_code": Field(("instance", "code"), "float32", "-", "consistent, compressed"),
+        "code": Field("float32 view code", "-", "supervision, compressed", by_row=65536),
+        "consistent_code": Field("float32 instance code", "-", "consistent, compressed"),
         "decoder/values": Field(
-            ("number",),
-            "float32",
+            "float32 number",
             "-",
             "of each layer its (out, in) weights and (out,) biases; the facts name the widths",
         ),
@@ -349,32 +305,26 @@ MASKS = Schema(
     2,
     {
         "refined": Field(
-            ("frame", "height", "width"),
-            "bool",
+            "bool frame height width",
             "-",
             "pixels of a transient instance, of any level that is asked for, where the network calls them transient, "
             "and of regions that the network is sure of for several frames",
             by_row=True,
         ),
         "instances/score": Field(
-            ("instance",),
-            "float32",
+            "float32 instance",
             "0..1",
             "mean probability over all pixels of the instance in the training frames; 0 without any pixel",
-            values=SHARE,
+            SHARE,
         ),
         "instances/stands_out": Field(
-            ("instance",),
-            "float32",
+            "float32 instance",
             "0..1",
             "share of the instance's pixels that stand out (transient.zarr), in training frames where this was measured",
-            values=SHARE,
+            SHARE,
         ),
         "instances/transient": Field(
-            ("instance",),
-            "bool",
-            "-",
-            "transient by score and by what stands out, at a level that is asked for",
+            "bool instance", "-", "transient by score and by what stands out, at a level that is asked for"
         ),
     },
 )
@@ -388,111 +338,82 @@ SPLATS = Schema(
     "splats",
     2,
     {
-        "means": Field(("gaussian", 3), "float32", "m", "centers, in the world of poses.zarr"),
-        "quats": Field(("gaussian", 4), "float32", "-", "rotations to the world, wxyz, of any length but 0"),
-        "log_scales": Field(
-            ("gaussian", 3), "float32", "log m", "natural logarithm of the standard deviations"
-        ),
-        "logit_opacities": Field(("gaussian",), "float32", "logit", "opacity = 1 / (1 + exp(-logit))"),
+        "means": Field("float32 gaussian 3", "m", "centers, in the world of poses.zarr"),
+        "quats": Field("float32 gaussian 4", "-", "rotations to the world, wxyz, of any length but 0"),
+        "log_scales": Field("float32 gaussian 3", "log m", "natural logarithm of the standard deviations"),
+        "logit_opacities": Field("float32 gaussian", "logit", "opacity = 1 / (1 + exp(-logit))"),
         "sh": Field(
-            ("gaussian", "coefficient", 3),
-            "float32",
+            "float32 gaussian coefficient 3",
             "sRGB 0..1",
             "spherical harmonics of the direction from camera to center, 3DGS's order; color = max(sum + 0.5, 0)",
         ),
         "features": Field(
-            ("gaussian", "channel"),
-            "float32",
+            "float32 gaussian channel",
             "-",
             "codes of all levels, side by side, where they were trained with the geometry; else no column",
         ),
-        "curve/iteration": Field(
-            ("record",), "int64", "iteration", "last iteration of each record", values=COUNT
-        ),
+        "curve/iteration": Field("int64 record", "iteration", "last iteration of each record", COUNT),
         "curve/loss": Field(
-            ("record",), "float64", "-", "mean loss of the iterations since the record before", values=ANY
+            "float64 record", "-", "mean loss of the iterations since the record before", ANY
         ),
-        "curve/gaussians": Field(
-            ("record",), "int64", "count", "Gaussians after that iteration", values=COUNT
-        ),
-        "history/iteration": Field(
-            ("evaluation",), "int64", "iteration", "when Gaussians were evaluated", values=COUNT
-        ),
+        "curve/gaussians": Field("int64 record", "count", "Gaussians after that iteration", COUNT),
+        "history/iteration": Field("int64 evaluation", "iteration", "when Gaussians were evaluated", COUNT),
         "history/psnr": Field(
-            ("evaluation",), "float64", "dB", "mean over the held-out frames; NaN without any", values=ANY
+            "float64 evaluation", "dB", "mean over the held-out frames; NaN without any", ANY
         ),
         "history/ssim": Field(
-            ("evaluation",),
-            "float64",
-            "-",
-            "mean over the held-out frames; NaN without any",
-            values=FINITE_OR_UNKNOWN,
+            "float64 evaluation", "-", "mean over the held-out frames; NaN without any", FINITE_OR_UNKNOWN
         ),
-        "held_out/frame": Field(
-            ("frame",), "int64", "index", "held-out frame's index in frames.zarr", values=COUNT
-        ),
-        "held_out/psnr": Field(
-            ("frame",), "float64", "dB", "of the Gaussians stored here, valid pixels only", values=ANY
-        ),
+        "held_out/frame": Field("int64 frame", "index", "held-out frame's index in frames.zarr", COUNT),
+        "held_out/psnr": Field("float64 frame", "dB", "of the Gaussians stored here, valid pixels only", ANY),
         "held_out/ssim": Field(
-            ("frame",),
-            "float64",
-            "-",
-            "the same; NaN where no whole window is valid",
-            values=FINITE_OR_UNKNOWN,
+            "float64 frame", "-", "the same; NaN where no whole window is valid", FINITE_OR_UNKNOWN
         ),
         "held_out/render": Field(
-            ("frame", "height", "width", 3), "uint8", "sRGB", "the held-out frames, rendered", by_row=True
+            "uint8 frame height width 3", "sRGB", "the held-out frames, rendered", by_row=True
         ),
         # Only where poses or exposures are corrected. The scores and renders above are those after correction.
         "held_out/psnr_given": Field(
-            ("frame",), "float64", "dB", "with the poses of poses.zarr and no gain", optional=True, values=ANY
+            "float64 frame", "dB", "with the poses of poses.zarr and no gain", ANY, optional=True
         ),
-        "held_out/ssim_given": Field(
-            ("frame",), "float64", "-", "the same", optional=True, values=FINITE_OR_UNKNOWN
-        ),
+        "held_out/ssim_given": Field("float64 frame", "-", "the same", FINITE_OR_UNKNOWN, optional=True),
         "held_out/render_given": Field(
-            ("frame", "height", "width", 3), "uint8", "sRGB", "the same", by_row=True, optional=True
+            "uint8 frame height width 3", "sRGB", "the same", by_row=True, optional=True
         ),
         "corrections/camera_to_world": Field(
-            ("recorded_frame", 4, 4),
-            "float64",
+            "float64 recorded_frame 4 4",
             "m",
             "poses of all frames after correction, OpenCV axes; NaN where not registered",
+            POSES_OR_UNKNOWN,
             optional=True,
-            values=POSES_OR_UNKNOWN,
         ),
         "corrections/source": Field(
-            ("recorded_frame",),
-            "int8",
+            "int8 recorded_frame",
             "-",
             "0 as in poses.zarr, 1 trained, 2 held out and fitted afterwards, 3 between frames that were trained",
+            Values(least=AS_GIVEN, most=INTERPOLATED),
             optional=True,
-            values=Values(least=AS_GIVEN, most=INTERPOLATED),
         ),
         "corrections/shift": Field(
-            ("recorded_frame", 3),
-            "float64",
+            "float64 recorded_frame 3",
             "m",
             "from the camera's center in poses.zarr to that after correction, in the world",
+            FINITE_OR_UNKNOWN,
             optional=True,
-            values=FINITE_OR_UNKNOWN,
         ),
         "corrections/turn": Field(
-            ("recorded_frame",),
-            "float64",
+            "float64 recorded_frame",
             "deg",
             "angle between the orientations before and after",
+            SCALE_OR_UNKNOWN,
             optional=True,
-            values=SCALE_OR_UNKNOWN,
         ),
         "corrections/gain": Field(
-            ("recorded_frame", 3),
-            "float64",
+            "float64 recorded_frame 3",
             "-",
             "factor of red, green and blue from the Gaussians' render to the frame",
+            SCALE_OR_UNKNOWN,
             optional=True,
-            values=SCALE_OR_UNKNOWN,
         ),
     },
 )
@@ -514,34 +435,27 @@ LANGUAGE = Schema(
     1,
     {
         "code": Field(
-            ("gaussian", "level", "channel"),
-            "float32",
+            "float32 gaussian level channel",
             "-",
             "code, for the artifact's own decoder or that of features.zarr; 0 where the share is 0; levels as the facts name them",
         ),
         "share": Field(
-            ("gaussian", "level"),
-            "float32",
+            "float32 gaussian level",
             "0..1",
             "share of what the Gaussian shows in the training views at which the level has an instance with a code",
-            values=SHARE,
+            SHARE,
         ),
         "decoder/values": Field(
-            ("number",),
-            "float32",
-            "-",
-            "as in features.zarr, of a decoder that the method learns",
-            optional=True,
+            "float32 number", "-", "as in features.zarr, of a decoder that the method learns", optional=True
         ),
         "curve/iteration": Field(
-            ("record",), "int64", "iteration", "last iteration of each record of training", values=COUNT
+            "int64 record", "iteration", "last iteration of each record of training", COUNT
         ),
         "curve/loss": Field(
-            ("record",),
-            "float64",
+            "float64 record",
             "-",
             "mean loss of the iterations since the record before; none if not trained",
-            values=ANY,
+            ANY,
         ),
     },
 )
@@ -554,103 +468,81 @@ HISTORIES = Schema(
     1,
     {
         "carries/instance": Field(
-            ("carry",), "int32", "index", "track in instances.zarr that shows most of it", values=COUNT
+            "int32 carry", "index", "track in instances.zarr that shows most of it", COUNT
         ),
-        "carries/first_frame": Field(
-            ("carry",), "int64", "index", "frame in which it leaves its place", values=COUNT
-        ),
+        "carries/first_frame": Field("int64 carry", "index", "frame in which it leaves its place", COUNT),
         "carries/last_frame": Field(
-            ("carry",),
-            "int64",
-            "index",
-            "frame from which it lies still again, or the last that shows it",
-            values=COUNT,
+            "int64 carry", "index", "frame from which it lies still again, or the last that shows it", COUNT
         ),
         "carries/start": Field(
-            ("carry", 3),
-            "float64",
-            "m",
-            "where it lay before, in the world; NaN if not known",
-            values=FINITE_OR_UNKNOWN,
+            "float64 carry 3", "m", "where it lay before, in the world; NaN if not known", FINITE_OR_UNKNOWN
         ),
         "carries/end": Field(
-            ("carry", 3), "float64", "m", "where it is put down; NaN if not known", values=FINITE_OR_UNKNOWN
+            "float64 carry 3", "m", "where it is put down; NaN if not known", FINITE_OR_UNKNOWN
         ),
         "carries/size": Field(
-            ("carry",), "float64", "m", "side of a square as large as its masks, their median", values=FINITE
+            "float64 carry", "m", "side of a square as large as its masks, their median", FINITE
         ),
-        "carries/best_frame": Field(
-            ("carry",), "int64", "index", "frame that shows most of it", values=COUNT
-        ),
-        "carries/box": Field(
-            ("carry", 4), "int32", "px", "x0, y0, x1, y1 around it there, the ends exclusive"
-        ),
+        "carries/best_frame": Field("int64 carry", "index", "frame that shows most of it", COUNT),
+        "carries/box": Field("int32 carry 4", "px", "x0, y0, x1, y1 around it there, the ends exclusive"),
         "carries/feature": Field(
-            ("carry", "channel"),
-            "float32",
+            "float32 carry channel",
             "-",
             "mean of OpenCLIP's features of its views and of those of carries that look alike, of unit norm; zeros without views",
-            values=ANY,
+            ANY,
         ),
         "carries/thing": Field(
-            ("carry",),
-            "int32",
+            "int32 carry",
             "index",
             "the thing that each carry moves, -1 for none that rests",
-            values=index_or_none("thing"),
+            index_or_none("thing"),
         ),
         "carries/from_rest": Field(
-            ("carry",), "int32", "index", "rest before each carry, -1 for none", values=index_or_none("rest")
+            "int32 carry", "index", "rest before each carry, -1 for none", index_or_none("rest")
         ),
         "carries/to_rest": Field(
-            ("carry",), "int32", "index", "rest after each carry, -1 for none", values=index_or_none("rest")
+            "int32 carry", "index", "rest after each carry, -1 for none", index_or_none("rest")
         ),
-        "rests/thing": Field(("rest",), "int32", "index", "the thing that rests", values=index_of("thing")),
-        "rests/from_frame": Field(
-            ("rest",), "int64", "index", "first frame that shows it there", values=COUNT
-        ),
-        "rests/until_frame": Field(
-            ("rest",), "int64", "index", "last frame that shows it there", values=COUNT
-        ),
+        "rests/thing": Field("int32 rest", "index", "the thing that rests", index_of("thing")),
+        "rests/from_frame": Field("int64 rest", "index", "first frame that shows it there", COUNT),
+        "rests/until_frame": Field("int64 rest", "index", "last frame that shows it there", COUNT),
         "rests/absent_before": Field(
-            ("rest",),
-            "int64",
+            "int64 rest",
             "index",
             "last frame before that shows the place without it, -1 for none",
-            values=Values(least=-1),
+            Values(least=-1),
         ),
         "rests/absent_after": Field(
-            ("rest",),
-            "int64",
+            "int64 rest",
             "index",
             "first frame after that shows the place without it, -1 for none",
-            values=Values(least=-1),
+            Values(least=-1),
         ),
-        "rests/center": Field(
-            ("rest", 3), "float64", "m", "middle of its Gaussians, in the world", values=FINITE
-        ),
-        "rests/size": Field(("rest",), "float64", "m", "as that of its carries, their median", values=FINITE),
+        "rests/center": Field("float64 rest 3", "m", "middle of its Gaussians, in the world", FINITE),
+        "rests/size": Field("float64 rest", "m", "as that of its carries, their median", FINITE),
         "rests/gain": Field(
-            ("rest",),
-            "float32",
+            "float32 rest",
             "0..1",
             "share of the error of the pixels that its Gaussians change, in these frames, which they explain",
-            values=SHARE,
+            SHARE,
         ),
-        "rests/best_frame": Field(("rest",), "int64", "index", "frame that shows most of it", values=COUNT),
-        "rests/box": Field(("rest", 4), "int32", "px", "x0, y0, x1, y1 around it there, the ends exclusive"),
+        "rests/best_frame": Field("int64 rest", "index", "frame that shows most of it", COUNT),
+        "rests/box": Field("int32 rest 4", "px", "x0, y0, x1, y1 around it there, the ends exclusive"),
         "things/feature": Field(
-            ("thing", "channel"),
-            "float32",
+            "float32 thing channel",
             "-",
             "mean of OpenCLIP's features of a thing's rests and carries, of unit norm; zeros without views",
-            values=ANY,
+            ANY,
         ),
-        "gaussians/rest": Field(("gaussian",), "int32", "index", "rest", values=index_of("rest")),
-        "gaussians/means": Field(("gaussian", 3), "float32", "m", "as in splats.zarr"),
-        "gaussians/quats": Field(("gaussian", 4), "float32", "-", "as in splats.zarr"),
-        "gaussians/log_scales": Field(("gaussian", 3), "float32", "log m", "as in splats.zarr"),
-        "gaussians/logit_opacities": Field(("gaussian",), "float32", "logit", "as in splats.zarr"),
-        "gaussians/sh": Field(("gaussian", "coefficient", 3), "float32", "sRGB 0..1", "as in splats.zarr"),
+        "gaussians/rest": Field("int32 gaussian", "index", "rest", index_of("rest")),
+        "gaussians/means": Field("float32 gaussian 3", "m", "as in splats.zarr"),
+        "gaussians/quats": Field("float32 gaussian 4", "-", "as in splats.zarr"),
+        "gaussians/log_scales": Field("float32 gaussian 3", "log m", "as in splats.zarr"),
+        "gaussians/logit_opacities": Field("float32 gaussian", "logit", "as in splats.zarr"),
+        "gaussians/sh": Field("float32 gaussian coefficient 3", "sRGB 0..1", "as in splats.zarr"),
     },
 )
+
+# Every kind of artifact, by name.
+_ALL = (FRAMES, ANNOTATIONS, POSES, TRANSIENT, SEGMENTS, INSTANCES, VIEW_FEATURES, FEATURES, MASKS)
+SCHEMAS: dict[str, Schema] = {schema.name: schema for schema in (*_ALL, SPLATS, TILES, LANGUAGE, HISTORIES)}

@@ -14,11 +14,10 @@ TILES = Schema(
     "tiles",
     1,
     {
-        "frame": Field(("view",), "int32", "index", "training frame in frames.zarr", values=COUNT),
+        "frame": Field("int32 view", "index", "training frame in frames.zarr", COUNT),
         **{
             scale_name(number): Field(
-                ("view", f"row_{number}", f"column_{number}", "channel"),
-                "float16",
+                f"float16 view row_{number} column_{number} channel",
                 "-",
                 "OpenCLIP feature of each tile, of unit norm; 0 without one; the facts have side and stride",
                 by_row=True,
@@ -26,8 +25,7 @@ TILES = Schema(
             for number in range(SCALES)
         },
         "regulariser": Field(
-            ("view", "row", "column", "component"),
-            "float16",
+            "float16 view row column component",
             "-",
             "principal components of the frame's SAM2 map, each channel of variance 1; none if tiles.regulariser is none",
             by_row=True,

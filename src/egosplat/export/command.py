@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, LANGUAGE, SPLATS
 from egosplat.errors import UserError

@@ -10,7 +10,7 @@ import pycolmap
 from numpy.typing import NDArray
 from PIL import Image
 
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, MASKS, POSES, SPLATS, camera_poses, shown_pixels
 from egosplat.export.ply import ply_bytes, point_columns

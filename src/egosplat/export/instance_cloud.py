@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.artifacts.locating import locate, open_histories
+from egosplat.artifacts.lineage import locate, open_histories
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, SPLATS, seconds_of
 from egosplat.errors import UserError

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import INSTANCES, SPLATS
 from egosplat.errors import UserError

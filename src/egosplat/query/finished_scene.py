@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.integrity import digest_of
-from egosplat.artifacts.lineage import Lineage, lineage
-from egosplat.artifacts.locating import open_histories
+from egosplat.artifacts.lineage import Lineage, lineage, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import TRACKS, camera_poses, length_unit, seconds_of
+from egosplat.artifacts.schemas import SCHEMAS, TRACKS, camera_poses, length_unit, seconds_of
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses

@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import LANGUAGE
+from egosplat.artifacts.schemas import LANGUAGE, SCHEMAS
 from egosplat.pipeline.model_sets import DEFAULTS
 from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder

@@ -12,8 +12,7 @@ from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.alarms.table import Alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import length_unit
+from egosplat.artifacts.schemas import SCHEMAS, length_unit
 from egosplat.errors import UserError
 from egosplat.files import write_text
 from egosplat.pipeline.home import make_command

@@ -5,9 +5,9 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from egosplat.artifacts.locating import locate, open_histories
+from egosplat.artifacts.lineage import locate, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES

@@ -9,8 +9,8 @@ from egosplat import files
 from egosplat.artifacts import provenance
 from egosplat.artifacts.integrity import ArtifactError
 from egosplat.artifacts.reader import open_any, verify
-from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.schema import FINITE, SHARE, Values
+from egosplat.artifacts.schemas import SCHEMAS
 from tests.support.scenes import put
 
 NAN, INF = np.nan, np.inf

@@ -10,7 +10,7 @@ import pytest
 from egosplat import files
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import Artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage

@@ -8,8 +8,7 @@ from egosplat import files
 from egosplat.alarms.artifact_alarms import alarms_of
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import POSES
+from egosplat.artifacts.schemas import POSES, SCHEMAS
 from egosplat.gaussians.model import Gaussians
 from egosplat.instances import geometry, stage
 from egosplat.instances.lifted_masks import lift_masks

@@ -12,7 +12,7 @@ from egosplat import cli
 from egosplat.alarms.artifact_alarms import alarms_of, alarms_of_all, log_warnings
 from egosplat.alarms.texts import alarm_line
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice
 from tests.support.scenes import put
 

@@ -17,19 +17,18 @@ from egosplat.artifacts.check import check_tree
 from egosplat.artifacts.integrity import ArtifactError, seal
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
 from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.schemas import FEATURES, POSES, VIEW_FEATURES
+from egosplat.artifacts.schemas import FEATURES, POSES, SCHEMAS, VIEW_FEATURES
 from egosplat.artifacts.writer import create
 
 TINY = Schema(
     "tiny",
     2,
     {
-        "rows": Field(("frame", "height", 3), "uint8", "-", "rows", by_row=True),
-        "flags": Field(("frame",), "bool", "-", "flags"),
-        "points/xyz": Field(("point", 3), "float64", "m", "points"),
-        "feature": Field(("view", 2), "float32", "-", "many short rows", by_row=3),
+        "rows": Field("uint8 frame height 3", "-", "rows", by_row=True),
+        "flags": Field("bool frame", "-", "flags"),
+        "points/xyz": Field("float64 point 3", "m", "points"),
+        "feature": Field("float32 view 2", "-", "many short rows", by_row=3),
     },
 )
 VIEWS = 8
@@ -185,7 +184,7 @@ def test_a_flipped_byte_in_a_chunk_of_several_rows_is_named_by_its_chunk(tmp_pat
 
 def test_an_artifact_may_lack_an_optional_array_and_no_other(tmp_path):
     """Protects artifacts of a stage that has nothing to say about an optional array, and their check for damage."""
-    numbers, path = Field(("n",), "int64", "-", "numbers"), tmp_path / "tiny.zarr"
+    numbers, path = Field("int64 n", "-", "numbers"), tmp_path / "tiny.zarr"
     schema = Schema("tiny", 1, {"a": numbers, "b": replace(numbers, optional=True)})
     with create(path, schema, made()) as artifact:
         artifact.put("a", np.arange(3))

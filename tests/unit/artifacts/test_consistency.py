@@ -13,8 +13,8 @@ from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.pipeline.home import make_command
 
-SOURCE = Schema("source", 1, {"time": Field(("frame",), "int64", "ns", "time")})
-MADE = Schema("made", 1, {"pose": Field((4, "frame"), "int64", "m", "pose")})
+SOURCE = Schema("source", 1, {"time": Field("int64 frame", "ns", "time")})
+MADE = Schema("made", 1, {"pose": Field("int64 4 frame", "m", "pose")})
 
 
 def source(path: Path, *times: int) -> Artifact:

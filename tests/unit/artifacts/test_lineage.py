@@ -6,8 +6,7 @@ import pytest
 
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.reader import open_any, open_artifact
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import LANGUAGE, POSES, SPLATS
+from egosplat.artifacts.schemas import LANGUAGE, POSES, SCHEMAS, SPLATS
 from egosplat.errors import UserError
 
 

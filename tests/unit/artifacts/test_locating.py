@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from egosplat.artifacts.locating import locate
+from egosplat.artifacts.lineage import locate
 from egosplat.errors import UserError
 
 NAMES = ("frames", "splats", "language")

@@ -9,8 +9,7 @@ from benchmarks.instances import broken_tracks
 from benchmarks.segments.video_scores import score_level
 from benchmarks.true_instances import __main__ as true_instances
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import FRAMES
+from egosplat.artifacts.schemas import FRAMES, SCHEMAS
 from tests.support.scenes import put
 
 COUNT, SIZE = 3, 12

@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.viewing import pages
 from benchmarks.viewing.multiplied import multiply
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from tests.support.page_scene import contents_of, put_page_scene, write_page
 
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.features import stage
 from egosplat.features.autoencoder import fit_autoencoder

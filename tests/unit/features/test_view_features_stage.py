@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.features import view_features_stage as stage
 from egosplat.models.checkpoints import CLIP, model_hash

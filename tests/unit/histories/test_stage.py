@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.gaussians.io import STORED, read_gaussians
 from egosplat.gaussians.model import Gaussians

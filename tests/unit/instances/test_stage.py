@@ -6,8 +6,7 @@ import pytest
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import SPLATS
+from egosplat.artifacts.schemas import SCHEMAS, SPLATS
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.instances.lifted_masks import lift_masks

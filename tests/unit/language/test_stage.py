@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.language import dominant, joint, stage
 from egosplat.language.decoder import Decoder, read_scene_decoder

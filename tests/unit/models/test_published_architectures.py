@@ -14,7 +14,7 @@ from safetensors.torch import load_file
 
 from benchmarks.published_models.weights import save_clip, save_encoder, save_sam2
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.compute import choose_compute
 from egosplat.features import view_features_stage
 from egosplat.models.clip import OpenClip

@@ -11,7 +11,7 @@ from typing import get_args
 import pytest
 import yaml
 
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.evaluation.options import recorded_options
 from egosplat.pipeline import config

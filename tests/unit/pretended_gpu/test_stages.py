@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from egosplat.artifacts.reader import Artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.compute import Compute
 from egosplat.gaussians import trainer
 from egosplat.instances import geometry

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.artifacts.tiles import SCALES, scale_name
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize

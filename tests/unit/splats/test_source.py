@@ -12,8 +12,7 @@ import pytest
 import torch
 
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import POSES
+from egosplat.artifacts.schemas import POSES, SCHEMAS
 from egosplat.calibration.gsplat_world import gsplat_world
 from egosplat.errors import UserError
 from egosplat.export.ply import geometry_columns, write_ply

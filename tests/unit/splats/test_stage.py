@@ -13,8 +13,7 @@ import torch
 
 from egosplat.artifacts.kept_frames import frames_for_gaussians
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import FITTED, FRAMES, POSES, TRAINED, camera_poses
+from egosplat.artifacts.schemas import FITTED, FRAMES, POSES, SCHEMAS, TRAINED, camera_poses
 from egosplat.errors import UserError
 from egosplat.gaussians import training_views
 from egosplat.gaussians.io import STORED, read_gaussians

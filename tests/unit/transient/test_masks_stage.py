@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.registry import SCHEMAS
-from egosplat.artifacts.schemas import INSTANCES
+from egosplat.artifacts.schemas import INSTANCES, SCHEMAS
 from egosplat.errors import UserError
 from egosplat.transient import masks_stage
 from tests.support.scenes import put

@@ -8,7 +8,7 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.gaussians import training_views
 from egosplat.transient import stage

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.transient import masks_stage
 from egosplat.transient.sure_regions import find_regions, lasting_masks
 from tests.support.scenes import put

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_inputs
-from egosplat.artifacts.locating import open_histories
+from egosplat.artifacts.lineage import open_histories
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS, SPLATS
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.registry import SCHEMAS
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.drawing import draw_heading, save_figure
 
 # Draws artifacts; returns the figure and a summary for its heading.
