@@ -68,7 +68,7 @@ def run_scene(folder: Path, settings: dict, results: str, words: tuple[str, ...]
         *config,
     )
     found = dict(sorted(digests_below(folder / "results")))
-    answer = call("egosplat", "query", results, *words, "--output", str(folder / "query.png"))
+    answer = call("egosplat", "query", results, *words, "--output", "query.png")
     found["query"] = hashlib.sha256(answer).hexdigest()[:16]
     found["query.png"] = hashlib.sha256((folder / "query.png").read_bytes()).hexdigest()[:16]
     return found
