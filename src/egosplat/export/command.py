@@ -1,5 +1,6 @@
 """Write a finished scene for other programs: ``egosplat export``."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,9 @@ from egosplat.export.page import write_page
 from egosplat.export.ply import code_columns, geometry_columns, write_ply
 from egosplat.export.rerun_recording import export_rerun
 from egosplat.export.spz import write_spz
+from egosplat.files import atomic_file
 from egosplat.gaussians.io import read_gaussians
-from egosplat.histories.told import write_table
+from egosplat.histories.told import Carried
 from egosplat.pipeline.home import make_command
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene
@@ -27,6 +29,12 @@ from egosplat.query.grades.calibration import GUESS
 from egosplat.query.opening import open_scene
 from egosplat.query.options import AskingOptions
 from egosplat.viewing.options import ScenePageOptions
+
+# Seconds since the first frame, and places in the world.
+_COLUMNS = (
+    *("name", "from_s", "until_s", "start_x", "start_y", "start_z", "end_x", "end_y", "end_z"),
+    *("size", "frame"),
+)
 
 _CAMERAS = {"nerfstudio": write_nerfstudio, "colmap": write_colmap}
 
@@ -70,8 +78,22 @@ def export_carries(scene: Scene, output: Path) -> None:
         path = scene.folder / "histories.zarr"
         raise UserError(f"{path}: nothing tells what is carried in this scene. Make it: {make_command(path)}")
     carried = scene.carried()
-    write_table(carried, output)
+    with atomic_file(output) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(_COLUMNS)
+        table.writerows(_cells(*one) for one in carried)
     log(f"{output}: {len(carried)} carries, {sum(bool(name) for name, _ in carried)} with a name")
+
+
+def _cells(name: str, one: Carried) -> list[str]:
+    """A row; a place that is not known is empty."""
+    places = [
+        cell
+        for place, known in ((one.start, one.start_is_known), (one.end, one.end_is_known))
+        for cell in ([f"{value:.6g}" for value in place] if known else [""] * 3)
+    ]
+    times = [f"{value:.3f}" for value in (one.from_s, one.until_s)]
+    return [name, *times, *places, f"{one.size:.6g}", str(one.frame)]
 
 
 def answer_members(scene: Scene, phrase: str) -> Tensor:

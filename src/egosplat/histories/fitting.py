@@ -40,9 +40,9 @@ _HALF = 0.5
 _CHANGED = 0.05
 
 
-def start_points(place: Place, views: Sequence[PlaceView], scene: Scenery, seed: int) -> Gaussians:
+def start_points(place: Place, views: Sequence[PlaceView], scene: Scenery) -> Gaussians:
     """Gaussians in the sphere of a place, with the mean color of the pixels that show them."""
-    draw = np.random.default_rng(seed)
+    draw = np.random.default_rng(scene.seed)
     direction = draw.normal(size=(_POINTS, 3))
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     points = place.center + _WITHIN * place.radius * direction * draw.random((_POINTS, 1)) ** (1 / 3)
@@ -61,31 +61,26 @@ def start_points(place: Place, views: Sequence[PlaceView], scene: Scenery, seed:
         sh_degree=degree,
         feature_channels=0,
         max_points=_POINTS,
-        seed=seed,
+        seed=scene.seed,
         near_plane=scene.settings.near_plane,
     )
     return made.to(scene.gaussians.means.device)
 
 
 def fit(
-    start: Gaussians,
-    views: Sequence[PlaceView],
-    scene: Scenery,
-    radius: float,
-    iterations: int,
-    seed: int,
+    start: Gaussians, views: Sequence[PlaceView], scene: Scenery, radius: float, iterations: int
 ) -> Gaussians:
     """Train Gaussians that explain views on top of the scene; one view an iteration."""
     copies = {name: value.detach().clone() for name, value in start.parameters().items()}
     gaussians = Gaussians(**copies).requires_grad_()
     optimizer = Adam(gaussians, LearningRates(means=_RATE * radius, **_RATES))
-    draw, order = np.random.default_rng(seed), []
+    draw, order = np.random.default_rng(scene.seed), []
     for _ in range(iterations):
         order = order or draw.permutation(len(views)).tolist()
         view = views[order.pop()]
         optimizer.zero_grad()
-        image = view.render(scene, gaussians)
-        loss = l1_ssim(image, view.colors.to(image), view.weight.to(image), _SSIM_LAMBDA)
+        image, weight = view.render(scene, gaussians), torch.from_numpy(view.shown)
+        loss = l1_ssim(image, view.colors.to(image), weight.to(image), _SSIM_LAMBDA)
         (loss + _OPACITY_WEIGHT * gaussians.opacities.mean()).backward()
         optimizer.step(None)
         optimizer.means_lr *= _DECAY

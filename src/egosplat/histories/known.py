@@ -24,14 +24,10 @@ _NOWHERE = np.full(3, np.nan)
 
 
 def read_spans(histories: Artifact, group: str, names: Sequence[str], count: int) -> list[NDArray[np.int64]]:
-    """Read the frames of ``carries`` or ``rests``: where spans begin, where they end, and others.
-
-    Args:
-        names: arrays of the group, those of begin and end first.
-        count: number of frames of the recording.
+    """Read ``names``, arrays of ``carries`` or ``rests`` with frames: those in which spans begin, those in which they end, and others.
 
     Raises:
-        ArtifactError: a frame lies outside of the recording, or a span ends before it begins, as in a file that was edited.
+        ArtifactError: a frame is none of ``count``, or a span ends before it begins, as in a file that was edited.
     """
     frames = {f"{group}/{name}": histories.read(f"{group}/{name}") for name in names}
     for name, values in frames.items():
@@ -75,14 +71,7 @@ class Rests:
 
     @staticmethod
     def read(histories: Artifact, seconds: Array, device: torch.device) -> "Rests":
-        """Read the rests of histories.zarr.
-
-        Args:
-            seconds: (F,) float64 time of each frame since the first.
-
-        Raises:
-            ArtifactError: as ``read_spans``.
-        """
+        """Read the rests of histories.zarr; ``seconds`` (F,) are those of the frames. Raises as ``read_spans``."""
         names = ("from_frame", "until_frame", "absent_before", "absent_after", "best_frame")
         first, last, before, after, best = read_spans(histories, "rests", names, len(seconds))
         absent = np.stack([before, after])
@@ -101,13 +90,10 @@ class Rests:
             np.stack([histories.read(f"carries/{name}") for name in ("thing", "from_rest", "to_rest")]),
         )
 
-    def covers(self, second: float) -> NDArray[np.bool_]:
-        """(R,) bool: the rests at a time."""
-        return (self.from_s <= second) & (second <= self.until_s)
-
     def at(self, second: float) -> Tensor:
         """(M,) int64 indices of the Gaussians that are there at a time."""
-        return torch.from_numpy(np.flatnonzero(self.covers(second)[self.rest])).to(self.feature.device)
+        covers = (self.from_s <= second) & (second <= self.until_s)
+        return torch.from_numpy(np.flatnonzero(covers[self.rest])).to(self.feature.device)
 
 
 class Histories:
@@ -119,15 +105,7 @@ class Histories:
     """
 
     def __init__(self, histories: Artifact, rests: Rests, seconds: Array) -> None:
-        """Read the carries of histories.zarr.
-
-        Args:
-            rests: of the same artifact.
-            seconds: (F,) float64 time of each frame since the first.
-
-        Raises:
-            ArtifactError: as ``read_spans``.
-        """
+        """Read the carries of histories.zarr; ``rests`` are of the same artifact. Raises as ``read_spans``."""
         tracked, things = _read(histories, seconds), {}
         for thing in np.unique(rests.thing).tolist():
             own = np.flatnonzero(rests.links[0] == thing)
@@ -137,7 +115,14 @@ class Histories:
             )
             every = [(row, _between(tracked, rests, row, *sides)) for row, *sides in ends]
             # Two rests at one place, without a carry between them, are one that was not seen for a while.
-            if ways := _ways([one for row, one in every if row >= 0 or not _is_one_place(one)]):
+            if ways := _ways(
+                [
+                    one
+                    for row, one in every
+                    if row >= 0
+                    or not (one.start_is_known and one.end_is_known and meet(one, one.start, one.end))
+                ]
+            ):
                 things[thing] = ways
         self.things = tuple(things.values())
         self.features = rests.feature[list(things)].cpu()
@@ -201,10 +186,6 @@ def _complete(
         yield (-1, -1, rests[0])
     if rests and rests[-1] not in {one[1] for one in rest} and absent[1, rests[-1]]:
         yield (-1, rests[-1], -1)
-
-
-def _is_one_place(one: Carried) -> bool:
-    return one.start_is_known and one.end_is_known and meet(one, one.start, one.end)
 
 
 def _ways(carries: Sequence[Carried]) -> tuple[Carried, ...]:

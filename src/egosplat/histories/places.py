@@ -34,12 +34,14 @@ class Scenery:
     Attributes:
         gaussians: on the device of the renderer.
         sh_degree: degree in use.
+        seed: of all random choices.
         compression: of highlights by the camera, see ``egosplat.gaussians.exposure``; None for 0.
     """
 
     gaussians: Gaussians
     settings: RenderSettings
     sh_degree: int
+    seed: int
     compression: Tensor | None = None
 
 
@@ -85,11 +87,6 @@ class PlaceView:
     def colors(self) -> Tensor:
         """(h, w, 3) float32 in [0, 1]."""
         return torch.from_numpy(self.picture).float() / 255.0
-
-    @property
-    def weight(self) -> Tensor:
-        """(h, w) float32 weight of each pixel."""
-        return torch.from_numpy(self.shown).float()
 
     def with_scene(self, scene: Scenery, more: Gaussians | None) -> Gaussians:
         """The Gaussians of the scene that may be seen here, then more."""

@@ -1,7 +1,7 @@
 """Find the rests at the ends of carries: from when until when Gaussians explain the frames better than the scene alone
 (docs/method.md#rests)."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,11 +109,7 @@ def ends_of(carries: Mapping[str, NDArray], seconds: Array) -> list[End]:
 
 
 def find_rests(
-    ends: Sequence[End],
-    views: Sequence[Sequence[PlaceView]],
-    seconds: Array,
-    scene: Scenery,
-    seed: int,
+    ends: Sequence[End], views: Sequence[Sequence[PlaceView]], seconds: Array, scene: Scenery
 ) -> list[Rest]:
     """Find the rests of all ends of carries, in the order of time; an end at a rest that is known already joins it.
 
@@ -125,7 +121,7 @@ def find_rests(
     for end, seen in track([*zip(ends, views, strict=True)], "learning what rests", unit="end"):
         if any(_holds(one, end.place) and _covers(one, end, seconds) for one in found):
             continue
-        rest = _learn(end, seen, seconds, scene, seed)
+        rest = _learn(end, seen, seconds, scene)
         if rest is None:
             continue
         same = next((number for number, one in enumerate(found) if _are_one(one, rest)), None)
@@ -173,12 +169,14 @@ def _are_one(rest: Rest, other: Rest) -> bool:
     return both >= min(last - first, end - begin) / 2
 
 
-def _learn(end: End, views: Sequence[PlaceView], seconds: Array, scene: Scenery, seed: int) -> Rest | None:
+def _learn(end: End, views: Sequence[PlaceView], seconds: Array, scene: Scenery) -> Rest | None:
     """Learn what lies at the end of a carry, and when; None if nothing does."""
-    beyond = _beyond(end, views, seconds)
+    # Seconds from the end of the carry to each view, away from the carry.
+    sign = 1.0 if end.after else -1.0
+    beyond = np.array([sign * (seconds[view.frame] - end.second) for view in views], np.float64)
     found: Rest | None = None
     for apart in _APART_S:
-        rest = _learn_from(beyond > apart, beyond, end, views, scene, seed)
+        rest = _learn_from(beyond > apart, beyond, end, views, scene)
         if rest is not None and (found is None or rest.evidence > found.evidence):
             found = rest
         if found is not None and seconds[found.frames[1]] - seconds[found.frames[0]] >= _SURE_S:
@@ -187,27 +185,22 @@ def _learn(end: End, views: Sequence[PlaceView], seconds: Array, scene: Scenery,
 
 
 def _learn_from(
-    allowed: NDArray[np.bool_],
-    beyond: Array,
-    end: End,
-    views: Sequence[PlaceView],
-    scene: Scenery,
-    seed: int,
+    allowed: NDArray[np.bool_], beyond: Array, end: End, views: Sequence[PlaceView], scene: Scenery
 ) -> Rest | None:
     """Learn a thing from the first of the allowed views, then from all views that it explains; None if it explains few."""
     first = sorted(np.flatnonzero(allowed), key=lambda number: beyond[number])[:_FIRST_VIEWS]
     if len(first) < _LEAST_VIEWS:
         return None
     some, place = [views[number] for number in first], end.place
-    gaussians = fit(start_points(place, some, scene, seed), some, scene, place.radius, _FIRST_STEPS, seed)
+    gaussians = fit(start_points(place, some, scene), some, scene, place.radius, _FIRST_STEPS)
     shown = _span(beyond, _shares(explained(gaussians, views, scene)))
     if shown.sum() < _LEAST_VIEWS:
         return None
     chosen = [views[number] for number in np.flatnonzero(shown)]
-    gaussians = essential(fit(gaussians, chosen, scene, place.radius, _STEPS, seed), chosen, scene)
+    gaussians = essential(fit(gaussians, chosen, scene, place.radius, _STEPS), chosen, scene)
     if int((gaussians.opacities >= _OPAQUE).sum()) < _LEAST_OPAQUE:
         return None
-    gaussians = fit(gaussians, chosen, scene, place.radius, _LAST_STEPS, seed)
+    gaussians = fit(gaussians, chosen, scene, place.radius, _LAST_STEPS)
     fewer, most, _ = explained(gaussians, chosen, scene).sum(axis=0)
     gain = float(fewer / most) if most > 0 else 0.0
     if gain < _LEAST_GAIN:
@@ -220,12 +213,6 @@ def _absent(views: Sequence[PlaceView], chosen: Sequence[PlaceView]) -> tuple[in
     before = [view.frame for view in views if view.frame < chosen[0].frame]
     after = [view.frame for view in views if view.frame > chosen[-1].frame]
     return max(before, default=-1), min(after, default=-1)
-
-
-def _beyond(end: End, views: Iterable[PlaceView], seconds: Array) -> Array:
-    """(V,) seconds from the end of a carry to each view, away from the carry."""
-    sign = 1.0 if end.after else -1.0
-    return np.array([sign * (seconds[view.frame] - end.second) for view in views], np.float64)
 
 
 def _shares(told: Array) -> Array:

@@ -18,6 +18,15 @@ _EDGE = 0.01
 # Masks are compared at this size [px].
 _COMPARED = 128
 
+# Type of each column of sightings, and shape of a row.
+_COLUMNS = {
+    **dict.fromkeys(("frame", "track", "area"), (np.int64, ())),
+    "edge": (np.float64, ()),
+    **dict.fromkeys(("center", "local"), (np.float64, (3,))),
+    "size": (np.float64, ()),
+    "box": (np.int32, (4,)),
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
@@ -51,8 +60,7 @@ class Sightings:
 
     def take(self, chosen: NDArray) -> "Sightings":
         """Select sightings; ``inside`` stays whole."""
-        names = ("frame", "track", "area", "edge", "center", "local", "size", "box")
-        return Sightings(**{name: getattr(self, name)[chosen] for name in names}, inside=self.inside)
+        return Sightings(**{name: getattr(self, name)[chosen] for name in _COLUMNS}, inside=self.inside)
 
 
 def see_tracks(frames: Ints, is_track: Bools, recording: Recording) -> Sightings:
@@ -80,7 +88,10 @@ def see_tracks(frames: Ints, is_track: Bools, recording: Recording) -> Sightings
             if seen is not None:
                 rows.append((frame, one, *seen))
         inside |= _nested(frame, numbers, masks)
-    return _sightings(rows, inside)
+    columns = zip(*rows, strict=True) if rows else [()] * len(_COLUMNS)
+    kinds = zip(_COLUMNS.items(), columns, strict=True)
+    arrays = {name: np.array(values, kind).reshape(-1, *shape) for (name, (kind, shape)), values in kinds}
+    return Sightings(**arrays, inside=inside)
 
 
 def _see(mask: Bools, surface: Array, edge: Bools, camera: Camera, pose: Array) -> tuple | None:
@@ -110,19 +121,3 @@ def _nested(frame: int, numbers: Ints, masks: list[Bools]) -> dict[tuple[int, in
             pair = frame, int(numbers[small]), int(numbers[large])
             found[pair] = float(common[small, large] / area[small])
     return found
-
-
-def _sightings(rows: list[tuple], inside: dict[tuple[int, int, int], float]) -> Sightings:
-    columns = list(zip(*rows, strict=True)) if rows else [()] * 8
-    frame, number, area, edge, center, local, size, box = columns
-    return Sightings(
-        frame=np.array(frame, np.int64),
-        track=np.array(number, np.int64),
-        area=np.array(area, np.int64),
-        edge=np.array(edge, np.float64),
-        center=np.array(center, np.float64).reshape(-1, 3),
-        local=np.array(local, np.float64).reshape(-1, 3),
-        size=np.array(size, np.float64),
-        box=np.array(box, np.int32).reshape(-1, 4),
-        inside=inside,
-    )

@@ -77,13 +77,13 @@ def run(
     model = {CLIP.config_key: options.clip_model, CLIP.checkpoint_key: options.clip_checkpoint}
     hashes = {CLIP.checkpoint_key: model_hash(CLIP, model)}
     record = provenance.begin_from("histories", options.as_dict(), [*inputs, *masks], hashes)
-    scene = _read_scenery(splats, options.backend)
+    scene = _read_scenery(splats, options)
     recording = _read_recording(frames, poses, instances, splats, masks, scene)
     seen = see_tracks(known_poses(recording.camera_to_world), is_track(instances), recording)
     found, tracks = find_carries(seen, seconds_of(frames)), len(np.unique(seen.track))
     log(f"{len(found)} carries in {tracks} tracks of what moves")
     carries = _carries(found, views)
-    rests, links = _find_rests(carries, frames, recording, scene, options.seed)
+    rests, links = _find_rests(carries, frames, recording, scene)
     looks = _look_at(rests, scene, views, options, lies_on_its_side(frames))
     things, of_carries, features = find_things(rests, looks, links, carries["feature"])
     log(f"{len(rests)} rests of {len(features)} things")
@@ -101,14 +101,14 @@ def run(
 
 
 def _find_rests(
-    carries: Columns, frames: Artifact, recording: Recording, scene: Scenery, seed: int
+    carries: Columns, frames: Artifact, recording: Recording, scene: Scenery
 ) -> tuple[list[Rest], NDArray[np.int32]]:
     """The rests at the ends of carries, and ``link`` between both."""
     seconds, known = seconds_of(frames), known_poses(recording.camera_to_world)
     ends = ends_of(carries, seconds)
     places, training = [end.place for end in ends], known[frames.read("train")[known]]
     views = see_places(places, training, recording, scene)
-    rests = find_rests(ends, views, seconds, scene, seed)
+    rests = find_rests(ends, views, seconds, scene)
     return rests, link(ends, rests, seconds, len(carries["instance"]))
 
 
@@ -123,10 +123,10 @@ def _look_at(
     return [look_at(one, scene, clip, turned) for one in rests]
 
 
-def _read_scenery(splats: Artifact, backend: str) -> Scenery:
-    gaussians = read_gaussians(splats).to(training_device(backend))
-    settings, (_, compression) = read_render_settings(splats, backend), read_exposure(splats)
-    return Scenery(gaussians, settings, splats.facts["sh_degree_in_use"], compression)
+def _read_scenery(splats: Artifact, options: HistoriesOptions) -> Scenery:
+    gaussians = read_gaussians(splats).to(training_device(options.backend))
+    settings, (_, compression) = read_render_settings(splats, options.backend), read_exposure(splats)
+    return Scenery(gaussians, settings, splats.facts["sh_degree_in_use"], options.seed, compression)
 
 
 def _read_recording(

@@ -45,10 +45,9 @@ class Look:
 def find_things(
     rests: Sequence[Rest], looks: Sequence[Look], links: NDArray[np.int32], carried: NDArray[np.float32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
-    """Find which rests and carries are of one thing, by ``group`` and ``match``, with ``features_of`` each thing.
+    """Find the thing of each rest and of each carry by ``group`` and ``match``, with ``features_of`` each thing.
 
     Args:
-        looks: of each rest.
         links: as ``link`` returns them.
         carried: (C, D) feature of each carry; zeros without one.
     """
@@ -108,9 +107,8 @@ def match(
             label[label == other] = one
     numbers, label = np.unique(label, return_inverse=True)
     joined = label.astype(np.int32)
-    return joined[things], np.where(of_carries >= 0, joined[of_carries] if len(numbers) else -1, -1).astype(
-        np.int32
-    )
+    of_both = np.where(of_carries >= 0, joined[of_carries] if len(numbers) else -1, -1)
+    return joined[things], of_both.astype(np.int32)
 
 
 def _are_two(rest: Rest, other: Rest) -> bool:
@@ -136,7 +134,8 @@ def look_at(rest: Rest, scene: Scenery, clip: OpenClip, turned: bool) -> Look:
             square = np.rot90(square, -1) if turned else square
             crops.append(resize(square, wanted.image_size, wanted.interpolation))
     features = encode(clip, np.stack(crops)) if crops else np.zeros((0, channels(clip)), np.float32)
-    return Look(views[best].frame, _box(views[best], masks[best]), _mean(features))
+    mean = unit(features[usable(features)].astype(np.float64).sum(axis=0))
+    return Look(views[best].frame, _box(views[best], masks[best]), mean)
 
 
 def features_of(
@@ -145,25 +144,13 @@ def features_of(
     of_carries: NDArray[np.int32],
     carried: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Describe each thing by the mean of its rests and carries without outliers; a hand or a table is in some of them.
-
-    Args:
-        carried: (C, D) feature of each carry; zeros without one.
-
-    Returns:
-        (T, D) float32 of unit norm; zeros without a feature.
-    """
+    """(T, D) mean feature of each thing's rests and carries without outliers, of unit norm or zeros: a hand is in some of them."""
     every = np.stack([*(look.feature for look in looks), *carried.astype(np.float64)])
     owner = np.concatenate([things, of_carries])
     rows = np.flatnonzero(usable(every) & (owner >= 0))
     rows = rows[np.argsort(owner[rows], kind="stable")]
     count = int(things.max(initial=-1)) + 1
     return unit(aggregate(every[rows], owner[rows], count, *_AGGREGATION).feature).astype(np.float32)
-
-
-def _mean(features: NDArray) -> NDArray[np.float64]:
-    """Mean direction of those of (R, D) features that have one; zeros without."""
-    return unit(features[usable(features)].astype(np.float64).sum(axis=0))
 
 
 def _slices(mask: NDArray[np.bool_]) -> tuple[slice, slice]:

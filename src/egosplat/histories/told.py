@@ -1,15 +1,12 @@
 """Where a thing was, by when it was carried from where to where."""
 
-import csv
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from egosplat.errors import UserError
-from egosplat.files import atomic_file
 from egosplat.geometry import Array
 
 # Two places are one if they are no farther apart than this many sizes of the thing: depth is that of the surface behind it.
@@ -49,12 +46,12 @@ class Carried:
     @property
     def start_is_known(self) -> bool:
         """Whether a frame shows it at rest before."""
-        return _is_known(self.start)
+        return bool(np.isfinite(self.start).all())
 
     @property
     def end_is_known(self) -> bool:
         """Whether a frame shows where it is put down."""
-        return _is_known(self.end)
+        return bool(np.isfinite(self.end).all())
 
     @property
     def told(self) -> str:
@@ -106,7 +103,7 @@ def place_at(history: Sequence[Carried], second: float) -> Place | None:
         return None
     # Both carries show the place.
     places = ([] if last is None else [last.end]) + ([] if following is None else [following.start])
-    known = [one for one in places if _is_known(one)]
+    known = [one for one in places if np.isfinite(one).all()]
     agree = last is None or meet(last, places[0], places[-1])
     position = np.mean(known, axis=0) if known and agree else None
     return Place(position, last and last.until_s, following and following.from_s)
@@ -115,33 +112,3 @@ def place_at(history: Sequence[Carried], second: float) -> Place | None:
 def meet(carry: Carried, one: Array, other: Array) -> bool:
     """Whether two places may be one to a thing of the size of a carried one: so may one that is not known."""
     return not np.linalg.norm(one - other) > APART * carry.size
-
-
-def _is_known(place: Array) -> bool:
-    return bool(np.isfinite(place).all())
-
-
-# Seconds since the first frame, and places in the world.
-_COLUMNS = (
-    *("name", "from_s", "until_s", "start_x", "start_y", "start_z", "end_x", "end_y", "end_z"),
-    *("size", "frame"),
-)
-
-
-def write_table(carried: Iterable[tuple[str, Carried]], output: Path) -> None:
-    """Write a row for each carry with its name."""
-    with atomic_file(output) as scratch, scratch.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(_COLUMNS)
-        table.writerows(_cells(*one) for one in carried)
-
-
-def _cells(name: str, one: Carried) -> list[str]:
-    """A row; a place that is not known is empty."""
-    places = [
-        cell
-        for place, known in ((one.start, one.start_is_known), (one.end, one.end_is_known))
-        for cell in ([f"{value:.6g}" for value in place] if known else [""] * 3)
-    ]
-    times = [f"{value:.3f}" for value in (one.from_s, one.until_s)]
-    return [name, *times, *places, f"{one.size:.6g}", str(one.frame)]

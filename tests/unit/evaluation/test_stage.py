@@ -30,7 +30,7 @@ NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 
 @pytest.fixture
 def scored(tmp_path):
-    """``scored(folder, **keys)``: what the stage writes. One thing is absent, because the defaults' words take longer than all else."""
+    """``scored(folder, **keys)``: what the stage writes, which matches its schema. One thing is absent, because the defaults' words take longer than all else."""
 
     def run(folder, method=None, told=None, histories=None, **keys):
         paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
@@ -38,7 +38,9 @@ def scored(tmp_path):
         output = tmp_path / "metrics.json"
         options = stage.MetricsOptions(**{"negatives": ["basketball"]} | keys)
         stage.run(**paths, output=output, options=options, title="a/scene", method=method, **(told or {}))
-        return json.loads(output.read_text())
+        found = json.loads(output.read_text())
+        Draft202012Validator(schema("metrics")).validate(found)
+        return found
 
     return run
 
@@ -61,7 +63,6 @@ def usual(written):
 
 def test_a_method_and_what_stands_in_for_it_are_told(word_scene, scored, usual):
     found = scored(word_scene(), method="LangSplat")
-    Draft202012Validator(schema("metrics")).validate(found)
     assert found["method"] == "LangSplat" and found["stands_in"] == []
     assert "method" not in usual
 
@@ -85,7 +86,6 @@ def test_codes_from_tiles_are_scored_without_features(word_scene, tmp_path):
     given = {"output": output, "options": options, "title": "a/scene", "method": "LERF"}
     stage.run(**paths, **given, tiles_path=folder / "tiles.zarr")
     found = json.loads(output.read_text())
-    Draft202012Validator(schema("metrics")).validate(found)
     assert found["scores"]["all"]["accuracy"] == 1.0 and "views" not in found["counts"]
     assert found["counts"]["gaussians"] == splats.shape("means")[0] and set(found["artifacts"]) == {
         f"{name}.zarr" for name in (*NAMES, "tiles") if name != "features"
@@ -108,7 +108,6 @@ def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, scored, monk
 
 def test_perfect_codes_score_perfectly(usual):
     found = usual
-    Draft202012Validator(schema("metrics")).validate(found)
     # Couch and cup, in the held-out frame and in the one that was trained on.
     assert [(one["frame"], one["category"]) for one in found["queries"]] == [
         (frame, name) for frame in (1, 2) for name in ("couch", "cup")
@@ -184,7 +183,6 @@ def test_renders_without_corrections_are_scored_beside_those_with(word_scene, sc
     assert "rendering_without_corrections" not in usual
     black = np.zeros((1, 48, 48, 3), np.uint8)
     found = scored(word_scene(corrections={"held_out/render_given": black}))
-    Draft202012Validator(schema("metrics")).validate(found)
     given = found["rendering_without_corrections"]
     assert given["dynamic"]["psnr"] < found["rendering"]["dynamic"]["psnr"] - 10.0
     assert given["all"]["frames"] == found["rendering"]["all"]["frames"] == 1
@@ -217,7 +215,6 @@ def test_where_nothing_rests_scores_are_those_without_time(word_scene, scored, u
     """Frame 1 alone is held out."""
     folder = word_scene()
     found = scored(folder, histories=put_bright(folder, *spans))
-    Draft202012Validator(schema("metrics")).validate(found)
     assert "rendering_without_time" not in usual
     assert found["rendering_without_time"] == found["rendering"] == usual["rendering"]
     assert found["queries"] == usual["queries"] and found["frames"] == usual["frames"]
@@ -254,7 +251,6 @@ def test_a_frame_is_asked_at_its_time(word_scene, frame):
 
 def test_a_scene_without_evaluation_frames_has_no_scores(word_scene, scored):
     found = scored(word_scene(evaluated=()))
-    Draft202012Validator(schema("metrics")).validate(found)
     assert found["queries"] == found["frames"] == [] and found["counts"]["evaluation_frames"] == 0
     assert {name: one["count"] for name, one in found["scores"].items()} == dict.fromkeys(GROUPS, 0)
     assert found["rendering"]["all"] == {"frames": 0, "psnr": None, "ssim": None}
@@ -369,7 +365,6 @@ def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scen
 def test_masks_of_classes_share_the_pixels_of_a_frame(word_scene, scored, usual):
     """Couch and cup fill one half each; what nobody labels would be wrong."""
     thresholded, found = usual, scored(word_scene(), masks="classes")
-    Draft202012Validator(schema("metrics")).validate(found)
     assert "pixel_accuracy" not in thresholded and found["pixel_accuracy"] > 0.9
     assert found["scores"]["all"]["accuracy"] == thresholded["scores"]["all"]["accuracy"]
     by_frame = {}
