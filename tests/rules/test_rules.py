@@ -123,19 +123,6 @@ language: {method: field, iterations: 10, pixels: 50}
     assert set(scored["artifacts"]) == made_from and len(scored["queries"]) > 0
 
 
-def test_masks_that_are_prompted_by_depth_are_made_from_the_shared_gaussians(workdir):
-    config = "segments: {segmenter: sam2, image_size: 128}"
-    run_rules(workdir, ("splats", "prompts", "segments"), config, "variants/gags/segments.zarr")
-    variants = workdir.folder / SCENE / "variants"
-    prompts, segments = (
-        verify(variants / name, SCHEMAS) for name in ("no_masks/prompts.zarr", "gags/segments.zarr")
-    )
-    splats = verify(variants / "no_masks/splats.zarr", SCHEMAS)
-    assert prompts.provenance["inputs"]["splats.zarr"] == splats.digest
-    assert segments.provenance["inputs"]["prompts.zarr"] == prompts.digest
-    assert segments.facts["key_frames"] == np.unique(prompts.read("frame")).tolist()
-
-
 def test_carries_are_found_and_drawn_in_a_finished_scene(workdir):
     """Nothing asks for them where nothing is tracked because it moves; by name, they are made from what is there."""
     run_rules(workdir, ("histories", "carries_sheet"), "{}", "histories.zarr", "carries.png")

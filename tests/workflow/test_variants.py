@@ -25,15 +25,6 @@ def test_a_variant_makes_only_what_its_keys_change(unchanged, target, expected):
     assert unchanged.stale(f"{VARIANT}/{target}") == expected
 
 
-def test_gags_places_its_prompts_on_gaussians_that_need_no_segments(unchanged):
-    """With SAM2, which alone takes prompts. The points lie beside the geometry that all methods share."""
-    config = "segments: {segmenter: sam2, track_moving: never}"
-    masks = {"splats", "prompts", "segments"}
-    assert unchanged.stale(f"{VARIANT}/gags/segments.zarr", config=config) == masks
-    assert unchanged.stale(f"{VARIANT}/no_masks/prompts.zarr", config=config) == {"splats", "prompts"}
-    assert unchanged.stale(f"{VARIANT}/each_frame/segments.zarr", config=config) == {"segments"}
-
-
 METHODS = {"langsplat": "LangSplat", "occam": "Occam's LGS"}
 
 
