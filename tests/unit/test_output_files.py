@@ -92,14 +92,6 @@ def test_a_file_of_another_name_stays_unless_overwrite_is_given(monkeypatch, cap
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_has_a_name_of_its_own(monkeypatch, capfd, tmp_path, command):
-    output = tmp_path / COMMANDS[command][0]
-    output.write_text("notes")
-    status, err = call(monkeypatch, capfd, command, tmp_path, "--output", output)
-    assert status == 2 and str(output) not in err, "it complains of the scene"
-
-
-@pytest.mark.parametrize("command", COMMANDS)
 def test_a_name_with_another_suffix_is_rejected(monkeypatch, capfd, tmp_path, command):
     status, err = call(monkeypatch, capfd, command, tmp_path, "--output", tmp_path / "x.jpg", "--overwrite")
     assert status == 2 and f"{tmp_path / 'x.jpg'}: " in err and Path(COMMANDS[command][0]).suffix[1:] in err

@@ -18,7 +18,7 @@ from egosplat.artifacts.integrity import ArtifactError, seal
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schema import Field, Schema
-from egosplat.artifacts.schemas import FEATURES, POSES, SCHEMAS, VIEW_FEATURES
+from egosplat.artifacts.schemas import POSES, SCHEMAS
 from egosplat.artifacts.writer import create
 
 TINY = Schema(
@@ -166,22 +166,6 @@ def test_a_flipped_byte_is_named_when_it_is_read(tmp_path):
             read()
 
 
-def test_a_flipped_byte_in_a_chunk_of_several_rows_is_named_by_its_chunk(tmp_path):
-    values = write(tmp_path / "a.zarr")["feature"]
-    flip(tmp_path / "a.zarr/feature/c/1/0")
-    artifact = open_artifact(tmp_path / "a.zarr", TINY)
-    for sound in (0, 2, 6, 7):
-        np.testing.assert_array_equal(artifact.row("feature", sound), values[sound])
-    for read in (
-        lambda: artifact.row("feature", 3),
-        lambda: artifact.row("feature", 5),
-        lambda: artifact.read("feature"),
-        lambda: verify(artifact.path, SCHEMAS),
-    ):
-        with pytest.raises(ArtifactError, match="'feature', chunk 1"):
-            read()
-
-
 def test_an_artifact_may_lack_an_optional_array_and_no_other(tmp_path):
     """Protects artifacts of a stage that has nothing to say about an optional array, and their check for damage."""
     numbers, path = Field("int64 n", "-", "numbers"), tmp_path / "tiny.zarr"
@@ -214,27 +198,6 @@ def test_a_chunk_holds_as_many_rows_as_declared(tmp_path, rows, chunks):
     for name in ("whole.zarr", "rows.zarr"):
         assert sum(file.is_file() for file in (tmp_path / name / "feature").glob("c/**/*")) == chunks
         np.testing.assert_array_equal(open_artifact(tmp_path / name, schema).read("feature"), values)
-
-
-@pytest.mark.parametrize(
-    "declared, columns",
-    [
-        (VIEW_FEATURES.fields["feature"], 512),
-        (FEATURES.fields["supervision"], 512),
-        (FEATURES.fields["code"], 16),
-    ],
-)
-def test_view_arrays_are_chunked_in_a_few_megabytes(declared, columns):
-    assert 1e6 < declared.by_row * columns * np.dtype(declared.dtype).itemsize < 1e7
-
-
-@pytest.mark.parametrize("cut", [0, 10])
-def test_a_truncated_chunk_is_named(tmp_path, cut):
-    write(tmp_path / "a.zarr")
-    chunk = tmp_path / "a.zarr/points/xyz/c/0/0"
-    chunk.write_bytes(chunk.read_bytes()[:cut])
-    with pytest.raises(ArtifactError, match="'points/xyz'"):
-        open_artifact(tmp_path / "a.zarr", TINY).read("points/xyz")
 
 
 @pytest.mark.parametrize(
@@ -402,11 +365,3 @@ def test_an_attribute_that_is_missing_is_named(tmp_path, part):
     metadata.write_text(json.dumps(document))
     with pytest.raises(ArtifactError, match=f"a.zarr: its attributes lack '{part}'"):
         getattr(open_artifact(tmp_path / "a.zarr", TINY), part)
-
-
-def test_a_fact_that_is_missing_is_named(tmp_path):
-    write(tmp_path / "a.zarr")
-    artifact = open_artifact(tmp_path / "a.zarr", TINY)
-    with pytest.raises(ArtifactError, match="a.zarr: its attributes lack 'nothing'"):
-        artifact.facts["nothing"]
-    assert artifact.facts.get("nothing") is None

@@ -75,25 +75,6 @@ def test_a_mismatched_view_keeps_its_own_feature(run, feature):
     np.testing.assert_allclose(supervision[kept], mixed[kept], atol=1e-6)
 
 
-def test_mismatched_views_are_averaged_unless_configured(run):
-    views = unit(np.array([[1, 1, 1], [1, 1, 1], [-1, -1, -1]], np.float32))
-    features = run(views, [0] * 3, [0], compression="none", mismatched_views="average")
-    assert features.facts["slipped"] == 0
-
-
-def test_one_instance_alone_has_no_mismatched_views(run):
-    features = run(np.eye(3, dtype=np.float32), [0] * 3, [0], compression="none")
-    assert features.facts["slipped"] == 0
-
-
-def test_without_renormalizing_means_keep_their_length(run, feature):
-    features = run(normalize=False, mad_norm="none", mismatched_views="average")
-    consistent = features.read("consistent")
-    np.testing.assert_allclose(consistent[0], feature[:7].mean(axis=0), atol=1e-6)
-    assert np.linalg.norm(consistent[0]) < 0.95
-    np.testing.assert_allclose(features.read("supervision")[6], (feature[6] + consistent[0]) / 2, atol=1e-6)
-
-
 def test_the_paper_s_reference_value(run):
     """Values 0, 1, 2, 3, 10: the consistent one is 1.5, the average of 10 is 5.75 (docs/method.md#supervision)."""
     feature = np.stack([np.array([0, 1, 2, 3, 10]), np.full(5, 1.0)], axis=1)

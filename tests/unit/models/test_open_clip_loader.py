@@ -12,7 +12,7 @@ from torch import nn
 
 from egosplat.errors import UserError
 from egosplat.models.clip import OpenClip, Preprocessing
-from egosplat.models.open_clip_loader import build_model, load_open_clip, read_description
+from egosplat.models.open_clip_loader import load_open_clip, read_description
 
 
 def load(folder: Path, precision: str = "float32") -> OpenClip:
@@ -66,20 +66,10 @@ def test_the_reduced_vocabulary_is_used(tiny_clip):
     assert tokenizer(["chair chair chair chair chair chair"]).shape == (1, 6)
 
 
-def test_a_name_of_open_clip_is_built_without_its_weights():
-    description = read_description("ViT-B-16", None)["model_cfg"]
-    assert description["vision_cfg"]["patch_size"] == 16 and description["embed_dim"] == 512
-
-
 @pytest.mark.parametrize("model", ["roberta-ViT-B-32", "ViT-B-16-SigLIP"])
 def test_a_model_that_needs_the_hub_is_rejected(model):
     with pytest.raises(UserError, match=f"models.clip_model = '{model}'"):
         read_description(model, None)
-
-
-def test_custom_text_towers_are_built(description):
-    module = build_model("tiny", description["model_cfg"] | {"custom_text": True})
-    assert hasattr(module, "text")
 
 
 @pytest.mark.parametrize(
