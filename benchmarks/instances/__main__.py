@@ -91,7 +91,7 @@ class Scene:
                 "benchmark",
             )
         self.camera = views.camera
-        lifter = MaskLifter(self.gaussians, views, self.segments, self.valid, self.keys)
+        lifter = MaskLifter(self.gaussians, views, self.segments, lambda _: self.valid, self.keys)
         lifted = lifter.lift(tracks.remove)
         self.weight = lifted.weight
         self.whole = len(self.segments.facts["levels"]) - 1

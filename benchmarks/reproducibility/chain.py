@@ -22,7 +22,7 @@ SMALL = {
         "max_gaussians": 8000,
         "evaluate_every": 100,
     },
-    "survey": {"min_view_change_deg": 0, "blur_limit": 0},
+    "survey": {"min_view_change_deg": 0},
 }
 
 _MASKED = ("splats", "language")

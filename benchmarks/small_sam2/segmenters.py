@@ -100,9 +100,9 @@ class ClassicalSegmenter:
             image = reduce_image(rgb, film.valid)
             regions = partition(image)[0]
             if previous is not None:
-                origins = find_origins(previous, image)
-                brought = origins.look_up(masks) & origins.known
-                masks = np.array([_snap(one, origins.known, regions) for one in brought], bool)
+                rows, columns, known = find_origins(previous, image)
+                brought = masks[..., rows, columns] & known
+                masks = np.array([_snap(one, known, regions) for one in brought], bool)
             previous = image
             tracked.append(masks)
         return np.stack(tracked, axis=1)

@@ -18,25 +18,21 @@ def pixel_grid(height: int, width: int) -> Floats:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2).astype(np.float32)
 
 
-def pad(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(h, w) -> the image extended to the right and below to the minimum side of ``find_flow``."""
-    height, width = image.shape
-    missing = max(0, _MIN_SIDE - height), max(0, _MIN_SIDE - width)
-    return np.pad(image, ((0, missing[0]), (0, missing[1])), mode="edge")
-
-
 def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
     """Motion of each pixel of ``source`` to ``target`` by dense inverse search (Kroeger et al. 2016).
 
     Args:
-        source, target: (h, w) uint8, at least 32 pixels per side.
+        source, target: (h, w) uint8.
 
     Returns:
         (h, w, 2) float32, to the right and down [px].
     """
+    height, width = source.shape
+    missing = (0, max(0, _MIN_SIDE - height)), (0, max(0, _MIN_SIDE - width))
     # A used search would start from the flow of the previous images.
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    return search.calc(source, target, None)
+    padded = (np.pad(image, missing, mode="edge") for image in (source, target))
+    return search.calc(*padded, None)[:height, :width]
 
 
 def is_consistent(flow: Floats, reverse: Floats, tolerance: float) -> NDArray[np.bool_]:

@@ -22,7 +22,7 @@ BOTH = {"view_features", "features"}
 FILES = ("common/start", "common/scenes", "common/dag", "rules/features")
 SNAKEFILE = "# Two rules of egosplat.\n" + "".join(f'include: "{name}.smk"\n' for name in FILES)
 UNSURVEYED = (
-    "survey.min_view_change_deg=0 survey.blur_limit=0 splats.masking=none segments.track_moving=never "
+    "survey.min_view_change_deg=0 splats.masking=none segments.track_moving=never "
     "camera.refine_poses=off camera.compensate_exposure=off"
 )
 """Options of a scene without a survey, which would need poses."""

@@ -51,13 +51,6 @@ def survey_that_keeps() -> Callable[..., Path]:
             | {"brightness_stops": 0.1, "compensate_exposure": False},
             "views": {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}
             | {"min_view_change_deg": 3.0, "median_depth_m": 2.0},
-            "sharpness": {
-                "values": [],
-                "scatter": None,
-                "blur_limit": 0.0,
-                "min_difference": None,
-                "dropped": [],
-            },
             "poses": {"source": "device", "registered": 1, "frames": 1, "points": 1},
             "provenance": begin("survey", {}, "synthetic", digests(folder, ["frames"])).record(),
         }

@@ -25,7 +25,7 @@ def frames_for_gaussians(
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
     """``kept_frames`` for the training of Gaussians, with ``masking`` the value of ``splats.masking``.
 
-    A static scene without masks keeps every frame that is not blurred.
+    A static scene without masks keeps every frame.
     """
     return _selected(frames, survey_path, lambda found: frames_of_gaussians(found, masking))
 

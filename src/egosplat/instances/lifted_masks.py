@@ -133,9 +133,8 @@ class MaskLifter:
         gaussians: Gaussians,
         views: Views,
         segments: Artifact,
-        valid: NDArray[np.bool_],
+        shown: Callable[[int], NDArray[np.bool_]],
         keys: InstancesOptions,
-        shown: Callable[[int], NDArray[np.bool_]] | None = None,
     ) -> None:
         """Set up.
 
@@ -143,19 +142,12 @@ class MaskLifter:
             gaussians: those that masks are merged on.
             views: training views at the working size.
             segments: segments artifact.
-            valid: (H, W) bool, pixels that show the scene.
+            shown: returns the (H, W) bool pixels of a frame that show the scene.
             keys: of the stage.
-            shown: returns the (H, W) bool pixels of a frame that show the scene; None: ``valid`` for all.
         """
-        self.shown = shown or (lambda _: valid)
-        self.gaussians, self.views, self.segments, self.keys = (
-            gaussians,
-            views,
-            segments,
-            keys,
-        )
-        self.settings = training_options(keys).render
-        self._pixels = nearest_pixels(valid.shape, views.camera)
+        self.gaussians, self.views, self.segments = gaussians, views, segments
+        self.shown, self.keys, self.settings = shown, keys, training_options(keys).render
+        self._pixels = nearest_pixels(segments.shape("labels")[2:], views.camera)
 
     def labels(self, frame: int) -> Labels:
         """(L, h, w) labels of a frame of segments.zarr at the working size."""

@@ -1,6 +1,6 @@
 """The things of all levels of a scene, on its Gaussians."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,8 @@ from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
-from egosplat.instances.lifted_masks import MaskLifter
+from egosplat.instances.lifted_masks import Labels, MaskLifter
 from egosplat.instances.moving import MovingTracks
-from egosplat.instances.outlines import NamedMasks, keep_outlines
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
 from egosplat.progress import log
@@ -21,7 +20,43 @@ from egosplat.progress import log
 _MOSTLY = 0.5
 """Share of a thing, by weight, from which a thing of the next coarser level holds it."""
 
-Labels = NDArray[np.int32]
+
+@dataclass(frozen=True, eq=False)
+class NamedMasks:
+    """The things that V masks of segments.zarr show.
+
+    Attributes:
+        row: (V,) int64 frame of each mask.
+        instance: (V,) int64 its number in segments.zarr.
+        thing: (V,) int64, -1 for a mask that shows none.
+    """
+
+    row: NDArray[np.int64]
+    instance: NDArray[np.int64]
+    thing: NDArray[np.int64]
+
+    def drawn(self, row: int, labels: Labels) -> Labels:
+        """(L, H, W) thing that each pixel's mask shows in a frame, -1 for none, from its labels in segments.zarr."""
+        mine = self.row == row
+        instance = self.instance[mine]
+        # Label -1 indexes the last entry.
+        table = np.full(int(labels.max(initial=-1)) + 2, -1, np.int32)
+        shown = instance < len(table) - 1
+        table[instance[shown]] = self.thing[mine][shown]
+        return table[labels]
+
+
+def keep_outlines(rendered: Labels, drawn: Labels) -> Labels:
+    """Draw masks over the rendered things of a frame. Where a thing has a mask, its rendering counts nowhere.
+
+    Args:
+        rendered, drawn: (L, H, W) things, -1 for none.
+    """
+    # Thing -1 indexes the last entry.
+    has_mask = np.zeros(int(max(rendered.max(initial=-1), drawn.max(initial=-1))) + 2, bool)
+    has_mask[drawn] = True
+    has_mask[-1] = False
+    return np.where(drawn >= 0, drawn, np.where(has_mask[rendered], np.int32(-1), rendered))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +137,6 @@ def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
     return found
 
 
-def _line(level: str, counts: Mapping[str, int]) -> str:
-    return (
-        f"{counts['things']} {level}s from {counts['masks']} masks; {counts['dropped']} masks and {counts['claimed']} "
-        f"{level}s are left out, because others contradict them"
-    )
-
-
 def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
     """Find the things of all levels.
 
@@ -133,20 +161,23 @@ def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
         some = lifted.select(levels[lifted.instance] == number)
         run = single_masks(some) if keys.source == "masks" else cut_tracks(some, keys)
         thing, counts[name] = find_things(some, run, weight, keys)
-        log(_line(name, counts[name]))
+        log(
+            f"{counts[name]['things']} {name}s from {counts[name]['masks']} masks; {counts[name]['dropped']} masks and "
+            f"{counts[name]['claimed']} {name}s are left out, because others contradict them"
+        )
         held.append(beliefs(some, thing))
         level.append(np.full(held[-1].shape[1], number, np.int8))
         masks.append(np.bincount(thing[thing >= 0], minlength=held[-1].shape[1]))
         first = sum(one.shape[1] for one in held[:-1])
         numbered = np.where(thing >= 0, thing + first, -1)
-        named.append(NamedMasks(lifted.row[some.frame], some.instance, numbered))
+        named.append((lifted.row[some.frame], some.instance, numbered))
     return Scene(
         lifter.gaussians,
         weight,
         held,
         np.concatenate(level),
         np.concatenate(masks).astype(np.int32),
-        NamedMasks.concatenate(named),
+        NamedMasks(*map(np.concatenate, zip(*named, strict=True))),
         lifter.shown,
         lifter.views.camera,
         lifter.settings,

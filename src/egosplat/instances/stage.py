@@ -1,5 +1,6 @@
 """Stage ``instances``: merge the masks of segments.zarr into things that hold in 3D."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,9 @@ from egosplat.gaussians.corrections import resolve_camera
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import given_geometry, train_geometry
 from egosplat.instances.lifted_masks import MaskLifter
-from egosplat.instances.moving import MovingTracks
+from egosplat.instances.moving import MovingTracks, standing_tracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.scene import Scene, find_scene
-from egosplat.instances.standing import standing_tracks
 from egosplat.progress import log, track
 
 # Values of ``source``: the tracks of segments.zarr unchanged, as in the paper; and what follows its prompting.
@@ -80,9 +80,8 @@ def run(
     else:
         gaussians, views, cameras = train_geometry(frames, poses, training, options, output, key)
     valid = frames.read("valid")
-    lifter = MaskLifter(
-        gaussians, views, segments, valid, options, lambda frame: shown_pixels(frames, frame, valid)
-    )
+    shown = partial(shown_pixels, frames, valid=valid)
+    lifter = MaskLifter(gaussians, views, segments, shown, options)
     tracks = MovingTracks(segments, _standing(lifter, MovingTracks(segments), frames))
     scene = find_scene(lifter, tracks)
     rows = np.flatnonzero(kept & poses.read("registered"))

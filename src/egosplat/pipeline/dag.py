@@ -37,8 +37,7 @@ _PAGES_OF_INSTANCES = ("instances_sheet", "crops_sheet", "scene_page")
 
 def leaves_frames_out(config: Config) -> bool:
     """Whether training follows the survey's list of frames."""
-    keys = config["survey"]
-    return keys["min_view_change_deg"] > 0 or keys["blur_limit"] > 0
+    return config["survey"]["min_view_change_deg"] > 0
 
 
 def segments_single_frames(config: Config) -> bool:

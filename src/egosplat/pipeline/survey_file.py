@@ -17,17 +17,12 @@ def read_survey(path: Path) -> Survey:
 
 
 def frames_of_gaussians(survey: Survey, masking: str) -> tuple[list[int], str] | None:
-    """The frames that Gaussians train on, with their digest; None if they train on all.
-
-    Where too little moves to be masked, they train on all frames but the blurred ones.
-    """
+    """The frames that Gaussians train on, with their digest; None if they train on all, where too little moves to be masked."""
     # The number of iterations does not depend on the number of frames, so fewer frames save no time here. Where something is
     # masked, only kept frames have segments and masks; the other frames would show moving objects unmasked.
     if masking != "none" or survey["motion"]["masking"] != "none":
         return survey["views"]["kept"], survey["views"]["digest"]
-    blurred = {one["frame"] for one in survey["sharpness"]["dropped"]}
-    sharp = [frame for frame in range(survey["poses"]["frames"]) if frame not in blurred]
-    return (sharp, digest_of_frames(sharp)) if blurred else None
+    return None
 
 
 def digest_of_frames(kept: Iterable[int]) -> str:

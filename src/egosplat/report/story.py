@@ -99,8 +99,7 @@ def _survey(files: SceneFiles) -> Iterator[str]:
     else:
         what = "Nothing moves" if motion["static"] else f"{motion['share']:.2%} of the picture moves"
         yield f"{what}. From {motion['min_share']:.1%} on, what moves is masked; here it is {network}."
-    left_out, blurred = len(files.survey["views"]["left_out"]), len(files.survey["sharpness"]["dropped"])
-    yield f"{left_out} frames add no new view, and {blurred} are blurred where others are sharp: they train nothing."
+    yield f"{len(files.survey['views']['left_out'])} frames add no new view: they train nothing."
     refined = "are refined" if camera["refine_poses"] else "are kept"
     gains = "is compensated" if camera["compensate_exposure"] else "is left as it is"
     residual = camera["pose_residual_px"]

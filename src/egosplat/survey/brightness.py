@@ -131,8 +131,3 @@ def exposure_curve(pairs: NDArray[np.int64], stops: Array) -> dict[int, float]:
         for chain in chains
         for frame, level in chain.items()
     }
-
-
-def exposure_range(curve: dict[int, float]) -> float | None:
-    """Range that holds 90 % of the frames [stops]; None without any."""
-    return float(np.ptp(np.quantile(list(curve.values()), [0.05, 0.95]))) if curve else None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from egosplat.geometry import Array
-from egosplat.survey.brightness import exposure_curve, exposure_range
+from egosplat.survey.brightness import exposure_curve
 from egosplat.survey.motion import Motion
 
 # Share of the voting pixels that keeps moving from which something moves: still recordings have 0, moving ones at least
@@ -41,12 +41,7 @@ class PoseResidual:
 
 
 def moving_share(share: float | None, fleeting: float | None) -> float | None:
-    """Share of the picture that moves; None if it cannot be told.
-
-    Args:
-        share, fleeting: shares of the voting pixels that keep moving, and that are seen to move once and not again; None if
-            too few pixels can show motion.
-    """
+    """Share of the picture that moves; None if it cannot be told. Arguments: ``Motion.share`` and ``Motion.fleeting``."""
     untold = share is None or fleeting is None or (share < _NO_SHARE and fleeting > _MAX_FLEETING)
     return None if untold else share
 
@@ -77,7 +72,9 @@ def refines_poses(residual: PoseResidual | None) -> bool:
 
 def brightness_range(motion: Motion) -> float | None:
     """Range of the exposure over the recording [stops]; None if unknown."""
-    return exposure_range(exposure_curve(motion.pairs, motion.stops))
+    curve = exposure_curve(motion.pairs, motion.stops)
+    # Of 90 % of the frames.
+    return float(np.ptp(np.quantile(list(curve.values()), [0.05, 0.95]))) if curve else None
 
 
 def compensates_exposure(stops: float | None) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
-from egosplat.optical_flow import find_flow, is_consistent, pad, pixel_grid
+from egosplat.optical_flow import find_flow, is_consistent, pixel_grid
 from egosplat.survey.brightness import Bools, Gray, Light, compare_light, equalize
 from egosplat.survey.rigid import rotation_homography
 
@@ -54,25 +54,22 @@ def match_images(
     valid: Bools,
     intrinsics: Array,
     poses: tuple[Array, Array],
-    second_valid: Bools | None = None,
+    second_valid: Bools,
 ) -> Match:
-    """Match two images.
+    """Match two (h, w) uint8 images, of which (h, w) bool pixels are valid each.
 
     Args:
-        first, second: (h, w) uint8.
-        valid: (h, w) bool, of both, or of the first if there is a ``second_valid``.
         intrinsics: (3, 3) matrix [px].
         poses: (4, 4) camera_to_world of each.
     """
     homography = rotation_homography(intrinsics, *poses)
-    there = valid if second_valid is None else second_valid
     rotated = _warp(second, homography)
     ahead = (pixel_grid(*valid.shape) * homography[2, :2]).sum(axis=2) + homography[2, 2] > 0
-    common = valid & ahead & (_warp(there.astype(np.uint8), homography) > 0)
+    common = valid & ahead & (_warp(second_valid.astype(np.uint8), homography) > 0)
     # The border of the common view is blanked in both images, so that it is an edge without motion.
     first = np.where(common, first, np.uint8(_BLANK))
     aligned = np.where(common, equalize(rotated, first[common], rotated[common]), np.uint8(_BLANK))
-    forward, backward = _flow(first, aligned), _flow(aligned, first)
+    forward, backward = find_flow(first, aligned), find_flow(aligned, first)
     consistent = is_consistent(forward, backward, _MAX_FLOW_ERROR)
     measured = consistent & _eroded(common, _MARGIN)
     # Now that surfaces are matched, their brightness is compared without what only one image shows.
@@ -110,11 +107,6 @@ def sample(image: NDArray, places: NDArray[np.floating]) -> NDArray:
     return cv2.remap(
         image, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-
-
-def _flow(source: Gray, target: Gray) -> Floats:
-    height, width = source.shape
-    return find_flow(pad(source), pad(target))[:height, :width]
 
 
 def _warp(image: Gray, homography: Array) -> Gray:

@@ -163,7 +163,7 @@ def _unit_of(poses: Artifact, registered: Array) -> float:
 
 def _view(camera: Camera, poses: tuple[Array, Array], depth: float, points: Array, unit: float) -> View:
     """The camera of a pair, and the depths of what it shows."""
-    near = views.depth_quantile(views.visible_depths(camera, poses[0], points), _NEAR_QUANTILE)
+    near = views.depth_quantile(camera, poses[0], points, _NEAR_QUANTILE)
     return View(
         intrinsics=camera.matrix,
         position=(invert(poses[0]) @ poses[1])[:3, 3],

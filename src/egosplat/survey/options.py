@@ -18,10 +18,4 @@ class SurveyOptions(Options):
     min_view_change_deg: Annotated[float, Field(ge=0, le=180)] = 3.0
     """Skip a training frame if the camera moved less than this (degrees of rotation plus parallax) since the last
     kept frame. At least one frame per second is kept. Larger is faster and gives fewer views. In a static scene the
-    Gaussians train on all frames, because that takes no longer. 0 keeps all; if blur_limit is 0, too, no survey is
-    needed."""
-
-    blur_limit: Annotated[float, Field(ge=0)] = 4.0
-    """Skip a training frame that is blurred where sharper frames show the same. The limit is a difference of
-    sharpness in units of its scatter between frames with the same view, and never less than what a motion of 1.5
-    pixels during the exposure costs (docs/method.md#sharpness). Larger keeps more blurred frames. 0 keeps all."""
+    Gaussians train on all frames, because that takes no longer. 0 keeps all, and needs no survey."""

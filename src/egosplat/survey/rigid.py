@@ -59,22 +59,6 @@ def rotation_homography(intrinsics: Array, first: Array, second: Array) -> Array
     return intrinsics @ relative @ np.linalg.inv(intrinsics)
 
 
-def max_static_flow(pixels: Array, epipole: Array, min_depth: float) -> Array:
-    """Flow to the second, rotated image of a static point at the minimum depth.
-
-    Args:
-        pixels: (..., 2) in the first image [px].
-        epipole: (3,) homogeneous image of the first camera's center in the second image after rotation [px m].
-        min_depth: smallest depth of static points in the first camera, positive [m].
-
-    Returns:
-        (..., 2) float64 [px]; points further away move by a fraction of it.
-    """
-    # A point at depth z appears at x z + e. Points behind or right before the second camera are not visible.
-    depth = max(min_depth, -epipole[2] / (1.0 - _MIN_DEPTH_RATIO))
-    return (epipole[:2] - epipole[2] * np.asarray(pixels, np.float64)) / (depth + epipole[2])
-
-
 def static_residual(view: View, pixels: Array, flow: NDArray[np.floating], correction: Array) -> Array:
     """Vector from the nearest place where a static point can appear to the target of its flow.
 
@@ -106,8 +90,11 @@ def static_segment(view: View, pixels: Array, correction: Array) -> Array:
     # Flow does not tell how far the camera moved: the length may be as wrong as what is corrected.
     length = np.linalg.norm(position)
     position = position * (1.0 + np.linalg.norm(shift) / max(length, 1e-300))
+    # Homogeneous image of the first camera's center in the second image after rotation: a point at depth z appears at x z + e.
     epipole = -(view.intrinsics * position).sum(axis=1)
-    return max_static_flow(pixels, epipole, view.min_depth)
+    # Points behind or right before the second camera are not visible.
+    depth = max(view.min_depth, -epipole[2] / (1.0 - _MIN_DEPTH_RATIO))
+    return (epipole[:2] - epipole[2] * np.asarray(pixels, np.float64)) / (depth + epipole[2])
 
 
 def turn(intrinsics: Array, pixels: Array, rotation: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Stage ``survey``: decide from frames and poses whether anything moves, which frames are blurred, and which add views."""
+"""Stage ``survey``: decide from frames and poses whether anything moves, and which frames add views."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
+from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.files import write_json
 from egosplat.geometry import Array, Camera
 from egosplat.pipeline.survey_file import Survey, digest_of_frames
@@ -17,10 +17,9 @@ from egosplat.progress import log
 from egosplat.survey import decisions
 from egosplat.survey.motion import Motion, measure_motion
 from egosplat.survey.options import SurveyOptions
-from egosplat.survey.sharpness import Sharpness, Views, find_blurred, measure_all
-from egosplat.survey.views import Bools, choose_views, median_depths
+from egosplat.survey.views import choose_views, median_depths
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 
 
 def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
@@ -29,16 +28,12 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     check_made_from(poses, frames, axes=("frame",))
     record = provenance.begin_from("survey", options.as_dict(), (frames, poses))
     motion = measure_motion(frames, poses)
-    views = _geometry(frames, poses)
-    optional = frames.read("train") & ~frames.read("evaluation")
-    sharpness = find_blurred(measure_all(frames), views, frames.read("train"), optional, options.blur_limit)
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
         "motion": _motion(motion, options.min_moving_share),
         "camera": _camera(motion),
-        "sharpness": _sharpness(sharpness, options.blur_limit),
-        "views": _views(frames, poses, views.depths, sharpness, optional, options.min_view_change_deg),
+        "views": _views(frames, poses, options.min_view_change_deg),
         "poses": _poses(frames, poses),
         "provenance": record.record(),
     }
@@ -77,35 +72,13 @@ def _camera(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _geometry(frames: Artifact, poses: Artifact) -> Views:
+def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any]:
     _, height, width, _ = frames.shape("rgb")
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height)
     camera_to_world, registered = poses.read("camera_to_world"), poses.read("registered")
     depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
-    valid = frames.read("valid")
-    return Views(camera, camera_to_world, depths, lambda frame: shown_pixels(frames, frame, valid))
-
-
-def _sharpness(found: Sharpness, blur_limit: float) -> dict[str, Any]:
-    return {
-        "values": [float(value) if np.isfinite(value) else None for value in found.values],
-        "scatter": found.scatter,
-        "blur_limit": blur_limit,
-        "min_difference": found.min_difference,
-        "dropped": [{"frame": frame, "sharper": others} for frame, others in found.replaced_by.items()],
-    }
-
-
-def _views(
-    frames: Artifact, poses: Artifact, depths: Array, sharpness: Sharpness, optional: Bools, least_deg: float
-) -> dict[str, Any]:
-    sharp = np.ones(len(depths), bool)
-    sharp[list(sharpness.replaced_by)] = False
-    times_ns, registered = frames.read("timestamp_ns"), poses.read("registered")
-    # Among the frames that remain, so that a view is not left to a blurred frame.
-    kept = sharp & choose_views(
-        poses.read("camera_to_world"), depths, times_ns, registered, optional & sharp, least_deg
-    )
+    times_ns, optional = frames.read("timestamp_ns"), frames.read("train") & ~frames.read("evaluation")
+    kept = choose_views(camera_to_world, depths, times_ns, registered, optional, least_deg)
     kept_frames = np.flatnonzero(kept)
     return {
         "kept": kept_frames.tolist(),
@@ -144,10 +117,8 @@ def _log_summary(document: dict[str, Any]) -> None:
         "exposure is compensated": camera["compensate_exposure"],
     }
     log(f"camera: {', '.join(name for name, needed in wanted.items() if needed) or 'needs no correction'}")
-    blurred = len(document["sharpness"]["dropped"])
     log(
-        f"views: {len(views['kept'])} frames kept, {len(views['left_out']) - blurred} dropped for too small a view "
-        f"change, {blurred} because sharper frames show the same"
+        f"views: {len(views['kept'])} frames kept, {len(views['left_out'])} dropped for too small a view change"
     )
 
 

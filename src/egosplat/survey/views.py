@@ -9,12 +9,13 @@ from egosplat.geometry import Array, Camera, invert, rotation_angle, transform
 
 Bools = NDArray[np.bool_]
 Pairs = NDArray[np.int64]
+Times = NDArray[np.int64]
 
 # At least one frame is kept in every such interval: objects move while the head is still.
 MAX_INTERVAL_S = 1.0
 
-_MIN_POINTS = 10
-_MAX_POINTS = 50_000
+# Fewer visible points do not tell a depth; of more, an even subset is used.
+_MIN_POINTS, _MAX_POINTS = 10, 50_000
 
 # Frames of a pair are this far apart, or as far as the next frame, up to a limit.
 _INTERVAL_S, _MAX_INTERVAL_S = 0.2, 1.1
@@ -27,23 +28,11 @@ _REVISIT_S, _MAX_CHANGE_DEG, _MAX_REVISITS = 1.0, 35.0, 24
 _MAX_SEARCHED = 400
 
 
-def visible_depths(camera: Camera, camera_to_world: Array, points: Array) -> Array:
-    """Depths of the points inside the image, ignoring occlusion.
-
-    Args:
-        camera_to_world: (4, 4).
-        points: (P, 3) in the world [m]; of more than 50,000 an even subset is used.
-
-    Returns:
-        (S,) float64 along the camera's axis [m].
-    """
+def depth_quantile(camera: Camera, camera_to_world: Array, points: Array, share: float) -> float | None:
+    """Quantile of the depths of the (P, 3) points inside an image, ignoring occlusion [m]; None for fewer than 10."""
     subset = points[:: math.ceil(len(points) / _MAX_POINTS)] if len(points) > _MAX_POINTS else points
     in_camera = transform(invert(camera_to_world), subset)
-    return in_camera[camera.contains(camera.project(in_camera)), 2]
-
-
-def depth_quantile(depths: Array, share: float) -> float | None:
-    """Quantile of depths [m]; None for fewer than 10 depths."""
+    depths = in_camera[camera.contains(camera.project(in_camera)), 2]
     return float(np.quantile(depths, share)) if len(depths) >= _MIN_POINTS else None
 
 
@@ -51,7 +40,7 @@ def median_depths(camera: Camera, camera_to_world: Array, registered: Bools, poi
     """(F,) float64 median depth of the visible points of each frame [m]; NaN without a pose or enough points."""
     depths = np.full(len(registered), np.nan)
     for frame in np.flatnonzero(registered):
-        median = depth_quantile(visible_depths(camera, camera_to_world[frame], points), 0.5)
+        median = depth_quantile(camera, camera_to_world[frame], points, 0.5)
         depths[frame] = np.nan if median is None else median
     return depths
 
@@ -62,9 +51,6 @@ def view_change(first: Array, second: Array, depth: float | Array) -> Array:
     Args:
         first, second: (..., 4, 4) camera_to_world, of shapes that broadcast.
         depth: number or (...), positive; inf counts the rotation only [m].
-
-    Returns:
-        (...) float64.
     """
     # A sum is an upper bound: rotation and parallax may partly cancel.
     relative = invert(first) @ second
@@ -75,7 +61,7 @@ def view_change(first: Array, second: Array, depth: float | Array) -> Array:
 def choose_views(
     camera_to_world: Array,
     depths: Array,
-    times_ns: NDArray[np.int64],
+    times_ns: Times,
     registered: Bools,
     optional: Bools,
     min_change_deg: float,
@@ -86,8 +72,7 @@ def choose_views(
         camera_to_world: (F, 4, 4) float64.
         depths: (F,) float64 of the scene [m]; NaN if unknown.
         times_ns: (F,) int64, increasing.
-        registered: (F,) bool.
-        optional: (F,) bool: frames that may be dropped.
+        registered, optional: (F,) bool: frames with a pose, and frames that may be dropped.
         min_change_deg: 0 keeps all frames.
 
     Returns:
@@ -108,16 +93,8 @@ def choose_views(
     return kept
 
 
-def choose_pairs(times_ns: NDArray[np.int64], registered: Bools) -> Pairs:
-    """Choose pairs of registered frames a short time apart, in runs that are spread evenly over the recording.
-
-    Args:
-        times_ns: (F,) int64, increasing.
-        registered: (F,) bool.
-
-    Returns:
-        (P, 2) int64, ordered by the first frame.
-    """
+def choose_pairs(times_ns: Times, registered: Bools) -> Pairs:
+    """(P, 2) int64 pairs of registered frames a short time apart, by the first, in runs evenly over the recording."""
     known = np.flatnonzero(registered)
     # Half a millisecond of tolerance: a camera's clock is not exact.
     later = np.searchsorted(times_ns[known], times_ns[known] + round((_INTERVAL_S - 5e-4) * 1e9))
@@ -127,10 +104,10 @@ def choose_pairs(times_ns: NDArray[np.int64], registered: Bools) -> Pairs:
     if len(pairs) <= _MAX_PAIRS:
         return pairs
     runs = _MAX_PAIRS // _RUN
-    follower = {int(one): row for row, one in enumerate(pairs[:, 0])}
+    follower = {int(frame): row for row, frame in enumerate(pairs[:, 0])}
     chosen: set[int] = set()
-    for part in range(runs):
-        row: int | None = len(pairs) * part // runs
+    for run in range(runs):
+        row: int | None = len(pairs) * run // runs
         for _ in range(_RUN):
             if row is None:
                 break
@@ -140,19 +117,13 @@ def choose_pairs(times_ns: NDArray[np.int64], registered: Bools) -> Pairs:
 
 
 def choose_revisits(
-    camera_to_world: Array, depths: Array, times_ns: NDArray[np.int64], registered: Bools, limit: int
+    camera_to_world: Array, depths: Array, times_ns: Times, registered: Bools, limit: int
 ) -> Pairs:
-    """Choose pairs of frames that show nearly the same at least a second apart, spread evenly over the recording.
+    """(R, 2) int64 pairs of frames that show nearly the same at least a second apart, by the first, spread evenly.
 
     Args:
-        camera_to_world: (F, 4, 4) float64.
-        depths: (F,) float64 of the scene [m]; NaN if unknown.
-        times_ns: (F,) int64, increasing.
-        registered: (F,) bool.
+        camera_to_world, depths, times_ns, registered: as for ``choose_views``.
         limit: largest number of pairs; never more than 24.
-
-    Returns:
-        (P, 2) int64, ordered by the first frame.
     """
     known = np.flatnonzero(registered & np.isfinite(depths))
     known = known[:: max(1, -(-len(known) // _MAX_SEARCHED))]

@@ -1,8 +1,7 @@
 """Stage ``masks``: select the transient instances (the paper's set D) and mask their pixels in each frame."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,10 +95,7 @@ def run(
         UserError: the inputs do not belong together.
     """
     frames = open_artifact(frames_path, FRAMES)
-    transient, instances = (
-        open_artifact(transient_path, TRANSIENT),
-        open_artifact(instances_path, INSTANCES),
-    )
+    transient, instances = open_artifact(transient_path, TRANSIENT), open_artifact(instances_path, INSTANCES)
     for artifact in (transient, instances):
         check_made_from(artifact, frames, axes=("frame", "height", "width"))
     record = provenance.begin_from("masks", options.as_dict(), (frames, transient, instances))
@@ -109,7 +105,8 @@ def run(
     rows = np.flatnonzero(frames.read("train"))
     found = _find(frames, transient, instances, rows)
     level, tracks = instances.read("instances/level"), is_track(instances)
-    called = _called(found, level, levels, options)
+    scores, pixels = found.by_probability.scores, found.by_probability.pixels
+    called = transient_instances(scores, pixels, level, options.threshold, levels)
     chosen, facts = _choose(found, called, np.isin(level, sorted(levels)), options)
     # Masks that are merged cover the same surfaces in several views: they stand still.
     chosen &= tracks
@@ -119,7 +116,7 @@ def run(
         still = stands_still(tracks, instances.read("instances/masks"), static)
         regions = _find_regions(frames, transient, instances, still, called, rows, options.sure_probability)
     with create(output, MASKS, record) as artifact:
-        artifact.put("instances/score", found.by_probability.scores.astype(np.float32))
+        artifact.put("instances/score", scores.astype(np.float32))
         artifact.put("instances/stands_out", found.outstanding.scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
         share, by_regions = _put_refined(artifact, frames, transient, instances, chosen, regions, options)
@@ -138,8 +135,7 @@ def run(
     )
 
 
-@dataclass(frozen=True)
-class _Found:
+class _Found(NamedTuple):
     """What the training frames say of the instances: their mean probability, and the share that stands out."""
 
     by_probability: InstanceScores
@@ -167,14 +163,6 @@ def _find(frames: Artifact, transient: Artifact, instances: Artifact, rows: NDAr
         if measured[frame]:
             outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
     return _Found(by_probability, outstanding, total / max(len(rows), 1))
-
-
-def _called(
-    found: _Found, level: NDArray[np.int8], levels: set[int], options: MasksOptions
-) -> NDArray[np.bool_]:
-    """(N,) the instances that the network calls transient."""
-    scores, pixels = found.by_probability.scores, found.by_probability.pixels
-    return transient_instances(scores, pixels, level, options.threshold, levels)
 
 
 def _choose(

@@ -12,7 +12,6 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.kept_frames import kept_frames
-from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, TRANSIENT, lies_on_its_side
 from egosplat.artifacts.writer import Writer, create
@@ -30,7 +29,7 @@ from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.transient.network import TransientNet, make_network
-from egosplat.transient.objective import InitialObjective, InitialOptions
+from egosplat.transient.objective import InitialObjective
 from egosplat.transient.options import TransientOptions
 
 
@@ -59,7 +58,8 @@ def run(
     kept, by_survey = kept_frames(frames, survey_path)
     weights = None if options.encoder_weights is None else expand_home(options.encoder_weights)
     net = make_network(options.input_size, lies_on_its_side(frames), weights, options.seed)
-    record = _begin(options.as_dict() | by_survey, frames, poses, weights)
+    models = {} if weights is None else {"encoder_weights": content_hash(weights)[:16]}
+    record = provenance.begin_from("transient", options.as_dict() | by_survey, (frames, poses), models)
     view_sets = _view_sets(frames, poses, kept, options.resolution, training_device(options.backend))
     views = view_sets.training
     start = starting_gaussians(
@@ -71,7 +71,7 @@ def run(
         near_plane=options.near_plane,
         seed=options.seed,
     )
-    objective = InitialObjective(net, initial_options(options), views.device)
+    objective = InitialObjective(net, options, views.device)
     training = training_options(options)
     near_plane = options.near_plane
     extent = scene_extent(views.camera_to_world, near_plane)
@@ -117,23 +117,6 @@ def training_options(options: TransientOptions) -> TrainingOptions:
         prune_screen_px=options.prune_screen_px,
         cuts_schedule=options.schedule == "cut",
     )
-
-
-def initial_options(options: TransientOptions) -> InitialOptions:
-    """Return the training options of the network."""
-    return InitialOptions(
-        iterations=options.iterations,
-        warmup=round(options.warmup * options.iterations),
-        transient_penalty=options.transient_penalty,
-        penalty_unit=options.penalty_unit,
-        residual=options.residual,
-        lr=options.lr,
-    )
-
-
-def _begin(keys: dict[str, Any], frames: Artifact, poses: Artifact, weights: Path | None) -> Provenance:
-    models = {} if weights is None else {"encoder_weights": content_hash(weights)[:16]}
-    return provenance.begin_from("transient", keys, (frames, poses), models)
 
 
 def _view_sets(

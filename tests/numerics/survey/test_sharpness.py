@@ -1,12 +1,10 @@
-"""Sharpness of frames: black, white, noise alone, blurred beyond recognition, and the frames that it drops."""
+"""Sharpness of frames: black, white, noise alone, blurred beyond recognition."""
 
 import cv2
 import numpy as np
 import pytest
 
-from egosplat.geometry import Camera
 from egosplat.images import measure_sharpness
-from egosplat.survey.sharpness import Views, find_blurred
 
 RNG = np.random.default_rng(0)
 EDGES = np.where(cv2.GaussianBlur(RNG.normal(size=(96, 96)), (0, 0), 3) > 0, 150.0, 60.0)
@@ -39,19 +37,3 @@ def test_pictures_without_detail():
     assert np.isfinite(sharpness(RNG.normal(128, 60, (96, 96))))
     # Only the contrast of the coarse edges remains.
     assert np.log(0.01) <= sharpness(cv2.GaussianBlur(EDGES, (0, 0), 3)) < sharpness(EDGES) - 3
-
-
-@pytest.mark.numerics(
-    "recordings of 1 and 6 frames in which all are black, all equally blurred, or all but one black",
-    outside="no frame is dropped",
-)
-@pytest.mark.parametrize("values", [[np.nan], [1.0], [np.nan] * 6, [-4.6] * 6, [np.nan] * 5 + [2.0]])
-@pytest.mark.parametrize("depth", [np.nan, 1e-9, 2.0, 1e9, np.inf])
-def test_recordings_in_which_none_is_sharper(values, depth):
-    count = len(values)
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    valid = np.ones((8, 8), bool)
-    views = Views(Camera(8, 8, 4.0, 4.0, 4.0, 4.0), poses, np.full(count, depth), lambda _: valid)
-    every = np.ones(count, bool)
-    found = find_blurred(np.array(values), views, every, every, 4.0)
-    assert not found.replaced_by and found.scatter in (None, 0.0)

@@ -9,11 +9,11 @@ import torch
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.transient.network import make_network
-from egosplat.transient.objective import InitialObjective, InitialOptions
-from egosplat.transient.residual_scale import LEAST_SCALE, ResidualScale
+from egosplat.transient.objective import LEAST_SCALE, InitialObjective, ResidualScale
+from egosplat.transient.options import TransientOptions
 
 SIZE = 32
-OPTIONS = InitialOptions(
+OPTIONS = TransientOptions(
     iterations=40, warmup=0, transient_penalty=0.004, penalty_unit="absolute", residual="mean", lr=3e-3
 )
 
@@ -30,9 +30,7 @@ def views() -> Views:
 
 
 def objective(**changes: object) -> InitialObjective:
-    return InitialObjective(
-        make_network(64, False, None, 0), replace(OPTIONS, **changes), torch.device("cpu")
-    )
+    return InitialObjective(make_network(64, False, None, 0), OPTIONS.change(**changes), torch.device("cpu"))
 
 
 def trained(one: InitialObjective, views: Views, offset: float, steps: int) -> list[float]:

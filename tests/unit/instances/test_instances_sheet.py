@@ -65,23 +65,6 @@ def test_crops_show_the_mask_that_holds_most_of_an_instance_and_the_instance(sce
     plt.close("all")
 
 
-def test_the_most_changed_instance_is_shown_beside_the_largest(scene):
-    """Of two squares with the same number of Gaussians, and a larger one, that whose masks were cut."""
-    folder = scene(**{"instances/first_frame": np.arange(FRAMES) // 2 * 2})
-    find(folder, "merged", "masks")
-    segments = open_artifact(folder / "segments.zarr", SEGMENTS)
-    instances = open_artifact(folder / "merged.zarr", INSTANCES)
-    kept = instances_sheet.shown_in(segments, instances)
-    assert set(kept) == {0, 1} and min(np.mean([*ious.values()]) for ious in kept.values()) > 0.9
-    for changed in (1, 2):
-        ious = {0: 0.1, 1: 0.8, 2: 0.8, changed: 0.3}
-        shown = {one: {0: iou} for one, iou in ious.items()}
-        owners = np.repeat([0, 1, 2, -1], [9, 5, 4, 7])[:, None]
-        few = {"gaussians/instance": owners}
-        chosen = instances_sheet.largest_and_most_changed(type("Some", (), {"read": few.get})(), shown)
-        assert chosen == [0, changed]
-
-
 def test_instances_of_other_frames_are_rejected(scene):
     folder = scene()
     inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments")]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from egosplat.instances.outlines import NamedMasks, keep_outlines
+from egosplat.instances.scene import NamedMasks, keep_outlines
 
 
 def labels(*rows: list[int]) -> np.ndarray:
@@ -18,20 +18,7 @@ def test_a_mask_takes_the_name_of_its_thing_in_its_own_frame():
     assert named.drawn(1, labels([7, 2, -1, 5])).tolist() == [[[-1, -1, -1, -1]]]
 
 
-def test_a_frame_without_labels_draws_nothing():
-    named = NamedMasks(np.array([0]), np.array([7]), np.array([1]))
-    assert named.drawn(0, labels([-1, -1])).tolist() == [[[-1, -1]]]
-
-
 def test_a_mask_replaces_the_rendering_of_its_thing_and_of_what_it_covers():
     rendered, drawn = labels([0, 0, 0, 1, 1, 2]), labels([-1, 0, 0, 0, -1, -1])
     # Thing 0 ends where its mask ends; 1 and 2 have no mask, and stay where 0 is not.
     assert keep_outlines(rendered, drawn).tolist() == [[[-1, 0, 0, 0, 1, 2]]]
-
-
-def test_without_masks_things_stay_as_they_are_rendered():
-    rendered = labels([0, -1, 3])
-    assert np.array_equal(keep_outlines(rendered, np.full_like(rendered, -1)), rendered)
-    nothing = np.full_like(rendered, -1)
-    assert np.array_equal(keep_outlines(nothing, nothing), nothing)
-    assert np.array_equal(keep_outlines(nothing, rendered), rendered)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.instances.standing import standing_tracks
+from egosplat.instances.moving import standing_tracks
 from tests.unit.instances.conftest import lifted, options
 
 WALL = list(range(40))

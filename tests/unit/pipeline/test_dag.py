@@ -30,17 +30,16 @@ from egosplat.pipeline.variants import reaches, variant_config
 BASE = defaults()
 METHODS = section_keys("language")["method"]["enum"]
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
-EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}} | OFF)
+EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
 SINGLE_FRAMES = merge(EVERY_FRAME, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
 TRACKS = merge(EVERY_FRAME, {"segments": {"prompting": "initial_frame"}})
 
 
-def survey(masking, blurred=()):
+def survey(masking):
     """The parts of a survey that decide something."""
     return {
         "motion": {"masking": masking},
         "camera": {"refine_poses": True, "compensate_exposure": False},
-        "sharpness": {"dropped": [{"frame": frame} for frame in blurred]},
         "views": {"kept": [0, 1], "digest": "of-kept-frames"},
         "poses": {"frames": 4},
     }
@@ -173,12 +172,6 @@ def test_gaussians_train_on_all_frames_where_nothing_is_masked(stage, keys, foun
     """Protects the parameter that reruns a rule when its training frames change."""
     assert training_frames(stage, merge(BASE, keys), survey(found)) == expected
     assert training_frames(stage, merge(EVERY_FRAME, keys), survey(found)) == ALL_FRAMES
-
-
-def test_gaussians_train_on_no_blurred_frame_where_nothing_is_masked():
-    """Protects the parameter that reruns splats when another frame counts as blurred."""
-    blurred = [training_frames("splats", BASE, survey("none", frames)) for frames in ([1], [1, 3])]
-    assert len({*blurred, ALL_FRAMES, "of-kept-frames"}) == 4
 
 
 @pytest.mark.parametrize(

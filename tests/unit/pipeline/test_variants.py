@@ -46,7 +46,7 @@ def test_codes_trained_with_the_geometry_tie_it_to_the_features():
 
 
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
-ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0, "blur_limit": 0}} | OFF)
+ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
 
 
 @pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])

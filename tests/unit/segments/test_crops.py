@@ -45,11 +45,6 @@ def test_crops_cover_the_frame_and_overlap(per_side):
     assert len({(crop.bottom - crop.top, crop.right - crop.left) for crop in found}) == 1
 
 
-def test_one_crop_is_the_frame():
-    """A grid of one crop is the frame itself."""
-    assert crops_of(30, 50, 1) == [Crop(0, 0, 30, 50)]
-
-
 def test_a_mask_lands_at_its_place_in_the_frame():
     """A disc in a crop of a frame that is not square covers the same pixels on the canvas."""
     crop, canvas = Crop(12, 20, 44, 60), 128
@@ -88,15 +83,6 @@ def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
     merged = crops._merge(candidates(coarse), candidates(fine), 40, SegmentsOptions())
     assert len(merged) == 2
     assert torch.equal(merged.masks[0], torch.from_numpy(fine[0]))
-
-
-def test_crops_without_masks_leave_those_of_the_frame():
-    """If no mask of a crop is good enough, the frame's masks are as they were, on the larger canvas."""
-    coarse = np.zeros((1, 20, 20), bool)
-    coarse[0, 4:8, 4:8] = True
-    none = candidates(np.zeros((0, 40, 40), bool))
-    merged = crops._merge(candidates(coarse), none, 40, SegmentsOptions())
-    assert len(merged) == 1 and merged.masks[0].float().mean() == pytest.approx(16 / 400, rel=0.2)
 
 
 def test_a_sample_of_cells_excludes_no_mask_that_is_used(sam2, monkeypatch):

@@ -17,7 +17,7 @@ from egosplat.segments.instances import Video
 from egosplat.segments.label_maps import DamagedLabels, LabelMaps
 from egosplat.segments.nms import intersections
 from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter, SegmentsOptions
-from egosplat.segments.prompts import drop_covered, filter_masks, grid_points, prompt
+from egosplat.segments.prompts import grid_points, prompt
 from egosplat.segments.propagation import Group, restart
 from egosplat.segments.tracker import Tracker
 
@@ -139,16 +139,6 @@ def test_the_number_of_tracked_instances_is_limited(sam2, images):
             assert sum(one.level == level for one in segmented.instances) <= most
 
 
-def test_batches_do_not_change_what_is_found(sam2, images, monkeypatch):
-    monkeypatch.setattr(tracking, "BATCH", 1)
-    one, _ = tracked(sam2, images)
-    monkeypatch.setattr(tracking, "BATCH", 4)
-    four, _ = tracked(sam2, images)
-    assert one.instances == four.instances
-    differing = [(one.labels[frame] != four.labels[frame]).mean() for frame in range(FRAMES)]
-    assert max(differing) < 0.01, "rounding decides single pixels at most"
-
-
 KILLED = OPTIONS.change(lost_track_stride=2)
 
 
@@ -220,12 +210,6 @@ def test_no_masks_give_no_instance(sam2, images, monkeypatch):
     assert all((segmented.labels[frame] == -1).all() for frame in range(FRAMES))
 
 
-def test_grid_points_are_cell_centers_row_by_row():
-    points = grid_points(2)
-    assert points.tolist() == [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]]
-    assert len(grid_points(32)) == 1024
-
-
 def test_masks_do_not_depend_on_how_many_points_share_a_batch(sam2, images, monkeypatch):
     with sam2.compute.inference():
         encoded = encode(sam2, images[0])
@@ -236,22 +220,6 @@ def test_masks_do_not_depend_on_how_many_points_share_a_batch(sam2, images, monk
     for one, other in zip(found, together, strict=True):
         torch.testing.assert_close(one.logits, other.logits)
         torch.testing.assert_close(one.scores, other.scores)
-
-
-def test_candidates_are_filtered_per_level(sam2, images):
-    with sam2.compute.inference():
-        encoded = encode(sam2, images[0])
-        found = prompt(sam2, encoded, grid_points(4), OPTIONS)
-        assert len(found) == 3
-        for level in found:
-            assert level.logits.shape[1:] == (64, 64) and len(level.predicted_iou) == len(
-                level.stability
-            ) == len(level)
-            thin = filter_masks(level, OPTIONS)
-            assert len(thin) <= len(level)
-            taken = thin.masks
-            assert len(drop_covered(thin, taken, 0.5, 0.8)) == 0, "tracked objects are not new"
-            assert len(drop_covered(thin, taken[:0], 0.5, 0.8)) == len(thin)
 
 
 def test_pixels_that_a_frame_leaves_out_are_neither_prompted_nor_labeled(sam2, images, monkeypatch):

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
-from egosplat.survey.rigid import View, max_static_flow, rotation_homography, static_residual, static_segment
+from egosplat.survey.rigid import View, rotation_homography, static_residual, static_segment
 
 CAMERA = Camera(256, 256, 90.0, 95.0, 127.0, 130.0)
 NEAR = 0.5
@@ -73,7 +73,9 @@ def test_passing_the_nearest_points_is_no_division_by_zero():
     """Moving 2 m ahead passes all points at the minimum depth; only points still ahead are visible."""
     ahead = 2.0
     pixels = np.array([[0.0, 0.0], [127.0, 130.0]])
-    span = max_static_flow(pixels, -CAMERA.matrix[:, 2] * ahead, NEAR)
+    span = static_segment(
+        view(np.eye(4), make_pose(np.eye(3), np.array([0.0, 0.0, ahead]))), pixels, np.zeros(6)
+    )
     assert np.isfinite(span).all() and (span[0] < 0).all() and span[1] == pytest.approx([0.0, 0.0])
 
 

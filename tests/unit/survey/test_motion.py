@@ -31,7 +31,7 @@ def between(room):
 
     def find(first: np.ndarray, second: np.ndarray, there: np.ndarray, valid: np.ndarray | None = None):
         valid = np.ones(first.shape, bool) if valid is None else valid
-        match = match_images(first, second, valid, room.camera.matrix, (room.pose(), there))
+        match = match_images(first, second, valid, room.camera.matrix, (room.pose(), there), valid)
         return detect_motion(match, View(room.camera.matrix, there[:3, 3], 3.0, room.board / 2), valid)
 
     return find

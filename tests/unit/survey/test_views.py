@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, make_pose
-from egosplat.survey.views import choose_views, depth_quantile, median_depths, view_change, visible_depths
+from egosplat.survey.views import choose_views, depth_quantile, median_depths, view_change
 
 CAMERA = Camera(100, 100, 50.0, 50.0, 50.0, 50.0)
 
@@ -73,9 +73,8 @@ def test_one_or_two_frames_stay(count):
 
 def test_depths_are_those_of_points_inside_the_image():
     points = np.array([[0.0, 0.0, z] for z in np.linspace(1, 3, 21)] + [[0.0, 0.0, -1.0], [9.0, 0.0, 1.0]])
-    depths = visible_depths(CAMERA, np.eye(4), points)
-    assert len(depths) == 21 and depth_quantile(depths, 0.5) == pytest.approx(2.0)
-    assert depth_quantile(depths[:5], 0.5) is None
+    assert depth_quantile(CAMERA, np.eye(4), points, 0.5) == pytest.approx(2.0)
+    assert depth_quantile(CAMERA, np.eye(4), points[:5], 0.5) is None
     trajectory = np.stack([pose(), pose(yaw=180.0), pose(z=-1.0)])
     found = median_depths(CAMERA, trajectory, np.array([True, True, False]), points)
     assert found[0] == pytest.approx(2.0) and np.isnan(found[1:]).all()
@@ -84,4 +83,4 @@ def test_depths_are_those_of_points_inside_the_image():
 def test_the_depth_of_many_points_uses_a_sample():
     points = np.zeros((120_000, 3))
     points[:, 2] = np.linspace(1, 5, len(points))
-    assert np.median(visible_depths(CAMERA, np.eye(4), points)) == pytest.approx(3.0, abs=1e-3)
+    assert depth_quantile(CAMERA, np.eye(4), points, 0.5) == pytest.approx(3.0, abs=1e-3)

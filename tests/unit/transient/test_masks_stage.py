@@ -62,10 +62,6 @@ def test_artifact_holds_the_expected_facts_and_inputs(folder, pictures):
     }
 
 
-def test_a_lower_threshold_masks_more(folder):
-    assert run(folder, threshold=0.005).read("instances/transient").tolist() == [True, True, False]
-
-
 def test_evaluation_frames_decide_nothing_and_are_masked(scene):
     """Frame 3 is held out: its probabilities change no score, but its instances are masked."""
     folder = scene()
@@ -88,22 +84,6 @@ def test_an_instance_of_evaluation_frames_alone_is_not_transient(scene):
     predict(folder, np.ones((FRAME_COUNT, SIZE, SIZE)))
     masks = run(folder)
     assert not masks.read("instances/transient").any() and masks.facts["empty"] == 3
-
-
-@pytest.mark.parametrize("keys", [{"threshold": 0.9}, {"level": "part"}], ids=["threshold", "level"])
-def test_no_transient_instance_masks_nothing(folder, keys):
-    masks = run(folder, **keys)
-    assert not masks.read("refined").any() and masks.facts["masked_share"] == 0.0
-
-
-def test_no_instances_give_an_empty_mask(scene):
-    empty = {
-        "labels": np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32),
-        "instances/level": np.zeros(0, np.int8),
-    }
-    folder = scene(**empty)
-    predict(folder, np.ones((FRAME_COUNT, SIZE, SIZE)))
-    assert not run(folder).read("refined").any()
 
 
 def test_inputs_of_other_frames_are_rejected(scene):
@@ -201,10 +181,3 @@ def test_pixels_that_a_frame_leaves_out_say_nothing_of_an_instance(scene, pictur
     assert masks.read("instances/score")[0] == pytest.approx(0.1, abs=1e-3)
     assert not masks.read("refined").any()
     assert masks.facts["mean_probability"] < 0.02
-
-
-def test_a_masked_instance_is_not_masked_again(scene, pictures):
-    hidden = (pictures == 255).all(axis=-1)
-    hidden[:, :, 16:] = False
-    refined = run(predicted(scene(masked=hidden))).read("refined")
-    np.testing.assert_array_equal(refined, (pictures == 255).all(axis=-1) & ~hidden)

@@ -21,14 +21,6 @@ def test_it_has_the_size_of_egolifters():
 
 
 @torch.no_grad()
-def test_probabilities_have_the_requested_size():
-    net = make_network(64, False, None, 0)
-    probability = net(PICTURE, 20, 28)
-    assert probability.shape == (20, 28) and probability.dtype == torch.float32
-    assert 0.0 < float(probability.min()) < float(probability.max()) < 1.0
-
-
-@torch.no_grad()
 def test_a_sideways_picture_is_turned_clockwise_for_the_network():
     upright, sideways = (make_network(64, turned, None, 0).eval() for turned in (False, True))
     expected = upright(PICTURE.rot90(-1, (0, 1)), 56, 40).rot90(1, (0, 1))

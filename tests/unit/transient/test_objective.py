@@ -6,17 +6,16 @@ import pytest
 import torch
 
 from egosplat.transient.network import make_network
-from egosplat.transient.objective import InitialObjective, InitialOptions
+from egosplat.transient.objective import InitialObjective
+from egosplat.transient.options import TransientOptions
 
-OPTIONS = InitialOptions(
+OPTIONS = TransientOptions(
     iterations=12, warmup=0, transient_penalty=0.05, penalty_unit="absolute", residual="mean", lr=3e-3
 )
 
 
 def make(**changes: object) -> InitialObjective:
-    return InitialObjective(
-        make_network(64, False, None, 0), replace(OPTIONS, **changes), torch.device("cpu")
-    )
+    return InitialObjective(make_network(64, False, None, 0), OPTIONS.change(**changes), torch.device("cpu"))
 
 
 def steps(objective: InitialObjective, views, count: int, offset: float = 0.3) -> list[float]:
@@ -60,7 +59,7 @@ def test_gaussians_get_no_gradient_where_all_is_transient(views):
 
 
 def test_the_network_is_not_trained_in_the_warm_up(views):
-    objective = make(warmup=3)
+    objective = make(warmup=3 / 12)
     before = {name: tensor.clone() for name, tensor in objective.net.state_dict().items()}
     losses = steps(objective, views, 3)
     assert losses == pytest.approx([0.09] * 3, rel=1e-4)
@@ -86,7 +85,7 @@ def test_a_penalty_in_residuals_follows_the_scene(views):
     """Ten times the residual gives a hundred times the penalty, with no change of the keys."""
     penalties = []
     for offset in (0.02, 0.2):
-        objective = make(warmup=2, penalty_unit="residual", transient_penalty=2.0)
+        objective = make(warmup=2 / 12, penalty_unit="residual", transient_penalty=2.0)
         steps(objective, views, 2, offset)
         penalties.append(2.0 * objective.residuals.unit(0).item())
     assert penalties == pytest.approx([2 * 0.02**2, 2 * 0.2**2], rel=1e-3)
@@ -96,7 +95,7 @@ def test_the_network_separates_what_stands_out_from_a_uniform_residual(views):
     """A residual everywhere is the camera's: nothing is transient. A part of the frame far above it is."""
     rises = []
     for part in (0.2, 0.9):
-        objective = make(warmup=2, penalty_unit="residual", transient_penalty=2.0)
+        objective = make(warmup=2 / 12, penalty_unit="residual", transient_penalty=2.0)
         for number in range(12):
             image = views.picture(number % len(views)) + 0.2
             image[:8] = views.picture(number % len(views))[:8] + part
@@ -109,7 +108,7 @@ def test_the_network_separates_what_stands_out_from_a_uniform_residual(views):
 
 def test_residuals_of_the_warm_up_are_kept_and_resumed(views):
     """The scale is of the warm-up, or of the first visit after it; a resumed run has the same penalties to the bit."""
-    keys = {"warmup": 4, "penalty_unit": "residual", "transient_penalty": 2.0}
+    keys = {"warmup": 4 / 12, "penalty_unit": "residual", "transient_penalty": 2.0}
     unbroken, first, second = make(**keys), make(**keys), make(**keys)
     losses = steps(unbroken, views, 4, 0.1) + steps(unbroken, views, 8, 0.4)
     assert unbroken.residuals.scale.tolist() == pytest.approx([0.01] * 4 + [0.16] * 2, rel=1e-3)
@@ -124,7 +123,7 @@ def test_a_picture_s_own_mask_leaves_pixels_out(views, penalty_unit):
     masked = torch.zeros(6, 32, 32, dtype=torch.bool)
     masked[0, :, 20:] = True
     views = replace(views, transient=masked)
-    one = make(warmup=1, penalty_unit=penalty_unit)
+    one = make(warmup=1 / 12, penalty_unit=penalty_unit)
     for _ in range(2):
         image = (views.picture(0) + 0.1 + 0.8 * masked[0, ..., None]).requires_grad_()
         one.loss(image, views, 0).backward()

@@ -127,13 +127,6 @@ def test_it_trains_on_one_thread_so_that_it_repeats(scene, monkeypatch):
         torch.set_num_threads(before)
 
 
-def test_batch_norm_of_the_picture_or_of_the_run(scene):
-    folder = scene()
-    of_picture, of_run = (run(folder, f"{kind}.zarr", batch_norm=kind) for kind in ("train", "eval"))
-    assert (of_picture.read("weights") == of_run.read("weights")).all()
-    assert (of_picture.read("probability") != of_run.read("probability")).any()
-
-
 def test_pictures_of_the_sensor_are_turned_upright(scene):
     lying = run(scene(facts={"format": "adt", "upright": False}), iterations=1, warmup=1.0).read(
         "probability"

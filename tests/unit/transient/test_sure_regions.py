@@ -89,12 +89,6 @@ def test_a_region_of_fewer_than_three_frames_is_not_masked(scene, frames):
     assert not masked(scene, sure, NO_INSTANCE).read("refined").any()
 
 
-def test_regions_that_do_not_overlap_do_not_last(scene):
-    """The network errs in another corner of each frame."""
-    corners = [square(row, column) for row in (0, 22) for column in (0, 22)] * 2
-    assert not masked(scene, np.stack(corners[:FRAME_COUNT]), NO_INSTANCE).read("refined").any()
-
-
 @pytest.mark.parametrize(
     ("side", "standing", "expected"),
     [(10, 0.9, True), (10, 0.5, False), (3, 1.0, False)],
@@ -144,16 +138,3 @@ def test_a_frame_between_two_has_a_mask(marked, kind):
     found = lasting_masks(regions, regions).mask(3, NONE, HAND[3] if marked else NONE)
     expected = {"marks": HAND[3] & (HAND[2] | HAND[4]), "neighbors": HAND[2] & HAND[4]}[kind]
     assert is_most_of(found, expected)
-
-
-def test_frames_before_and_after_a_region_have_none():
-    regions = {row: find_regions(HAND[row] & (row < 3), NONE, EVERYWHERE) for row in range(FRAME_COUNT)}
-    found = lasting_masks(regions, regions)
-    assert [bool(found.mask(row, HAND[row], HAND[row]).any()) for row in range(FRAME_COUNT)] == [True] * 3 + [
-        False
-    ] * 3
-
-
-def test_nothing_is_masked_where_masks_are_withheld(scene):
-    found = masked(scene, np.ones_like(HAND), NO_INSTANCE)
-    assert found.facts["withheld"] == "probability" and not found.read("refined").any()

@@ -1,49 +1,39 @@
 """Find where the pixels of an image were in the previous image, by optical flow and the camera's motion."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.optical_flow import find_flow, is_consistent, pad, pixel_grid
-from egosplat.segments.classical.partition import LIGHTNESS_WEIGHT, WorkingImage
+from egosplat.optical_flow import find_flow, is_consistent, pixel_grid
+from egosplat.segments.classical.partition import LIGHTNESS_WEIGHT, Bools, WorkingImage
 
 Floats = NDArray[np.float32]
+Gray = NDArray[np.uint8]
 
 # Largest gap between forward and backward flow at the nominal side [px], besides a tenth of their length.
 _FLOW_ERROR = 8.0
 # Largest color change of a pixel between frames [CIELAB], after smoothing with a Gaussian of this sigma [px].
 _COLOR_ERROR, _SURROUNDINGS = 15.0, 2.0
+# ORB: smallest side of images [px], as its pyramid fails in tiny ones; numbers of features and of matches.
+_LEAST_SIDE, _FEATURES, _FAST_THRESHOLD, _LEAST_MATCHES = 64, 1500, 7, 12
+# Homography: RANSAC's tolerance as a share of the longer side, and the share of the matches that must agree. Loose,
+# because near objects move more than walls.
+_TOLERANCE, _LEAST_INLIERS, _SEED = 0.015, 0.2, 1
 
 
-@dataclass(frozen=True, eq=False)
-class Origins:
-    """The pixel of the previous image that each pixel corresponds to.
-
-    Attributes:
-        rows, columns: (H, W) int64 position in the previous image.
-        known: (H, W) bool, whether that position is inside the image and was visible there.
-    """
-
-    rows: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    known: NDArray[np.bool_]
-
-    def look_up(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
-        """Warp (..., H, W) values of the previous image to this one; undefined where ``known`` is False."""
-        return values[..., self.rows, self.columns]
-
-
-def find_origins(previous: WorkingImage, current: WorkingImage) -> Origins:
+def find_origins(
+    previous: WorkingImage, current: WorkingImage
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Bools]:
     """Trace every pixel back by dense inverse search (Kroeger et al. 2016), with a forward-backward check.
 
-    Pixels that do not show the scene have no influence and are no origins.
+    Returns:
+        (H, W) int64 row and column of each pixel in the previous image, and (H, W) bool: whether that is known. Pixels
+        that do not show the scene have no influence and are no origins.
     """
     height, width = current.shown.shape
     # CIELAB lightness, 0 to 100, as uint8: optical flow needs one 8-bit channel.
     earlier, now = (np.rint(one.lab[..., 0] * 2.55).astype(np.uint8) for one in (previous, current))
-    motion = find_motion(now, earlier)
+    motion = _camera_motion(now, earlier)
     backward, forward = _flow(now, earlier, motion), _flow(earlier, now, np.linalg.inv(motion))
     shape = previous.valid.shape
     agrees = is_consistent(backward, forward, _FLOW_ERROR * previous.unit)
@@ -57,10 +47,10 @@ def find_origins(previous: WorkingImage, current: WorkingImage) -> Origins:
     columns = np.rint(columns + backward[..., 0] * scale[0]).astype(np.int64)
     within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     rows, columns = rows.clip(0, height - 1), columns.clip(0, width - 1)
-    return Origins(rows, columns, agrees & within & current.shown & previous.shown[rows, columns])
+    return rows, columns, agrees & within & current.shown & previous.shown[rows, columns]
 
 
-def _look_alike(before: WorkingImage, now: WorkingImage, backward: Floats) -> NDArray[np.bool_]:
+def _look_alike(before: WorkingImage, now: WorkingImage, backward: Floats) -> Bools:
     """(h, w) bool: a pixel's neighborhood has the color of the neighborhood at its origin."""
     ends = pixel_grid(*now.valid.shape) + backward
     warped = cv2.remap(before.lab, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -69,33 +59,18 @@ def _look_alike(before: WorkingImage, now: WorkingImage, backward: Floats) -> ND
     return np.linalg.norm(apart, axis=2) <= _COLOR_ERROR
 
 
-def _flow(source: NDArray[np.uint8], target: NDArray[np.uint8], motion: NDArray[np.float64]) -> Floats:
+def _flow(source: Gray, target: Gray, motion: NDArray[np.float64]) -> Floats:
     """(h, w, 2) float32 displacement (x, y) of each pixel of ``source`` in ``target`` [px]."""
-    height, width = source.shape
     # Remove the camera's motion, a homography, first: a turning head moves pixels further than the search
     # finds among repeating textures.
-    source, target = pad(source), pad(target)
     start = pixel_grid(*source.shape)
     moved = cv2.perspectiveTransform(start, motion)
     target = cv2.remap(target, moved, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    ends = cv2.perspectiveTransform(start + find_flow(source, target), motion)
-    return (ends - start)[:height, :width]
+    return cv2.perspectiveTransform(start + find_flow(source, target), motion) - start
 
 
-# Smallest side of images in which features are detected [px]; ORB's pyramid fails in tiny images.
-_LEAST_SIDE = 64
-_FEATURES = 1500
-_FAST_THRESHOLD = 7
-_LEAST_MATCHES = 12
-# Share of the matches that must agree with the homography.
-_LEAST_INLIERS = 0.2
-# RANSAC's tolerance, as a share of the longer side. Loose, because near objects move more than walls.
-_TOLERANCE = 0.015
-_SEED = 1
-
-
-def find_motion(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(3, 3) homography from pixels (x, y) of one (h, w) uint8 image to another; the identity if none is found."""
+def _camera_motion(source: Gray, target: Gray) -> NDArray[np.float64]:
+    """(3, 3) homography from pixels (x, y) of one (h, w) image to another; the identity if none is found."""
     if min(source.shape) < _LEAST_SIDE:
         return np.eye(3)
     finder = cv2.ORB_create(_FEATURES, fastThreshold=_FAST_THRESHOLD)
@@ -111,21 +86,12 @@ def find_motion(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> NDArray
     end = np.array([there[one.trainIdx].pt for one in matches], dtype=np.float32)
     cv2.setRNGSeed(_SEED)  # RANSAC draws from OpenCV's global generator
     found, inliers = cv2.findHomography(begin, end, cv2.RANSAC, _TOLERANCE * max(source.shape))
-    if found is None or inliers.mean() < _LEAST_INLIERS or not _is_plausible(found, source.shape):
+    if found is None or inliers.mean() < _LEAST_INLIERS:
         return np.eye(3)
-    return found
-
-
-def _is_plausible(motion: NDArray[np.float64], shape: tuple[int, int]) -> bool:
-    """Whether the image's corners stay in front of the camera, in order, and move by less than one side."""
-    height, width = shape
+    height, width = source.shape
     corners = np.array([[[0, 0], [width, 0], [width, height], [0, height]]], dtype=np.float32)
-    depth = np.dstack([corners, np.ones((1, 4, 1))]) @ motion[2]
-    moved = cv2.perspectiveTransform(corners, motion)
-    apart = np.linalg.norm(moved - corners, axis=2)
-    return bool(
-        (depth > 0).all()
-        and apart.max() < max(shape)
-        and cv2.isContourConvex(moved)
-        and cv2.contourArea(moved, oriented=True) > 0
-    )
+    ahead = (np.dstack([corners, np.ones((1, 4, 1))]) @ found[2] > 0).all()
+    moved = cv2.perspectiveTransform(corners, found)
+    near = np.linalg.norm(moved - corners, axis=2).max() < max(source.shape)
+    in_order = cv2.isContourConvex(moved) and cv2.contourArea(moved, oriented=True) > 0
+    return found if ahead and near and in_order else np.eye(3)

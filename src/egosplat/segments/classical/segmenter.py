@@ -4,10 +4,11 @@ It is the baseline for SAM2, and an alternative for recordings unlike SAM2's tra
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from egosplat.progress import track as progress
-from egosplat.segments.classical.flow import Origins, find_origins
-from egosplat.segments.classical.partition import Labels, WorkingImage, partition, reduce_image
+from egosplat.segments.classical.flow import find_origins
+from egosplat.segments.classical.partition import Bools, Labels, WorkingImage, partition, reduce_image
 from egosplat.segments.instances import Segmented, Track, Video
 from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.options import LEVELS
@@ -33,7 +34,7 @@ def segment_video(video: Video) -> Segmented:
         # In the first frame every region becomes a track, however small.
         least = 1 if previous is None else _NEW_AREA * image.shown.sum()
         for level, regions in enumerate(levels):
-            brought = np.full_like(fine, -1) if origins is None else propagate(current[level], origins, fine)
+            brought = np.full_like(fine, -1) if origins is None else propagate(current[level], *origins, fine)
             first = len(instances)
             current[level] = open_tracks(brought, regions, first, least)
             instances += [Track(level, frame, 1.0, 1.0)] * (int(current[level].max(initial=-1)) + 1 - first)
@@ -41,16 +42,15 @@ def segment_video(video: Video) -> Segmented:
     return Segmented(labels, instances, [], [])
 
 
-def propagate(labels: Labels, origins: Origins, regions: Labels) -> Labels:
+def propagate(
+    labels: Labels, rows: NDArray[np.int64], columns: NDArray[np.int64], known: Bools, regions: Labels
+) -> Labels:
     """Propagate (H, W) int32 labels, -1 for none, to the next frame: a fine region takes the label of most of its pixels.
 
-    A pixel that was hidden, out of view or without a label has no vote.
-
-    Args:
-        origins: of the current frame's pixels in the previous frame.
-        regions: (H, W) int32 fine regions of the current frame, -1 outside of the valid pixels (of both frames).
+    A pixel that was hidden, out of view or without a label has no vote. ``rows``, ``columns``, ``known``: from ``find_origins``;
+    ``regions``: (H, W) int32 fine regions of the next frame, -1 for none.
     """
-    brought = np.where(origins.known, origins.look_up(labels), np.int32(-1))
+    brought = np.where(known, labels[rows, columns], np.int32(-1))
     has_label = brought >= 0
     if not has_label.any():
         return np.full_like(brought, -1)
