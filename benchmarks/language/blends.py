@@ -24,7 +24,7 @@ from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.method import Coded
 from egosplat.pipeline.scene_folder import title_of
-from egosplat.query.answer import Asker
+from egosplat.query.views import Asker
 from egosplat.report.sheets.queries_asking import evaluation_of, open_scored
 
 MEANS, ONE = "mean of the codes of its pixels", "code of the instance that it shows most"
@@ -69,7 +69,7 @@ def rows(folder: Path) -> Iterator[tuple[object, ...]]:
         for decoded, rendered in RENDERED.items():
             scene = replace(asked.asker.scene, code=codes.code, share=codes.share, decoded=decoded)
             begun, evaluation = time.process_time(), asked.evaluation
-            ask = ask_of(evaluation, Asker.of(scene, asked.asker.texts, asked.options))
+            ask = ask_of(evaluation, Asker(scene, asked.asker.texts, asked.options))
             answers = run_queries(asked.queries, ask, evaluation.annotations, evaluation.valid, asked.options)
             found = [answer.score.groups["all"] for answer in answers]
             spent = time.process_time() - begun

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from egosplat.errors import UserError as UserError
     from egosplat.evaluation.options import MetricsOptions as MetricsOptions
+    from egosplat.export.scene import export_scene as export_scene
     from egosplat.features.options import FeaturesOptions as FeaturesOptions
     from egosplat.features.options import ViewFeaturesOptions as ViewFeaturesOptions
     from egosplat.frames.options import AnnotationsOptions as AnnotationsOptions
@@ -15,8 +16,8 @@ if TYPE_CHECKING:
     from egosplat.pipeline.running import run_stage as run_stage
     from egosplat.poses.options import PosesOptions as PosesOptions
     from egosplat.query.answers import Answer as Answer
-    from egosplat.query.answers import FoundThing as FoundThing
-    from egosplat.query.answers import FoundView as FoundView
+    from egosplat.query.answers import Thing as Thing
+    from egosplat.query.answers import ViewMatch as ViewMatch
     from egosplat.query.finished_scene import Scene as Scene
     from egosplat.query.opening import open_scene as open_scene
     from egosplat.query.options import AskingOptions as AskingOptions
@@ -33,13 +34,14 @@ __version__ = "0.2.0"
 _MODULES = {
     "errors": ("UserError",),
     "evaluation.options": ("MetricsOptions",),
+    "export.scene": ("export_scene",),
     "features.options": ("FeaturesOptions", "ViewFeaturesOptions"),
     "frames.options": ("AnnotationsOptions", "FramesOptions"),
     "instances.options": ("InstancesOptions",),
     "language.options": ("LanguageOptions",),
     "pipeline.running": ("run_stage",),
     "poses.options": ("PosesOptions",),
-    "query.answers": ("Answer", "FoundThing", "FoundView"),
+    "query.answers": ("Answer", "Thing", "ViewMatch"),
     "query.finished_scene": ("Scene",),
     "query.opening": ("open_scene",),
     "query.options": ("AskingOptions",),

@@ -21,7 +21,7 @@ READY = "window.egosplat?.firstPicture"
 # The members are many.
 ASK = """async (words) => {
   const { things, why, score, grade, rating } = await egosplat.ask(words);
-  return { why, score, grade, rating, things: things?.map(({ members, ...thing }) => ({ ...thing, count: members.length })) };
+  return { why, score, grade, rating, things: things?.map(({ members, ...thing }) => ({ ...thing, count: members?.length })) };
 }"""
 """Asks the scene page; what a test needs of an answer."""
 

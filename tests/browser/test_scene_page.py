@@ -15,12 +15,10 @@ from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.query.answers import FoundThing
 from egosplat.query.grades.calibration import grading_of
 from egosplat.query.grades.evidence import measure_evidence
 from egosplat.query.relevancy import relevancy
 from egosplat.query.scene import QueryScene
-from egosplat.query.scene_query import SceneIndex
 from egosplat.query.text import encode_phrases, encode_texts
 from egosplat.query.things import find_things
 from egosplat.viewing.words import words_to_try
@@ -186,7 +184,7 @@ def test_the_picture_is_that_of_the_kernels(scene, made):
     assert -10 * np.log10(error) > 40
 
 
-@pytest.mark.parametrize("words", ["couch", "cup", "wooden door"])
+@pytest.mark.parametrize("words", ["red couch", "blue cup", "wooden door"])
 def test_an_answer_is_that_of_python(scene, made, clip, words):
     """Place, level, score and best frame of every thing found equal those of the package on the page's data."""
     _, _, facts, arrays = made
@@ -203,16 +201,10 @@ def test_an_answer_is_that_of_python(scene, made, clip, words):
     )
     share = torch.from_numpy(surface.weight > 0).float()
     decoder = Decoder((code.shape[2],), np.zeros(0, np.float32))
-    index = SceneIndex(
-        QueryScene(None, None, None, 0, code, share, decoder, GAUSSIANS), surface, np.arange(4)
-    )
+    known = QueryScene(None, None, None, 0, code, share, decoder, GAUSSIANS, facts["levels"])
     texts, names = (encode_texts(clip, phrases, options.canonical) for phrases in ([words], facts["words"]))
-    rows = [
-        FoundThing(one.score, None, facts["levels"][one.level], one.center, one.high, 0, one.members)
-        for one in things
-    ]
     grading = grading_of(CLIP_HASH, options)
-    evidence = measure_evidence(index, rows, facts["levels"], texts, names, options.temperature)
+    evidence = measure_evidence(known, surface, things, texts, names, options.temperature)
     ratings = list(map(grading.calibration.probability, evidence))
     found = scene().page.evaluate(ASK, words)
     assert found["score"] == pytest.approx(things[0].score, abs=1e-3)
@@ -226,10 +218,21 @@ def test_an_answer_is_that_of_python(scene, made, clip, words):
     for mine, row in zip(found["things"], fitting, strict=True):
         other = things[row]
         assert mine["rating"] == pytest.approx(ratings[row], abs=1e-3)
-        assert mine["level"] == other.level and mine["count"] == len(other.members)
-        assert mine["frame"] == facts["seen_frames"][other.view]
+        assert facts["levels"][mine["level"]] == other.level and mine["count"] == len(other.members)
+        assert mine["frame"] == other.frame
         np.testing.assert_allclose(mine["center"], other.center, atol=1e-3)
-        np.testing.assert_allclose(mine["size"], other.high - other.low, atol=1e-3)
+        np.testing.assert_allclose(mine["size"], other.size, atol=1e-3)
+
+
+def test_a_word_of_the_list_has_the_answer_of_the_terminal(scene, made):
+    """The page shows what the package judged, and judges nothing itself."""
+    facts, page = made[2], scene().page
+    for word, answer in zip(facts["words"], facts["answers"], strict=True):
+        found = page.evaluate(ASK, word)
+        assert {name: found[name] for name in ("grade", "score", "rating", "why")} == {
+            name: answer[name] for name in ("grade", "score", "rating", "why")
+        }
+        assert [one["frame"] for one in found["things"]] == [one["frame"] for one in answer["things"]]
 
 
 def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
@@ -295,7 +298,7 @@ def test_a_best_guess_is_shown_as_one_with_its_place(scene):
     """Between the limits an answer keeps its place, and says what it is."""
     tab = scene()
     tab.page.evaluate("Object.assign(egosplat.scene.facts.query.calibration, { found: 1.01, guess: 0.0 })")
-    found = tab.page.evaluate(ASK, "cup")
+    found = tab.page.evaluate(ASK, "red cup")
     assert found["grade"] == "best guess" and found["things"] and found["why"] is None
     assert "best guess" in tab.page.inner_text("#answer") and "found" not in tab.page.inner_text("#answer")
     button = tab.page.locator("#things button").first

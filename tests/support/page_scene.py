@@ -15,7 +15,7 @@ from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.text import encode_phrases
-from egosplat.query.things import Surface
+from egosplat.query.things import Surface, find_neighbors, make_surface
 from egosplat.viewing.container import Arrays, Facts, unpack
 from egosplat.viewing.gaussians import STEP
 from egosplat.viewing.html import data_of
@@ -225,7 +225,8 @@ def surface_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Su
     shares, mean = shares_of(facts, arrays)
     radii = scales_of(facts, arrays).max(axis=1).astype(np.float64)
     code_share = (arrays["code_share"] / 255).T.astype(np.float32)
-    surface = Surface.of(means_of(facts, arrays).astype(np.float64), radii, shares, code_share)
-    weight = mean[:, None] * code_share
-    averaging = tuple(surface.neighbors.averaging(level) for level in weight.T)
-    return Surface(surface.means, shares, weight, surface.neighbors, averaging)
+    means = means_of(facts, arrays).astype(np.float64)
+    seen = np.array(facts["seen_frames"])
+    return make_surface(
+        means, find_neighbors(means, radii), shares, mean[:, None] * code_share, seen, facts["levels"]
+    )

@@ -12,7 +12,7 @@ import click
 
 from egosplat.cli.collection import without_collection
 from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, Time
-from egosplat.export.formats import FORMATS, plan_export
+from egosplat.export.formats import FORMATS, check_export
 from egosplat.files import check_output
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.options import Options
@@ -109,7 +109,7 @@ def page_command() -> click.Command:
         folder: Path, output: Path | None, overwrite: bool, title: str | None, options: ScenePageOptions
     ) -> None:
         target = _check_paths(folder, stage.inputs, stage.output, output, overwrite)
-        from egosplat.export.page import write_page
+        from egosplat.viewing.command import write_page
 
         write_page(folder, target, options, title)
 
@@ -125,7 +125,7 @@ def view_command() -> click.Command:
     def call_view(folder: Path, host: str, port: int, options: PageOptions) -> None:
         from egosplat.viewing.command import run
 
-        run(folder, dict(options), host, port)
+        run(folder, options, host, port)
 
     host = "Address to listen at. Other computers need the whole address that is printed."
     ports = click.IntRange(0, 65535)
@@ -140,11 +140,19 @@ def view_command() -> click.Command:
 def export_command() -> click.Command:
     """Build the command ``export``, with the keys of the section ``query``."""
 
-    def call_export(folder: Path, output: Path | None, options: AskingOptions, **what: Any) -> None:
-        plan = plan_export(folder, output, **what)
-        from egosplat.export.command import run
+    def call_export(
+        folder: Path,
+        output: Path | None,
+        options: AskingOptions,
+        format: str | None,
+        query: str | None,
+        codes: bool,
+        overwrite: bool,
+    ) -> None:
+        format, output = check_export(folder, output, format, query, codes=codes, overwrite=overwrite)
+        from egosplat.export.scene import export_folder
 
-        run(folder, plan, options)
+        export_folder(folder, output, format, query, codes, options)
 
     form = (
         "Gaussians (ply, spz), a point cloud in the colors of instances, a table of what is carried (carries), images with "
@@ -246,7 +254,7 @@ def run_command() -> click.Command:
         if show:
             from egosplat.viewing.command import run
 
-            run(folder, {}, "127.0.0.1", 0, browse=True)
+            run(folder, PageOptions(), "127.0.0.1", 0, browse=True)
 
     presets = click.Choice(get_args(GeneralOptions.model_fields["preset"].annotation))
     preset = "Speed or accuracy, as in draft. [default: balanced]"

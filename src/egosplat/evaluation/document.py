@@ -90,7 +90,6 @@ def answer_entries(
     frames: Sequence[Frame],
     rendering: Sequence[Mapping[str, RegionScore]],
     instances: Sequence[Instance],
-    levels: Sequence[str],
     valid: Mask,
     masks: str,
 ) -> dict[str, Any]:
@@ -98,7 +97,7 @@ def answer_entries(
     scores = summarise([one.score for one in answered], RESAMPLING)
     entries = {
         "scores": {name: asdict(score) for name, score in scores.items()},
-        "queries": [_query_entry(one, instances, levels) for one in answered],
+        "queries": [_query_entry(one, instances) for one in answered],
         "frames": _frame_entries(frames, answered, rendering),
         "rendering": summarise_rendering(rendering),
     }
@@ -108,19 +107,17 @@ def answer_entries(
     return entries
 
 
-def _query_entry(
-    answered: AnsweredQuery, instances: Sequence[Instance], levels: Sequence[str]
-) -> dict[str, Any]:
-    """The entry of a query, with levels and instances by name."""
+def _query_entry(answered: AnsweredQuery, instances: Sequence[Instance]) -> dict[str, Any]:
+    """The entry of a query, with instances by name."""
     query, score = answered.query, answered.score
     return {
         "frame": query.frame,
         "category": query.category,
         "relevancy": answered.relevancy,
-        "level": None if answered.level is None else levels[answered.level],
+        "level": answered.level,
         "pixel": answered.pixel,
         "position": None if answered.position is None else answered.position.tolist(),
-        "mask_level": None if answered.mask_level is None else levels[answered.mask_level],
+        "mask_level": answered.mask_level,
         "mask_pixels": answered.mask_pixels,
         "groups": {
             name: asdict(score.groups[name]) | {"instances": [instances[index].name for index in members]}

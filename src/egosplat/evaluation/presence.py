@@ -15,7 +15,7 @@ from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Camera
-from egosplat.query.answers import FoundThing
+from egosplat.query.answers import Thing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import FOUND, GUESS, Evidence
 from egosplat.query.scene import QueryScene, rendering_camera
@@ -117,7 +117,7 @@ def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[s
 
 
 def annotated_shares(
-    scene: QueryScene, things: Sequence[FoundThing], evaluation: Evaluation
+    scene: QueryScene, things: Sequence[Thing], evaluation: Evaluation
 ) -> tuple[NDArray[np.float64], list[str]]:
     """Measure how many pixels of each of T things lie on each annotated category, over the evaluation frames.
 

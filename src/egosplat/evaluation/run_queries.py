@@ -14,8 +14,9 @@ from egosplat.evaluation.scores import QueryScore, score_query
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array
 from egosplat.progress import track
-from egosplat.query.answer import Asker, ViewAnswer
+from egosplat.query.answers import ViewMatch
 from egosplat.query.maps import Map
+from egosplat.query.views import Asker
 
 # The value of ``metrics.masks`` that takes these masks.
 CLASSES = "classes"
@@ -65,7 +66,7 @@ def pixel_accuracy(frames: Sequence[int], right: Sequence[int], pixels: int) -> 
 
 
 # Answers phrases in a frame, in order.
-Ask = Callable[[int, Sequence[str]], Iterable[ViewAnswer]]
+Ask = Callable[[int, Sequence[str]], Iterable[ViewMatch]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,17 +76,17 @@ class AnsweredQuery:
     Attributes:
         right_pixels: see ``count_right``; None unless masks are those of classes.
         relevancy: largest smoothed relevancy, 0..1.
-        level, pixel, position, mask_level: see ``egosplat.query.answer.ViewAnswer``.
+        level, pixel, position, mask_level: see ``egosplat.query.answers.ViewMatch``.
     """
 
     query: Query
     score: QueryScore
     right_pixels: int | None
     relevancy: float
-    level: int | None
+    level: str | None
     pixel: tuple[int, int] | None
     position: Array | None
-    mask_level: int | None
+    mask_level: str | None
     mask_pixels: int
 
 
@@ -118,7 +119,7 @@ def ask_of(evaluation: Evaluation, asker: Asker, masks: str = "threshold") -> As
     """Ask a scene at the time of a frame, with the masks of ``metrics.masks``; the asker has the texts of ``phrases_to_ask``."""
     seconds = seconds_of(evaluation.frames_artifact)
 
-    def ask(frame: int, phrases: Sequence[str]) -> Iterator[ViewAnswer]:
+    def ask(frame: int, phrases: Sequence[str]) -> Iterator[ViewMatch]:
         place = evaluation.camera, evaluation.camera_to_world[frame], evaluation.valid
         return asker.ask(phrases, *place, float(seconds[frame]))
 
@@ -128,7 +129,7 @@ def ask_of(evaluation: Evaluation, asker: Asker, masks: str = "threshold") -> As
 def mask_classes(ask: Ask, classes: Sequence[str]) -> Ask:
     """Give answers the masks of classes."""
 
-    def ask_all(frame: int, phrases: Sequence[str]) -> Iterator[ViewAnswer]:
+    def ask_all(frame: int, phrases: Sequence[str]) -> Iterator[ViewMatch]:
         found, kept = ClassMap(), {}
         for answer in ask(frame, classes):
             found.add(answer.phrase, answer.relevancy)

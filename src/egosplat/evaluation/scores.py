@@ -67,7 +67,7 @@ def score_query(
     """Score one answer against the instances of each group.
 
     Args:
-        pixel, mask: column and row, and (H, W) bool, see ``egosplat.query.answer.Answer``.
+        pixel, mask: column and row, and (H, W) bool, see ``egosplat.query.answers.ViewMatch``.
         instance_map: (..., H, W) int32 of the query's frame, see ``read_layers``.
         valid: (H, W) bool pixels that show the scene, or None for all.
         hit_region: see ``target_area``.

@@ -84,7 +84,7 @@ def run(
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence_queries = ask_presence(*phrases, evaluation, scene)
     presence = presence_entry(presence_queries, options.min_score)
-    about = evaluation.instances, language.facts["levels"], evaluation.valid, options.masks
+    about = evaluation.instances, evaluation.valid, options.masks
     rendering = without_time = [evaluation.rendering_of(frame) for frame in evaluation.frames]
     if scene.rests is not None:
         rendering = list(_scores_in_time(evaluation, scene, without_time))

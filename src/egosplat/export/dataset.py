@@ -1,7 +1,6 @@
 """Write frames, cameras and points as a data set for other programs: nerfstudio's ``transforms.json``, COLMAP's model."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,14 +34,14 @@ class DataSet:
         return f"{self.frame[index]:06d}.png"
 
 
-def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, Path], None]) -> None:
+def export_dataset(scene: Path, output: Path, format: str) -> None:
     """Write a folder with ``images/``, ``masks/`` and cameras.
 
     Masks are black where a pixel shows no scene or something that moves; there are none if nothing is to be masked.
 
     Args:
         scene: folder of a scene or variant.
-        write_cameras: ``write_nerfstudio`` or ``write_colmap``.
+        format: ``nerfstudio`` or ``colmap``.
 
     Raises:
         UserError: an artifact is missing or damaged.
@@ -63,7 +62,7 @@ def export_dataset(scene: Path, output: Path, write_cameras: Callable[[DataSet, 
     )
     with atomic_directory(output) as folder:
         _write_images(folder, data, frames, masks)
-        write_cameras(data, folder)
+        (write_nerfstudio if format == "nerfstudio" else write_colmap)(data, folder)
     log(f"{output}: {len(known)} images, {len(data.xyz)} points")
 
 

@@ -18,7 +18,7 @@ from egosplat.geometry import Array, Camera, invert, known_poses, transform
 from egosplat.histories.told import clock
 from egosplat.images import evenly_spaced, shrink_image
 from egosplat.progress import log, track
-from egosplat.query.answers import Answer, FoundThing
+from egosplat.query.answers import Answer, Thing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import GUESS
 from egosplat.query.histories import scene_at
@@ -151,7 +151,7 @@ def way(poses: Array, start: int, end: int) -> list[int]:
     return [int(frame) for frame in ordered[evenly_spaced(len(ordered), _STEPS + 1)][1:]]
 
 
-def _lit(scene: QueryScene, thing: FoundThing) -> QueryScene:
+def _lit(scene: QueryScene, thing: Thing) -> QueryScene:
     """The scene with a thing in the color of heat, and all else dim and gray."""
     own = (scene.gaussians.sh[:, :1] * SH_C0 + 0.5).clamp(0.0, 1.0)
     gray = own.mean(dim=2, keepdim=True)

@@ -10,7 +10,7 @@ from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import INSTANCES, SPLATS
 from egosplat.errors import UserError
-from egosplat.export.instance_cloud import LEAST_OPACITY
+from egosplat.export.ply import LEAST_OPACITY, instance_colors
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.io import read_gaussians
@@ -19,7 +19,6 @@ from egosplat.histories.told import Carried
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.report.sheets.from_above import palette
 
 
 def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
@@ -78,7 +77,7 @@ def _points(rr: Any, folder: Path) -> Any:
 def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
     """Log the frames with a pose, with the instances of the coarsest level; returns their number."""
     instances = open_artifact(*locate(scene.folder, "instances"), INSTANCES)
-    colors = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8)
+    colors = instance_colors(instances.shape("instances/level")[0])
     # Class 0 is no instance, which is transparent.
     classes = [
         (0, "none", (0, 0, 0, 0)),

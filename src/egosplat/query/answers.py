@@ -2,34 +2,38 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
 from egosplat.histories.told import Carried, Place, place_at
 from egosplat.query.maps import Map, Mask
 
+# What is told of a view without a match.
+NOTHING = "nothing is visible here"
+
 
 @dataclass(frozen=True, eq=False)
-class FoundThing:
-    """A thing in a scene that matches a query.
+class Thing:
+    """A connected set of Gaussians that match a query.
 
     Attributes:
-        score: 0..1; above 0.5 it fits better than every canonical phrase.
-        probability: that it is what the query means; None without a calibration.
+        score: 0..1, see ``egosplat.query.things.find_things``; above 0.5 it fits better than every canonical phrase.
         level: name of the level of detail at which it matches.
         center: (3,) float64 mean of its Gaussians' centers, weighted by visible share, in the world.
         size: (3,) float64 sides of its box along the axes of the world, in the unit of the scene.
         frame: the frame that shows it best.
         members: (M,) int64 indices of its Gaussians.
+        probability: that it is what the query means; None without a calibration.
     """
 
     score: float
-    probability: float | None
     level: str
     center: Array
     size: Array
     frame: int
-    members: NDArray
+    members: NDArray[np.int64]
+    probability: float | None = None
 
     @property
     def rating(self) -> float:
@@ -38,24 +42,30 @@ class FoundThing:
 
 
 @dataclass(frozen=True, eq=False)
-class FoundView:
+class ViewMatch:
     """What matches a query in one view of (H, W) pixels.
 
+    A view without any code at any level has score 0, an empty mask, and None for the rest.
+
     Attributes:
-        level: name of the level with the best score.
-        pixel: column and row of the best match; None if the view shows none of it.
+        phrase: the query.
+        score: largest smoothed relevancy, 0..1; of a thing that is shown, its own.
+        level: name of the level with the score.
+        pixel: column and row of the best match; the innermost if several match as well.
         position: (3,) float64 place in the world that this pixel shows; None without depth.
-        relevancy: (H, W) float32 in 0..1.
-        mask: (H, W) bool pixels that match.
+        relevancy: (H, W) float32 in 0..1 at ``level``, not smoothed; 0 where no code is visible.
         mask_level: name of the level of the mask.
+        mask: (H, W) bool pixels that match.
     """
 
-    level: str
+    phrase: str
+    score: float
+    level: str | None
     pixel: tuple[int, int] | None
     position: Array | None
     relevancy: Map
+    mask_level: str | None
     mask: Mask
-    mask_level: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +82,7 @@ class Answer:
         things: things in 3D of this grade, by decreasing score; empty if refused, or if one view was asked.
         candidates: the best things, two at least if there are, whether they fit or not.
         history: when what the query means was carried, and from where to where, in the order of time.
-        view: what was found in the view that was asked; None if refused, if the view shows nothing, or without a view.
+        view: what matches in the view that was asked; None if refused, if the view shows nothing, or without a view.
     """
 
     phrase: str
@@ -81,10 +91,10 @@ class Answer:
     probability: float | None = None
     refusal: str | None = None
     untaught: tuple[str, ...] = ()
-    things: tuple[FoundThing, ...] = ()
-    candidates: tuple[FoundThing, ...] = ()
+    things: tuple[Thing, ...] = ()
+    candidates: tuple[Thing, ...] = ()
     history: tuple[Carried, ...] = ()
-    view: FoundView | None = None
+    view: ViewMatch | None = None
 
     def at(self, second: float) -> Place | None:
         """Where it was at a time [s since the first frame], by its history; None if it was not carried.

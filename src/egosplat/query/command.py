@@ -1,7 +1,7 @@
 """Query a finished scene: ``egosplat query``."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from egosplat.errors import UserError
 from egosplat.geometry import Array
 from egosplat.histories.told import Place, clock
 from egosplat.progress import track
-from egosplat.query.answers import Answer, FoundView
+from egosplat.query.answers import NOTHING, Answer
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import Grading, grading_by_score
 from egosplat.query.text import clean_phrase
@@ -22,23 +22,7 @@ MOST_DRAWN = 8
 # Longer side [px] of the relevancy and the mask in the picture of a scene query, where an image is 360 px high.
 DRAWN_SIDE = 256
 
-_ABSENT, NOTHING = "-", "nothing is visible here"
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnAnswer:
-    """An answer with its images.
-
-    Attributes:
-        where: name of the view, such as "frame 12", if each answer has its own.
-        picture: (H, W, 3) in [0, 1], the rendered view; None for a query without an answer.
-        view: what was found in it.
-    """
-
-    answer: Answer
-    where: str = ""
-    picture: NDArray | None = None
-    view: FoundView | None = None
+_ABSENT = "-"
 
 
 def run(
@@ -64,13 +48,7 @@ def run(
     Raises:
         UserError: as ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time.
     """
-    if at is not None and viewpoint is not None and viewpoint.second is not None:
-        raise UserError(f"--at: {viewpoint.name} has its own time; ask the whole scene, or a pose")
-    # By the whole seconds that a user sees: 0:59.9 is at the end of a recording that ends at 0:59.
-    if at is not None and int(at) > scene.seconds[-1]:
-        raise UserError(f"--at {clock(at)}: the recording ends at {clock(float(scene.seconds[-1]))}")
-    if at is not None and viewpoint is not None:
-        viewpoint, at = replace(viewpoint, name=f"{viewpoint.name} at {clock(at)}", second=at), None
+    viewpoint, at = _at_time(scene, viewpoint, at)
     place = "the whole scene" if viewpoint is None else viewpoint.name
     title = f"{scene.folder}, {place}, origin {scene.origin}"
     grading = scene.grading() if viewpoint is None else grading_by_score(scene.options)
@@ -79,21 +57,46 @@ def run(
     title = "\n".join(filter(None, (title, scene.notice, *notices)))
     queries = list(dict.fromkeys(map(clean_phrase, phrases)))
     answers = track(scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries))
-    table = _scene_table if viewpoint is None else _view_table
-    columns, rows, every = table(scene, answers, grading)
-    drawn = every[:MOST_DRAWN]
-    yield f"{title}\n{answers_table(columns, rows)}"
-    if carried := _carried_table(every, scene.unit, at):
+    kept: list[Answer] = []
+    rows: list[tuple[str, ...]] = []
+    for answer in answers:
+        rows += _scene_rows(answer, grading) if viewpoint is None else [_view_row(answer, grading)]
+        # Answers in a view hold maps of its size: those that are drawn are kept.
+        if viewpoint is None or len(kept) < MOST_DRAWN:
+            kept.append(answer)
+    columns = ("pixel", "position [{}]") if viewpoint else ("center [{}]", "size [{}]", "frame")
+    measured = ("query", "answer", grading.measure, "level", *(one.format(scene.unit) for one in columns))
+    yield f"{title}\n{answers_table(measured, rows)}"
+    if carried := _carried_table(kept, scene.unit, at):
         yield f"\n{carried}"
-
     # Here, because matplotlib takes as long to import as a query to answer.
     from egosplat.query.sheet import draw_answers
 
-    pictures = _draw_things(scene, drawn) if viewpoint is None else _draw_view(scene, drawn, viewpoint)
-    draw_answers(pictures, title, output)
+    if viewpoint is None:
+        drawn = [_render_thing(scene, answer) for answer in kept[:MOST_DRAWN]]
+    else:
+        picture = scene.picture(viewpoint)
+        drawn = [(answer, "", picture if answer.view else None) for answer in kept]
+    draw_answers(drawn, title, output)
     left_out = len(queries) - len(drawn)
     more = f" (the first {MOST_DRAWN} answers; {left_out} more are in the table only)"
     yield f"picture: {output}{more if left_out else ''}"
+
+
+def _at_time(
+    scene: Scene, viewpoint: Viewpoint | None, at: float | None
+) -> tuple[Viewpoint | None, float | None]:
+    """The viewpoint at a time, or the time at which the whole scene is asked."""
+    if at is None:
+        return viewpoint, None
+    if viewpoint is not None and viewpoint.second is not None:
+        raise UserError(f"--at: {viewpoint.name} has its own time; ask the whole scene, or a pose")
+    # By the whole seconds that a user sees: 0:59.9 is at the end of a recording that ends at 0:59.
+    if int(at) > scene.seconds[-1]:
+        raise UserError(f"--at {clock(at)}: the recording ends at {clock(float(scene.seconds[-1]))}")
+    if viewpoint is None:
+        return None, at
+    return replace(viewpoint, name=f"{viewpoint.name} at {clock(at)}", second=at), None
 
 
 def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -108,20 +111,6 @@ def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[place]) for row in cells if place < len(row)) for place in range(len(columns))]
     lines = ("  ".join(map(str.ljust, row, [*widths[: len(row) - 1], 0])).rstrip() for row in every)
     return "\n".join(lines)
-
-
-# Columns and rows of a table, and answers. Answers in a view hold maps of its size: those that are drawn are kept.
-Table = tuple[tuple[str, ...], list[tuple[str, ...]], list[Answer]]
-
-
-def _scene_table(scene: Scene, answers: Iterable[Answer], grading: Grading) -> Table:
-    places = ("level", f"center [{scene.unit}]", f"size [{scene.unit}]", "frame")
-    every = list(answers)
-    return (
-        ("query", "answer", grading.measure, *places),
-        [row for answer in every for row in _scene_rows(answer, grading)],
-        every,
-    )
 
 
 def _scene_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
@@ -182,17 +171,6 @@ def _refused_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
     return answer.phrase, f"{reason}{number}"
 
 
-def _view_table(scene: Scene, answers: Iterable[Answer], grading: Grading) -> Table:
-    columns = ("query", "answer", "score", "level", "pixel", f"position [{scene.unit}]")
-    rows: list[tuple[str, ...]] = []
-    drawn: list[Answer] = []
-    for answer in answers:
-        rows.append(_view_row(answer, grading))
-        if len(drawn) < MOST_DRAWN:
-            drawn.append(answer)
-    return columns, rows, drawn
-
-
 def _view_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
     view = answer.view
     if answer.refusal:
@@ -204,27 +182,13 @@ def _view_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
     return answer.phrase, answer.grade, grading.shown(answer.rating), view.level, place, position
 
 
-def _draw_things(scene: Scene, answers: Sequence[Answer]) -> list[DrawnAnswer]:
-    """Render the best thing of each answer in the frame that shows it best."""
-    return [
-        DrawnAnswer(
-            answer,
-            f"frame {answer.things[0].frame}",
-            scene.render(answer.things[0].frame),
-            scene.show(answer.phrase, answer.things[0], DRAWN_SIDE),
-        )
-        if answer.things
-        else DrawnAnswer(answer)
-        for answer in answers
-    ]
-
-
-def _draw_view(scene: Scene, answers: Sequence[Answer], viewpoint: Viewpoint) -> list[DrawnAnswer]:
-    picture = scene.picture(viewpoint)
-    return [
-        DrawnAnswer(answer) if answer.view is None else DrawnAnswer(answer, "", picture, answer.view)
-        for answer in answers
-    ]
+def _render_thing(scene: Scene, answer: Answer) -> tuple[Answer, str, NDArray | None]:
+    """The best thing of an answer in the frame that shows it best."""
+    if not answer.things:
+        return answer, "", None
+    thing = answer.things[0]
+    view = scene.show(answer.phrase, thing, DRAWN_SIDE)
+    return replace(answer, view=view), f"frame {thing.frame}", scene.render(thing.frame)
 
 
 def _numbers(point: Array) -> str:

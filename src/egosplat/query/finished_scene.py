@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,28 +24,19 @@ from egosplat.models.open_clip_loader import load_clip_of
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.shared_options import ClipOptions
-from egosplat.query.answer import Asker, ViewAnswer
-from egosplat.query.answers import Answer, FoundThing, FoundView
-from egosplat.query.grades.calibration import (
-    FOUND,
-    NOT_FOUND,
-    Calibration,
-    Evidence,
-    Grading,
-    grading_by_score,
-    grading_of,
-)
+from egosplat.query.answers import Answer, Thing, ViewMatch
+from egosplat.query.grades.calibration import Evidence, Grading, grading_by_score, grading_of
 from egosplat.query.grades.evidence import measure_evidence
+from egosplat.query.grades.judge import MOST, judge, judge_view
 from egosplat.query.histories import find_history, scene_at
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
 from egosplat.query.options import AskingOptions, QueryOptions
 from egosplat.query.scene import QueryScene, read_scene
-from egosplat.query.scene_query import SceneAnswer, SceneIndex, ask_scene, index_scene
-from egosplat.query.text import Texts, encode_texts, explain_untaught, untaught_words
-from egosplat.query.thing_view import view_thing
-from egosplat.query.things import Thing
+from egosplat.query.text import Texts, encode_texts, untaught_words
+from egosplat.query.things import Surface, ask_scene, read_surface
 from egosplat.query.viewpoint import Pose, Viewpoint, frame_viewpoint, pose_viewpoint
+from egosplat.query.views import Asker, show_thing
 from egosplat.query.vocabulary import words_to_try
 
 # What OpenCLIP encoded for a scene's codes: the features of its instances, or tiles for methods without masks.
@@ -161,13 +151,7 @@ class Scene:
         Raises:
             UserError: instances.zarr is not there, or its instances are tracks, which have no place in 3D.
         """
-        artifact = self.artifact("instances")
-        found = instances_of_gaussians(artifact, self.gaussians.means.cpu().numpy())
-        if found is None:
-            raise UserError(
-                f"{artifact.path}: its instances are tracks, which have no place in 3D; set instances.source to masks or both"
-            )
-        return found
+        return instances_of_gaussians(self.artifact("instances"), self.gaussians.means.cpu().numpy())
 
     @cached_property
     def seconds(self) -> Array:
@@ -236,17 +220,17 @@ class Scene:
         return load_clip_of(self.encoded, *files, how.device, how.precision)
 
     @cached_property
-    def index(self) -> SceneIndex:
+    def surface(self) -> Surface:
         """What the frames show of each Gaussian; measured once for all queries of the whole scene."""
         if not len(known_poses(self.poses)):
             path = self.artifact("poses").path
             raise UserError(f"{path}: no frame has a pose; see the log of the stage poses")
-        return index_scene(self.trained, self.poses, self.camera, self.valid)
+        return read_surface(self.trained, self.poses, self.camera, self.valid)
 
     def ask(
         self,
         *phrases: str,
-        most: int = 3,
+        most: int = MOST,
         frame: int | None = None,
         pose: Pose | None = None,
         second: float | None = None,
@@ -285,7 +269,7 @@ class Scene:
     def answers(
         self,
         phrases: Iterable[str],
-        most: int = 3,
+        most: int = MOST,
         viewpoint: Viewpoint | None = None,
         options: QueryOptions | None = None,
     ) -> Iterator[Answer]:
@@ -295,18 +279,26 @@ class Scene:
         texts = self.encode(phrases, options)
         if viewpoint is None:
             # The evidence for the best thing needs the next one.
-            things = ask_scene(self.index, texts, options, max(2, most))
-            return (
-                replace(
-                    self._answer_of_scene(found, most, options),
-                    history=self._history(texts.of([found.phrase]), options),
-                )
-                for found in things
-            )
-        asker = Asker.of(self.trained, texts, options, self.rests)
+            every = ask_scene(self.trained, self.surface, texts, options, max(2, most))
+            rows = zip(texts.phrases, every, strict=True)
+            return (self._judged(phrase, things, most, options) for phrase, things in rows)
         place = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
-        seen = asker.ask(texts.phrases, *place)
-        return (self._answer_of_view(one, options) for one in seen)
+        seen = Asker(self.trained, texts, options, self.rests).ask(texts.phrases, *place)
+        grading = grading_by_score(options)
+        return (judge_view(match, untaught_words(self.clip, match.phrase), grading) for match in seen)
+
+    def _judged(self, phrase: str, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
+        """The verdict on the things that match a phrase best, with what is known of where it was carried."""
+        grading, untaught = self.grading(options), untaught_words(self.clip, phrase)
+        if (fit := grading.calibration) is not None:
+            evidence = self.evidence(phrase, things, options) if things else ()
+            things = [
+                replace(thing, probability=fit.probability(each))
+                for thing, each in zip(things, evidence, strict=True)
+            ]
+        coded = bool(things) or bool((self.trained.share > 0).any())
+        answer = judge(phrase, things, untaught, grading, most, coded=coded)
+        return replace(answer, history=self._history(self.encode([phrase], options), options))
 
     def carried(self) -> list[tuple[str, Carried]]:
         """List what is carried, in the order of time, each with the word that fits best of those whose history it is in, or "".
@@ -329,7 +321,7 @@ class Scene:
 
     def asker(self, phrases: Iterable[str]) -> Asker:
         """Encode phrases to ask them of many views, and compare them with the Gaussians once. Raises as ``ask``."""
-        return Asker.of(self.trained, self.encode(phrases), self.options, self.rests)
+        return Asker(self.trained, self.encode(phrases), self.options, self.rests)
 
     def viewpoint(
         self, frame: int | None = None, pose: Pose | None = None, second: float | None = None
@@ -381,7 +373,7 @@ class Scene:
         scene = scene_at(self.trained, self.rests, view.second)
         return scene.picture(camera or self.camera, view.camera_to_world)
 
-    def show(self, phrase: str, thing: FoundThing, resolution: int = 0) -> FoundView:
+    def show(self, phrase: str, thing: Thing, resolution: int = 0) -> ViewMatch:
         """Show a thing in the frame that shows it best: its pixels, and the relevancy of the whole view.
 
         Args:
@@ -393,109 +385,31 @@ class Scene:
         >>> bool(seen.mask[seen.pixel[::-1]])  # a pixel in the middle of the thing
         True
         """
-        level = self.levels.index(thing.level)
-        options, pose = self.options.change(resolution=resolution), self.poses[thing.frame]
-        texts, place = self.encode([phrase]), (self.camera, pose, self.valid)
-        seen = view_thing(self.trained, thing.members, level, texts, *place, options)
-        return FoundView(thing.level, seen.pixel, None, seen.relevancy, seen.mask, thing.level)
-
-    def export(
-        self,
-        path: str | Path,
-        *,
-        format: str | None = None,
-        query: str | None = None,
-        codes: bool = True,
-        overwrite: bool = False,
-    ) -> None:
-        """Write the scene for other programs, as ``egosplat export``.
-
-        Args:
-            path: file or folder to write.
-            format: ply, spz, instances, carries, nerfstudio, colmap, html or rrd; None for what the suffix of ``path`` says.
-            query: only the Gaussians of the best answer to these words; ply and spz. Boxes of the answers; rrd.
-            codes: also write the language codes; ply.
-            overwrite: whether a file that is there may be replaced.
-
-        Raises:
-            UserError: the query has no answer, or a file is at ``path``.
-
-        >>> scene.export("couch.ply", query="couch")
-        """
-        # By name: the room of exports lies above this one, and its code must make no scores stale.
-        plan_export = import_module("egosplat.export.formats").plan_export
-        keys = {"format": format, "query": query, "codes": codes, "overwrite": overwrite}
-        what = plan_export(self.folder, Path(path), **keys)
-        import_module("egosplat.export.command").run(self.folder, what, self.options, self)
+        place = self.camera, self.poses[thing.frame], self.valid
+        options = self.options.change(resolution=resolution)
+        return show_thing(self.trained, thing, self.encode([phrase]), *place, options)
 
     def grading(self, options: QueryOptions | None = None) -> Grading:
         """How answers of the whole scene are graded."""
         return grading_of(self.encoded.facts["clip"]["hash"], options or self.options)
 
     def evidence(
-        self, phrase: str, things: Sequence[FoundThing], options: QueryOptions | None = None
+        self, phrase: str, things: Sequence[Thing], options: QueryOptions | None = None
     ) -> list[Evidence]:
         """Measure for each of the best things the evidence that it is what a phrase means."""
         options = options or self.options
-        query = self.encode([phrase], options)
-        return measure_evidence(self.index, things, self.levels, query, self._words, options.temperature)
+        given = self.encode([phrase], options), self._words, options.temperature
+        return measure_evidence(self.trained, self.surface, things, *given)
 
     @cached_property
     def _words(self) -> Texts:
         """Names of things, which compete with a query."""
         return self.encode(words_to_try(self.clip))
 
-    def _answer_of_scene(self, found: SceneAnswer, most: int, options: QueryOptions) -> Answer:
-        untaught = tuple(untaught_words(self.clip, found.phrase))
-        grading = self.grading(options)
-        candidates = self._candidates(found, grading.calibration, options)
-        if not candidates:
-            # What fits best may be specks alone.
-            coded = bool((self.trained.share > 0).any())
-            none = "not found: nothing here looks like it" if coded else "no Gaussian of the scene has a code"
-            refusal = explain_untaught(untaught) or none
-            return Answer(found.phrase, NOT_FOUND, 0.0, None, refusal, untaught)
-        best = candidates[0]
-        refusal = explain_untaught(untaught) or grading.refusal(best.rating)
-        grade = NOT_FOUND if refusal else grading.grade(best.rating)
-        things = tuple(one for one in candidates[:most] if not refusal and grading.grade(one.rating) == grade)
-        return Answer(
-            found.phrase, grade, best.score, best.probability, refusal, untaught, things, candidates
-        )
-
     def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
         if self.histories is None or untaught_words(self.clip, query.phrases[0]):
             return ()
         return find_history(self.histories, query, self._words, options.temperature)
-
-    def _candidates(
-        self, found: SceneAnswer, calibration: Calibration | None, options: QueryOptions
-    ) -> tuple[FoundThing, ...]:
-        """The things of an answer by decreasing score, with their probabilities where a calibration holds."""
-        things = tuple(map(self._found_thing, found.things))
-        if calibration is None:
-            return things
-        evidence = self.evidence(found.phrase, things, options)
-        return tuple(
-            replace(one, probability=calibration.probability(each))
-            for one, each in zip(things, evidence, strict=True)
-        )
-
-    def _found_thing(self, thing: Thing) -> FoundThing:
-        level, frame = self.levels[thing.level], self.index.best_frame(thing)
-        return FoundThing(
-            thing.score, None, level, thing.center, thing.high - thing.low, frame, thing.members
-        )
-
-    def _answer_of_view(self, seen: ViewAnswer, options: QueryOptions) -> Answer:
-        grading = grading_by_score(options)
-        untaught = tuple(untaught_words(self.clip, seen.phrase))
-        refusal, view = explain_untaught(untaught) or grading.refusal(seen.score), None
-        if not refusal and seen.level is not None and seen.mask_level is not None:
-            level, mask_level = self.levels[seen.level], self.levels[seen.mask_level]
-            view = FoundView(level, seen.pixel, seen.position, seen.relevancy, seen.mask, mask_level)
-        grade = NOT_FOUND if refusal else FOUND
-        return Answer(seen.phrase, grade, seen.score, None, refusal, untaught, view=view)
 
 
 def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path | None = None) -> Scene:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.query.options import QueryOptions
+from egosplat.query.options import MapOptions
 
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -17,105 +17,39 @@ PLATEAU = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Location:
-    """The most relevant pixel.
+class Maps:
+    """The relevancy of one query in an image of (H, W) pixels, at L levels.
 
     Attributes:
-        level: index of its level; the first one on ties.
-        score: the largest smoothed relevancy.
-        pixel: column and row; the innermost of the pixels whose smoothed relevancy is as large, within ``PLATEAU``.
+        raw, smooth: (L, H, W) float32, finite: before and after the box filter.
+        shown: (L, H, W) bool pixels that show the scene and have a code at a level.
     """
 
-    level: int
-    score: float
-    pixel: tuple[int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class Segmentation:
-    """A mask.
-
-    Attributes:
-        level: index of its level; the first one on ties.
-        mask: (H, W) bool.
-    """
-
-    level: int
-    mask: Mask
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """Location and mask of one query in one image.
-
-    Attributes:
-        location: the most relevant pixel, after smoothing.
-        segmentation: the mask.
-        relevancy: (H, W) float32 at the location's level, not smoothed; 0 where no code is visible.
-    """
-
-    location: Location
-    segmentation: Segmentation
-    relevancy: Map
-
-
-@dataclass(frozen=True, eq=False)
-class Peak:
-    """Location of one query in one image, and which relevancy matches it.
-
-    Attributes:
-        location: as in ``Found``.
-        relevancy: as in ``Found``.
-        shown: (H, W) bool pixels with a visible code at the location's level.
-        threshold: relevancy above which something at this level belongs to the answer.
-    """
-
-    location: Location
-    relevancy: Map
+    raw: Map
+    smooth: Map
     shown: Mask
-    threshold: float
+
+    def at(self, level: int) -> Map:
+        """(H, W) float32 relevancy of a level, not smoothed; 0 where no code is visible."""
+        return np.where(self.shown[level], self.raw[level], np.float32(0.0))
+
+    def threshold(self, level: int, share: float) -> float:
+        """The relevancy at a share of the way from the least to the largest of a level."""
+        seen = self.raw[level][self.shown[level]]
+        return float(seen.min() + share * (seen.max() - seen.min()))
 
 
-def find_in_maps(maps: Map, valid: Mask, options: QueryOptions) -> Found | None:
-    """Localize and segment a query from its maps of all levels, as LangSplat does (docs/method.md#query-levels).
+def read_maps(maps: Map, valid: Mask, options: MapOptions) -> Maps:
+    """Enlarge and smooth a query's maps of all levels (docs/method.md#query-levels).
 
     Args:
         maps: (L, h, w) float32 relevancy in 0..1, NaN where no code is visible; of the whole image at any size.
         valid: (H, W) bool pixels of the image that show the scene; other pixels are never answers.
-        options: ``box_filter``, ``segmentation_threshold`` and ``majority_filter`` are used.
-
-    Returns:
-        None if no level has a visible code.
+        options: ``box_filter`` is used.
 
     Raises:
         ValueError: the maps do not have three axes.
     """
-    raw, filtered, shown = _read(maps, valid, options)
-    location, side = localize(filtered, shown), options.majority_px(max(valid.shape))
-    mask = segment(raw, filtered, shown, options.segmentation_threshold, side)
-    if location is None or mask is None:
-        return None
-    relevancy = np.where(shown[location.level], raw[location.level], np.float32(0.0))
-    return Found(location, mask, relevancy)
-
-
-def find_peak(maps: Map, valid: Mask, options: QueryOptions) -> Peak | None:
-    """Localize a query as ``find_in_maps`` does; arguments, ``None`` and errors as there.
-
-    The threshold lies between the least and the largest relevancy of the level as that of ``segment``.
-    """
-    raw, filtered, shown = _read(maps, valid, options)
-    location = localize(filtered, shown)
-    if location is None:
-        return None
-    values, seen = raw[location.level], shown[location.level]
-    lowest, top = values[seen].min(), values[seen].max()
-    threshold = float(lowest + options.segmentation_threshold * (top - lowest))
-    return Peak(location, np.where(seen, values, np.float32(0.0)), seen, threshold)
-
-
-def _read(maps: Map, valid: Mask, options: QueryOptions) -> tuple[Map, Map, Mask]:
-    """(L, H, W) raw and smoothed relevancy, and pixels that may answer, see ``find_in_maps``."""
     if maps.ndim != 3:
         raise ValueError(f"maps {maps.shape} are not (level, height, width)")
     # Not INTER_NEAREST, which does not keep pixel centers in place.
@@ -125,7 +59,7 @@ def _read(maps: Map, valid: Mask, options: QueryOptions) -> tuple[Map, Map, Mask
     filled = (fill_unseen(*level) for level in zip(maps, seen, strict=True))
     raw = np.stack([_resize(level, valid.shape, cv2.INTER_LINEAR) for level in filled])
     side = options.box_filter_px(max(valid.shape))
-    return raw, np.stack([box_filter(level, side) for level in raw]), shown
+    return Maps(raw, np.stack([box_filter(level, side) for level in raw]), shown)
 
 
 def _resize(values: NDArray, size: tuple[int, int], interpolation: int) -> NDArray:
@@ -136,23 +70,23 @@ def _resize(values: NDArray, size: tuple[int, int], interpolation: int) -> NDArr
     )
 
 
-def localize(filtered: Map, seen: Mask) -> Location | None:
-    """Find the level with the largest value, and the innermost of the pixels with this value.
+def localize(smooth: Map, shown: Mask) -> tuple[int, float, tuple[int, int]] | None:
+    """Find the level with the largest value (the first one on ties), this value, and the innermost of its pixels.
 
     Args:
-        filtered: (L, H, W) float32 smoothed relevancy, finite.
-        seen: (L, H, W) bool pixels that may be found.
+        smooth: (L, H, W) float32 smoothed relevancy, finite.
+        shown: (L, H, W) bool pixels that may be found.
 
     Returns:
-        None if ``seen`` is empty.
+        Level, score, and column and row of a pixel, as large within ``PLATEAU``; None if ``shown`` is empty.
     """
-    if not seen.any():
+    if not shown.any():
         return None
     # LangSplat's: the level with the most relevant pixel answers (docs/method.md#query-levels).
-    peaks = filtered.max(axis=(1, 2), where=seen, initial=-np.inf)
+    peaks = smooth.max(axis=(1, 2), where=shown, initial=-np.inf)
     level = int(peaks.argmax())
-    equal = (filtered[level] >= peaks[level] - PLATEAU) & seen[level]
-    return Location(level, float(peaks[level]), innermost(equal))
+    equal = (smooth[level] >= peaks[level] - PLATEAU) & shown[level]
+    return level, float(peaks[level]), innermost(equal)
 
 
 def innermost(mask: Mask) -> tuple[int, int]:
@@ -168,35 +102,29 @@ def innermost(mask: Mask) -> tuple[int, int]:
     return int(columns[nearest]), int(rows[nearest])
 
 
-def segment(
-    raw: Map, filtered: Map, seen: Mask, segmentation_threshold: float, majority_px: int
-) -> Segmentation | None:
-    """Segment at the level where the mean of raw and smoothed relevancy is largest.
+def segment(maps: Maps, segmentation_threshold: float, majority_px: int) -> tuple[int, Mask]:
+    """Segment at the level where the mean of raw and smoothed relevancy is largest; the first one on ties.
 
-    The mean is normalized to 0..1 over the seen pixels of the level, thresholded, and filtered by ``majority``.
+    The mean is normalized to 0..1 over the shown pixels of the level, thresholded, and filtered by ``majority``.
 
     Args:
-        raw: (L, H, W) float32 relevancy, finite.
-        filtered: (L, H, W) float32 smoothed relevancy, finite.
-        seen: (L, H, W) bool; other pixels are in no mask.
+        maps: some pixel of them is shown.
         segmentation_threshold: see ``QueryOptions``.
         majority_px: see ``majority``.
 
     Returns:
-        None if ``seen`` is empty.
+        The level, and its (H, W) mask.
     """
-    if not seen.any():
-        return None
     # LangSplat segments the mean of both, not the smoothed map alone.
-    combined = (raw + filtered) / 2
-    peaks = combined.max(axis=(1, 2), where=seen, initial=-np.inf)
+    combined = (maps.raw + maps.smooth) / 2
+    peaks = combined.max(axis=(1, 2), where=maps.shown, initial=-np.inf)
     level = int(peaks.argmax())
-    values, top = combined[level], peaks[level]
-    lowest = values.min(where=seen[level], initial=np.inf)
+    values, top, shown = combined[level], peaks[level], maps.shown[level]
+    lowest = values.min(where=shown, initial=np.inf)
     # LangSplat writes this as clip(2 g - 1, 0, 1) > 0.4, which is g > 0.7. A relative threshold gives every query a
     # mask, whether the object is there or not; only a constant map has an empty one.
-    above = (values - lowest > segmentation_threshold * (top - lowest)) & seen[level]
-    return Segmentation(level, majority(above, majority_px) & seen[level])
+    above = (values - lowest > segmentation_threshold * (top - lowest)) & shown
+    return level, majority(above, majority_px) & shown
 
 
 def box_filter(values: Map, size: int) -> Map:

@@ -6,10 +6,9 @@ from typing import Any
 from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import LANGUAGE, SCHEMAS
-from egosplat.pipeline.model_sets import DEFAULTS
-from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.query.finished_scene import Scene, scene_of
+from egosplat.query.model_defaults import suit_options
 from egosplat.query.options import AskingOptions
 from egosplat.query.text import encoded_of
 
@@ -30,20 +29,13 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
     (['part', 'whole'], 5, 700)
     """
     folder = Path(folder)
-    artifacts, options = open_artifacts(folder), options or AskingOptions()
-    suited = {
-        key: value for key, value in _suited(artifacts[-1]).items() if key not in options.model_fields_set
-    }
-    return scene_of(artifacts, options.change_keys(**suited | keys), folder)
-
-
-def _suited(encoded: Artifact) -> dict[str, Any]:
-    """Defaults of queries of the set of models that a scene's features are of; another OpenCLIP is asked as published ones."""
-    return DEFAULTS.get(encoded.facts["clip"]["model"], DEFAULTS[PUBLISHED])["query"]
+    artifacts = open_artifacts(folder)
+    clip_model = artifacts[-1].facts["clip"]["model"]
+    return scene_of(artifacts, suit_options(options or AskingOptions(), clip_model, **keys), folder)
 
 
 def open_artifacts(folder: Path) -> list[Artifact]:
-    """Open what queries of a scene or a variant read. Raises as ``open_scene``."""
+    """Open what queries of a scene or a variant read, what OpenCLIP encoded at last. Raises as ``open_scene``."""
     check_scene_folder(folder, ASKED)
     *paths, features, tiles = locate(folder, *ASKED, "features", "tiles")
     by_tiles = encoded_of(open_artifact(paths[-1], LANGUAGE)) == "tiles"

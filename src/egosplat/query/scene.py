@@ -1,5 +1,6 @@
 """Read trained scenes: Gaussians with their render settings, and the codes that queries need."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,12 +57,14 @@ class QueryScene(TrainedScene):
         code, share: (N, L, C) and (N, L) float32 of language.zarr, on the Gaussians' device.
         decoder: from codes to features.
         decoded: what queries of a view decode, see ``egosplat.artifacts.schemas``.
+        levels: names of the levels.
     """
 
     code: Tensor
     share: Tensor
     decoder: Decoder
     decoded: str
+    levels: Sequence[str]
 
     def relevancy(self, texts: Texts, temperature: float) -> Tensor:
         """Relevancy of each Gaussian's own code to all queries.
@@ -113,6 +116,7 @@ def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend
         share=torch.from_numpy(language.read("share")).to(device),
         decoder=read_scene_decoder(language, features),
         decoded=language.facts.get("decoded", PIXELS),
+        levels=language.facts["levels"],
     )
 
 

@@ -1,7 +1,8 @@
-"""Show a finished scene in the browser until the user ends it: ``egosplat view``."""
+"""Show a finished scene in the browser until the user ends it (``egosplat view``), or write its page (``egosplat page``)."""
 
 import threading
 import webbrowser
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,23 +11,23 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import check_scene_folder, title_of
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
+from egosplat.query.model_defaults import suit_options
+from egosplat.query.options import AskingOptions
 from egosplat.viewing.container import Facts, unpack
-from egosplat.viewing.html import data_of
-from egosplat.viewing.options import ScenePageOptions
-from egosplat.viewing.record import record_of
-from egosplat.viewing.server import Encode, PageServer
+from egosplat.viewing.html import data_of, record_of
+from egosplat.viewing.options import PageOptions, ScenePageOptions
+from egosplat.viewing.server import Ask, PageServer
 
 _PAGE = STAGES["scene_page"]
 
 
-def run(folder: Path, keys: dict[str, Any], host: str, port: int, *, browse: bool = False) -> None:
-    """Serve the page of a scene until Ctrl-C. Phrases that the page cannot encode are encoded here.
+def run(folder: Path, options: PageOptions, host: str, port: int, *, browse: bool = False) -> None:
+    """Serve the page of a scene until Ctrl-C. Phrases that the page does not know are asked here.
 
     Args:
         folder: folder of a scene or a variant.
-        keys: of ``ScenePageOptions``, but for those of OpenCLIP: the one that made the features is used.
         host, port: see ``PageServer``.
         browse: whether the browser of the desktop opens the page.
 
@@ -37,7 +38,7 @@ def run(folder: Path, keys: dict[str, Any], host: str, port: int, *, browse: boo
     check_scene_folder(folder, _PAGE.inputs)
     # Before the page is made, which takes seconds.
     with PageServer(host, port) as server:
-        server.offer(*open_page(folder, keys))
+        server.offer(*open_page(folder, options))
         try:
             log(f"{server.address} shows {folder}. Ctrl-C ends it.")
             if browse:
@@ -47,20 +48,59 @@ def run(folder: Path, keys: dict[str, Any], host: str, port: int, *, browse: boo
             log("ended")
 
 
-def open_page(folder: Path, keys: dict[str, Any]) -> tuple[str, Encode | None]:
-    """The page of a scene, and what encodes phrases if the page does not; arguments and errors as in ``run``."""
+def write_page(folder: Path, output: Path, options: AskingOptions, title: str | None = None) -> None:
+    """Write the scene page of a finished scene; its title is ``dataset/scene`` unless given.
+
+    Raises:
+        UserError: an artifact is missing, damaged or does not belong to the others.
+    """
+    paths = {path.stem: path for path in locate_for_page(folder)}
+    page = page_options(open_artifact(paths["features"], SCHEMAS["features"]), options)
+    run_stage(_PAGE.name, page, **paths, output=output, title=title or title_of(folder))
+
+
+def page_options(features: Artifact, options: AskingOptions) -> ScenePageOptions:
+    """The options of a page: what is not set follows the models that made the features."""
+    clip = features.facts["clip"]
+    given = {name: getattr(options, name) for name in options.model_fields_set}
+    files = {"clip_model": clip["model"], "clip_checkpoint": clip["checkpoint"]}
+    return suit_options(ScenePageOptions(**files | given), clip["model"])
+
+
+def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
+    """The page of a scene, and what answers phrases that the page does not know; errors as in ``run``."""
     paths = locate_for_page(folder)
     artifacts = {path.stem: open_artifact(path, SCHEMAS[path.stem]) for path in paths}
-    clip = artifacts["features"].facts["clip"]
-    options = ScenePageOptions(**keys, clip_model=clip["model"], clip_checkpoint=clip["checkpoint"])
-    page, facts = _written_page(folder, artifacts, options) or (None, {})
-    if page is None:
+    page_keys = page_options(artifacts["features"], options)
+
+    @cache
+    def scene() -> Any:
         # Here, because PyTorch takes seconds to import, which a page that is there does not need.
+        from egosplat.query.finished_scene import scene_of
+
+        return scene_of(artifacts.values(), page_keys)
+
+    page, facts = _written_page(folder, artifacts, page_keys) or (None, {})
+    if page is None:
         from egosplat.viewing.stage import make_page
 
         log(f"{folder}: making the page")
-        page, facts = make_page(paths, options, title_of(folder))
-    return page, None if facts["tower"] else phrase_encoder(artifacts["features"], options)
+        page, facts = make_page(scene(), page_keys, title_of(folder))
+    if not facts["tower"]:
+        # Nothing else encodes words: an OpenCLIP that is missing is told at once.
+        scene().clip  # noqa: B018
+    lock = threading.Lock()
+
+    def ask(phrase: str) -> Facts:
+        from egosplat.viewing.words import ask_for_page
+
+        with lock:
+            try:
+                return ask_for_page(scene(), phrase)
+            except UserError as error:
+                return {"why": str(error)}
+
+    return page, ask
 
 
 def locate_for_page(folder: Path) -> list[Path]:
@@ -82,25 +122,3 @@ def _written_page(
     facts, _ = unpack(data)
     record = record_of(artifacts.values(), options)
     return (page, facts) if record.items() <= facts.items() else None
-
-
-def phrase_encoder(features: Artifact, options: ScenePageOptions) -> Encode:
-    """Load the OpenCLIP that made features, to encode phrases; raises UserError if it is missing or another one."""
-    from egosplat.models.open_clip_loader import load_clip_of
-    from egosplat.query.text import encode_phrases, explain_untaught, untaught_words
-
-    clip = load_clip_of(
-        features, options.clip_model, options.clip_checkpoint, options.device, options.precision
-    )
-    lock = threading.Lock()
-
-    def encode(phrase: str) -> dict[str, Any]:
-        try:
-            with lock:
-                vector = encode_phrases(clip, [phrase])[0].tolist()
-        except UserError as error:
-            return {"why": str(error)}
-        why = explain_untaught(untaught_words(clip, phrase))
-        return {"why": why} if why else {"vector": vector}
-
-    return encode

@@ -111,8 +111,10 @@ def _quantize_centers(
 
 def pack_instances(instances: Artifact, means: NDArray[np.float32]) -> Arrays:
     """Pack ``instance`` (L, N) uint16: 0 for none, else 1 more than the index; nothing for tracks, which are not in 3D."""
+    if not len(means) or not instances.shape("gaussians/xyz")[0]:
+        return {}
     owner = instances_of_gaussians(instances, means)
-    return {} if owner is None else {"instance": (owner + 1).clip(0, 65535).astype(np.uint16)}
+    return {"instance": (owner + 1).clip(0, 65535).astype(np.uint16)}
 
 
 # Largest number of views on the page, evenly spaced among those of the scene's index.
@@ -129,7 +131,7 @@ def pack_visibility(shares: NDArray[np.float32], frame: NDArray[np.int64]) -> tu
     """Quantize the shares of views that Gaussians fill, on a logarithmic scale.
 
     Args:
-        shares: (V, N) of ``egosplat.query.scene_query.visible_shares``.
+        shares: (V, N) of ``egosplat.query.things.visible_shares``.
         frame: (V,) frames of the views.
 
     Returns:

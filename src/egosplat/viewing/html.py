@@ -1,7 +1,14 @@
 """Assemble the scene page: one HTML file with its styles, scripts, shaders and data."""
 
+from collections.abc import Iterable
 from html import escape
 from importlib import resources
+
+import egosplat
+from egosplat.artifacts.reader import Artifact
+from egosplat.query.options import QueryOptions
+from egosplat.viewing.container import Facts
+from egosplat.viewing.options import ScenePageOptions
 
 # Generator named in the page's metadata.
 GENERATOR = "egosplat page"
@@ -51,12 +58,22 @@ def data_of(page: str) -> str:
     return page.partition('id="data">')[2].partition("</script>")[0]
 
 
-def served_html(page: str, encoder: str | None) -> str:
-    """A page that may ask the server it comes from to encode phrases, at an address that a phrase is appended to."""
-    if encoder is None:
-        return page
+def served_html(page: str, asking: str) -> str:
+    """A page that may ask the server it comes from, at an address that a phrase is appended to."""
     page = page.replace("default-src 'none';", "default-src 'none'; connect-src 'self';", 1)
-    return page.replace('<html lang="en">', f'<html lang="en" data-encoder="{escape(encoder)}">', 1)
+    return page.replace('<html lang="en">', f'<html lang="en" data-asking="{escape(asking)}">', 1)
+
+
+def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions) -> Facts:
+    """The version, the artifacts' digests and the options: pages with equal records show and answer the same."""
+    values = options.as_dict()
+    # The other keys say where a page is computed, and which OpenCLIP, which features.zarr tells.
+    kept = (*QueryOptions.model_fields, "max_gaussians")
+    return {
+        "version": egosplat.__version__,
+        "made_from": {artifact.path.name: artifact.digest for artifact in artifacts},
+        "options": {name: values[name] for name in kept},
+    }
 
 
 def _source(name: str) -> str:

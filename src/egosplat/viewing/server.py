@@ -1,4 +1,4 @@
-"""A web server of one scene page, which encodes phrases for it."""
+"""A web server of one scene page, which answers phrases for it."""
 
 import hmac
 import ipaddress
@@ -17,8 +17,8 @@ from urllib.parse import parse_qs, urlsplit
 from egosplat.errors import UserError
 from egosplat.viewing.html import served_html
 
-# Vector of a phrase, or the reason why it has none, as ``source/answer.js`` reads them.
-Encode = Callable[[str], dict[str, Any]]
+# Vector and verdict of a phrase, or the reason why it has none, as ``source/answer.js`` reads them.
+Ask = Callable[[str], dict[str, Any]]
 
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -61,10 +61,9 @@ class PageServer(ThreadingTCPServer):
         self.address = f"http://{f'[{name}]' if ':' in name else name}:{self.server_address[1]}/"
         self.address += f"?token={self.token}" if self.token else ""
 
-    def offer(self, page: str, encode: Encode | None) -> None:
-        """Set the page, and what encodes phrases if the page does not."""
-        encoder = f"encode?token={self.token}&phrase=" if encode else None
-        self.page, self.encode = served_html(page, encoder).encode(), encode
+    def offer(self, page: str, ask: Ask) -> None:
+        """Set the page, and what answers phrases that it does not know."""
+        self.page, self.ask = served_html(page, f"ask?token={self.token}&phrase=").encode(), ask
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that leaves before its answer."""
@@ -85,8 +84,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(HTTPStatus.FORBIDDEN, "text/plain", b"Open the address that egosplat view printed.\n")
         elif asked.path == "/":
             self._send(HTTPStatus.OK, "text/html", self.server.page)
-        elif asked.path == "/encode" and self.server.encode:
-            reply = json.dumps(self.server.encode(given.get("phrase", "")))
+        elif asked.path == "/ask":
+            reply = json.dumps(self.server.ask(given.get("phrase", "")))
             self._send(HTTPStatus.OK, "application/json", reply.encode())
         else:
             self._send(HTTPStatus.NOT_FOUND, "text/plain", b"There is nothing here.\n")

@@ -1,6 +1,5 @@
 """Stage ``scene_page``: a scene that answers in the browser, as one HTML file."""
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -31,10 +30,9 @@ from egosplat.viewing.gaussians import (
     pack_visibility,
     spatial_order,
 )
-from egosplat.viewing.html import scene_html
+from egosplat.viewing.html import record_of, scene_html
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.palette import pack_codes
-from egosplat.viewing.record import record_of
 from egosplat.viewing.words import pack_words
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, HISTORIES)
@@ -67,14 +65,13 @@ def run(
     """
     paths = [frames_path, poses_path, instances_path, features_path, splats_path, language_path]
     paths += [histories_path] if histories_path else []
-    text, facts = make_page(paths, options, title)
+    text, facts = make_page(scene_of(map(open_artifact, paths, SCHEMAS), options), options, title)
     write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
 
 
-def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> tuple[str, Facts]:
-    """Make the page of a scene from its artifacts, in the order of ``SCHEMAS``, the last of which may lack; with its facts. Raises as ``run``."""
-    scene = scene_of(map(open_artifact, paths, SCHEMAS), options)
+def make_page(scene: Scene, options: ScenePageOptions, title: str) -> tuple[str, Facts]:
+    """Make the page of a scene that was opened with all of ``SCHEMAS``, the last one if it is there; with its facts."""
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
     facts |= record_of(scene.given, options)
@@ -83,7 +80,7 @@ def make_page(paths: Sequence[Path], options: ScenePageOptions, title: str) -> t
 
 def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
     """Pack everything that the page shows or computes with."""
-    clip, index, trained = scene.clip, scene.index, scene.trained
+    surface, trained = scene.surface, scene.trained
     kept = keep_largest(trained.gaussians, options.max_gaussians)
     kept = kept[spatial_order(trained.gaussians.means.cpu().numpy()[kept])]
     thinned = trained.gaussians.select(torch.from_numpy(kept).to(trained.code.device))
@@ -92,9 +89,9 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
     packed = [
         pack_gaussians(every, trained.sh_degree),
         (pack_codes(code, share, trained.decoder), {}),
-        pack_visibility(index.surface.shares[:, kept], index.frame),
+        pack_visibility(surface.shares[:, kept], surface.frame),
         (pack_instances(scene.artifact("instances"), thinned.means.cpu().numpy()), {}),
-        pack_words(clip, options.canonical),
+        pack_words(scene),
         pack_frames(scene.artifact("frames"), scene.poses, scene.seconds),
         pack_carries(scene.histories),
         ({}, of_rests),

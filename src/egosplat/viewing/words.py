@@ -1,5 +1,6 @@
-"""Put words on the page: features of a list of words, and the text tower of a small OpenCLIP for any other words."""
+"""Put words on the page: features and answers of a list of words, and the text tower of a small OpenCLIP for any other words."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,8 @@ import torch
 
 from egosplat.models.clip import OpenClip
 from egosplat.models.without_compiler import without_compiler
+from egosplat.query.answers import Answer
+from egosplat.query.finished_scene import Scene
 from egosplat.query.text import encode_phrases
 from egosplat.query.vocabulary import CARRIED, words_to_try
 from egosplat.viewing.container import Arrays, Facts
@@ -19,20 +22,61 @@ with without_compiler():
 MOST_NUMBERS = 2_000_000
 
 
-def pack_words(clip: OpenClip, canonical: tuple[str, ...]) -> tuple[Arrays, Facts]:
+def pack_words(scene: Scene) -> tuple[Arrays, Facts]:
     """Pack ``word_vectors`` (W, D) and ``canonical_vectors`` (K, D), float32 of unit norm, and a small tower under ``text/``.
 
-    The fact ``tower`` is None without a tower: then the page answers only words of its list.
+    The fact ``answers`` has the verdict on each word. The fact ``tower`` is None without a tower: then the page alone answers
+    only words of its list.
     """
+    clip = scene.clip
     words = words_to_try(clip)
     weights, tower = _tower(clip)
     arrays = {
         "word_vectors": encode_phrases(clip, words).numpy(),
-        "canonical_vectors": encode_phrases(clip, canonical).numpy(),
+        "canonical_vectors": encode_phrases(clip, scene.options.canonical).numpy(),
     }
-    taught = sorted(clip.words) if isinstance(clip.words, frozenset) else None
-    carried = [word in CARRIED for word in words]
-    return arrays | weights, {"words": list(words), "carried": carried, "taught": taught, "tower": tower}
+    return arrays | weights, {
+        "words": list(words),
+        "answers": [answer_facts(answer, scene.levels) for answer in scene.answers(words)],
+        "carried": [word in CARRIED for word in words],
+        "taught": sorted(clip.words) if isinstance(clip.words, frozenset) else None,
+        "tower": tower,
+    }
+
+
+def ask_for_page(scene: Scene, phrase: str) -> Facts:
+    """The vector and the verdict of a phrase, or why it has none, as ``source/answer.js`` reads them.
+
+    Raises:
+        UserError: as ``Scene.ask``.
+    """
+    [answer] = scene.ask(phrase)
+    if answer.untaught:
+        return {"why": answer.refusal}
+    vector = scene.encode([phrase]).queries[0].tolist()
+    return {"vector": vector, "answer": answer_facts(answer, scene.levels)}
+
+
+def answer_facts(answer: Answer, levels: Sequence[str]) -> Facts:
+    """A verdict of the whole scene with the things that are shown; ``level`` is that of the best match, by its index."""
+    return {
+        "grade": answer.grade,
+        "score": answer.score,
+        "rating": answer.rating,
+        "why": answer.refusal,
+        "level": levels.index(answer.candidates[0].level) if answer.candidates else None,
+        "things": [
+            {
+                "score": thing.score,
+                "rating": thing.rating,
+                "level": levels.index(thing.level),
+                "frame": thing.frame,
+                "center": thing.center.tolist(),
+                "size": thing.size.tolist(),
+            }
+            for thing in answer.things
+        ],
+    }
 
 
 def _tower(clip: OpenClip) -> tuple[Arrays, Facts | None]:

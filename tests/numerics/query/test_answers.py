@@ -8,10 +8,10 @@ import torch
 
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
-from egosplat.query.answer import View, answer_from_codes, pixel_position
-from egosplat.query.maps import box_filter, fill_unseen, localize, segment
+from egosplat.query.maps import box_filter, fill_unseen, localize
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.text import Texts
+from egosplat.query.views import View, answer_from_codes, pixel_position
 
 CAMERA = Camera(8, 6, 7.0, 7.0, 4.0, 3.0)
 IDENTITY = Decoder((4,), np.zeros(0, np.float32))
@@ -23,7 +23,7 @@ def view(**changes: object) -> View:
     codes = torch.zeros(2, 6, 8, 4)
     codes[..., 0] = 1.0
     return replace(
-        View(codes, torch.ones(2, 6, 8), torch.full((6, 8), 3.0), CAMERA, np.eye(4), None), **changes
+        View(codes, torch.ones(2, 6, 8), torch.full((6, 8), 3.0), CAMERA, np.eye(4), None, "ab"), **changes
     )
 
 
@@ -68,6 +68,7 @@ def test_one_pixel(measured):
         Camera(1, 1, 1, 1, 0.5, 0.5),
         np.eye(4),
         None,
+        "a",
     )
     (answer,) = answer_from_codes(one, IDENTITY, TEXTS, LANGSPLAT)
     measured(abs(answer.score - 1 / (1 + np.exp(-10.0))))
@@ -110,7 +111,7 @@ def test_smoothing(measured, size, scale):
 def test_one_seen_pixel():
     values = np.full((1, 4, 5), 0.3, np.float32)
     seen = np.zeros((1, 4, 5), bool)
-    assert localize(values, seen) is None and segment(values, values, seen, 0.7, 1) is None
+    assert localize(values, seen) is None
     assert not fill_unseen(values[0], seen[0]).any()
     seen[0, 2, 3] = True
-    assert localize(values, seen).pixel == (3, 2) and not segment(values, values, seen, 0.7, 1).mask.any()
+    assert localize(values, seen)[2] == (3, 2)

@@ -10,7 +10,7 @@ from egosplat.evaluation.scores import score_query
 from egosplat.frames.labels import paint_layers
 from egosplat.frames.recording import Instance
 from egosplat.pipeline.config import defaults, of_format, stage_values
-from egosplat.query.maps import find_in_maps
+from egosplat.query.maps import localize, read_maps, segment
 
 WIDTH, HEIGHT = 986, 120
 OPTIONS = MetricsOptions(**stage_values("metrics", of_format(defaults(), "lerf")))
@@ -69,10 +69,13 @@ def test_hit_and_iou_are_the_reference_s(seed):
     assert {name: groups["all"] for name, groups in found.items()} == {"bowl": (0, 1), "egg": (2,)}
     for number, (name, groups) in enumerate(found.items()):
         maps = answers(10 * seed + number)
-        answer = find_in_maps(maps, np.ones((HEIGHT, WIDTH), bool), OPTIONS)
-        query = Query(0, 0, name, groups)
-        score = score_query(
-            query, answer.location.pixel, answer.segmentation.mask, layers, None, OPTIONS.hit_region
+        read = read_maps(maps, np.ones((HEIGHT, WIDTH), bool), OPTIONS)
+        side = OPTIONS.majority_px(max(HEIGHT, WIDTH))
+        (_, _, pixel), (_, mask) = (
+            localize(read.smooth, read.shown),
+            segment(read, OPTIONS.segmentation_threshold, side),
         )
+        query = Query(0, 0, name, groups)
+        score = score_query(query, pixel, mask, layers, None, OPTIONS.hit_region)
         hit, iou = reference(maps, name)
         assert score.groups["all"].hit == hit and score.groups["all"].iou == pytest.approx(iou, abs=2e-3)

@@ -19,6 +19,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
+from egosplat.export.scene import export_scene
 from egosplat.query.opening import open_scene
 from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
 
@@ -131,7 +132,7 @@ def test_a_place_and_a_name_that_are_not_known_are_empty_in_the_table(tmp_path):
     """The cup was put down where nobody sees it; the other thing, which looks like nothing, was taken up there."""
     put_page_scene(tmp_path)
     put_histories(tmp_path, ((0, 1),), absent_after=(2,))
-    open_scene(tmp_path).export(tmp_path / "x.csv", format="carries")
+    export_scene(open_scene(tmp_path), tmp_path / "x.csv", format="carries")
     with (tmp_path / "x.csv").open(newline="") as file:
         [row] = csv.DictReader(file)
     assert (row["name"], row["start_x"], row["end_x"], row["end_z"]) == ("cup", "-1", "", "")
@@ -142,7 +143,7 @@ def test_a_place_and_a_name_that_are_not_known_are_empty_in_the_table(tmp_path):
     ]
     shutil.rmtree(tmp_path / "histories.zarr")
     with pytest.raises(UserError, match=r"histories\.zarr.*Make it"):
-        open_scene(tmp_path).export(tmp_path / "y.csv")
+        export_scene(open_scene(tmp_path), tmp_path / "y.csv")
     assert open_scene(tmp_path).carried() == [] and not (tmp_path / "y.csv").exists()
 
 
@@ -182,7 +183,7 @@ def test_instances_as_a_point_cloud(scene, export, tmp_path):
 
 def test_a_scene_without_rests_has_a_point_cloud_without_times(tmp_path):
     put_page_scene(tmp_path)
-    open_scene(tmp_path).export(tmp_path / "x.ply", format="instances")
+    export_scene(open_scene(tmp_path), tmp_path / "x.ply", format="instances")
     cloud = trimesh.load(tmp_path / "x.ply")
     assert len(cloud.vertices) == 700
     assert not {"thing", "from_s"} & set(cloud.metadata["_ply_raw"]["vertex"]["data"].dtype.names)

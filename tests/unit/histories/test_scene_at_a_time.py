@@ -14,13 +14,13 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder
-from egosplat.query.answer import Asker
 from egosplat.query.command import run
 from egosplat.query.histories import scene_at
 from egosplat.query.opening import open_scene
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
+from egosplat.query.views import Asker
 from tests.support.page_scene import put_histories, put_page_scene
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -47,7 +47,9 @@ def scene() -> QueryScene:
     """A ball on the left that is the wall, at both levels."""
     code, share = torch.eye(4)[:1, None].repeat(1, 2, 1), torch.ones(1, 2)
     identity = Decoder((4,), np.zeros(0, np.float32))
-    return QueryScene(balls((-0.5, 0, 2)), SETTINGS, CAMERA, 0, code, share, identity, GAUSSIANS)
+    return QueryScene(
+        balls((-0.5, 0, 2)), SETTINGS, CAMERA, 0, code, share, identity, GAUSSIANS, ["part", "whole"]
+    )
 
 
 def rests_of(*spans):
@@ -92,7 +94,7 @@ def test_a_rest_holds_from_its_first_to_its_last_frame(spans, second, there):
 
 
 def answers(scene, rests, second):
-    asker = Asker.of(scene, TEXTS, OPTIONS, rests)
+    asker = Asker(scene, TEXTS, OPTIONS, rests)
     return list(asker.ask(TEXTS.phrases, CAMERA, np.eye(4), None, second))
 
 

@@ -25,10 +25,11 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.stages import STAGES, load_module
-from egosplat.query.answer import ViewAnswer, ask
+from egosplat.query.answers import ViewMatch
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
+from egosplat.query.views import ask
 from egosplat_rivals import loop
 from egosplat_rivals.lerf import Field, evaluate_at_centers
 from egosplat_rivals.loop import train
@@ -148,12 +149,12 @@ class Scene:
         targets = self.tiles if TILES in how.learns_from else self.targets
         return how.give_codes(self.views, targets, options, checkpoint)
 
-    def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray) -> list[ViewAnswer]:
+    def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray) -> list[ViewMatch]:
         """Answer two queries, whose features are the rows of ``words``, in one view."""
         decoder = coded.decoder or Decoder((8,), np.zeros(0, np.float32))
         camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.decoded)
         texts = Texts(("left", "right"), torch.from_numpy(words), torch.eye(8)[2:3])
-        known = QueryScene(self.gaussians, self.settings, camera, 0, *codes)
+        known = QueryScene(self.gaussians, self.settings, camera, 0, *codes, coded.levels)
         return list(ask(known, texts, camera, pose, None, LANGSPLAT))
 
 

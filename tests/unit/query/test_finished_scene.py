@@ -125,7 +125,7 @@ def test_a_view_has_pixels_and_no_things(work):
         (lambda scene: scene.ask(" "), "blank"),
         (lambda scene: scene.render(), "frame or a pose"),
         (lambda scene: scene.artifact("masks"), "masks.zarr"),
-        (lambda scene: scene.export("x.txt"), "x.txt"),
+        (lambda scene: egosplat.export_scene(scene, "x.txt"), "x.txt"),
         (lambda scene: egosplat.open_scene("results/adt/scene9"), "results/adt/scene9/metrics.json"),
         (lambda scene: egosplat.run_stage("splat"), "splats"),
         (lambda scene: egosplat.run_stage("splats", frames="f"), "poses, output"),

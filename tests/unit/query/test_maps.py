@@ -1,78 +1,43 @@
-"""Relevancy maps that are given read like those that are rendered."""
+"""Relevancy maps: smoothed, localized, masked."""
 
+import cv2
 import numpy as np
 import pytest
-import torch
 
-from egosplat.geometry import Camera
-from egosplat.language.decoder import Decoder
-from egosplat.query.answer import View, answer_from_codes
-from egosplat.query.maps import find_in_maps, find_peak
+from egosplat.query.maps import PLATEAU, Maps, box_filter, fill_unseen, localize, majority, read_maps, segment
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.text import Texts
 
 SIZE = 48
 OPTIONS = LANGSPLAT.change(box_filter=6 / SIZE, majority_filter=7 / SIZE)
 ALL = np.ones((SIZE, SIZE), bool)
 
 
-def disc(height: int, width: int, radius: float) -> np.ndarray:
-    rows, columns = np.mgrid[:height, :width]
-    return (rows + 0.5 - height / 2) ** 2 + (columns + 0.5 - width / 2) ** 2 < radius**2
+def find(maps: np.ndarray, valid: np.ndarray = ALL):
+    """Level, score and pixel, and level and mask."""
+    read = read_maps(maps, valid, OPTIONS)
+    return localize(read.smooth, read.shown), segment(read, 0.7, OPTIONS.majority_px(SIZE))
 
 
-@pytest.mark.parametrize("small", [SIZE, SIZE // 2])
-def test_an_answer_from_codes_is_that_of_its_maps(small):
-    rng = np.random.default_rng(0)
-    codes = torch.from_numpy(rng.normal(size=(2, small, small, 4)).astype(np.float32)).cumsum(1).cumsum(2)
-    coverage = torch.from_numpy(rng.random((2, small, small)).astype(np.float32))
-    decoder = Decoder((4,), np.zeros(0, np.float32))
-    directions = torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(3, 4))).float(), dim=1)
-    texts = Texts(("cup",), directions[:1], directions[1:])
-    valid = disc(SIZE, SIZE, 22.0)
-    options = OPTIONS.change(min_coverage=0.3)
-    view = View(
-        codes,
-        coverage,
-        torch.ones(small, small),
-        Camera(SIZE, SIZE, 40.0, 40.0, 24.0, 24.0),
-        np.eye(4),
-        valid,
-    )
-    (answer,) = answer_from_codes(view, decoder, texts, options)
-
-    seen = coverage > 0.3
-    maps = relevancy_maps(codes, seen, decoder, texts, options.temperature)[0].numpy()
-    maps = np.where(seen.numpy(), maps, np.float32(np.nan))
-    found = find_in_maps(maps, valid, options)
-    assert (found.location.level, found.segmentation.level) == (answer.level, answer.mask_level)
-    assert found.location.pixel == answer.pixel
-    assert found.location.score == pytest.approx(answer.score, rel=1e-6)
-    np.testing.assert_array_equal(found.segmentation.mask, answer.mask)
-    np.testing.assert_allclose(found.relevancy, answer.relevancy, rtol=1e-5)
+def everywhere(maps: np.ndarray) -> np.ndarray:
+    return np.ones(maps.shape, bool)
 
 
 def test_scaled_and_shifted_maps_say_the_same():
     maps = np.random.default_rng(1).random((3, SIZE, SIZE)).astype(np.float32)
-    first, second = (find_in_maps(one, ALL, OPTIONS) for one in (maps, 0.25 * maps + 0.5))
-    assert first.location.pixel == second.location.pixel
-    assert (first.segmentation.mask != second.segmentation.mask).mean() < 0.01
+    (place, (_, mask)), (other_place, (_, other_mask)) = find(maps), find(0.25 * maps + 0.5)
+    assert place[2] == other_place[2] and (mask != other_mask).mean() < 0.01
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.7])
 def test_a_threshold_lies_between_the_least_and_the_largest_relevancy_of_its_level(share):
     maps = np.full((2, SIZE, SIZE), 0.5, np.float32)
     maps[1, 10:30, 10:30], maps[1, :5], maps[0, 0, 0] = 0.9, 0.1, np.nan
-    found = find_peak(maps, ALL, OPTIONS.change(segmentation_threshold=share))
-    assert vars(found.location) == vars(find_in_maps(maps, ALL, OPTIONS).location)
-    assert found.location.level == 1 and found.shown.all()
-    assert found.threshold == pytest.approx(0.1 + 0.8 * share)
+    assert read_maps(maps, ALL, OPTIONS).threshold(1, share) == pytest.approx(0.1 + 0.8 * share)
     # What is hidden, or not valid, moves nothing.
     maps[1, :5] = np.nan
-    hidden = find_peak(maps, ALL, OPTIONS.change(segmentation_threshold=share))
-    assert hidden.threshold == pytest.approx(0.5 + 0.4 * share)
-    assert not hidden.shown[:5].any() and not hidden.relevancy[:5].any() and hidden.shown[5:].all()
+    hidden = read_maps(maps, ALL, OPTIONS)
+    assert hidden.threshold(1, share) == pytest.approx(0.5 + 0.4 * share)
+    assert not hidden.shown[1, :5].any() and not hidden.at(1)[:5].any() and hidden.shown[1, 5:].all()
 
 
 def test_there_is_no_answer_outside_of_what_is_valid():
@@ -81,16 +46,138 @@ def test_there_is_no_answer_outside_of_what_is_valid():
     maps = np.full((1, SIZE, SIZE), 0.1, np.float32)
     maps[0, :, 30:] = 1.0
     maps[0, 10:20, 5:15] = 0.5
-    found = find_in_maps(maps, valid, OPTIONS)
-    assert 5 <= found.location.pixel[0] < 15 and 10 <= found.location.pixel[1] < 20
-    assert not found.segmentation.mask[:, SIZE // 2 :].any() and found.segmentation.mask[12:18, 7:13].all()
+    (_, _, pixel), (_, mask) = find(maps, valid)
+    assert 5 <= pixel[0] < 15 and 10 <= pixel[1] < 20
+    assert not mask[:, SIZE // 2 :].any() and mask[12:18, 7:13].all()
     # What lies outside moves nothing inside.
-    other = find_in_maps(np.where(valid, maps, np.float32(0.3)), valid, OPTIONS)
-    np.testing.assert_array_equal(found.segmentation.mask, other.segmentation.mask)
+    np.testing.assert_array_equal(mask, find(np.where(valid, maps, np.float32(0.3)), valid)[1][1])
 
 
 def test_nothing_is_found_where_every_value_is_nan():
-    for find in (find_in_maps, find_peak):
-        assert find(np.full((2, SIZE, SIZE), np.nan, np.float32), ALL, OPTIONS) is None
-        with pytest.raises(ValueError, match="maps"):
-            find(np.zeros((SIZE, SIZE), np.float32), ALL, OPTIONS)
+    unseen = read_maps(np.full((2, SIZE, SIZE), np.nan, np.float32), ALL, OPTIONS)
+    assert localize(unseen.smooth, unseen.shown) is None
+    with pytest.raises(ValueError, match="maps"):
+        read_maps(np.zeros((SIZE, SIZE), np.float32), ALL, OPTIONS)
+
+
+@pytest.fixture
+def maps() -> np.ndarray:
+    """(3, 4, 5) float32 with the largest value at level 1, row 2, column 3."""
+    maps = np.full((3, 4, 5), 0.4, np.float32)
+    maps[0, 0, 0], maps[1, 2, 3], maps[2, 3, 4] = 0.6, 0.7, 0.65
+    return maps
+
+
+def test_the_level_with_the_largest_value_is_taken(maps):
+    assert localize(maps, everywhere(maps)) == (1, pytest.approx(0.7), (3, 2))
+
+
+def test_invisible_pixels_are_not_found(maps):
+    seen = np.ones(maps.shape, bool)
+    seen[1, 2, 3] = False
+    assert localize(maps, seen)[::2] == (2, (4, 3))
+    seen[1:] = False
+    assert localize(maps, seen)[::2] == (0, (0, 0))
+
+
+def test_ties_between_levels_take_the_first(maps):
+    maps[0, 0, 0] = maps[1, 2, 3]
+    assert localize(maps, everywhere(maps))[0] == 0
+
+
+def test_the_innermost_of_equal_pixels_is_found_whatever_their_rounding():
+    square = np.zeros((30, 40), np.float32)
+    square[5:20, 10:25] = 0.8
+    # The largest value, by rounding alone, lies in a corner of the square.
+    square[5, 10] += 5e-7
+    larger = np.full((30, 40), 0.8, np.float32)
+    larger[29, 39] += 2 * PLATEAU
+    # The middle of a tie has not the largest value.
+    apart = np.float32([[1, 1, 0, 0, 0, 0, 0, 0, 1]])
+    constant = np.full((5, 3), 0.5, np.float32)
+    for values, pixel in ((square, (17, 12)), (larger, (39, 29)), (apart, (1, 0)), (constant, (1, 2))):
+        assert localize(values[None], everywhere(values[None]))[2] == pixel
+
+
+def mask_of(raw: np.ndarray, smooth: np.ndarray | None = None, shown=None, threshold=0.7, side=1):
+    """The mask of (L, H, W) maps."""
+    smooth = raw if smooth is None else smooth
+    return segment(Maps(raw, smooth, everywhere(raw) if shown is None else shown), threshold, side)[1]
+
+
+def test_the_threshold_is_relative_and_not_included():
+    values = np.array([[[0.0, 0.5, 0.6999, 0.7001, 1.0]]], np.float32)
+    for one in (values, values * 0.01 + 0.4):
+        assert mask_of(one).tolist() == [[False, False, False, True, True]]
+    exact = np.array([[[0.0, 0.5, 1.0]]], np.float32)
+    assert mask_of(exact, threshold=0.5).tolist() == [[False, False, True]]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mask_follows_langsplats_rule(seed):
+    raw, smooth = np.random.default_rng(seed).random((2, 1, 30, 30), dtype=np.float32)
+    mean = (0.5 * (raw + smooth)).astype(np.float64)
+    scaled = (mean - mean.min()) / (mean.max() - mean.min() + 1e-9)
+    np.testing.assert_array_equal(mask_of(raw, smooth), (np.clip(2 * scaled - 1, 0, 1) > 0.4)[0])
+
+
+def test_the_level_is_that_of_the_largest_mean():
+    raw, smooth = np.full((2, 2, 1, 4), 0.1, np.float32)
+    raw[0, 0, 0], smooth[0, 0, 0] = 0.9, 0.3
+    raw[1, 0, 3], smooth[1, 0, 3] = 0.8, 0.7
+    level, mask = segment(Maps(raw, smooth, everywhere(raw)), 0.7, 1)
+    assert level == 1 and mask.tolist() == [[False, False, False, True]]
+
+
+def test_invisible_pixels_do_not_count_in_the_mask():
+    values = np.array([[[0.0, 0.4, 0.5, 0.6, 9.0]]], np.float32)
+    shown = np.array([[[False, True, True, True, False]]])
+    assert mask_of(values, shown=shown).tolist() == [[False, False, False, True, False]]
+
+
+def test_majority_filter_takes_the_majority():
+    values = np.zeros((1, 20, 20), np.float32)
+    values[0, 5:15, 5:15] = 1.0
+    values[0, 0, 19] = 1.0
+    mask = mask_of(values, side=7)
+    assert mask_of(values)[0, 19]
+    assert not mask[0, 19] and mask[7:13, 7:13].all() and not mask[:3].any()
+
+
+def picture(height: int, width: int) -> np.ndarray:
+    return np.random.default_rng(0).random((height, width), dtype=np.float32)
+
+
+@pytest.mark.parametrize("shape", [(64, 50), (9, 70), (1, 12), (1, 1)])
+@pytest.mark.parametrize("size", [30, 7])
+def test_box_filter_equals_opencvs_filter2d(shape, size):
+    values = picture(*shape)
+    kernel = np.full((size, size), 1 / size**2, np.float32)
+    np.testing.assert_allclose(box_filter(values, size), cv2.filter2D(values, -1, kernel), atol=2e-7)
+    before, behind = size // 2, (size - 1) // 2
+    padded = np.pad(values.astype(np.float64), (before, behind), mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
+    np.testing.assert_allclose(box_filter(values, size), windows.mean(axis=(-1, -2)), atol=1e-6)
+
+
+def test_constants_stay_constant_to_the_last_bit_and_a_side_of_one_changes_nothing():
+    constant, values = np.full((50, 60), 0.3, np.float32), picture(9, 8)
+    np.testing.assert_array_equal(box_filter(constant, 30), constant)
+    np.testing.assert_array_equal(box_filter(values, 1), values)
+    np.testing.assert_array_equal(majority(values > 0.5, 1), values > 0.5)
+
+
+@pytest.mark.parametrize("size", [3, 7])
+def test_the_majority_counts_visible_pixels_only(size):
+    mask, half = picture(20, 17) > 0.5, size // 2
+    found = majority(mask, size)
+    for row, column in np.ndindex(mask.shape):
+        around = mask[max(0, row - half) : row + half + 1, max(0, column - half) : column + half + 1]
+        assert found[row, column] == (2 * around.sum() > around.size)
+
+
+def test_invisible_pixels_get_the_lowest_visible_value():
+    values = np.array([[0.0, 0.4, 0.6]], np.float32)
+    filled = fill_unseen(values, np.array([[False, True, True]]))
+    np.testing.assert_array_equal(filled, np.array([[0.4, 0.4, 0.6]], np.float32))
+    assert not fill_unseen(values, np.zeros((1, 3), bool)).any()

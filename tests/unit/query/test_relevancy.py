@@ -1,4 +1,7 @@
-"""How well features fit queries."""
+"""How well features fit queries; folded decoders give the same cosines."""
+
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -6,7 +9,7 @@ import torch
 
 from egosplat.language.decoder import Decoder, decode
 from egosplat.query import relevancy as module
-from egosplat.query.relevancy import relevancy, relevancy_maps
+from egosplat.query.relevancy import fold, relevancy, relevancy_maps
 from egosplat.query.text import Texts
 
 IDENTITY = Decoder((6,), np.zeros(0, np.float32))
@@ -56,3 +59,52 @@ def test_invalid_arguments_are_rejected(texts):
     codes, seen = unit(1, 2, 2, 6), torch.ones(1, 2, 2, dtype=torch.bool)
     with pytest.raises(ValueError, match="do not match"):
         relevancy_maps(codes, seen[0], IDENTITY, texts, 10.0)
+
+
+def decoder(*widths: int, scale: float = 1.0) -> Decoder:
+    rng = np.random.default_rng(0)
+    count = sum(wide * (narrow + 1) for narrow, wide in pairwise(widths))
+    return Decoder(widths, (scale * rng.normal(size=count)).astype(np.float32))
+
+
+@pytest.mark.parametrize("widths, folded", [((3, 40), (3, 4)), ((3, 8, 16, 64), (3, 8, 16, 17))])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_folding_changes_no_cosine(widths, folded, scale):
+    generator = torch.Generator().manual_seed(1)
+    codes = torch.randn(50, widths[0], generator=generator)
+    directions = torch.nn.functional.normalize(torch.randn(6, widths[-1], generator=generator), dim=-1)
+    whole = decoder(*widths, scale=scale)
+    small, projected = fold(whole, directions)
+    assert small.widths == folded and projected.shape == (6, folded[-1]) and projected.dtype == torch.float32
+    expected = decode(codes, whole) @ directions.T
+    torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-6)
+    assert (expected.abs() > 0.05).any()
+
+
+def test_folding_keeps_what_stands_before_the_last_layer():
+    """A softmax over code words, a skip, and codes of any norm."""
+    before = ("relu", "relu", "softmax", "none")
+    whole = replace(decoder(3, 8, 8, 16, 64), after=before, unit_input=True, skips=((0, 1),))
+    codes, directions = torch.randn(50, 3), torch.randn(6, 64)
+    small, projected = fold(whole, directions)
+    assert small.widths == (3, 8, 8, 16, 17) and (small.after, small.skips) == (before, ((0, 1),))
+    expected = decode(codes, whole) @ directions.T
+    torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-5)
+    torch.testing.assert_close(decode(3 * codes, small), decode(codes, small))
+
+
+def test_features_without_a_direction_stay_without():
+    without_bias = Decoder((2, 9), np.r_[np.ones(18), np.zeros(9)].astype(np.float32))
+    small, _ = fold(without_bias, torch.eye(9))
+    assert not decode(torch.zeros(1, 2), small).any()
+
+
+@pytest.mark.parametrize("widths", [(4,), (4, 5), (4, 3), (3, 8, 9)])
+def test_folding_is_skipped_if_it_saves_nothing(widths):
+    whole, directions = decoder(*widths), torch.ones(2, widths[-1])
+    assert fold(whole, directions) == (whole, directions)
+
+
+def test_directions_of_another_model_are_rejected():
+    with pytest.raises(ValueError, match="40 channels"):
+        fold(decoder(3, 40), torch.ones(2, 41))

@@ -3,18 +3,17 @@
 import numpy as np
 from PIL import Image
 
-from egosplat.query.answers import Answer, FoundView
-from egosplat.query.command import DrawnAnswer
+from egosplat.query.answers import Answer, ViewMatch
 from egosplat.query.sheet import draw_answers
 
-REFUSED = DrawnAnswer(Answer("zeppelin", "not found", 0.2, refusal="not found: " + "a long reason " * 6))
+REFUSED = Answer("zeppelin", "not found", 0.2, refusal="not found: " + "a long reason " * 6), "", None
 
 
-def answer(phrase: str) -> DrawnAnswer:
+def answer(phrase: str):
     """One that is drawn in gray, without relevancy, all of it in the mask."""
     gray, nothing = np.full((40, 40, 3), 0.5, np.float32), np.zeros((40, 40), np.float32)
-    view = FoundView("whole", (20, 20), None, nothing, nothing == 0, "whole")
-    return DrawnAnswer(Answer(phrase, "found", 0.9, view=view), "", gray, view)
+    view = ViewMatch(phrase, 0.9, "whole", (20, 20), None, nothing, "whole", nothing == 0)
+    return Answer(phrase, "found", 0.9, view=view), "", gray
 
 
 def test_a_long_refusal_does_not_widen_a_column(tmp_path):

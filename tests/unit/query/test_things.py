@@ -1,9 +1,32 @@
-"""Things in 3D: connected Gaussians that fit a query, told apart."""
+"""Things in 3D: connected Gaussians that fit a query, told apart, and the views that show them."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from egosplat.query.things import LEAST_GAUSSIANS, Surface, find_things
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FEATURES, LANGUAGE, POSES, SPLATS
+from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import RenderSettings, view_of
+from egosplat.geometry import Camera
+from egosplat.query import things as module
+from egosplat.query.options import LANGSPLAT
+from egosplat.query.scene import read_scene
+from egosplat.query.text import Texts
+from egosplat.query.things import (
+    LEAST_GAUSSIANS,
+    Surface,
+    ask_scene,
+    find_neighbors,
+    find_things,
+    make_surface,
+    read_surface,
+    visible_shares,
+)
+from egosplat.query.views import show_thing
+from egosplat.rasterize.view import composite
 
 SPACING = 0.1
 
@@ -18,7 +41,15 @@ def surface(*patches: np.ndarray, levels: int = 1, shown: np.ndarray | None = No
     """Patches that one view shows, each Gaussian in a thousandth of it unless ``shown`` (V, N) says otherwise."""
     means = np.concatenate(patches)
     shares = np.full((1, len(means)), 1e-3, np.float32) if shown is None else shown.astype(np.float32)
-    return Surface.of(means, np.full(len(means), 0.04), shares, np.ones((len(means), levels), np.float32))
+    return of_points(means, np.full(len(means), 0.04), shares, np.ones((len(means), levels), np.float32))
+
+
+def of_points(means, radii, shares, code_share) -> Surface:
+    """A surface whose views are frames 0, 10, 20 ... and whose levels have letters."""
+    weight, names = shares.mean(axis=0)[:, None] * code_share, "abc"[: code_share.shape[1]]
+    return make_surface(
+        means, find_neighbors(means, radii), shares, weight, 10 * np.arange(len(shares)), names
+    )
 
 
 def relevancy(home: Surface, *values: float, levels: int = 1) -> np.ndarray:
@@ -34,7 +65,7 @@ def test_two_of_a_kind_are_distinguished():
     assert first.score == pytest.approx(0.9) and second.score == pytest.approx(0.85)
     np.testing.assert_allclose(first.center, [0.25, 0.25, 0.0], atol=1e-6)
     np.testing.assert_allclose(second.center, [3.25, 0.25, 0.0], atol=1e-6)
-    np.testing.assert_allclose(first.high - first.low, [0.5, 0.5, 0.0], atol=1e-6)
+    np.testing.assert_allclose(first.size, [0.5, 0.5, 0.0], atol=1e-6)
 
 
 def test_the_number_of_things_is_limited():
@@ -64,7 +95,7 @@ def test_one_thing_at_two_levels_is_named_once():
     values = relevancy(home, 0.8, 0.1, levels=2)
     values[1] *= 0.5
     (thing,) = find_things(home, values, 0.7, 0.0, 3)
-    assert thing.level == 0 and thing.score == pytest.approx(0.8)
+    assert thing.level == "a" and thing.score == pytest.approx(0.8)
 
 
 def test_what_no_view_shows_is_not_found():
@@ -82,7 +113,7 @@ def test_the_view_that_shows_most_is_named():
     shown[2, :36] = 2e-4
     home = surface(patch(0.0), patch(2.0), shown=shown)
     (thing,) = find_things(home, relevancy(home, 0.9, 0.1), 0.7, 0.0, 3)
-    assert thing.view == 2
+    assert thing.frame == 20
 
 
 def test_small_things_score_less_as_under_a_box_filter():
@@ -99,14 +130,120 @@ def test_single_gaussians_far_away_do_not_stretch_the_box():
     """A box ends at quantiles of what is visible."""
     means = np.concatenate([patch(0.0, 10), [[9.0, 9.0, 9.0]]])
     shares, share = np.full((1, 101), 1e-3, np.float32), np.ones((101, 1), np.float32)
-    home = Surface.of(means, np.r_[np.full(100, 0.04), 20.0], shares, share)
+    home = of_points(means, np.r_[np.full(100, 0.04), 20.0], shares, share)
     values = np.ones((1, 101), np.float32)
     values[0, 0] = 0.0
     (thing,) = find_things(home, values, 0.2, 0.0, 3)
-    assert 100 in thing.members and thing.high.max() < 1.0
+    assert 100 in thing.members and thing.size.max() < 1.0
 
 
 def test_an_empty_scene_has_no_things():
     shares, share = np.zeros((1, 0), np.float32), np.zeros((0, 2), np.float32)
-    nothing = Surface.of(np.zeros((0, 3)), np.zeros(0), shares, share)
+    nothing = of_points(np.zeros((0, 3)), np.zeros(0), shares, share)
     assert find_things(nothing, np.zeros((2, 0), np.float32), 0.7, 0.0, 3) == []
+
+
+WALL = Camera(48, 48, 44.0, 44.0, 24.0, 24.0)
+
+
+@pytest.fixture
+def scene(word_scene):
+    """A wall whose left half means a couch and whose right half means a cup, with its surface."""
+    folder = word_scene()
+    artifacts = [open_artifact(folder / f"{one.name}.zarr", one) for one in (SPLATS, LANGUAGE, FEATURES)]
+    poses = open_artifact(folder / "poses.zarr", POSES).read("camera_to_world")
+    read = read_scene(*artifacts, "cpu")
+    return read, read_surface(read, poses, WALL, None)
+
+
+@pytest.fixture
+def texts(couch_and_cup) -> Texts:
+    """Both words, against the direction between them."""
+    between = torch.nn.functional.normalize(couch_and_cup.sum(0, keepdim=True))
+    return Texts(("couch", "cup"), couch_and_cup, between)
+
+
+def test_each_word_finds_its_half(scene, texts, monkeypatch):
+    """In views of the frames with a pose; more queries than memory holds are asked in turn."""
+    surface = scene[1]
+    np.testing.assert_array_equal(surface.frame, [0, 1, 2])
+    np.testing.assert_allclose(surface.shares.sum(axis=1), 1.0, atol=1e-3)
+    whole = [found[0] for found in ask_scene(*scene, texts, LANGSPLAT, 3)]
+    couch, cup = whole
+    assert couch.center[0] < -0.3 and cup.center[0] > 0.3
+    assert couch.score > 0.8 and couch.level == "whole" and couch.frame == 0
+    monkeypatch.setattr(module, "_NUMBERS_AT_ONCE", 1)
+    parts = [found[0].score for found in ask_scene(*scene, texts, LANGSPLAT, 1)]
+    np.testing.assert_allclose(parts, [one.score for one in whole], rtol=1e-5)
+
+
+def test_a_scene_without_codes_has_no_answer(scene, texts):
+    bare, surface = replace(scene[0], share=torch.zeros_like(scene[0].share)), scene[1]
+    weight, rest = 0 * surface.weight, (surface.frame, surface.levels)
+    empty = make_surface(surface.means, surface.touching, surface.shares, weight, *rest)
+    assert list(ask_scene(bare, empty, texts, LANGSPLAT, 3)) == [(), ()]
+
+
+@pytest.mark.parametrize("valid", [None, np.zeros((48, 48), bool)])
+def test_a_thing_is_shown_where_it_is(scene, texts, valid):
+    """Mask, place and relevancy of the couch lie in the left half of the view, and nowhere if no pixel is valid."""
+    couch = texts.of(["couch"])
+    [[thing]] = ask_scene(*scene, couch, LANGSPLAT, 1)
+    seen = show_thing(scene[0], thing, couch, WALL, np.eye(4), valid, LANGSPLAT)
+    if valid is not None:
+        assert not seen.mask.any() and seen.pixel is None and not seen.relevancy.any()
+        return
+    assert seen.mask[:, :18].mean() > 0.8 and seen.mask[:, 30:].mean() < 0.05
+    column, row = seen.pixel
+    assert column < 20 and seen.mask[row, column]
+    assert seen.relevancy[:, :16].mean() > 0.8 and seen.relevancy[:, 32:].mean() < 0.2
+
+
+CAMERA = Camera(20, 16, 18.0, 18.0, 10.0, 8.0)
+SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="cpu")
+
+
+@pytest.fixture
+def cloud() -> Gaussians:
+    """A translucent Gaussian in front of an opaque one, one aside, one behind the camera."""
+    means = torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.6, 0.0, 2.0], [0.0, 0.0, -2.0]])
+    return Gaussians(
+        means=means,
+        quats=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(4, 1),
+        log_scales=torch.full((4, 3), np.log(0.2)),
+        logit_opacities=torch.tensor([0.0, 4.0, 4.0, 4.0]),
+        sh=torch.zeros(4, 1, 3),
+        features=torch.zeros(4, 0),
+    )
+
+
+def window() -> np.ndarray:
+    """The share of the picture that each pixel counts as, written out."""
+    rows, columns = np.sin(np.pi * (np.arange(16) + 0.5) / 16), np.sin(np.pi * (np.arange(20) + 0.5) / 20)
+    return rows[:, None] * columns / (rows.sum() * columns.sum())
+
+
+def test_shares_are_sums_of_compositing_weights(cloud):
+    """Each Gaussian rendered alone in white, behind what hides it, gives the same sum."""
+    (shares,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, SETTINGS)
+    weights, _ = composite(view_of(cloud, CAMERA, np.eye(4), SETTINGS), torch.eye(4))
+    expected = (weights.numpy() * window()[..., None]).sum(axis=(0, 1))
+    np.testing.assert_allclose(shares.numpy(), expected, rtol=1e-4, atol=1e-7)
+    assert shares[3] == 0.0 and 0 < shares.sum() <= 1.0
+
+
+def test_invalid_pixels_show_nothing(cloud):
+    """A lens circle that leaves out the right half hides what is there."""
+    valid = np.ones((16, 20), bool)
+    valid[:, 10:] = False
+    (everything,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, SETTINGS)
+    (half,) = visible_shares(cloud, CAMERA, [np.eye(4)], valid, SETTINGS)
+    assert half[2] < 0.1 * everything[2] and half[0] > 0.3 * everything[0]
+
+
+def test_one_row_a_view(cloud):
+    """A view from behind sees the Gaussian that the first one does not."""
+    behind = np.diag([-1.0, 1.0, -1.0, 1.0])
+    shares = visible_shares(cloud, CAMERA, [np.eye(4), behind], None, SETTINGS)
+    assert shares.shape == (2, 4) and shares[1, 3] > 0 and (shares[1, :3] == 0).all()
+    assert visible_shares(cloud, CAMERA, [], None, SETTINGS).shape == (0, 4)

@@ -10,12 +10,12 @@ from urllib.parse import quote, urlsplit
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, stage_values
-from egosplat.viewing.command import open_page, phrase_encoder
+from egosplat.viewing.command import open_page
 from egosplat.viewing.container import unpack
 from egosplat.viewing.html import data_of
+from egosplat.viewing.options import PageOptions
 from egosplat.viewing.server import PageServer
-from tests.support.page_scene import page_options, put_page_scene, write_page
+from tests.support.page_scene import put_page_scene, write_page
 
 # Stands for a page: a served one may ask its server.
 PAGE = "<html lang=\"en\">default-src 'none';"
@@ -23,7 +23,7 @@ PAGE = "<html lang=\"en\">default-src 'none';"
 
 @pytest.fixture
 def serve():
-    """``serve(host)``: a server that runs until the test ends; it encodes a phrase as its length."""
+    """``serve(host)``: a server that runs until the test ends; it answers a phrase with its length."""
     running = []
 
     def make(host):
@@ -48,15 +48,13 @@ def ask(server, path="/", **headers):
 
 
 def test_a_served_page_may_ask_for_phrases(serve):
-    """It gets the address of the encoder, which is the one request that its policy allows."""
+    """It gets the address to ask, which is the one request that its policy allows."""
     server = serve("127.0.0.1")
     status, page = ask(server)
     assert status == 200 and "connect-src 'self';" in page
-    path = page.partition('data-encoder="')[2].partition('"')[0].replace("&amp;", "&")
+    path = page.partition('data-asking="')[2].partition('"')[0].replace("&amp;", "&")
     assert ask(server, "/" + path + quote("café & bar")) == (200, json.dumps({"vector": [10]}))
     assert ask(server, "/other")[0] == 404
-    server.offer(PAGE, None)
-    assert ask(server) == (200, PAGE) and ask(server, "/" + path)[0] == 404
 
 
 @pytest.mark.parametrize(
@@ -77,7 +75,7 @@ def test_a_served_page_may_ask_for_phrases(serve):
 def test_pages_of_others_get_nothing(serve, headers, status):
     """A name that leads here does not open the page to its owner, nor does a script on another page."""
     server = serve("127.0.0.1")
-    assert ask(server, **headers)[0] == ask(server, "/encode?phrase=x", **headers)[0] == status
+    assert ask(server, **headers)[0] == ask(server, "/ask?phrase=x", **headers)[0] == status
 
 
 HOST, OWN, EVIL = "Host: 127.0.0.1:1", "Origin: http://127.0.0.1:1", "Origin: http://evil.example"
@@ -117,16 +115,13 @@ EMBEDDED = "Sec-Fetch-Site: cross-site"
         *(("/", [HOST, *origins], 403) for origins in ([OWN, EVIL], [EVIL, OWN], [OWN, OWN], ["Origin:"])),
         *(("/", [HOST, f"{OWN}{more}"], 403) for more in ("/", ".evil.example", "0")),
         ("/", [HOST, EVIL, "Upgrade: websocket", "Connection: Upgrade"], 403),
-        ("/encode?phrase=x", [HOST, "Sec-Fetch-Site: same-origin"], 200),
-        ("/encode?phrase=x", [HOST, EMBEDDED, "Sec-Fetch-Mode: no-cors"], 403),
-        ("/encode?phrase=x", [HOST, "Sec-Fetch-Site: same-site", "Sec-Fetch-Mode: no-cors"], 403),
+        ("/ask?phrase=x", [HOST, "Sec-Fetch-Site: same-origin"], 200),
+        ("/ask?phrase=x", [HOST, EMBEDDED, "Sec-Fetch-Mode: no-cors"], 403),
+        ("/ask?phrase=x", [HOST, "Sec-Fetch-Site: same-site", "Sec-Fetch-Mode: no-cors"], 403),
         ("/", [HOST, EMBEDDED, "Sec-Fetch-Mode: navigate"], 200),
-        *((target, [HOST], 403) for target in ("http://127.0.0.1:1/", "http://[/", "encode?phrase=x", "*")),
+        *((target, [HOST], 403) for target in ("http://127.0.0.1:1/", "http://[/", "ask?phrase=x", "*")),
         *((target, [HOST], 404) for target in ("/../../etc/passwd", "/%2e%2e/etc/passwd", "//etc/passwd")),
-        *(
-            (target, [HOST], 404)
-            for target in ("/encode/", "/%65ncode?phrase=x", "/;x", "/%00", "/\\evil", "/[")
-        ),
+        *((target, [HOST], 404) for target in ("/ask/", "/%61sk?phrase=x", "/;x", "/%00", "/\\evil", "/[")),
         ("/" + "a" * 70000, [HOST], 414),
         ("/", [HOST, "X: " + "a" * 70000], 431),
     ],
@@ -180,8 +175,8 @@ def test_other_computers_need_the_token(serve):
     for query in ("", "?token=", "?token=x", f"?token={server.token}x", "?token=%C3%A9"):
         assert ask(server, f"/{query}")[0] == 403
     status, page = ask(server, f"/?{address.query}")
-    assert status == 200 and f"encode?token={server.token}&amp;phrase=" in page
-    assert ask(server, "/encode?phrase=x")[0] == 403
+    assert status == 200 and f"ask?token={server.token}&amp;phrase=" in page
+    assert ask(server, "/ask?phrase=x")[0] == 403
     for elsewhere in (
         {"Referer": server.address},
         {"Cookie": address.query},
@@ -203,13 +198,11 @@ def test_a_port_in_use_gives_one_line():
 def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, monkeypatch):
     """Another option, other artifacts or a file of somebody else: the page is made, and the file stays."""
     put_page_scene(tmp_path)
-    keys = stage_values("scene_page", defaults()) | {"device": "cpu"}
-    keys = {name: value for name, value in keys.items() if not name.startswith("clip_")}
     written = write_page(tmp_path, title="written").read_text()
-    assert open_page(tmp_path, keys) == (written, None)
+    assert open_page(tmp_path, PageOptions(device="cpu"))[0] == written
 
     def title(**changes):
-        page, _ = open_page(tmp_path, keys | changes)
+        page, _ = open_page(tmp_path, PageOptions(device="cpu", **changes))
         return unpack(data_of(page))[0]["title"]
 
     assert title(max_gaussians=5) != "written"
@@ -223,11 +216,9 @@ def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, monkeyp
 
 def test_phrases_without_a_vector_get_a_reason(tmp_path):
     """Words that the model was not trained on, and no words."""
-    from egosplat.artifacts.reader import open_artifact
-    from egosplat.artifacts.schemas import FEATURES
-
     put_page_scene(tmp_path)
-    encode = phrase_encoder(open_artifact(tmp_path / "features.zarr", FEATURES), page_options())
-    assert sum(value * value for value in encode("red couch")["vector"]) == pytest.approx(1)
-    assert '"zeppelin"' in encode("zeppelin")["why"]
-    assert "blank" in encode(" \u200b")["why"] and "no word" in encode("::")["why"]
+    write_page(tmp_path)
+    _, answer = open_page(tmp_path, PageOptions(device="cpu"))
+    assert sum(value * value for value in answer("red couch")["vector"]) == pytest.approx(1)
+    assert '"zeppelin"' in answer("zeppelin")["why"]
+    assert "blank" in answer(" \u200b")["why"] and "no word" in answer("::")["why"]

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.query.answers import FoundThing
+from egosplat.query.answers import Thing
 from egosplat.query.grades.calibration import Evidence, log_odds
-from egosplat.query.scene_query import SceneIndex
+from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
+from egosplat.query.things import Surface
 
 # Cosine from which a word means what the query means: "fridge" and "refrigerator", "lamp" and "desk lamp".
 SYNONYM = 0.7
@@ -22,9 +22,9 @@ _LEAST_SHARE = 1e-9
 
 
 def measure_evidence(
-    index: SceneIndex,
-    things: Sequence[FoundThing],
-    levels: Sequence[str],
+    scene: QueryScene,
+    surface: Surface,
+    things: Sequence[Thing],
     query: Texts,
     words: Texts,
     temperature: float,
@@ -33,7 +33,6 @@ def measure_evidence(
 
     Args:
         things: the best things that match the query, two or more if there are: each is compared with the others.
-        levels: names of the levels.
         query: one query.
         words: names of things; each competes with the query, unless it means the same (see ``SYNONYM``).
         temperature: of the relevancy by which the things were found.
@@ -44,12 +43,13 @@ def measure_evidence(
         phrases=(*query.phrases, *(words.phrases[row] for row in others)),
         queries=torch.cat([query.queries, words.queries[others]]),
     )
-    scores = [thing.score for thing in things]
-    found = []
+    scores, measured = [thing.score for thing in things], []
     for row, thing in enumerate(things):
-        size, lead = _measure(index, levels.index(thing.level), thing.members, texts, temperature)
-        found.append(Evidence(size, lead, thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)))
-    return found
+        apart = thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)
+        measured.append(
+            Evidence(_size(surface, thing), _lead(scene, surface, thing, texts, temperature), apart)
+        )
+    return measured
 
 
 def other_meanings(query: Texts, words: Texts) -> Tensor:
@@ -57,14 +57,17 @@ def other_meanings(query: Texts, words: Texts) -> Tensor:
     return words.queries @ query.queries[0] < SYNONYM
 
 
-def _measure(
-    index: SceneIndex, level: int, members: NDArray[np.int64], texts: Texts, temperature: float
-) -> tuple[float, float]:
-    """Size and lead of one thing for the first of the texts; the others compete with it."""
-    rows = torch.from_numpy(members).to(index.scene.code.device)
-    code, share = (values[rows, level][:, None] for values in (index.scene.code, index.scene.share))
-    relevancy = replace(index.scene, code=code, share=share).relevancy(texts, temperature)[:, 0].cpu().numpy()
-    weight = index.surface.weight[members, level].astype(np.float64)
+def _size(surface: Surface, thing: Thing) -> float:
+    shown = float(surface.shares[:, thing.members].sum(axis=1, dtype=np.float64).max())
+    return math.log(max(shown, _LEAST_SHARE))
+
+
+def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, temperature: float) -> float:
+    """Lead of the first of the texts over the others, which compete with it."""
+    level = surface.levels.index(thing.level)
+    rows = torch.from_numpy(thing.members).to(scene.code.device)
+    code, share = (values[rows, level][:, None] for values in (scene.code, scene.share))
+    relevancy = replace(scene, code=code, share=share).relevancy(texts, temperature)[:, 0].cpu().numpy()
+    weight = surface.weight[thing.members, level].astype(np.float64)
     fit, *others = map(log_odds, relevancy @ weight / weight.sum())
-    shown = float(index.surface.shares[:, members].sum(axis=1, dtype=np.float64).max())
-    return math.log(max(shown, _LEAST_SHARE)), fit - max(others, default=0.0)
+    return fit - max(others, default=0.0)

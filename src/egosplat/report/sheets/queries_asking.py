@@ -18,7 +18,7 @@ from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, r
 from egosplat.evaluation.run_queries import ask_of
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.evaluation.scores import bounding_boxes
-from egosplat.query.answer import ViewAnswer
+from egosplat.query.answers import ViewMatch
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.opening import open_artifacts
 
@@ -43,7 +43,7 @@ class ShownQuery:
     view: NDArray[np.float32]
     target: NDArray[np.bool_]
     boxes: NDArray[np.int64]
-    answer: ViewAnswer
+    answer: ViewMatch
 
 
 def scored_queries(document: Mapping[str, Any]) -> list[ScoredQuery]:

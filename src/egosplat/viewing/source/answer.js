@@ -167,6 +167,18 @@ function gradeOf(scene, rating) {
   return rating >= found ? "found" : rating >= guess ? "best guess" : "not found";
 }
 
+// The verdict on a phrase that is not on the page's list, where no server judges it: egosplat/query/grades/judge.py on the page's data.
+function judge(scene, neighbors, relevancy, vector) {
+  const things = findThings(scene, neighbors, relevancy, 3), [best] = things;
+  for (const thing of things) thing.rating = ratingOf(scene, thing, things, vector);
+  const grade = best ? gradeOf(scene, best.rating) : "not found", { min_score, calibration } = scene.facts.query;
+  const shown = grade === "not found" ? [] : things.filter((thing) => gradeOf(scene, thing.rating) === grade);
+  const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
+  const coded = scene.codeShare.some((share) => share.some((value) => value > 0));
+  const nothing = coded ? "not found: nothing here looks like it" : "no Gaussian of the scene has a code";
+  return { things: shown, grade, level: best?.level, score: best?.score ?? 0, rating: best?.rating ?? 0, why: shown.length ? null : best ? below : nothing };
+}
+
 // Letters of the longest text that is worth splitting or sending.
 const LONGEST = 2000;
 
@@ -179,17 +191,18 @@ function shownFigure(value, verdict) {
   return (near.find((one) => verdict(one) === verdict(value)) ?? value).toFixed(2);
 }
 
-// The vector of a clean phrase, or the reason why it has none.
+// The vector of a clean phrase with its verdict, if it is known, or the reason why it has none.
 async function encodePhrase(scene, tower, phrase) {
-  const { words, taught } = scene.facts, { encoder } = document.documentElement.dataset;
+  const { words, answers, taught } = scene.facts, { asking } = document.documentElement.dataset;
   if (!phrase) return { why: "Type the name of a thing." };
   if (!/[\p{L}\p{N}]/u.test(phrase)) return { why: "The query holds no word." };
   // As in Python, where ftfy makes wide letters plain.
   phrase = phrase.normalize("NFKC");
   const known = words.indexOf(phrase.toLowerCase());
-  if (known >= 0) return { vector: scene.wordVectors[known] };
+  if (known >= 0) return { vector: scene.wordVectors[known], answer: answers[known] };
   if (phrase.length > LONGEST) return { why: "too long: shorten it" };
-  if (!tower) return encoder ? encodeAtServer(encoder, phrase) : { why: `not on the page's list of ${words.length} words; egosplat view answers any words` };
+  if (asking) return askServer(asking, phrase);
+  if (!tower) return { why: `not on the page's list of ${words.length} words; egosplat view answers any words` };
   const tokens = tower.tokenize(phrase), limit = tower.facts.context - 2;
   if (tokens.length > limit) return { why: `too long: the model reads ${limit} tokens; shorten it` };
   const untaught = taught ? (phrase.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? []).filter((word) => !taught.includes(word)) : [];
@@ -200,12 +213,12 @@ async function encodePhrase(scene, tower, phrase) {
   return { vector: tower.encode(tokens) };
 }
 
-// The server that the page came from has the text tower.
-async function encodeAtServer(address, phrase) {
+// The server that the page came from has the scene.
+async function askServer(address, phrase) {
   try {
-    const { vector, why } = await (await fetch(address + encodeURIComponent(phrase))).json();
-    return why ? { why } : { vector: Float32Array.from(vector) };
+    const { vector, answer, why } = await (await fetch(address + encodeURIComponent(phrase))).json();
+    return why ? { why } : { vector: Float32Array.from(vector), answer };
   } catch {
-    return { why: "egosplat view, which encodes words, does not answer: is it still running?" };
+    return { why: "egosplat view, which answers words, does not answer: is it still running?" };
   }
 }

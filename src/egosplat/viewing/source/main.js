@@ -55,7 +55,7 @@ class Page {
       Recording: facts.recording,
       Gaussians: facts.count < facts.trained_count ? `${number} of ${all}: those that cover most` : number,
       Checkpoints: facts.checkpoints.join("; "),
-      Words: this.tower ? "any; the text model is in this file" : document.documentElement.dataset.encoder ? "any; egosplat view encodes them" : `only the ${facts.words.length} of the list: the text model is too large for this file`,
+      Words: this.tower ? "any; the text model is in this file" : document.documentElement.dataset.asking ? "any; egosplat view answers them" : `only the ${facts.words.length} of the list: the text model is too large for this file`,
       Lengths: facts.unit,
       "Made by": `egosplat ${facts.version}`,
     };
@@ -209,7 +209,8 @@ class Page {
   async ask(phrase) {
     const begun = performance.now(), question = ++this.questions;
     phrase = cleanPhrase(phrase);
-    const { vector, why } = await encodePhrase(this.scene, this.tower, phrase);
+    $("answer").textContent = `"${shortened(phrase)}" ...`;
+    const { vector, why, answer } = await encodePhrase(this.scene, this.tower, phrase);
     if (question !== this.questions) return null;
     if (why) {
       this.clear();
@@ -218,24 +219,16 @@ class Page {
     const relevancy = gaussianRelevancy(this.scene, paletteRelevancy(this.scene, vector));
     this.heatTime = performance.now() - begun;
     this.sought = null;
-    $("answer").textContent = `"${shortened(phrase)}" ...`;
-    const things = findThings(this.scene, await this.neighbors, relevancy, 3);
+    const neighbors = await this.neighbors;
     if (question !== this.questions) return null;
-    for (const thing of things) thing.rating = ratingOf(this.scene, thing, things, vector);
-    const best = things[0], grade = gradeOf(this.scene, best?.rating ?? 0);
-    const fitting = grade === "not found" ? [] : things.filter((thing) => gradeOf(this.scene, thing.rating) === grade);
+    const { level, ...judged } = answer ?? judge(this.scene, neighbors, relevancy, vector), [best] = judged.things;
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
-    this.mark = fitting.length ? { point: best.center, text: this.markOf(phrase, best) } : null;
+    this.mark = best ? { point: best.center, text: this.markOf(phrase, best) } : null;
     this.tellHistory(phrase, historyOf(this.scene, vector));
-    this.show({ relevancy, level: best?.level ?? this.showing.level, instances: false });
-    const { min_score, calibration } = this.scene.facts.query;
-    const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
-    const coded = this.scene.codeShare.some((share) => share.some((value) => value > 0));
-    const nothing = coded ? "not found: nothing here looks like it" : "no Gaussian of the scene has a code";
+    this.show({ relevancy, level: level ?? this.showing.level, instances: false });
     // What moves is masked: a carried thing is found nowhere, and yet known.
-    const none = this.history ? "carried about: not found among what stays" : best ? below : nothing;
-    return this.tell(phrase, { things: fitting, grade, score: best?.score ?? 0, rating: best?.rating ?? 0, why: fitting.length ? null : none });
+    return this.tell(phrase, { ...judged, why: judged.why && this.history ? "carried about: not found among what stays" : judged.why });
   }
 
   score(score) {

@@ -1,23 +1,130 @@
-"""Asking Gaussians."""
+"""Answers in one view: of codes that are rendered and decoded, and of Gaussians that are compared."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.render import view_of as gaussians_in
-from egosplat.geometry import Camera
+from egosplat.geometry import Camera, invert, make_pose, transform
 from egosplat.language.decoder import Decoder
-from egosplat.query import answer as module
-from egosplat.query.answer import Asker, ViewAnswer, ask, view_of
+from egosplat.query import views as module
+from egosplat.query.answers import ViewMatch
 from egosplat.query.options import LANGSPLAT, QueryOptions
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
+from egosplat.query.views import Asker, View, answer_from_codes, ask, pixel_position, view_of
 from egosplat.rasterize.view import composite
+
+SIZE = 48
+LEVELS = ["part", "middle", "whole"]
+SQUARE = Camera(SIZE, SIZE, 40.0, 40.0, SIZE / 2, SIZE / 2)
+WIDE = Decoder((8,), np.zeros(0, np.float32))
+OPTIONS = LANGSPLAT.change(box_filter=6 / SIZE, majority_filter=7 / SIZE)
+DIRECTIONS = torch.eye(8)
+TEXTS = Texts(("cup", "couch"), DIRECTIONS[:2], DIRECTIONS[4:])
+"""Cup and couch are directions 0 and 1; 3 is the wall, which fits no phrase; 4 to 7 are canonical."""
+
+
+@pytest.fixture
+def view() -> View:
+    """A wall with a couch at level 2, on which a cup is seen at level 0; level 1 shows the wall alone."""
+    codes = DIRECTIONS[3].expand(3, SIZE, SIZE, 8).clone()
+    codes[2, 8:32, 10:40] = DIRECTIONS[1]
+    codes[0, 14:24, 20:30] = DIRECTIONS[0]
+    depth = torch.full((SIZE, SIZE), 3.0)
+    return View(codes, torch.ones(3, SIZE, SIZE), depth, SQUARE, np.eye(4), None, LEVELS)
+
+
+def test_each_query_is_answered_at_its_level(view):
+    cup, couch = answer_from_codes(view, WIDE, TEXTS, OPTIONS)
+    assert (cup.phrase, cup.level, cup.mask_level) == ("cup", "part", "part")
+    assert (couch.phrase, couch.level, couch.mask_level) == ("couch", "whole", "whole")
+    assert 20 <= cup.pixel[0] < 30 and 14 <= cup.pixel[1] < 24
+    assert 10 <= couch.pixel[0] < 40 and 8 <= couch.pixel[1] < 32
+    assert cup.score == pytest.approx(1 / (1 + np.exp(-10.0)), abs=1e-5)
+
+
+def test_the_mask_is_the_thing(view):
+    _, couch = answer_from_codes(view, WIDE, TEXTS, OPTIONS)
+    truth = np.zeros((SIZE, SIZE), bool)
+    truth[8:32, 10:40] = True
+    assert couch.mask.dtype == bool and (couch.mask & truth).sum() / (couch.mask | truth).sum() > 0.95
+    assert couch.relevancy.dtype == np.float32
+    np.testing.assert_allclose(couch.relevancy[truth], 1 / (1 + np.exp(-10.0)), rtol=1e-5)
+    np.testing.assert_allclose(couch.relevancy[~truth], 0.5, rtol=1e-5)
+
+
+def test_the_place_is_in_the_world(view):
+    pose = np.eye(4)
+    pose[:3, 3] = [10.0, 20.0, 30.0]
+    cup, _ = answer_from_codes(replace(view, camera_to_world=pose), WIDE, TEXTS, OPTIONS)
+    in_camera = cup.position - pose[:3, 3]
+    assert in_camera[2] == pytest.approx(3.0)
+    np.testing.assert_allclose(SQUARE.project(in_camera), np.array(cup.pixel) + 0.5)
+
+
+def test_coarse_codes_answer_at_the_pictures_size(view):
+    coarse = replace(
+        view, codes=view.codes[:, ::2, ::2], coverage=view.coverage[:, ::2, ::2], depth=view.depth[::2, ::2]
+    )
+    for fine, found in zip(
+        answer_from_codes(view, WIDE, TEXTS, OPTIONS),
+        answer_from_codes(coarse, WIDE, TEXTS, OPTIONS),
+        strict=True,
+    ):
+        assert found.mask.shape == found.relevancy.shape == (SIZE, SIZE) and found.level == fine.level
+        assert (found.mask & fine.mask).sum() / (found.mask | fine.mask).sum() > 0.6
+        assert np.abs(np.subtract(found.pixel, fine.pixel)).max() <= 2
+
+
+def test_what_is_not_covered_is_no_answer_and_moves_no_threshold(view):
+    """The cup is hidden at its level; the couch's mask stays as it was."""
+    coverage = view.coverage.clone()
+    coverage[0, 14:24, 20:30] = 0.005
+    coverage[2, 40:] = 0.0
+    whole = list(answer_from_codes(view, WIDE, TEXTS, OPTIONS))
+    cup, couch = answer_from_codes(replace(view, coverage=coverage), WIDE, TEXTS, OPTIONS)
+    assert cup.score == pytest.approx(0.5, abs=1e-5) and whole[0].score > 0.99
+    np.testing.assert_array_equal(couch.mask, whole[1].mask)
+    assert not couch.relevancy[40:].any() and couch.relevancy[:40].min() > 0.4
+
+
+def test_pixels_that_are_not_valid_do_not_answer(view):
+    valid = np.ones((SIZE, SIZE), bool)
+    valid[:, 20:] = False
+    cup, couch = answer_from_codes(replace(view, valid=valid), WIDE, TEXTS, OPTIONS)
+    assert not (cup.mask | couch.mask)[:, 20:].any() and couch.mask[10:30, 12:18].all()
+    assert cup.pixel[0] < 20 and not couch.relevancy[:, 20:].any()
+
+
+def test_many_queries_are_answered_in_turn_and_order(view, monkeypatch):
+    names = tuple("abcdefg")
+    texts = Texts(names, DIRECTIONS[[0, 1, 0, 1, 0, 1, 0]], TEXTS.canonical)
+    monkeypatch.setattr(module, "_MAPS_AT_ONCE", 3 * 3 * SIZE * SIZE)
+    found = list(answer_from_codes(view, WIDE, texts, OPTIONS))
+    assert [one.phrase for one in found] == list(names)
+    assert [one.level for one in found] == [LEVELS[2 * (one % 2)] for one in range(7)]
+
+
+def test_invalid_arguments_are_rejected(view):
+    codes = view.codes.clone()
+    codes[0, 0, 0, 0] = float("nan")
+    broken = {
+        "not finite": {"codes": codes},
+        "coverage": {"coverage": view.coverage[:2]},
+        "depth": {"depth": view.depth[1:]},
+        "valid": {"valid": np.ones((SIZE, SIZE + 1), bool)},
+    }
+    for reason, changes in broken.items():
+        with pytest.raises(ValueError, match=reason):
+            next(answer_from_codes(replace(view, **changes), WIDE, TEXTS, OPTIONS))
+
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
@@ -37,7 +144,7 @@ def scene() -> QueryScene:
         torch.zeros(2, 0),
     )
     return QueryScene(
-        gaussians, SETTINGS, CAMERA, 0, torch.eye(4)[:2, None], torch.ones(2, 1), IDENTITY, PIXELS
+        gaussians, SETTINGS, CAMERA, 0, torch.eye(4)[:2, None], torch.ones(2, 1), IDENTITY, PIXELS, ["whole"]
     )
 
 
@@ -95,7 +202,7 @@ def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
     scene.gaussians.logit_opacities[:] = 0.0
     options = LANGSPLAT.change(box_filter=0.0)
     [blended] = ask(scene, texts, CAMERA, np.eye(4), None, options)
-    asker = Asker.of(replace(scene, decoded=GAUSSIANS), texts, options)
+    asker = Asker(replace(scene, decoded=GAUSSIANS), texts, options)
     [rendered] = asker.ask(["between"], CAMERA, np.eye(4), None)
     assert blended.score > rendered.score
     assert rendered.score == pytest.approx(float(asker.own.max()), abs=1e-5)
@@ -103,7 +210,7 @@ def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
 
 def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch):
     texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    asker = Asker.of(replace(scene, decoded=GAUSSIANS), texts, LANGSPLAT)
+    asker = Asker(replace(scene, decoded=GAUSSIANS), texts, LANGSPLAT)
     asked = ["right", "left", "right"]
     together = list(asker.ask(asked, CAMERA, np.eye(4), None))
     monkeypatch.setattr(module, "_MAPS_AT_ONCE", 1)
@@ -127,10 +234,10 @@ def layered() -> QueryScene:
     )
     code = torch.stack([torch.eye(4)[[1, 1]], torch.eye(4)[:2]], dim=1)
     share = torch.tensor([[0.0, 1.0], [1.0, 1.0]])
-    return QueryScene(gaussians, SETTINGS, CAMERA, 0, code, share, IDENTITY, GAUSSIANS)
+    return QueryScene(gaussians, SETTINGS, CAMERA, 0, code, share, IDENTITY, GAUSSIANS, ["part", "whole"])
 
 
-def ask_both(scene: QueryScene, options: QueryOptions) -> list[ViewAnswer]:
+def ask_both(scene: QueryScene, options: QueryOptions) -> list[ViewMatch]:
     texts = Texts(("thing", "wall"), torch.eye(4)[:2], torch.eye(4)[2:3])
     return list(ask(scene, texts, CAMERA, np.eye(4), None, options))
 
@@ -145,7 +252,7 @@ def test_a_mask_is_what_the_matching_gaussians_fill_by_half(layered, threshold):
     filled = (image[..., 0] / covered).numpy()
     assert (filled > 0.5).sum() > (filled > 0.7).sum() + 20
     np.testing.assert_array_equal(thing.mask, filled > 0.5)
-    assert (thing.level, thing.mask_level) == (1, 1)
+    assert (thing.level, thing.mask_level) == ("whole", "whole")
 
 
 def test_equal_relevancies_have_no_mask(layered):
@@ -169,3 +276,13 @@ def test_a_view_of_nothing_has_no_answer(layered):
     for answer in ask(layered, texts, CAMERA, behind, None, LANGSPLAT):
         assert (answer.score, answer.level, answer.pixel, answer.mask_level) == (0.0, None, None, None)
         assert not answer.mask.any()
+
+
+def test_a_position_inverts_the_projection_at_any_resolution_of_the_depth():
+    camera = Camera(64, 48, 50.0, 40.0, 30.0, 25.0)
+    pose = make_pose(Rotation.from_euler("xyz", [0.3, -0.5, 0.2]).as_matrix(), np.array([1.0, -2.0, 3.0]))
+    depth = np.arange(1, 13, dtype=np.float32).reshape(3, 4)
+    for pixel, z in (((63, 47), 12.0), ((0, 0), 1.0), ((31, 20), 6.0)):
+        local = transform(invert(pose), pixel_position(camera, pose, pixel, depth))
+        assert local[2] == pytest.approx(z)
+        np.testing.assert_allclose(camera.project(local), np.array(pixel) + 0.5, atol=1e-9)

@@ -9,14 +9,12 @@ from torch import Tensor
 
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.lineage import locate
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FEATURES, LANGUAGE, SPLATS
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import LANGUAGE, SPLATS
 from egosplat.errors import UserError
-from egosplat.export.dataset import export_dataset, write_colmap, write_nerfstudio
-from egosplat.export.formats import Exporting
-from egosplat.export.instance_cloud import export_instances
-from egosplat.export.page import write_page
-from egosplat.export.ply import code_columns, geometry_columns, write_ply
+from egosplat.export.dataset import export_dataset
+from egosplat.export.formats import check_export
+from egosplat.export.ply import code_columns, geometry_columns, write_instances, write_ply
 from egosplat.export.rerun_recording import export_rerun
 from egosplat.export.spz import write_spz
 from egosplat.files import atomic_file
@@ -28,7 +26,7 @@ from egosplat.query.finished_scene import Scene
 from egosplat.query.grades.calibration import GUESS
 from egosplat.query.opening import open_scene
 from egosplat.query.options import AskingOptions
-from egosplat.viewing.options import ScenePageOptions
+from egosplat.viewing.command import write_page
 
 # Seconds since the first frame, and places in the world.
 _COLUMNS = (
@@ -36,40 +34,66 @@ _COLUMNS = (
     *("size", "frame"),
 )
 
-_CAMERAS = {"nerfstudio": write_nerfstudio, "colmap": write_colmap}
 
-
-def run(folder: Path, what: Exporting, options: AskingOptions, scene: Scene | None = None) -> None:
-    """Export a scene.
+def export_scene(
+    scene: Scene,
+    path: str | Path,
+    *,
+    format: str | None = None,
+    query: str | None = None,
+    codes: bool = True,
+    overwrite: bool = False,
+) -> None:
+    """Write a scene for other programs, as ``egosplat export``.
 
     Args:
-        folder: folder with the artifacts of a scene.
-        what: of ``plan_export``.
+        path: file or folder to write.
+        format: ply, spz, instances, carries, nerfstudio, colmap, html or rrd; None for what the suffix of ``path`` says.
+        query: only the Gaussians of the best answer to these words; ply and spz. Boxes of the answers; rrd.
+        codes: also write the language codes; ply.
+        overwrite: whether a file that is there may be replaced.
+
+    Raises:
+        UserError: the query has no answer, or a file is at ``path``.
+
+    >>> egosplat.export_scene(scene, "couch.ply", query="couch")
+    """
+    format, path = check_export(scene.folder, Path(path), format, query, codes=codes, overwrite=overwrite)
+    export_folder(scene.folder, path, format, query, codes, scene.options, scene)
+
+
+def export_folder(
+    folder: Path,
+    output: Path,
+    format: str,
+    query: str | None,
+    codes: bool,
+    options: AskingOptions,
+    scene: Scene | None = None,
+) -> None:
+    """Export a scene or variant; arguments as of ``export_scene``, after ``check_export``.
+
+    Args:
         options: how a query is answered.
-        scene: the scene, if it is open; else a query opens it.
+        scene: the scene, if it is open; else what needs it opens it.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others, or the query has no answer.
     """
-    if what.format in _CAMERAS:
-        export_dataset(folder, what.output, _CAMERAS[what.format])
-    elif what.format == "instances":
-        export_instances(folder, what.output)
-    elif what.format == "carries":
-        export_carries(scene or open_scene(folder, options), what.output)
-    elif what.format == "html":
-        clip = open_artifact(*locate(folder, "features"), FEATURES).facts["clip"]
-        files = {"clip_model": clip["model"], "clip_checkpoint": clip["checkpoint"]}
-        keys = {name: getattr(options, name) for name in AskingOptions.model_fields}
-        write_page(folder, what.output, ScenePageOptions(**keys | files))
-    elif what.format == "rrd":
-        phrases = [phrase.strip() for phrase in (what.query or "").split(",") if phrase.strip()]
-        export_rerun(scene or open_scene(folder, options), what.output, phrases)
+    if format in ("nerfstudio", "colmap"):
+        export_dataset(folder, output, format)
+    elif format == "instances":
+        write_instances(folder, output)
+    elif format == "carries":
+        export_carries(scene or open_scene(folder, options), output)
+    elif format == "html":
+        write_page(folder, output, options)
+    elif format == "rrd":
+        phrases = [phrase.strip() for phrase in (query or "").split(",") if phrase.strip()]
+        export_rerun(scene or open_scene(folder, options), output, phrases)
     else:
-        chosen = None
-        if what.query is not None:
-            chosen = answer_members(scene or open_scene(folder, options), what.query)
-        export_gaussians(folder, what, chosen)
+        chosen = None if query is None else answer_members(scene or open_scene(folder, options), query)
+        _export_gaussians(folder, output, format, chosen, codes=codes)
 
 
 def export_carries(scene: Scene, output: Path) -> None:
@@ -110,31 +134,20 @@ def answer_members(scene: Scene, phrase: str) -> Tensor:
     return torch.from_numpy(np.sort(answer.things[0].members))
 
 
-def export_gaussians(folder: Path, what: Exporting, chosen: Tensor | None) -> None:
-    """Write Gaussians as .ply or .spz.
-
-    Args:
-        chosen: (M,) int64 indices of the Gaussians to write; None for all.
-
-    Raises:
-        UserError: as ``run``.
-    """
+def _export_gaussians(folder: Path, output: Path, format: str, chosen: Tensor | None, *, codes: bool) -> None:
+    """Write the ``chosen`` Gaussians, (M,) int64 indices, or all."""
     splats = open_artifact(*locate(folder, "splats"), SPLATS)
     gaussians = read_gaussians(splats)
     rows = torch.arange(gaussians.count) if chosen is None else chosen
     some = gaussians.select(rows)
-    if what.format == "spz":
-        write_spz(what.output, some, splats.facts["sh_degree_in_use"], antialiased=False)
+    if format == "spz":
+        write_spz(output, some, splats.facts["sh_degree_in_use"], antialiased=False)
     else:
         columns = geometry_columns(some)
-        if what.codes:
-            columns |= _codes(folder, splats, rows)
-        write_ply(what.output, columns, splats.origin)
-    log(f"{what.output}: {some.count} Gaussians")
-
-
-def _codes(folder: Path, splats: Artifact, rows: Tensor) -> dict[str, np.ndarray]:
-    language = open_artifact(*locate(folder, "language"), LANGUAGE)
-    check_made_from(language, splats, axes=("gaussian",))
-    code, share = (language.read(name)[rows.numpy()] for name in ("code", "share"))
-    return code_columns(code, share, language.facts["levels"])
+        if codes:
+            language = open_artifact(*locate(folder, "language"), LANGUAGE)
+            check_made_from(language, splats, axes=("gaussian",))
+            code, share = (language.read(name)[rows.numpy()] for name in ("code", "share"))
+            columns |= code_columns(code, share, language.facts["levels"])
+        write_ply(output, columns, splats.origin)
+    log(f"{output}: {some.count} Gaussians")

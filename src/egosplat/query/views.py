@@ -20,18 +20,9 @@ from egosplat.geometry import Array, Camera, transform
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder
 from egosplat.language.rendering import render_codes
+from egosplat.query.answers import Thing, ViewMatch
 from egosplat.query.histories import relevancies_at, relevancy_of_rests
-from egosplat.query.maps import (
-    PLATEAU,
-    Found,
-    Map,
-    Mask,
-    Peak,
-    Segmentation,
-    find_in_maps,
-    find_peak,
-    majority,
-)
+from egosplat.query.maps import PLATEAU, Map, Maps, Mask, innermost, localize, majority, read_maps, segment
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.scene import QueryScene, rendering_camera
@@ -56,6 +47,7 @@ class View:
         camera: camera of the answers, (H, W) pixels; it shows the same image at another size.
         camera_to_world: (4, 4) float64.
         valid: (H, W) bool pixels that show the scene, or None for all; other pixels are never answers.
+        levels: names of the levels.
     """
 
     codes: Tensor
@@ -64,32 +56,7 @@ class View:
     camera: Camera
     camera_to_world: Array
     valid: Mask | None
-
-
-@dataclass(frozen=True, eq=False)
-class ViewAnswer:
-    """The answer to one query in one view of (H, W) pixels.
-
-    A view without any code at any level has score 0, an empty mask, and None for the rest.
-
-    Attributes:
-        score: largest smoothed relevancy, 0..1; above 0.5 the query fits better than every canonical phrase.
-        level: index of the level with the score.
-        pixel: column and row of the pixel with the score; the innermost if several have it.
-        position: (3,) float64 world position shown at the pixel's center [m]; None without depth.
-        relevancy: (H, W) float32 at ``level``, not smoothed; 0 where no code is visible.
-        mask_level: index of the mask's level.
-        mask: (H, W) bool.
-    """
-
-    phrase: str
-    score: float
-    level: int | None
-    pixel: tuple[int, int] | None
-    position: Array | None
-    relevancy: Map
-    mask_level: int | None
-    mask: Mask
+    levels: Sequence[str]
 
 
 def ask(
@@ -99,7 +66,7 @@ def ask(
     camera_to_world: Array,
     valid: Mask | None,
     options: QueryOptions,
-) -> Iterator[ViewAnswer]:
+) -> Iterator[ViewMatch]:
     """Answer queries in one view of a scene.
 
     Args:
@@ -107,17 +74,16 @@ def ask(
         valid: (H, W) bool pixels that show the scene, or None for all.
 
     Returns:
-        The answers in the order of the queries.
+        The matches in the order of the queries.
 
     Raises:
         ValueError: see ``answer_from_codes``.
     """
-    return Asker.of(scene, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
+    return Asker(scene, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
 
 
-@dataclass(frozen=True, eq=False)
 class Asker:
-    """Answers queries in any view of a scene.
+    """Answers queries in any view of a scene: the Gaussians are compared with all queries once.
 
     Attributes:
         texts: the queries, encoded by the model that made the scene's features.
@@ -126,21 +92,14 @@ class Asker:
         of_rests: (K, Q) float32 relevancy of each of its Gaussians to each query.
     """
 
-    scene: QueryScene
-    texts: Texts
-    options: QueryOptions
-    own: Tensor | None
-    rests: Rests | None = None
-    of_rests: Tensor | None = None
-
-    @staticmethod
-    def of(scene: QueryScene, texts: Texts, options: QueryOptions, rests: Rests | None = None) -> "Asker":
-        """Compare the Gaussians with all queries once, for all views."""
-        if scene.decoded != GAUSSIANS:
-            return Asker(scene, texts, options, None)
-        own = scene.relevancy(texts, options.temperature).permute(2, 1, 0)
-        of_rests = None if rests is None else relevancy_of_rests(rests, texts, options.temperature)
-        return Asker(scene, texts, options, own, rests, of_rests)
+    def __init__(
+        self, scene: QueryScene, texts: Texts, options: QueryOptions, rests: Rests | None = None
+    ) -> None:
+        self.scene, self.texts, self.options = scene, texts, options
+        own = scene.decoded == GAUSSIANS
+        self.own = scene.relevancy(texts, options.temperature).permute(2, 1, 0) if own else None
+        self.rests = rests if own else None
+        self.of_rests = self.rests and relevancy_of_rests(self.rests, texts, options.temperature)
 
     def ask(
         self,
@@ -149,7 +108,7 @@ class Asker:
         camera_to_world: Array,
         valid: Mask | None,
         second: float | None = None,
-    ) -> Iterator[ViewAnswer]:
+    ) -> Iterator[ViewMatch]:
         """Answer some of the queries in one view, in order; arguments and errors as of ``ask``.
 
         Args:
@@ -165,7 +124,7 @@ class Asker:
         for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // pixels)):
             chosen = [self.texts.phrases.index(phrase) for phrase in batch.phrases]
             rendered = replace(self.scene, code=self.own[..., chosen])
-            if self.rests is not None and second is not None:
+            if self.rests is not None and self.of_rests is not None and second is not None:
                 rendered = relevancies_at(rendered, self.rests, self.of_rests[:, chosen], second)
             view = view_of(rendered, camera, camera_to_world, valid, resolution)
             yield from answer_from_relevancies(rendered, view, batch.phrases, self.options)
@@ -181,12 +140,12 @@ def view_of(
     depth, _, _ = render(
         scene.gaussians, small, camera_to_world, settings, sh_degree=0, background=None, render_mode="ED"
     )
-    return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid)
+    return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid, scene.levels)
 
 
 def answer_from_codes(
     view: View, decoder: Decoder, texts: Texts, options: QueryOptions
-) -> Iterator[ViewAnswer]:
+) -> Iterator[ViewMatch]:
     """Answer queries in order, one at a time, because each answer holds maps of the image's size.
 
     Args:
@@ -200,13 +159,20 @@ def answer_from_codes(
     _check(view)
     seen = _seen(view, options.min_coverage)
     for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // seen.numel())):
-        maps = relevancy_maps(view.codes, seen, decoder, batch, options.temperature)
-        yield from _answers(view, seen, batch.phrases, maps, options)
+        relevancies = relevancy_maps(view.codes, seen, decoder, batch, options.temperature)
+        for phrase, levels in zip(batch.phrases, _levels(seen, relevancies), strict=True):
+            maps = read_maps(levels, _valid(view), options)
+            match = _locate(view, phrase, maps)
+            if match.level is not None:
+                side = options.majority_px(max(match.mask.shape))
+                level, mask = segment(maps, options.segmentation_threshold, side)
+                match = replace(match, mask_level=view.levels[level], mask=mask)
+            yield match
 
 
 def answer_from_relevancies(
     scene: QueryScene, view: View, phrases: Sequence[str], options: QueryOptions
-) -> Iterator[ViewAnswer]:
+) -> Iterator[ViewMatch]:
     """Answer queries in order from the relevancies of Gaussians (docs/method.md#query-masks).
 
     Args:
@@ -219,21 +185,32 @@ def answer_from_relevancies(
         ValueError: shapes do not agree.
     """
     _check(view)
-    maps = _levels(_seen(view, options.min_coverage), view.codes.movedim(-1, 0))
-    peaks = [peak for levels in maps if (peak := find_peak(levels, _valid(view), options)) is not None]
+    matches, shown, thresholds = [], [], []
+    every = _levels(_seen(view, options.min_coverage), view.codes.movedim(-1, 0))
+    for phrase, levels in zip(phrases, every, strict=True):
+        maps = read_maps(levels, _valid(view), options)
+        matches.append(_locate(view, phrase, maps))
+        if (name := matches[-1].level) is not None:
+            level = view.levels.index(name)
+            shown.append(maps.shown[level])
+            thresholds.append(maps.threshold(level, options.segmentation_threshold))
     # What is visible is so for every query.
-    filled = _filled(scene, view, peaks) if peaks else ()
-    outlines = [_outline(peak, share, options) for peak, share in zip(peaks, filled, strict=True)]
-    for phrase, found in zip(phrases, outlines or [None] * len(phrases), strict=True):
-        yield _answer(phrase, found, view)
+    if not thresholds:
+        yield from matches
+        return
+    for match, filled, seen in zip(matches, _filled(scene, view, matches, thresholds), shown, strict=True):
+        side = options.majority_px(max(seen.shape))
+        yield replace(match, mask_level=match.level, mask=majority(filled_mask(filled, seen), side) & seen)
 
 
 @torch.inference_mode()
-def _filled(scene: QueryScene, view: View, peaks: Sequence[Peak]) -> NDArray[np.float32]:
+def _filled(
+    scene: QueryScene, view: View, matches: Sequence[ViewMatch], thresholds: Sequence[float]
+) -> NDArray[np.float32]:
     """(Q, h, w) share of what covers each pixel, at the level of each query's location, that is above its threshold."""
-    levels = torch.tensor([peak.location.level for peak in peaks])
+    levels = torch.tensor([view.levels.index(match.level) for match in matches])
     # A blend of equal relevancies differs from them by rounding, which must not decide.
-    threshold = torch.tensor([peak.threshold + PLATEAU for peak in peaks]).to(scene.code)
+    threshold = torch.tensor([threshold + PLATEAU for threshold in thresholds]).to(scene.code)
     own = torch.stack([scene.code[:, level, query] for query, level in enumerate(levels)], dim=1)
     share = scene.share[:, levels.to(scene.share.device)]
     small = view.camera.scaled_to(*reversed(view.depth.shape))
@@ -248,18 +225,35 @@ def filled_mask(filled: Map, shown: Mask) -> Mask:
     return (cv2.resize(filled, shown.shape[::-1]) > _HALF) & shown
 
 
-def _outline(peak: Peak, filled: Map, options: QueryOptions) -> Found:
-    mask = filled_mask(filled, peak.shown)
-    smooth = majority(mask, options.majority_px(max(mask.shape))) & peak.shown
-    return Found(peak.location, Segmentation(peak.location.level, smooth), peak.relevancy)
+@torch.inference_mode()
+def show_thing(
+    scene: QueryScene,
+    thing: Thing,
+    texts: Texts,
+    camera: Camera,
+    camera_to_world: Array,
+    valid: Mask | None,
+    options: QueryOptions,
+) -> ViewMatch:
+    """Render a thing's mask, with a pixel in its middle if it shows, and the relevancy of the whole view at its level.
 
-
-def _answers(
-    view: View, seen: Tensor, phrases: Sequence[str], maps: Tensor, options: QueryOptions
-) -> Iterator[ViewAnswer]:
-    """Answer queries from (Q, L, h, w) relevancies that count where (L, h, w) ``seen`` is true."""
-    for phrase, levels in zip(phrases, _levels(seen, maps), strict=True):
-        yield _answer(phrase, find_in_maps(levels, _valid(view), options), view)
+    Args:
+        texts: the query that it answers.
+        valid: (H, W) bool pixels that show the scene, or None for all.
+        options: ``resolution``, ``min_coverage`` and ``temperature`` are used.
+    """
+    small, level = rendering_camera(camera, options.resolution), scene.levels.index(thing.level)
+    inside = np.ones((camera.height, camera.width), bool) if valid is None else valid
+    # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
+    members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
+    members[torch.from_numpy(thing.members).to(members.device)] = 1.0
+    filled, _ = composite(gaussians_in(scene.gaussians, small, camera_to_world, scene.settings), members)
+    mask, kept = filled_mask(filled[..., 0].cpu().numpy(), inside), slice(level, level + 1)
+    of_level = replace(scene, code=scene.code[:, kept], share=scene.share[:, kept], levels=scene.levels[kept])
+    [match] = ask(of_level, texts, camera, camera_to_world, valid, options)
+    pixel = innermost(mask) if mask.any() else None
+    name = thing.level
+    return ViewMatch(match.phrase, thing.score, name, pixel, None, match.relevancy, name, mask)
 
 
 def _levels(seen: Tensor, maps: Tensor) -> Iterator[Map]:
@@ -269,21 +263,16 @@ def _levels(seen: Tensor, maps: Tensor) -> Iterator[Map]:
         yield np.where(visible, query_maps.cpu().numpy(), np.float32(np.nan))
 
 
-def _answer(phrase: str, found: Found | None, view: View) -> ViewAnswer:
+def _locate(view: View, phrase: str, maps: Maps) -> ViewMatch:
+    """The place that fits a query best, without a mask."""
+    found = localize(maps.smooth, maps.shown)
+    nothing = np.zeros(maps.shown.shape[1:], np.float32)
     if found is None:
-        zeros = np.zeros((view.camera.height, view.camera.width), np.float32)
-        return ViewAnswer(phrase, 0.0, None, None, None, zeros, None, zeros > 0)
-    location = found.location
-    return ViewAnswer(
-        phrase=phrase,
-        score=location.score,
-        level=location.level,
-        pixel=location.pixel,
-        position=pixel_position(view.camera, view.camera_to_world, location.pixel, view.depth.cpu().numpy()),
-        relevancy=found.relevancy,
-        mask_level=found.segmentation.level,
-        mask=found.segmentation.mask,
-    )
+        return ViewMatch(phrase, 0.0, None, None, None, nothing, None, nothing > 0)
+    level, score, pixel = found
+    position = pixel_position(view.camera, view.camera_to_world, pixel, view.depth.cpu().numpy())
+    name = view.levels[level]
+    return ViewMatch(phrase, score, name, pixel, position, maps.at(level), None, nothing > 0)
 
 
 def _check(view: View) -> None:
@@ -327,21 +316,5 @@ def pixel_position(
     z = float(depth[row, column])
     if not (np.isfinite(z) and z > 0):
         return None
-    return unproject(camera, camera_to_world, point, np.array(z))
-
-
-def unproject(camera: Camera, camera_to_world: Array, points: Array, depth: Array) -> Array:
-    """Unproject image points to the world.
-
-    Args:
-        camera_to_world: (4, 4) float64.
-        points: (..., 2) float64 image points [px].
-        depth: (...,) float64 camera z [m].
-
-    Returns:
-        (..., 3) float64 world positions [m].
-    """
-    points, depth = np.asarray(points, np.float64), np.asarray(depth, np.float64)
-    x = (points[..., 0] - camera.cx) / camera.fx
-    y = (points[..., 1] - camera.cy) / camera.fy
-    return transform(camera_to_world, np.stack([x, y, np.ones_like(x)], axis=-1) * depth[..., None])
+    x, y = (point[0] - camera.cx) / camera.fx, (point[1] - camera.cy) / camera.fy
+    return transform(camera_to_world, np.stack([x, y, np.ones_like(x)]) * z)

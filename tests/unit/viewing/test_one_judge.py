@@ -1,0 +1,87 @@
+"""Terminal, page, server, exports and movie say the same of every word."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from egosplat.errors import UserError
+from egosplat.export import movie, rerun_recording
+from egosplat.export.scene import answer_members
+from egosplat.query.command import run
+from egosplat.query.grades.calibration import FOUND, GUESS, NOT_FOUND
+from egosplat.query.model_defaults import suit_options
+from egosplat.query.opening import open_scene
+from egosplat.viewing.command import open_page, page_options
+from egosplat.viewing.options import PageOptions
+from tests.support.page_scene import contents_of, put_page_scene, write_page
+
+GRADES = (FOUND, GUESS, NOT_FOUND)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("results") / "scene1"
+    folder.mkdir()
+    put_page_scene(folder)
+    return folder
+
+
+def told_in_the_terminal(scene, words, output):
+    """The grade of each word, and the frame of each thing that is listed."""
+    table, found, word = next(run(scene, words, None, 3, output)), {}, ""
+    for line in table.splitlines()[2:]:
+        cells = [cell.strip() for cell in line.split("  ") if cell.strip()]
+        if cells[0] in words:
+            word = cells.pop(0)
+            found[word] = (next(one for one in GRADES if cells[0].startswith(one)), [])
+        if found[word][0] != NOT_FOUND:
+            found[word][1].append(int(cells[-1]))
+    return found
+
+
+def test_every_word_has_one_answer(folder, tmp_path, monkeypatch):
+    scene = open_scene(folder, device="cpu")
+    facts, _ = contents_of(write_page(folder))
+    words, baked = facts["words"], facts["answers"]
+    judged = scene.ask(*words)
+    assert {answer.grade for answer in judged} >= {FOUND, NOT_FOUND} and len(words) > 40
+    terminal = told_in_the_terminal(scene, words, tmp_path / "query.png")
+    _, served = open_page(folder, PageOptions(device="cpu"))
+    shown = []
+    monkeypatch.setattr(
+        movie, "_pictures", lambda _, some, side: shown.extend(some) or [(Image.new("RGB", (8, 8)), 1)]
+    )
+    movie.run(scene, words, tmp_path / "x.webp", 64)
+    assert {one.phrase for one in shown} == {
+        answer.phrase for answer in judged if answer.things and not answer.history
+    }
+    for word, answer, page in zip(words, judged, baked, strict=True):
+        frames = [thing.frame for thing in answer.things]
+        assert terminal[word] == (answer.grade, frames), word
+        assert (page["grade"], page["why"]) == (answer.grade, answer.refusal), word
+        assert [(one["frame"], one["rating"]) for one in page["things"]] == [
+            (thing.frame, thing.rating) for thing in answer.things
+        ]
+        reply = served(word)["answer"]
+        assert (reply["grade"], reply["why"]) == (page["grade"], page["why"]), word
+        assert [one["frame"] for one in reply["things"]] == frames
+        # Words that are asked together round differently.
+        assert reply["rating"] == pytest.approx(page["rating"], rel=1e-4)
+        boxes = rerun_recording._boxes(SimpleNamespace(Boxes3D=dict), answer)
+        np.testing.assert_array_equal(boxes["centers"], [thing.center for thing in answer.things])
+        if answer.refusal:
+            with pytest.raises(UserError, match=word):
+                answer_members(scene, word)
+        else:
+            np.testing.assert_array_equal(answer_members(scene, word), np.sort(answer.things[0].members))
+
+
+@pytest.mark.parametrize("model, min_score", [("small", 0.78), ("photos", 0.62), ("ViT-B-16", 0.0)])
+def test_a_page_is_asked_as_its_models_are_in_the_terminal(model, min_score):
+    features = SimpleNamespace(facts={"clip": {"model": model, "checkpoint": "x"}})
+    options = page_options(features, PageOptions(device="cpu"))
+    assert (options.min_score, options.clip_model) == (min_score, model)
+    assert options.min_score == suit_options(PageOptions(), model).min_score
+    assert page_options(features, PageOptions(min_score=0.5)).min_score == 0.5
