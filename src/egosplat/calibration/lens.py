@@ -68,10 +68,10 @@ class Lens:
             raise UserError(
                 f"{source}: {len(self.params)} parameters; {self.model} has {camera.params_info}."
             )
-        finite = all(map(math.isfinite, self.params)) and min(self.width, self.height, self.radius or 1) > 0
-        positive = min(camera.focal_length_x, camera.focal_length_y) > 0
-        cx, cy = camera.principal_point_x, camera.principal_point_y
-        if not (finite and positive and 0 <= cx < self.width and 0 <= cy < self.height):
+        finite = all(map(math.isfinite, self.params))
+        fx, fy, cx, cy = self._linear()
+        sizes = self.width, self.height, self.radius or 1, fx, fy
+        if not (finite and min(sizes) > 0 and 0 <= cx < self.width and 0 <= cy < self.height):
             raise UserError(
                 f"{source}: fx, fy must be positive, (cx, cy) inside the image, and all numbers finite."
             )
@@ -86,6 +86,11 @@ class Lens:
         return pycolmap.Camera(
             model=self.model, width=self.width, height=self.height, params=list(self.params)
         )
+
+    def _linear(self) -> tuple[float, float, float, float]:
+        """Focal lengths and principal point [px]."""
+        (fx, _, cx), (_, fy, cy), _ = self.colmap().calibration_matrix().tolist()
+        return fx, fy, cx, cy
 
     @property
     def is_pinhole(self) -> bool:
@@ -103,9 +108,7 @@ class Lens:
         Raises:
             UserError: the view is too wide for a pinhole camera, or the distortion cannot be inverted.
         """
-        camera = self.colmap()
-        fx, fy = camera.focal_length_x, camera.focal_length_y
-        cx, cy = camera.principal_point_x, camera.principal_point_y
+        fx, fy, cx, cy = self._linear()
         if self.is_pinhole:
             return Camera(self.width, self.height, fx, fy, cx, cy)
         left, top, right, bottom = self.inner_view()
@@ -122,8 +125,7 @@ class Lens:
         left, top, right, bottom = 0.5, 0.5, self.width - 0.5, self.height - 0.5
         if self.radius is None:
             return left, top, right, bottom
-        camera, half = self.colmap(), self.radius / math.sqrt(2)
-        cx, cy = camera.principal_point_x, camera.principal_point_y
+        (_, _, cx, cy), half = self._linear(), self.radius / math.sqrt(2)
         return max(left, cx - half), max(top, cy - half), min(right, cx + half), min(bottom, cy + half)
 
     def inner_view(self) -> tuple[float, float, float, float]:

@@ -42,6 +42,8 @@ _REFUSED = (
 # pycolmap counts pixels in 32 bits.
 _MAX_SIDE = 2**31
 
+Entries = Mapping[str, Any]
+
 
 def read_transforms(path: Path, width: int, height: int) -> Contents:
     """Read the cameras, the poses and the points.
@@ -55,20 +57,20 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
     document = _read_document(path)
     frames = document["frames"]
     names = [_name(frame, f"{path}: frames[{index}]") for index, frame in enumerate(frames)]
-    wheres = [f"{path}: {name}" for name in names]
-    poses = [
-        _pose(frame.get("transform_matrix"), f"{where}: transform_matrix")
-        for where, frame in zip(wheres, frames, strict=True)
-    ]
-    for where, entries in ((str(path), document), *zip(wheres, frames, strict=True)):
-        _check_refused(entries, where)
-    cameras = [
-        _lens(_merged(document, frame, where), where, width, height)
-        for where, frame in zip(wheres, frames, strict=True)
-    ]
+    named = [(f"{path}: {name}", frame) for name, frame in zip(names, frames, strict=True)]
+    poses = [_pose(frame.get("transform_matrix"), f"{where}: transform_matrix") for where, frame in named]
+    for where, entries in ((str(path), document), *named):
+        if refused := next((key for key in _REFUSED if entries.get(key)), None):
+            raise UserError(
+                f"{where}: {refused} is not supported: render or undistort to a plain camera, then remove it."
+            )
+    cameras = [_lens(_merged(document, frame, where), where, width, height) for where, frame in named]
     lenses = list(dict.fromkeys(cameras))
     notes = _world_notes(document, path)
     points, colors = _points(document, path)
+    unread = [key for key in document if key not in (*_CAMERA, *_READ, *_REFUSED)]
+    of_frame = (*_CAMERA, *_READ_OF_FRAME, *_REFUSED)
+    unread += [key for frame in frames for key in frame if key not in of_frame]
     return Contents(
         camera_file=str(path),
         pose_file=str(path),
@@ -81,7 +83,7 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
         point_views=np.zeros(len(points), np.int64),
         point_error_px=np.zeros(len(points)),
         masks=_masks(document, path),
-        unread=_unread(document),
+        unread=list(dict.fromkeys(unread)),
         notes=notes,
     )
 
@@ -97,7 +99,7 @@ def _read_document(path: Path) -> dict[str, Any]:
     return document
 
 
-def _name(frame: Mapping[str, Any], where: str) -> str:
+def _name(frame: Entries, where: str) -> str:
     name = frame.get("file_path")
     if not isinstance(name, str) or not name:
         raise UserError(f"{where}: file_path is not the name of a picture.")
@@ -115,33 +117,16 @@ def _pose(value: Any, where: str) -> NDArray[np.float64]:
     return matrix if len(matrix) == 4 else np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
 
 
-def _check_refused(entries: Mapping[str, Any], where: str) -> None:
-    for key in _REFUSED:
-        if entries.get(key):
-            raise UserError(
-                f"{where}: {key} is not supported: render or undistort to a plain camera, then remove it."
-            )
-
-
-def _unread(document: Mapping[str, Any]) -> list[str]:
-    """The keys of the file and of its frames that are neither read nor refused."""
-    keys = [key for key in document if key not in (*_CAMERA, *_READ, *_REFUSED)]
-    known = (*_CAMERA, *_READ_OF_FRAME, *_REFUSED)
-    return [
-        *dict.fromkeys([*keys, *(key for frame in document["frames"] for key in frame if key not in known)])
-    ]
-
-
-def _masks(document: Mapping[str, Any], path: Path) -> list[Path | None]:
+def _masks(document: Entries, path: Path) -> list[Path | None]:
     """The mask of each frame; none if no frame has one."""
     names = [frame.get("mask_path") for frame in document["frames"]]
-    for name in filter(lambda name: name is not None, names):
-        if not (isinstance(name, str) and name and os.path.isfile(path.parent / name)):
+    for name in names:
+        if name is not None and not (isinstance(name, str) and name and os.path.isfile(path.parent / name)):
             raise UserError(f"{path}: mask_path {str(name)[:200]} is not the name of a picture beside it.")
     return [None if name is None else path.parent / name for name in names] if any(names) else []
 
 
-def _merged(document: Mapping[str, Any], frame: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _merged(document: Entries, frame: Entries, where: str) -> dict[str, Any]:
     """The keys of a frame's camera: of the file, or of the frame."""
     own = {key: frame[key] for key in _CAMERA if key in frame}
     shared = {key: document[key] for key in _CAMERA if key in document}
@@ -152,7 +137,7 @@ def _merged(document: Mapping[str, Any], frame: Mapping[str, Any], where: str) -
     return shared | own
 
 
-def _lens(entries: Mapping[str, Any], where: str, width: int, height: int) -> Lens:
+def _lens(entries: Entries, where: str, width: int, height: int) -> Lens:
     """The camera of a frame."""
     # instant-ngp marks a fisheye lens by a key of its own.
     model = entries.get("camera_model", _FISHEYE if entries.get("is_fisheye") else "OPENCV")
@@ -164,39 +149,41 @@ def _lens(entries: Mapping[str, Any], where: str, width: int, height: int) -> Le
     w, h = numbers.get("w", width), numbers.get("h", height)
     if not (1 <= w == int(w) < _MAX_SIDE and 1 <= h == int(h) < _MAX_SIDE):
         raise UserError(f"{where}: w and h are {w:g} and {h:g}, not whole numbers of pixels.")
-    focal = _focal_lengths(numbers, w, h, where)
+    fx, fy = _focal_length(numbers, "x", w), _focal_length(numbers, "y", h)
+    if fx is None and fy is None:
+        raise UserError(f"{where}: has neither fl_x nor camera_angle_x, so the focal length is not known.")
+    focal = (fy if fx is None else fx), (fx if fy is None else fy)
     pinhole = (*focal, numbers.get("cx", w / 2), numbers.get("cy", h / 2))
     distortion = _distortion(entries, numbers, model, where)
     radius = None if model in _PERSPECTIVE else numbers.get("fisheye_crop_radius")
-    return Lens(*_in_colmap_order(model, pinhole, distortion, where, int(w), int(h)), radius)
+    name, params = _in_colmap_order(model, pinhole, distortion, where)
+    return Lens(name, int(w), int(h), params, radius)
 
 
 def _in_colmap_order(
-    model: str, pinhole: tuple[float, ...], distortion: list[float], where: str, width: int, height: int
-) -> tuple[str, int, int, tuple[float, ...]]:
-    """Model, size and parameters as COLMAP has them."""
+    model: str, pinhole: tuple[float, ...], distortion: list[float], where: str
+) -> tuple[str, tuple[float, ...]]:
+    """Model and parameters as COLMAP has them."""
     if model == _ARIA:
         # Aria's principal point counts from the center of the first pixel.
         fx, fy, cx, cy = pinhole
         center = (cx + ARIA_PIXEL_OFFSET, cy + ARIA_PIXEL_OFFSET)
-        return "RAD_TAN_THIN_PRISM_FISHEYE", width, height, (fx, fy, *center, *distortion)
+        return "RAD_TAN_THIN_PRISM_FISHEYE", (fx, fy, *center, *distortion)
     k1, k2, k3, k4, p1, p2 = distortion
     if model == _FISHEYE:
         if p1 or p2:
             raise UserError(f"{where}: p1 and p2 are not supported for camera_model {model}.")
-        return model, width, height, (*pinhole, k1, k2, k3, k4)
+        return model, (*pinhole, k1, k2, k3, k4)
     if k4:
         raise UserError(
             f"{where}: k4 is not supported for camera_model {model}; use OPENCV_FISHEYE or k1 to k3."
         )
     if k3:
-        return "FULL_OPENCV", width, height, (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
-    return "OPENCV", width, height, (*pinhole, k1, k2, p1, p2)
+        return "FULL_OPENCV", (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
+    return "OPENCV", (*pinhole, k1, k2, p1, p2)
 
 
-def _distortion(
-    entries: Mapping[str, Any], numbers: Mapping[str, float], model: str, where: str
-) -> list[float]:
+def _distortion(entries: Entries, numbers: Mapping[str, float], model: str, where: str) -> list[float]:
     """The distortion in the order of ``distortion_params``."""
     single = [numbers.get(key, 0.0) for key in _DISTORTION]
     count, given = _PARAMETERS.get(model, len(_DISTORTION)), entries.get("distortion_params")
@@ -219,15 +206,6 @@ def _number(value: Any, key: str, where: str) -> float:
     return float(value)
 
 
-def _focal_lengths(
-    numbers: Mapping[str, float], width: float, height: float, where: str
-) -> tuple[float, float]:
-    fx, fy = _focal_length(numbers, "x", width), _focal_length(numbers, "y", height)
-    if fx is None and fy is None:
-        raise UserError(f"{where}: has neither fl_x nor camera_angle_x, so the focal length is not known.")
-    return (fy if fx is None else fx), (fx if fy is None else fy)
-
-
 def _focal_length(numbers: Mapping[str, float], axis: str, side: float) -> float | None:
     """The focal length [px] along an axis, given as it is or by the angle of view; None without either."""
     if f"fl_{axis}" in numbers:
@@ -236,7 +214,7 @@ def _focal_length(numbers: Mapping[str, float], axis: str, side: float) -> float
     return side / (2 * math.tan(angle / 2)) if 0 < angle < math.pi else None
 
 
-def _world_notes(document: dict[str, Any], path: Path) -> dict[str, Any]:
+def _world_notes(document: Entries, path: Path) -> dict[str, Any]:
     """What the file says about its world: the rotation and the scale that nerfstudio applied."""
     notes: dict[str, Any] = {}
     if "applied_transform" in document:
@@ -245,16 +223,14 @@ def _world_notes(document: dict[str, Any], path: Path) -> dict[str, Any]:
             raise UserError(f"{path}: applied_transform is not a rotation and a translation.")
         notes["applied_transform"] = applied[:3].tolist()
     if "applied_scale" in document:
-        scale = _number(document["applied_scale"], "applied_scale", str(path))
+        notes["applied_scale"] = scale = _number(document["applied_scale"], "applied_scale", str(path))
         if scale <= 0:
             raise UserError(f"{path}: applied_scale is {scale:g}, not a positive number.")
-        notes["applied_scale"] = scale
     return notes
 
 
-def _points(document: dict[str, Any], path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    file = points_path(path, document)
-    if file is not None:
+def _points(document: Entries, path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    if file := points_path(path, document):
         return read_points(file)
     if document.get("ply_file_path") is not None:
         raise UserError(f"{path}: ply_file_path is not the name of a file.")

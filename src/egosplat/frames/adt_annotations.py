@@ -1,6 +1,5 @@
 """Read the instance segmentation of Aria Digital Twin (ADT). For evaluation only."""
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -40,16 +39,15 @@ class AdtAnnotations:
     def __init__(self, folder: Path, path: Path, keys: AnnotationKeys) -> None:
         """Open the segmentation at ``path``, and ``instances.json``; UserError if one is missing or damaged."""
         self.instances = read_instances(folder / ADT_INSTANCES)
-        self._max_age_ns = keys.max_age_ns
+        self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
+        self._path, self._max_age_ns = path, keys.max_age_ns
         if path.name == WITHOUT_PEOPLE:
             log(f"{folder}: has no {WITH_PEOPLE}; reading {WITHOUT_PEOPLE}, which does not annotate people")
-        self._path = path
         video, opened = adt_video(folder), open_video(folder)
         device = device_calibration(opened, video)
         self._rectification = rectification(device, keys.camera, keys.upright, video)
         self._provider = open_segmentation(video, path)
         self._log_covered(opened.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME))
-        self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
 
     def _log_covered(self, frames_ns: list[int]) -> None:
         """Log which part of the recording is annotated, unless all of it is."""
@@ -68,12 +66,12 @@ class AdtAnnotations:
         """See ``Annotations.instance_map``; UserError if it cannot be decoded, or an id is not in ``instances.json``."""
         try:
             with captured_log() as messages:
-                found = self._provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
+                nearest = self._provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
                 # The provider returns the nearest segmentation, however far away in time. The ground truth follows the
                 # clock of the other cameras, about 0.1 ms off (docs/method.md#annotation-age).
-                if not found.is_valid() or abs(found.dt_ns()) > self._max_age_ns:
+                if not nearest.is_valid() or abs(nearest.dt_ns()) > self._max_age_ns:
                     return None
-                ids = found.data().to_numpy_array()
+                ids = nearest.data().to_numpy_array()
         except RuntimeError as error:
             raise UserError(f"{self._path}: cannot be decoded ({error}). Download it again.") from error
         # The library returns a damaged segmentation partly decoded and only logs lines about it.
@@ -81,10 +79,9 @@ class AdtAnnotations:
             raise UserError(f"{self._path}: cannot be decoded ({reason}). Download it again.")
         log_messages(messages, self._path)
         try:
-            rectified = self._rectification.labels(ids)
+            return self._to_index(self._rectification.labels(ids))
         except ValueError as error:
             raise UserError(f"{self._path}: {error}. Is it of the same recording as video.vrs?") from error
-        return self._to_index(rectified)
 
     def _to_index(self, ids: NDArray[np.uint64]) -> NDArray[np.int32]:
         """(H, W) uint64 ids -> (H, W) int32 index into ``instances``."""
@@ -110,13 +107,12 @@ def read_instances(path: Path) -> list[Instance]:
         raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
     if not isinstance(entries, dict) or not entries:
         raise UserError(f"{path}: has no instances. Download it again.")
-    instances = sorted(
-        (_instance(path, key, entry) for key, entry in entries.items()), key=lambda one: one.id
-    )
-    for one, following in itertools.pairwise(instances):
-        if one.id == following.id:
-            raise UserError(f"{path}: instance_id {one.id} occurs twice. Download it again.")
-    return instances
+    instances: dict[int, Instance] = {}
+    for key, entry in entries.items():
+        instance = _instance(path, key, entry)
+        if instances.setdefault(instance.id, instance) is not instance:
+            raise UserError(f"{path}: instance_id {instance.id} occurs twice. Download it again.")
+    return [instances[identity] for identity in sorted(instances)]
 
 
 def _instance(path: Path, key: str, entry: object) -> Instance:
@@ -136,8 +132,7 @@ def _instance(path: Path, key: str, entry: object) -> Instance:
 def open_segmentation(video: Path, path: Path) -> AriaDigitalTwinDataProvider:
     """Open the segmentation at ``path`` of a video; UserError if it cannot be read."""
     paths = AriaDigitalTwinDataPaths()
-    paths.aria_vrs_filepath = str(video)
-    paths.segmentations_filepath = str(path)
+    paths.aria_vrs_filepath, paths.segmentations_filepath = str(video), str(path)
     provider = open_checked(path, lambda: AriaDigitalTwinDataProvider(paths))
     if not provider.has_segmentation_images():
         raise UserError(f"{path}: has no segmentation. Download it again.")

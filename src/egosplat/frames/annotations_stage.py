@@ -4,7 +4,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact
@@ -26,11 +25,10 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         UserError: an annotation is damaged or does not fit its frame, or no evaluation frame has one.
     """
     frames = open_artifact(frames_path, FRAMES)
-    facts = frames.facts
+    facts, every = frames.facts, frames.read("timestamp_ns")
     indices = np.flatnonzero(frames.read("evaluation")).astype(np.int64)
-    times = frames.read("timestamp_ns")[indices]
     camera = Camera(**facts["camera"])
-    originals = Originals.of_facts(facts, frames.read("timestamp_ns"))
+    originals = Originals.of_facts(facts, every)
     keys = AnnotationKeys(camera, facts["upright"], round(options.max_age_ms * 1e6), originals)
     reader = open_annotations(facts["format"], recording_path, keys)
     made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=facts["format"])
@@ -41,16 +39,13 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         covered = reader.covered if isinstance(reader, LayeredAnnotations) else 0
         if covered:
             artifact.allocate("covered_map", (len(indices), covered, *size))
-        for row, time in enumerate(track(times, "reading annotations", total=len(times))):
+        for row, time in enumerate(track(every[indices], "reading annotations", total=len(indices))):
             instance_map = reader.instance_map(int(time)) if reader else None
             annotated[row] = instance_map is not None
-            if instance_map is None:
-                instance_map = np.full(size, -1, np.int32)
-            artifact.put_row("instance_map", row, instance_map)
+            nothing = np.full((1 + covered, *size), -1, np.int32)
+            artifact.put_row("instance_map", row, instance_map if annotated[row] else nothing[0])
             if covered:
-                beside = (
-                    reader.covered_map(time) if annotated[row] else np.full((covered, *size), -1, np.int32)
-                )
+                beside = reader.covered_map(time) if annotated[row] else nothing[1:]
                 artifact.put_row("covered_map", row, beside)
         if reader and not annotated.any():
             raise UserError(
@@ -61,14 +56,9 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         artifact.put("frame", indices)
         artifact.put("annotated", annotated)
         artifact.facts = {"instances": [asdict(instance) for instance in reader.instances] if reader else []}
-    log(_summary(indices, annotated))
-
-
-def _summary(frames: NDArray[np.int64], annotated: NDArray[np.bool_]) -> str:
-    """The log line with the number of annotated evaluation frames and the indices of the others."""
-    line = f"{annotated.sum()} of {len(frames)} evaluation frames are annotated"
-    missing = ", ".join(map(str, frames[~annotated]))
-    return f"{line}; not annotated (indices from 0): {missing}" if missing else line
+    missing = ", ".join(map(str, indices[~annotated]))
+    lacking = f"; not annotated (indices from 0): {missing}" if missing else ""
+    log(f"{annotated.sum()} of {len(indices)} evaluation frames are annotated{lacking}")
 
 
 def open_annotations(format: str, path: Path, keys: AnnotationKeys) -> Annotations | None:

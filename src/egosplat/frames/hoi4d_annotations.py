@@ -59,9 +59,7 @@ class Hoi4dAnnotations:
 
     def __init__(self, folder: Path, masks: Path, keys: AnnotationKeys) -> None:
         """Take the folders of a sequence and of its masks; UserError if the object category is unknown."""
-        self._masks = masks
-        self._camera = keys.camera
-        self._max_age_ns = keys.max_age_ns
+        self._masks, self._camera, self._max_age_ns = masks, keys.camera, keys.max_age_ns
         self.instances = instances_of(sequence_parts(folder)[2], folder)
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
@@ -72,8 +70,7 @@ class Hoi4dAnnotations:
         if age_ns > self._max_age_ns or not path.is_file():
             return None
         labels = decode_labels(read_rgb(path))
-        unknown = float((labels < 0).mean())
-        if unknown > _MAX_UNKNOWN_SHARE:
+        if (unknown := float((labels < 0).mean())) > _MAX_UNKNOWN_SHARE:
             raise UserError(
                 f"{path}: {unknown:.0%} of the pixels have a color of no HOI4D label. Download it again."
             )
@@ -90,18 +87,17 @@ def instances_of(category: str, folder: Path) -> list[Instance]:
     """The instances of labels 1 to 6 of a category ``C1`` … ``C20``; UserError if HOI4D has no such category."""
     if category not in _OBJECTS:
         raise UserError(f"{folder}: {category} is not an object category of HOI4D.")
-    documented = _LABELS[category]
-    # A label without a documented meaning gets the name of the object.
-    undocumented = (_OBJECTS[category],) * (_MAX_LABEL - len(documented))
+    # A label without a documented meaning gets the name of the object. HOI4D labels only what moves or is moved.
+    meanings = (*_LABELS[category], *[_OBJECTS[category]] * _MAX_LABEL)[:_MAX_LABEL]
     return [
         Instance(
-            id=label,
-            name=f"{meaning.title().replace(' ', '')}_{label}",
-            category=meaning,
-            motion_type="dynamic",  # HOI4D labels only what moves or is moved
-            instance_type="human" if meaning.endswith(" hand") else "object",
+            label,
+            f"{meaning.title().replace(' ', '')}_{label}",
+            meaning,
+            "dynamic",
+            "human" if meaning.endswith(" hand") else "object",
         )
-        for label, meaning in enumerate(documented + undocumented, start=1)
+        for label, meaning in enumerate(meanings, start=1)
     ]
 
 

@@ -13,16 +13,14 @@ from pathlib import Path
 
 from egosplat.progress import log
 
-_COLOR_CODE = re.compile(r"\x1b\[[0-9;]*m")
-# FFmpeg names a part of itself with its address: [av1 @ 0x562b62ae5580].
-_ADDRESS = re.compile(r" @ 0x[0-9a-f]+")
+# Colors, and FFmpeg's address of a part of itself: [av1 @ 0x562b62ae5580].
+_NOISE = re.compile(r"\x1b\[[0-9;]*m| @ 0x[0-9a-f]+")
 _CHATTER = re.compile(
     r"\[(INFO|DEBUG)\]"
     # Logged for every segmentation file of ADT; harmless.
     r"|not found in Aria Device Model|does not contain calib_json|Tag 'metadata' was not found"
     r"|Invalid device version|No metadata file provided|Unknown dataset version"
 )
-
 _DAMAGE = re.compile(r"\[ERROR\]|corrupt|premature end|unsupported marker|decompression error", re.IGNORECASE)
 
 
@@ -48,8 +46,8 @@ def captured_log() -> Iterator[list[str]]:
                 os.dup2(copy, number)
                 os.close(copy)
             sink.seek(0)
-            text = _COLOR_CODE.sub("", sink.read().decode(errors="replace"))
-            lines = (_ADDRESS.sub("", line).strip() for line in text.splitlines())
+            text = sink.read().decode(errors="replace")
+            lines = [_NOISE.sub("", line).strip() for line in text.splitlines()]
             messages += [line for line in lines if line and not _CHATTER.search(line)]
 
 

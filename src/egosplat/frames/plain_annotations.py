@@ -68,8 +68,7 @@ class PlainAnnotations:
                 f"{path}: {ids.shape[1]}x{ids.shape[0]} px, but the frame is {size[0]}x{size[1]}."
             )
         index = self._index_of_id[ids]
-        unknown = ids[index == _UNKNOWN_ID]
-        if len(unknown):
+        if len(unknown := ids[index == _UNKNOWN_ID]):
             raise UserError(f"{path}: instance id {unknown[0]} is not in {INSTANCES_TABLE}. Add it there.")
         return fit_labels(index, int(timestamp_ns), self._keys)
 
@@ -81,58 +80,51 @@ def read_instances(path: Path) -> list[Instance]:
         columns, lines = reader.fieldnames or [], list(reader)
     except (OSError, csv.Error) as error:
         raise UserError(f"{path}: not a readable table ({error}).") from error
-    for column in _COLUMNS:
-        if column not in columns:
-            raise UserError(
-                f"{path}: has no column {column!r}; it needs {', '.join(_COLUMNS)}, separated by tabs."
-            )
-    instances = [_instance(path, number, line) for number, line in enumerate(lines, start=2)]
-    first_line: dict[int, int] = {}
-    for number, instance in enumerate(instances, start=2):
+    if missing := [column for column in _COLUMNS if column not in columns]:
+        raise UserError(
+            f"{path}: has no column {missing[0]!r}; it needs {', '.join(_COLUMNS)}, separated by tabs."
+        )
+    instances, first_line = [], {}
+    for number, line in enumerate(lines, start=2):
+        instances.append(instance := _instance(f"{path}: line {number}", line))
         if first_line.setdefault(instance.id, number) != number:
             raise UserError(f"{path}: id {instance.id} is in lines {first_line[instance.id]} and {number}.")
     return instances
 
 
-def _instance(path: Path, number: int, line: dict[str, str | None]) -> Instance:
+def _instance(where: str, line: dict[str, str | None]) -> Instance:
     def field(column: str, allowed: tuple[str, ...] = (), default: str = "") -> str:
         value = (line.get(column) or default).strip()
         if not value or (allowed and value not in allowed):
-            raise UserError(
-                f"{path}: line {number}: {column} is {value!r}{', not ' if allowed else ''}{' or '.join(allowed)}."
-            )
+            listed = f", not {' or '.join(allowed)}" if allowed else ""
+            raise UserError(f"{where}: {column} is {value!r}{listed}.")
         return value
 
-    identity = field("id")
-    if not (
-        identity.isascii() and identity.isdigit() and len(identity) < 10 and 1 <= int(identity) <= _MAX_ID
-    ):
-        raise UserError(
-            f"{path}: line {number}: id is {identity[:40]!r}, not a whole number from 1 to {_MAX_ID}."
-        )
+    text = field("id")
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and 1 <= int(text) <= _MAX_ID):
+        raise UserError(f"{where}: id is {text[:40]!r}, not a whole number from 1 to {_MAX_ID}.")
     return Instance(
-        id=int(identity),
-        name=field("name"),
-        category=field("category"),
-        motion_type=field("motion_type", ("static", "dynamic")),
-        instance_type=field("instance_type", ("object", "human"), default="object"),
+        int(text),
+        field("name"),
+        field("category"),
+        field("motion_type", ("static", "dynamic")),
+        field("instance_type", ("object", "human"), default="object"),
     )
 
 
 def _png_of_timestamp(folder: Path, source: Video | ImageFolder) -> dict[int, Path]:
     """The PNG of each annotated frame by the frame's timestamp."""
-    if isinstance(source, Video):
-        numbers = {number: number for number in range(len(source.timestamp_ns))}
-    else:
-        numbers = {image.stem: number for number, image in enumerate(source.paths)}
-        if len(numbers) < len(source.paths):
-            raise UserError(
-                f"{folder}: pictures of several folders share names, so annotations cannot tell them apart."
-            )
+    is_video = isinstance(source, Video)
+    names = range(len(source.timestamp_ns)) if is_video else [image.stem for image in source.paths]
+    numbers: dict[int | str, int] = {name: number for number, name in enumerate(names)}
+    if len(numbers) < len(names):
+        raise UserError(
+            f"{folder}: pictures of several folders share names, so annotations cannot tell them apart."
+        )
     pngs: dict[int, Path] = {}
     for path in list_masks(folder):
         is_number = path.stem.isascii() and path.stem.isdigit()
-        key = int(path.stem) if isinstance(source, Video) and is_number else path.stem
+        key = int(path.stem) if is_video and is_number else path.stem
         if key not in numbers:
             raise UserError(f"{path}: {source.path} has no frame of this name. Rename or remove it.")
         timestamp = int(source.timestamp_ns[numbers[key]])

@@ -68,15 +68,27 @@ class Rectification:
         self.device_from_camera = calibration.get_transform_device_camera().to_matrix()
         for _ in range(turns):
             self.device_from_camera = self.device_from_camera @ CLOCKWISE
-        self._turns = turns
-        self._factor = supersampling(calibration, camera)
+        width, height = calibration.get_image_size()
+        self._turns, self._source_shape = turns, (int(height), int(width))
+        self._factor = factor = supersampling(calibration, camera)
         # projectaria-tools computes once where each pinhole pixel lies in the fisheye image, and OpenCV samples every
         # image there: several times as fast as ``distort_by_calibration``, and equal within one gray level.
-        self._map_u, self._map_v, inside = _source_coordinates(calibration, camera, self._factor)
-        samples = inside.reshape(camera.height, self._factor, camera.width, self._factor)
+        fine = linear_calibration(camera.scaled_to(camera.width * factor, camera.height * factor))
+        # Rectifying the column and row numbers gives all positions in one call: bilinear interpolation of a linear
+        # function is exact. Pixel centers are at integers, as in OpenCV.
+        rows, columns = np.mgrid[: self._source_shape[0], : self._source_shape[1]].astype(np.float32)
+        inside = distort_by_calibration(np.ones_like(rows), fine, calibration) > 0.5
+        # The library returns 0 outside, which is also a valid column and row.
+        self._map_u, self._map_v = (
+            np.where(inside, distort_by_calibration(numbers, fine, calibration), np.float32(_OUTSIDE))
+            for numbers in (columns, rows)
+        )
+        samples = inside.reshape(camera.height, factor, camera.width, factor)
         self.valid = self._turn(samples.all(axis=(1, 3)))
-        self._source_index = self._turn(_nearest_source(calibration, camera))
-        self._source_shape = _source_shape(calibration)
+        # The flat index of the source pixel nearest to each target pixel's center; 0 where there is none.
+        numbered = np.arange(rows.size, dtype=np.uint64).reshape(rows.shape)
+        nearest = distort_label_by_calibration(numbered, linear_calibration(camera), calibration)
+        self._source_index = self._turn(nearest.astype(np.int64))
 
     def color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 fisheye image -> (H, W, 3) uint8 pinhole image, 0 where not ``valid``; ValueError for another size."""
@@ -117,36 +129,3 @@ def supersampling(calibration: CameraCalibration, camera: Camera) -> int:
 def linear_calibration(camera: Camera, label: str = "") -> CameraCalibration:
     """A ``pinhole`` camera as projectaria-tools represents it (principal point at ``(side - 1) / 2``)."""
     return get_linear_camera_calibration(camera.width, camera.height, camera.fx, label)
-
-
-def _source_coordinates(
-    calibration: CameraCalibration, camera: Camera, factor: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Source position of each sample and whether it lies inside the source.
-
-    Returns:
-        Columns u and rows v, (H * factor, W * factor) float32 [px, pixel centers at integers as in OpenCV], and
-        (H * factor, W * factor) bool: inside the valid radius, with four source neighbors.
-    """
-    fine = linear_calibration(camera.scaled_to(camera.width * factor, camera.height * factor))
-    height, width = _source_shape(calibration)
-    # Rectifying the column and row numbers gives all positions in one call: bilinear interpolation of a linear
-    # function is exact.
-    rows, columns = np.mgrid[:height, :width].astype(np.float32)
-    inside = distort_by_calibration(np.ones_like(rows), fine, calibration) > 0.5
-    # The library returns 0 outside, which is also a valid column and row.
-    map_u = np.where(inside, distort_by_calibration(columns, fine, calibration), np.float32(_OUTSIDE))
-    map_v = np.where(inside, distort_by_calibration(rows, fine, calibration), np.float32(_OUTSIDE))
-    return map_u, map_v, inside
-
-
-def _nearest_source(calibration: CameraCalibration, camera: Camera) -> NDArray[np.int64]:
-    """(H, W) int64 flat index of the source pixel nearest to each target pixel's center; 0 where there is none."""
-    height, width = _source_shape(calibration)
-    index = np.arange(height * width, dtype=np.uint64).reshape(height, width)
-    return distort_label_by_calibration(index, linear_calibration(camera), calibration).astype(np.int64)
-
-
-def _source_shape(calibration: CameraCalibration) -> tuple[int, int]:
-    width, height = calibration.get_image_size()
-    return int(height), int(width)

@@ -40,7 +40,7 @@ class Video:
         self.path = path
         # The frame count and rate in the header are unreliable.
         capture, messages = self._open(), []
-        declared = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        declared, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
         frames = _grabbed(capture, messages)
         milliseconds = list(track(frames, f"scanning {path.name}", total=declared if declared > 0 else None))
         if not milliseconds:
@@ -49,22 +49,23 @@ class Video:
                 f"{path}: no frame can be decoded{_codec(capture)}{_reason(messages)}. "
                 f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18 {path.stem}_h264.mp4"
             )
-        if len(milliseconds) < self._least(declared, capture.get(cv2.CAP_PROP_FPS)) or messages:
+        counted = path.suffix.lower() in _COUNTED
+        least = declared if counted else (1.0 - _SHARE_OFF) * declared - _SECONDS_OFF * max(rate, 0.0)
+        if len(milliseconds) < least or messages:
             log(
                 f"{path}: {len(milliseconds)} of {declared} declared frames can be read"
                 f"{_reason(messages)}; is it complete?"
             )
         times = np.array(milliseconds)
         if not (np.diff(times) > 0).all():
-            times, rate = rebuild_times(times, capture.get(cv2.CAP_PROP_FPS))
+            times, rate = rebuild_times(times, rate)
             log(f"{path}: the times of its frames are missing or out of order; taken as {rate:g} a second")
         self.timestamp_ns = np.round((times - times[0]) * 1e6).astype(np.int64)
-        num, den = (capture.get(one) for one in (cv2.CAP_PROP_SAR_NUM, cv2.CAP_PROP_SAR_DEN))
+        num, den = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
         self._pixel_aspect = num / den if num > 0 and den > 0 else 1.0
         self._lies = capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180 == 90
         self.height, self.width = next(self.read_frames(np.array([0]))).shape[:2]
-        count = len(self.timestamp_ns)
-        self.names, self.sizes = [*map(str, range(count))], [(self.width, self.height)] * count
+        self.names, self.sizes = [*map(str, range(len(times)))], [(self.width, self.height)] * len(times)
         if self._pixel_aspect != 1.0:
             log(
                 f"{path}: its pixels are {num:g}:{den:g}; frames are resampled to square ones, "
@@ -96,18 +97,10 @@ class Video:
         if self._pixel_aspect == 1.0:
             return image
         height, width = image.shape[:2]
-        if self._lies:
-            height = max(1, round(height * self._pixel_aspect))
-        else:
-            width = max(1, round(width * self._pixel_aspect))
+        stored = max(1, round((height if self._lies else width) * self._pixel_aspect))
+        size = (width, stored) if self._lies else (stored, height)
         method = cv2.INTER_AREA if self._pixel_aspect < 1.0 else cv2.INTER_LINEAR
-        return cv2.resize(image, (width, height), interpolation=method)
-
-    def _least(self, declared: int, rate: float) -> float:
-        """Number of frames below which a video with a declared number of them is incomplete."""
-        if self.path.suffix.lower() in _COUNTED:
-            return declared
-        return (1.0 - _SHARE_OFF) * declared - _SECONDS_OFF * max(rate, 0.0)
+        return cv2.resize(image, size, interpolation=method)
 
     def _open(self) -> cv2.VideoCapture:
         if not self.path.is_file():
@@ -130,10 +123,9 @@ def open_source(path: Path, known_poses: str | None) -> Video | ImageFolder:
     """
     if not path.is_dir():
         return Video(path)
-    if known_poses is not None:
-        return ImageFolder(path, picture_folders(path, known_poses), turned=False)
-    source = ImageFolder(path, picture_folders(path, NONE))
-    source.check_sizes()
+    source = ImageFolder(path, picture_folders(path, known_poses or NONE), turned=known_poses is None)
+    if known_poses is None:
+        source.check_sizes()
     return source
 
 
@@ -162,9 +154,8 @@ def _grabbed(capture: cv2.VideoCapture, messages: list[str]) -> Iterator[float]:
 
 def _codec(capture: cv2.VideoCapture) -> str:
     """The four letters of a video's codec, for a message."""
-    letters = (
-        int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode("ascii", "replace")
-    )
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
+    letters = code.decode("ascii", "replace")
     return f", codec {letters}" if letters.isprintable() else ""
 
 

@@ -46,22 +46,18 @@ def adt_poses(
 ) -> Poses:
     """Interpolate the trajectory of an ADT recording at its frames, and read its points (docs/method.md#poses).
 
-    ``camera_to_world = world_from_device(t) device_from_camera``. Frames outside the trajectory, or between rows too far
-    apart, are not registered.
+    ``camera_to_world = world_from_device(t) device_from_camera``. Frames outside the trajectory, or between rows further apart
+    than ``max_gap_ms``, are not registered.
 
     Args:
         exposure_middle_ns: (F,) int64 middle of each exposure, in the device's clock.
         device_from_camera: (4, 4) float64; camera axes are those of the (upright) frames.
-        camera: of the frames.
-        max_gap_ms: frames between rows further apart than this get no pose.
 
     Returns:
-        Poses in ADT's scene frame [m], with gray points. A ground-truth recording without usable semi-dense points gets
-        none, and a note.
+        Poses in ADT's scene frame [m], with gray points; none of ground truth without usable semi-dense points.
 
     Raises:
-        UserError: a file is missing or damaged, no frame lies within the trajectory, or (closed loop) no
-            semi-dense point passes the filter.
+        UserError: a file is missing or damaged, no frame lies within the trajectory, or (closed loop) no point is usable.
     """
     if not is_rigid(device_from_camera):
         raise ValueError("device_from_camera is not a rigid motion")
@@ -97,11 +93,11 @@ def adt_poses(
 
 def _missing_message(folder: Path, trajectory: str) -> str:
     """The error of a missing trajectory; it advises the other one if that exists."""
-    present = [name for name, path in TRAJECTORIES.items() if (folder / path).is_file()]
-    advice = f", or set poses.trajectory={present[0]}, which is there" if present else ""
-    others = [str(path) for name, path in TRAJECTORIES.items() if name != trajectory]
-    missing = "" if present else f", and so is {', '.join(others)}"
-    return f"{folder / TRAJECTORIES[trajectory]} is missing{missing}: download it{advice}"
+    missing = f"{folder / TRAJECTORIES[trajectory]} is missing"
+    ((other, path),) = (item for item in TRAJECTORIES.items() if item[0] != trajectory)
+    if (folder / path).is_file():
+        return f"{missing}: download it, or set poses.trajectory={other}, which is there"
+    return f"{missing}, and so is {path}: download it"
 
 
 def _angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
@@ -112,23 +108,21 @@ def _angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float
 def _points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """The semi-dense points and their notes; no points if they are missing, which ground truth may be used without."""
     path, required = find_points(folder / MPS_FOLDER), options.trajectory == "closed_loop"
-    limits = {name: getattr(options, name) for name in ("max_inv_dist_std", "max_dist_std")}
+    if path is None and required:
+        raise UserError(f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud")
     if path is None:
-        if required:
-            raise UserError(
-                f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud"
-            )
         return np.empty((0, 3)), {"points": 0, "points_missing": "the recording has no semi-dense points"}
+    limits = {name: getattr(options, name) for name in ("max_inv_dist_std", "max_dist_std")}
     points, read, rejected = read_semidense_points(path, **limits)
     notes = {"points": len(points), "points_read": read, "points_rejected": rejected, **limits}
-    if len(points) == 0:
-        if required:
-            raise UserError(
-                f"{path}: none of {read} points passes inv_dist_std < {options.max_inv_dist_std}"
-                f" and dist_std < {options.max_dist_std}: raise poses.max_inv_dist_std or poses.max_dist_std"
-            )
-        notes["points_missing"] = "no semi-dense point passes the filter"
-    return points, notes
+    if not len(points) and required:
+        raise UserError(
+            f"{path}: none of {read} points passes inv_dist_std < {options.max_inv_dist_std}"
+            f" and dist_std < {options.max_dist_std}: raise poses.max_inv_dist_std or poses.max_dist_std"
+        )
+    return points, notes if len(points) else notes | {
+        "points_missing": "no semi-dense point passes the filter"
+    }
 
 
 def _no_pose_message(
@@ -161,10 +155,6 @@ def read_semidense_points(
     path: Path, max_inv_dist_std: float, max_dist_std: float
 ) -> tuple[NDArray[np.float64], int, dict[str, int]]:
     """Read the points with a small position uncertainty (docs/method.md#point-filter) of a table, compressed or not.
-
-    Args:
-        max_inv_dist_std: limit of the standard deviation of the inverse distance [1/m].
-        max_dist_std: limit of the standard deviation of the distance [m].
 
     Returns:
         (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.

@@ -1,7 +1,6 @@
 """Estimate poses by structure from motion: COLMAP's incremental mapping through pycolmap, on the CPU.
 
-The world has COLMAP's frame: cameras around the origin spanning about ten arbitrary units, in no particular orientation
-(``Poses.up`` gives the up direction).
+The world has COLMAP's frame: cameras around the origin spanning about ten arbitrary units, in no particular orientation.
 
 The same images, options and seed give the same poses on one machine, with any number of threads: images get their ids
 before features are extracted in parallel, RANSAC is seeded, and mapping runs on one thread. With more threads, bundle
@@ -16,12 +15,9 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
-from egosplat.calibration.colmap.mapping import MIN_IMAGES, build_models, choose_model
+from egosplat.calibration.colmap.database import Project, check_features, open_project
+from egosplat.calibration.colmap.mapping import build_models, choose_model
 from egosplat.calibration.colmap.matching import match_images
-from egosplat.calibration.colmap.movement import check_camera_moves
-from egosplat.errors import UserError
-from egosplat.files import scratch_directory
 from egosplat.geometry import Camera, invert, make_pose
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import (
@@ -72,16 +68,7 @@ def colmap_poses(
             the camera stands still.
     """
     threads = threads or len(os.sched_getaffinity(0))
-    with scratch_directory("egosplat-colmap-") as folder, quiet_colmap():
-        project = Project(folder)
-        project.write_images(images, camera)
-        frames = len(project.names)
-        if frames < MIN_IMAGES:
-            raise UserError(f"COLMAP needs {MIN_IMAGES} frames or more, not {frames}: use more frames")
-        project.write_mask(valid)
-        if shown is not None:
-            project.write_masks(shown)
-        check_camera_moves(project)
+    with open_project("egosplat-colmap-", images, camera, valid, shown) as project:
         pycolmap.set_random_seed(SEED)
         project.import_images(camera, camera_known)
         features = project.extract(camera, threads)
@@ -89,15 +76,14 @@ def colmap_poses(
         matches = match_images(project, options.matching, overlap, SEED, threads)
         models = build_models(project, camera_known, SEED)
         chosen = choose_model(models, matches, project, camera_known, options.min_registered)
-        left = [model.num_reg_images() for model in chosen.others]
         notes = {
-            "frames": frames,
+            "frames": len(project.names),
             "features_median": float(np.median(features)),
             "matching": matches.strategy,
             "pairs_compared": matches.compared,
             "pairs_verified": matches.verified,
             "pairs_with_parallax": matches.with_parallax,
-            "models": [chosen.model.num_reg_images(), *left],
+            "models": [model.num_reg_images() for model in (chosen.model, *chosen.others)],
             "models_joined": chosen.parts,
         }
         return _poses(project, chosen.model, camera_known, notes)

@@ -38,14 +38,12 @@ def known_poses(
 
     Args:
         kind: of the file, a key of ``KNOWN_POSES``.
-        lenses: that the frames were rectified from.
-        pinhole: of the full-size rectified pictures.
+        lenses, pinhole: that the full-size pictures were rectified from and to.
         pictures: name of each frame's picture.
         camera: of the frames.
 
     Returns:
-        Poses in the file's world, in meters if their scale is given. Points as for ``colmap_poses``, except that a
-        file without views keeps them all.
+        Poses in the file's world, in meters if their scale is given. Points as for ``colmap_poses``; all of a file without views.
 
     Raises:
         UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
@@ -79,8 +77,7 @@ def known_poses(
     gsplat = gsplat_world(contents.camera_to_world, contents.points) if kind == "colmap" else None
     if gsplat is not None:
         notes["gsplat_world"] = gsplat.tolist()
-    up = mean_camera_up(camera_to_world[registered])
-    points = contents.points[kept] * scale
+    up, points = mean_camera_up(camera_to_world[registered]), contents.points[kept] * scale
     return Poses(camera_to_world, registered, camera, points, contents.point_rgb[kept], up, notes).check()
 
 
@@ -88,9 +85,8 @@ def _check_share(registered: np.ndarray, path: Path, min_registered: float) -> N
     frames, count = len(registered), int(registered.sum())
     without = format_ranges(set(np.flatnonzero(~registered).tolist()))
     if count < min_registered * frames:
-        advice = ", or ".join(
-            filter(None, ["Add them", "leave these frames out", accept_advice(count, frames)])
-        )
+        ways = ["Add them", "leave these frames out", accept_advice(count, frames)]
+        advice = ", or ".join(filter(None, ways))
         raise UserError(
             f"{path}: has poses of {count} of {frames} frames, and poses.min_registered requires {min_registered:.0%}; "
             f"without a pose (indices from 0): {without}\n{advice}"
@@ -109,10 +105,8 @@ def _kept_points(contents: Contents, pixel_scale: float) -> np.ndarray:
 
 def _summary(path: Path, notes: dict[str, Any], meters_per_unit: float | None) -> str:
     """The log line that names the world of the poses."""
-    if meters_per_unit is None:
-        unit = "lengths are in scene units (poses.meters_per_unit makes them meters)"
-    else:
-        unit = f"one unit of the file is {meters_per_unit:g} m"
+    unit = "lengths are in scene units (poses.meters_per_unit makes them meters)"
+    unit = unit if meters_per_unit is None else f"one unit of the file is {meters_per_unit:g} m"
     turned = ", turned by its applied_transform" if "applied_transform" in notes else ""
     scaled = f", scaled by its applied_scale {notes['applied_scale']:g}" if "applied_scale" in notes else ""
     return f"poses as in {path}{turned}{scaled}; {unit}"

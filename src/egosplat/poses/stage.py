@@ -21,29 +21,23 @@ from egosplat.progress import log
 def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOptions) -> None:
     """Write the poses artifact of ``frames``; UserError if the trajectory is missing or damaged, or COLMAP fails."""
     frames = open_artifact(frames_path, FRAMES)
-    has_device = frames.facts["device_from_camera"] is not None
+    has_device, kind = frames.facts["device_from_camera"] is not None, frames.facts.get("known_poses")
     if options.method == "device" and not has_device:
         raise UserError(
             f"poses.method = device: {recording_path.name} has no device trajectory; use colmap or auto"
         )
-    known = frames.facts.get("known_poses")
-    if options.method == "known" and known is None:
+    if options.method == "known" and kind is None:
         raise UserError(
             f"poses.method = known: {recording_path.name} has neither {' nor '.join(KNOWN_POSES.values())} "
             "(docs/recordings.md), or frames.known_poses is none"
         )
-    source = poses_source(options.method, has_device, known is not None)
+    source = poses_source(options.method, has_device, kind is not None)
     if options.meters_per_unit is not None and source != "known":
         raise UserError(
             "poses.meters_per_unit: only known poses have a unit (docs/recordings.md); remove the key"
         )
     record = provenance.begin_from("poses", options.as_dict(), [frames], chosen=source)
-    if source == "known":
-        poses = _from_file(recording_path, known, frames, options)
-    elif source == "device":
-        poses = _from_device(recording_path, frames, options)
-    else:
-        poses = _from_colmap(frames, options)
+    poses = _find_poses(source, recording_path, frames, options)
     log(f"{poses.registered.sum()} of {len(poses.registered)} frames have a pose; {len(poses.points)} points")
     with create(output, POSES, record) as artifact:
         artifact.put("camera_to_world", poses.camera_to_world)
@@ -55,36 +49,24 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOpt
         artifact.facts = {"notes": poses.notes}
 
 
-def _from_device(recording: Path, frames: Artifact, options: PosesOptions) -> Poses:
-    return load_module("poses", "device").adt_poses(
-        recording,
-        frames.read("exposure_middle_ns"),
-        np.asarray(frames.facts["device_from_camera"], dtype=np.float64),
-        Camera(**frames.facts["camera"]),
-        options,
-    )
-
-
-def _from_file(recording: Path, kind: str, frames: Artifact, options: PosesOptions) -> Poses:
-    return load_module("poses", "known").known_poses(
-        recording,
-        kind,
-        [Lens.of_facts(lens) for lens in frames.facts["lenses"]],
-        Camera(**frames.facts["pinhole"]),
-        frames.facts["pictures"],
-        Camera(**frames.facts["camera"]),
-        options,
-    )
-
-
-def _from_colmap(frames: Artifact, options: PosesOptions) -> Poses:
+def _find_poses(source: str, recording: Path, frames: Artifact, options: PosesOptions) -> Poses:
+    facts, module = frames.facts, load_module("poses", source)
+    camera = Camera(**facts["camera"])
+    if source == "device":
+        device = np.asarray(facts["device_from_camera"], dtype=np.float64)
+        return module.adt_poses(recording, frames.read("exposure_middle_ns"), device, camera, options)
+    if source == "known":
+        lenses, pinhole = [Lens.of_facts(lens) for lens in facts["lenses"]], Camera(**facts["pinhole"])
+        return module.known_poses(
+            recording, facts["known_poses"], lenses, pinhole, facts["pictures"], camera, options
+        )
     count, valid = frames.shape("rgb")[0], frames.read("valid")
     shown = (shown_pixels(frames, index, valid) for index in range(count))
-    return load_module("poses", "colmap").colmap_poses(
+    return module.colmap_poses(
         (frames.row("rgb", index) for index in range(count)),
         valid,
-        Camera(**frames.facts["camera"]),
-        frames.facts["camera_known"],
+        camera,
+        facts["camera_known"],
         options,
         shown=shown if frames.has("masked") else None,
     )

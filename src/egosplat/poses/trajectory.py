@@ -47,10 +47,8 @@ class InterpolatedPoses:
     """Poses of a trajectory at given times.
 
     Attributes:
-        poses: (F, 4, 4) float64; NaN where unknown.
-        known: (F,) bool: times with a pose.
-        outside: number of times before the first or after the last row.
-        in_gaps: number of times between rows that are too far apart.
+        poses, known: (F, 4, 4) float64, NaN where unknown; (F,) bool: times with a pose.
+        outside, in_gaps: number of times before the first or after the last row, and between rows too far apart.
         largest_gap_ms: largest time between two rows that were interpolated; 0 if none were.
     """
 
@@ -85,8 +83,14 @@ def read_trajectory(path: Path) -> Trajectory:
     translation = numbers[_TRANSLATION].to_numpy(np.float64)
     far = (np.abs(translation) > MAX_POSITION_M).any(axis=1)
     _check_rows(path, far, "has a position more than 1,000 km from the origin")
+    gravity = numbers[_GRAVITY].to_numpy(np.float64).mean(axis=0)
+    length = float(np.linalg.norm(gravity))
+    if not _GRAVITY_RANGE[0] <= length <= _GRAVITY_RANGE[1]:
+        raise UserError(
+            f"{path}: the mean gravity_world is {length:.3g} m/s^2 long, not about 9.81: download it again"
+        )
     poses = make_pose(Rotation.from_quat(quaternion).as_matrix(), translation)
-    return Trajectory(path, time_us * 1000, poses, _up(path, numbers[_GRAVITY].to_numpy(np.float64)))
+    return Trajectory(path, time_us * 1000, poses, -gravity / length)
 
 
 def interpolate_trajectory(
@@ -103,13 +107,8 @@ def interpolate_trajectory(
     known = inside & (gap_ms <= max_gap_ms)
     poses = np.full((len(wanted), 4, 4), np.nan)
     poses[known] = interpolate_poses(times, trajectory.world_from_device, wanted[known])
-    return InterpolatedPoses(
-        poses,
-        known,
-        outside=int((~inside).sum()),
-        in_gaps=int((inside & ~known).sum()),
-        largest_gap_ms=float(gap_ms[known].max(initial=0.0)),
-    )
+    outside, in_gaps = int((~inside).sum()), int((inside & ~known).sum())
+    return InterpolatedPoses(poses, known, outside, in_gaps, float(gap_ms[known].max(initial=0.0)))
 
 
 def _read_table(path: Path) -> pd.DataFrame:
@@ -119,8 +118,7 @@ def _read_table(path: Path) -> pd.DataFrame:
         table = pd.read_csv(path, usecols=lambda name: name in {_FRAME, *_NUMBERS}, low_memory=False)
     except (ValueError, pd.errors.ParserError, UnicodeDecodeError) as error:
         raise UserError(f"{path} is not a readable trajectory table ({error}); download it again") from error
-    missing = [name for name in (_FRAME, *_NUMBERS) if name not in table.columns]
-    if missing:
+    if missing := [name for name in (_FRAME, *_NUMBERS) if name not in table.columns]:
         raise UserError(f"{path} has no column {', '.join(missing)}: give a trajectory of MPS or of ADT 2.0")
     if len(table) < 2:
         raise UserError(f"{path} has {len(table)} rows; a trajectory needs at least two: download it again")
@@ -129,21 +127,9 @@ def _read_table(path: Path) -> pd.DataFrame:
 
 def _check_rows(path: Path, bad_rows: NDArray[np.bool_], problem: str) -> None:
     """Raise UserError naming the line of the first bad row, if there is one."""
-    bad = np.flatnonzero(bad_rows)
-    if len(bad):
+    if len(bad := np.flatnonzero(bad_rows)):
         more = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
         # Line 1 is the header.
         raise UserError(
             f"{path}, line {bad[0] + 2}{more}: the row {problem}; correct the file or download it again"
         )
-
-
-def _up(path: Path, gravity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vector against the mean of (N, 3) gravity vectors."""
-    mean = gravity.mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    if not _GRAVITY_RANGE[0] <= length <= _GRAVITY_RANGE[1]:
-        raise UserError(
-            f"{path}: the mean gravity_world is {length:.3g} m/s^2 long, not about 9.81: download it again"
-        )
-    return -mean / length

@@ -71,14 +71,6 @@ def test_lenses_of_transforms_files(pictures, transforms, changes, lens):
     assert found == [Lens(lens[0], WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, *lens[1]))]
 
 
-def test_a_field_of_view_gives_the_focal_length(pictures, transforms):
-    """Blender's files have an angle alone."""
-    transforms(fl_x=None, fl_y=None, cx=None, cy=None, camera_angle_x=np.pi / 2)
-    assert read_known_poses(pictures, "transforms", *SIZE).lenses[0].params[:4] == pytest.approx(
-        (32, 32, 32, 24)
-    )
-
-
 @pytest.mark.parametrize("binary", [True, False])
 def test_points_of_a_transforms_file(pictures, transforms, binary):
     """nerfstudio writes its points to a PLY file beside it."""
@@ -406,15 +398,6 @@ def test_keys_that_do_not_count_are_told(pictures, transforms):
     assert unread == ["aabb_scale", "orientation_override", "colmap_im_id", "sharpness"]
 
 
-def test_a_matrix_of_three_rows_is_a_pose(pictures, transforms):
-    frames = entries(2)
-    for one in frames:
-        one["transform_matrix"] = one["transform_matrix"][:3]
-    transforms(frames=frames)
-    found = read_known_poses(pictures, "transforms", *SIZE).camera_to_world
-    np.testing.assert_array_equal(found[:, 3], [[0, 0, 0, 1]] * 2)
-
-
 @pytest.mark.parametrize("far", ["one", "all"])
 def test_positions_far_from_each_other_or_from_the_origin_are_named(pictures, transforms, far):
     """A broken pose, or coordinates of a map: float32 would not tell the cameras apart."""
@@ -443,15 +426,3 @@ def test_colors_of_points_in_other_types(pictures, transforms, kind, colors):
     )
     transforms(ply_file_path="points.ply")
     assert read_known_poses(pictures, "transforms", *SIZE).point_rgb.tolist() == [[255, 128, 0]]
-
-
-def test_names_with_spaces_need_a_binary_model(pictures, model, colmap_folder):
-    """pycolmap reads a name of the text format to its first space."""
-    next(iter(model.images.values())).name = "a 1.png"
-    model.write_binary(colmap_folder)
-    assert "a 1.png" in read_known_poses(pictures, "colmap", *SIZE).names
-    shutil.rmtree(colmap_folder)
-    colmap_folder.mkdir()
-    model.write_text(colmap_folder)
-    with pytest.raises(UserError, match="images.txt: a 1.png: the text format holds no names with spaces"):
-        read_known_poses(pictures, "colmap", *SIZE)

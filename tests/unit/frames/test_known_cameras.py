@@ -163,12 +163,6 @@ def test_cameras_without_a_common_view_are_named():
         shared_pinhole(lenses, [1, 1, 1])
 
 
-def test_names_that_are_no_path_match_no_picture(folder):
-    """No traceback of the file system's."""
-    write_transforms(folder, ["a/" * 3000 + "1.png", "\0.png"])
-    assert open_recording(folder, OPTIONS).facts["pictures"] == NAMES
-
-
 def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
     """hloc's model of two phones: every picture from its own camera, and its annotation with it."""
     recording, names = tmp_path / "recording", ["a.png", "b.png", "c.png"]
@@ -352,14 +346,6 @@ def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, names, fir
     files = opened("frames", "plain", recording)
     copied = open_recording(copy_files(files, recording, tmp_path / "copy"), OPTIONS)
     assert frames.facts | json.loads(json.dumps(copied.facts)) == frames.facts
-
-
-def test_masks_count_as_files_of_the_recording(folder):
-    """A mask that is overwritten makes the frames stale."""
-    write_masks(folder)
-    write_transforms(folder, NAMES, mask_path="masks/1.png")
-    assert folder / "masks/1.png" in opened("frames", "plain", folder, "auto")
-    assert folder / "masks/1.png" not in opened("frames", "plain", folder, "none")
 
 
 def test_points_that_are_not_finite_are_told(folder, capsys):

@@ -26,7 +26,6 @@ from egosplat.poses.colmap import (
 )
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses
-from egosplat.progress import format_ranges
 
 Images = list[NDArray[np.uint8]]
 
@@ -120,10 +119,6 @@ def test_a_guessed_focal_length_is_refined(walk_images: Images, true_poses: NDAr
     assert trajectory_error(poses.camera_to_world, true_poses)["ate_rmse_m"] < 0.01
 
 
-def test_a_known_calibration_is_not_refined(walk_images: Images):
-    assert reconstruct(walk_images, GUESS).camera == GUESS
-
-
 def test_masked_pixels_are_ignored(walk_images: Images, true_poses: NDArray[np.float64]):
     valid = lens_circle()
     # The masked region is static and has more texture than the scene.
@@ -142,18 +137,6 @@ def test_no_feature_lies_outside_the_mask_or_at_its_edge(walk_images: Images, tm
         x, y = np.asarray(database.read_keypoints(image.image_id))[:, :2].T
     assert len(x) > 100
     assert np.hypot(x - 120.0, y - 90.0).max() < 88.0 - 1.0
-
-
-def test_the_mask_margin_applies_to_the_lens_edge_only(tmp_path: Path):
-    valid = EVERYWHERE.copy()
-    valid[:, 120:] = False
-    project = Project(tmp_path)
-    project.write_mask(EVERYWHERE)
-    assert not project.mask.exists()
-    project.write_mask(valid)
-    mask = cv2.imread(str(project.mask), cv2.IMREAD_GRAYSCALE)
-    assert (mask[:, :118] == 255).all()
-    assert (mask[:, 118:] == 0).all()
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -207,7 +190,7 @@ def test_a_second_model_is_reported_with_its_frames():
 
 def test_lost_frames_and_models_that_are_left_out_are_told():
     """The log says what has no pose and why, and nothing where all is well."""
-    assert list(model_lines(1, set(range(12)), [], [], 12)) == []
+    assert model_lines(1, set(range(12)), [], [], 12) == []
     joined, other, advice, lost = model_lines(2, set(range(6)), [{8, 9, 10}], ["shares 1 frame"], 12)
     assert "2 models" in joined and "joined to one of 6 frames" in joined
     assert "3 frames (8 to 10)" in other and other.endswith("it shares 1 frame") and "record" in advice
@@ -220,11 +203,6 @@ def test_the_suggested_min_registered_would_be_met_and_keeps_most_of_the_recordi
         suggested = re.search(r"poses.min_registered=([\d.]+)", text)
         assert (suggested is not None) == (held >= 20)
         assert suggested is None or 0.5 <= float(suggested[1]) <= held / 40
-
-
-def test_long_lists_of_frames_are_shortened():
-    assert format_ranges({1, 2, 3, 7}) == "1 to 3, 7"
-    assert format_ranges(set(range(0, 100, 2))).endswith("20, 22, ...")
 
 
 def test_two_places_without_a_common_view_give_the_larger_one(room: Any, capsys: pytest.CaptureFixture[str]):
@@ -248,11 +226,6 @@ def test_a_rotating_camera_is_rejected(room: Any, known: bool):
         reconstruct(room.images(room.pan(10)), camera, known)
 
 
-def test_identical_frames_are_rejected(walk_images: Images):
-    with pytest.raises(UserError, match="the camera stands still"):
-        reconstruct([walk_images[0]] * 5)
-
-
 def test_blank_images_are_rejected_with_their_number_of_features(walk_images: Images):
     blank = np.full_like(walk_images[0], 90)
     with pytest.raises(UserError, match=r"2 of 6 .*50 features .*median 0, maximum \d{3,}"):
@@ -268,11 +241,6 @@ def test_images_of_different_scenes_are_rejected():
 def test_too_few_images_are_rejected(walk_images: Images, count: int):
     with pytest.raises(UserError, match=f"3 .*not {count}"):
         reconstruct(walk_images[:count])
-
-
-def test_an_image_of_another_size_than_its_camera_is_rejected(walk_images: Images):
-    with pytest.raises(ValueError, match="image 1"):
-        reconstruct([walk_images[0], walk_images[1][:-2]])
 
 
 def test_colmap_leaves_no_temporary_files(
@@ -299,9 +267,7 @@ def features_of(
 ) -> Project:
     project = Project(folder)
     project.write_images(images, CAMERA)
-    project.write_mask(valid)
-    if shown is not None:
-        project.write_masks(shown)
+    project.write_masks(valid, shown)
     project.import_images(CAMERA, True)
     project.extract(CAMERA, threads=1)
     return project

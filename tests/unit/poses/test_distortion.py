@@ -43,8 +43,12 @@ def model_of(k1: float, k2: float, seed: int, noise: float = 0.5) -> pycolmap.Re
 def test_a_lens_with_distortion_is_found(k1, k2):
     """The case that the whole comparison is for: a phone's or an action camera's lens."""
     lens, evidence = compare(model_of(k1, k2, seed=0))
-    assert evidence.distorted and evidence.chance < FALSE_ALARM and evidence.bend_px > evidence.median_px
-    assert evidence.radial_px < evidence.pinhole_px
+    assert (
+        evidence["distorted"]
+        and evidence["chance"] < FALSE_ALARM
+        and evidence["bend_px"] > evidence["median_px"]
+    )
+    assert evidence["radial_px"] < evidence["pinhole_px"]
     radius = 0.15  # three quarters of the way to the corners
     assert lens.params[3] + lens.params[4] * radius**2 == pytest.approx(k1 + k2 * radius**2, rel=0.2)
 
@@ -58,14 +62,14 @@ def test_a_comparison_says_nothing_of_its_own(capfd):
 def test_a_pinhole_camera_is_left_alone():
     """More parameters always fit better; that alone must not bend pictures."""
     found = [compare(model_of(0.0, 0.0, seed))[1] for seed in range(10)]
-    assert not any(one.distorted for one in found)
-    assert all(one.radial_px <= one.pinhole_px + 1e-6 for one in found)
+    assert not any(one["distorted"] for one in found)
+    assert all(one["radial_px"] <= one["pinhole_px"] + 1e-6 for one in found)
 
 
 def test_a_distortion_below_the_precision_of_features_is_left_alone():
     """Evidence alone is not enough: with many exact features every lens is a bit off."""
     _, evidence = compare(model_of(0.02, 0.0, seed=0, noise=2.0))
-    assert not evidence.distorted
+    assert not evidence["distorted"]
 
 
 def test_frames_are_chosen_from_the_whole_recording_and_then_closer():
@@ -91,7 +95,7 @@ def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
     found, evidence = estimate_lens(
         lambda frames: (images[i] for i in frames), 12, np.ones((180, 240), bool), camera
     )
-    assert evidence.distorted
+    assert evidence["distorted"]
     assert found.params[3] == pytest.approx(-0.15, abs=0.05)
     assert found.pinhole.fx == pytest.approx(lens.pinhole.fx, rel=0.05)
 

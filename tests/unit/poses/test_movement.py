@@ -1,6 +1,7 @@
 """A camera that stands still is told from one that moves, before COLMAP starts."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +30,12 @@ def tripod(picture: NDArray[np.uint8], count: int = 12) -> Images:
     return images
 
 
-def check(images: Images, folder: Path) -> None:
+def check(images: Images, folder: Path, shown: Any = None) -> None:
     project = Project(folder)
     height, width = images[0].shape[:2]
     project.write_images(images, Camera(width, height, 210.0, 210.0, width / 2, height / 2))
-    check_camera_moves(project)
+    project.write_masks(np.ones((height, width), bool), shown)
+    check_camera_moves(project.images, project.names, project.mask_of)
 
 
 def covered(images: Images) -> Images:
@@ -82,10 +84,7 @@ def test_what_stays_where_each_picture_leaves_pixels_out_does_not_make_the_camer
     images = [image.copy() for image in walk_images]
     for image in images:
         image[:, :120] = walk_images[0][:, :120]
-    height, width = images[0].shape[:2]
-    project = Project(tmp_path)
-    project.write_images(images, Camera(width, height, 210.0, 210.0, width / 2, height / 2))
-    with pytest.raises(UserError, match="stands still"):
-        check_camera_moves(project)
-    project.write_masks(np.arange(width) >= np.full((len(images), height, 1), 120))
-    check_camera_moves(project)
+    for name, shown in (("all", None), ("masked", np.arange(240) >= np.full((len(images), 180, 1), 120))):
+        (tmp_path / name).mkdir()
+        with pytest.raises(UserError, match="stands still") if shown is None else nullcontext():
+            check(images, tmp_path / name, shown)

@@ -26,11 +26,6 @@ def valid_poses() -> Poses:
     return Poses(camera_to_world, registered, CAMERA, points, colors, np.array([0.0, 1.0, 0.0]))
 
 
-def test_valid_poses_are_accepted():
-    poses = valid_poses()
-    assert poses.check() is poses
-
-
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [

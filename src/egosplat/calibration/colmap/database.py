@@ -11,7 +11,9 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.errors import UserError
+from egosplat.files import scratch_directory
 from egosplat.geometry import Camera
 from egosplat.progress import track
 
@@ -19,6 +21,7 @@ Item = TypeVar("Item")
 
 # An image with fewer features has too little texture to be registered.
 MIN_FEATURES = 50
+MIN_IMAGES = 3
 
 _IMAGES_PER_BATCH = 8
 _FATAL_ONLY = 3
@@ -76,13 +79,12 @@ class Project:
             _write_png(self.images / name, bgr)
             self.names.append(name)
 
-    def write_mask(self, valid: NDArray[np.bool_]) -> None:
-        """Write the mask of all images unless every pixel is valid; COLMAP finds no features where it is 0."""
+    def write_masks(self, valid: NDArray[np.bool_], shown: Iterable[NDArray[np.bool_]] | None) -> None:
+        """Write the mask of all images unless every pixel is valid, and of each; features are found inside only."""
         if not valid.all():
             _write_png(self.mask, _shrunk(valid))
-
-    def write_masks(self, shown: Iterable[NDArray[np.bool_]]) -> None:
-        """Write the mask of each image, (H, W) bool: the pixels that show the scene; features are found there only."""
+        if shown is None:
+            return
         self.masks.mkdir()
         for name, mask in zip(self.names, shown, strict=True):
             self.check_free_space()
@@ -165,7 +167,7 @@ def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
 def check_features(counts: NDArray[np.int64]) -> None:
     """Raise UserError unless at least three images have enough features, by their (F,) int64 numbers."""
     sufficient = int((counts >= MIN_FEATURES).sum())
-    if sufficient < 3:
+    if sufficient < MIN_IMAGES:
         raise UserError(
             f"COLMAP finds too little texture: {sufficient} of {len(counts)} frames have {MIN_FEATURES}"
             f" features or more (median {int(np.median(counts))}, maximum {counts.max()}); use sharper, brighter"
@@ -175,10 +177,38 @@ def check_features(counts: NDArray[np.int64]) -> None:
 
 @contextlib.contextmanager
 def quiet_colmap() -> Iterator[None]:
-    """Silence COLMAP's log, which has a line for every image and pair; failures become a UserError."""
+    """Silence COLMAP's log, which has a line for every image and pair."""
     before = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = _FATAL_ONLY
     try:
         yield
     finally:
         pycolmap.logging.minloglevel = before
+
+
+@contextlib.contextmanager
+def open_project(
+    prefix: str,
+    images: Iterable[NDArray[np.uint8]],
+    camera: Camera,
+    valid: NDArray[np.bool_],
+    shown: Iterable[NDArray[np.bool_]] | None,
+) -> Iterator[Project]:
+    """A project of images and their masks in a temporary folder, with COLMAP's log silent.
+
+    Args:
+        prefix: of the folder's name.
+        images: (H, W, 3) uint8 RGB of the camera's size, read once.
+        valid, shown: (H, W) bool pixels that show the scene, of all images and, if given, of each.
+
+    Raises:
+        UserError: there are fewer than ``MIN_IMAGES``, the camera stands still, or the disk is full.
+    """
+    with scratch_directory(prefix) as folder, quiet_colmap():
+        project = Project(folder)
+        project.write_images(images, camera)
+        if (count := len(project.names)) < MIN_IMAGES:
+            raise UserError(f"COLMAP needs {MIN_IMAGES} frames or more, not {count}: use more frames")
+        project.write_masks(valid, shown)
+        check_camera_moves(project.images, project.names, project.mask_of)
+        yield project

@@ -13,21 +13,19 @@ The features must reach towards the corners: outside of them the distortion is e
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 from scipy import stats
 
-from egosplat.calibration.colmap.database import Project, check_features, quiet_colmap
+from egosplat.calibration.colmap.database import check_features, open_project, quiet_colmap
 from egosplat.calibration.colmap.joining import adjust
 from egosplat.calibration.colmap.mapping import build_models
 from egosplat.calibration.colmap.matching import match_images
-from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
-from egosplat.files import scratch_directory
 from egosplat.geometry import Camera
 from egosplat.progress import log
 
@@ -45,43 +43,47 @@ _SEED = 0
 
 ReadFrames = Callable[[NDArray[np.int64]], Iterable[NDArray[np.uint8]]]
 ShownIn = Callable[[int], NDArray[np.bool_]]
+# As plain JSON: ``pictures`` and ``observations`` of both fits; ``pinhole_px`` and ``radial_px``, the root mean square
+# reprojection error of each camera; ``median_px``, the median error of the radial one; ``chance``, the probability of such a drop
+# of the error without distortion; ``bend_px``, the largest distance between the two cameras at a feature; ``reach``, the distance
+# from the center within which 99 % of the features lie, in half diagonals; ``k1``, ``k2``; and the verdict, ``distorted``.
+Evidence = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """What the comparison found.
+def lens_of_frames(
+    wanted: str,
+    read: ReadFrames,
+    count: int,
+    valid: NDArray[np.bool_],
+    camera: Camera,
+    shown: ShownIn | None = None,
+) -> tuple[Lens | None, Evidence | None]:
+    """The lens that frames are rectified from, and the evidence, by ``frames.lens``; arguments as of ``estimate_lens``.
 
-    Attributes:
-        pictures, observations: number of them in both fits.
-        pinhole_px, radial_px: root mean square reprojection error of each camera [px].
-        median_px: median reprojection error of the radial camera [px].
-        chance: probability of such a drop of the error without distortion.
-        bend_px: largest distance between the two cameras at a feature [px].
-        reach: distance from the center within which 99 % of the features lie, in half diagonals of the picture.
-        k1, k2: the distortion.
-        distorted: whether the pictures ask for it.
+    Args:
+        wanted: ``auto``: a lens if the frames ask for it. ``radial``: always, or a UserError. ``pinhole``: never.
     """
-
-    pictures: int
-    observations: int
-    pinhole_px: float
-    radial_px: float
-    median_px: float
-    chance: float
-    bend_px: float
-    reach: float
-    k1: float
-    k2: float
-    distorted: bool
-
-    def line(self) -> str:
-        """The log line."""
-        verdict = "radial distortion" if self.distorted else "no distortion to rectify"
-        return (
-            f"lens: {verdict}: reprojection error {self.pinhole_px:.3f} px without it, {self.radial_px:.3f} px with it "
-            f"(probability by chance {self.chance:.1g}); it moves features by up to {self.bend_px:.2f} px, "
-            f"which are precise to {self.median_px:.2f} px and reach {self.reach:.0%} of the way to the corners"
-        )
+    if wanted == "pinhole":
+        return None, None
+    log("lens: looking for distortion in the frames (frames.lens=pinhole skips this)")
+    try:
+        lens, evidence = estimate_lens(read, count, valid, camera, shown)
+        rectified = evidence["distorted"] or wanted == "radial"
+        if rectified:
+            lens.check("the estimated lens")
+    except UserError as error:
+        reason = str(error).partition("\n")[0]
+        if wanted == "radial":
+            raise UserError(f"frames.lens = radial: the lens cannot be estimated: {reason}") from error
+        log(f"lens: taken as a pinhole camera, because it cannot be estimated: {reason}")
+        return None, None
+    verdict = "radial distortion" if evidence["distorted"] else "no distortion to rectify"
+    log(
+        "lens: {verdict}: reprojection error {pinhole_px:.3f} px without it, {radial_px:.3f} px with it (probability by "
+        "chance {chance:.1g}); it moves features by up to {bend_px:.2f} px, which are precise to {median_px:.2f} px and "
+        "reach {reach:.0%} of the way to the corners".format(verdict=verdict, **evidence)
+    )
+    return (lens if rectified else None), evidence
 
 
 def estimate_lens(
@@ -99,15 +101,15 @@ def estimate_lens(
     Raises:
         UserError: COLMAP cannot build a model of ``MIN_PICTURES`` of them.
     """
-    found = 0
+    registered = 0
     for frames in _choices(count):
         masks = None if shown is None else map(shown, frames.tolist())
         models = _models(read(frames), valid, camera, masks)
-        model = max(models, key=lambda one: one.num_reg_images(), default=None)
-        found = model.num_reg_images() if model else 0
-        if model and 2 * found >= len(frames) and found >= MIN_PICTURES:
+        model = max(models, key=lambda model: model.num_reg_images(), default=None)
+        registered = model.num_reg_images() if model else 0
+        if model and 2 * registered >= len(frames) and registered >= MIN_PICTURES:
             return compare(model)
-    raise UserError(f"{found} frames can be oriented to each other, and {MIN_PICTURES} are needed")
+    raise UserError(f"{registered} frames can be oriented to each other, and {MIN_PICTURES} are needed")
 
 
 def _choices(count: int) -> Iterator[NDArray[np.int64]]:
@@ -131,13 +133,7 @@ def _models(
     """COLMAP's models of images, with a radial camera."""
     # The result does not depend on the number of threads.
     threads = len(os.sched_getaffinity(0))
-    with scratch_directory("egosplat-lens-") as folder, quiet_colmap():
-        project = Project(folder)
-        project.write_images(images, camera)
-        project.write_mask(valid)
-        if shown is not None:
-            project.write_masks(shown)
-        check_camera_moves(project)
+    with open_project("egosplat-lens-", images, camera, valid, shown) as project:
         pycolmap.set_random_seed(_SEED)
         project.import_images(camera, camera_known=False)
         check_features(project.extract(camera, threads=threads))
@@ -161,26 +157,25 @@ def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
     chance = float(stats.t.sf(np.nan_to_num(score), len(drops) - 1))
     lens = Lens("RADIAL", radial.width, radial.height, tuple(map(float, radial.params)))
     f, cx, cy = map(float, pinhole.params)
-    features = _features(model)
+    images = [model.images[number] for number in model.reg_image_ids()]
+    features = np.array([point.xy for image in images for point in image.points2D if point.has_point3D()])
     bend = lens.bend_px(Camera(pinhole.width, pinhole.height, f, f, cx, cy), features)
-    away = np.linalg.norm(features - [cx, cy], axis=1) / np.hypot(cx, cy)
-    reach = float(np.quantile(away, 0.99))
+    reach = float(np.quantile(np.linalg.norm(features - [cx, cy], axis=1) / np.hypot(cx, cy), 0.99))
     squares = np.concatenate(list(with_it.values()))
     median = float(np.sqrt(np.median(squares)))
-    evidence = Evidence(
-        pictures=len(drops),
-        observations=len(squares),
-        pinhole_px=float(np.sqrt(np.concatenate(list(without.values())).mean())),
-        radial_px=float(np.sqrt(squares.mean())),
-        median_px=median,
-        chance=chance,
-        bend_px=bend,
-        reach=reach,
-        k1=lens.params[3],
-        k2=lens.params[4],
-        distorted=bool(chance < FALSE_ALARM and bend > median and reach >= MIN_REACH),
-    )
-    return lens, evidence
+    return lens, {
+        "pictures": len(drops),
+        "observations": len(squares),
+        "pinhole_px": float(np.sqrt(np.concatenate(list(without.values())).mean())),
+        "radial_px": float(np.sqrt(squares.mean())),
+        "median_px": median,
+        "chance": chance,
+        "bend_px": bend,
+        "reach": reach,
+        "k1": lens.params[3],
+        "k2": lens.params[4],
+        "distorted": bool(chance < FALSE_ALARM and bend > median and reach >= MIN_REACH),
+    }
 
 
 def _fitted(model: pycolmap.Reconstruction, name: str) -> tuple[pycolmap.Camera, dict[int, NDArray]]:
@@ -196,46 +191,9 @@ def _fitted(model: pycolmap.Reconstruction, name: str) -> tuple[pycolmap.Camera,
     }
 
 
-def _features(model: pycolmap.Reconstruction) -> NDArray[np.float64]:
-    """(N, 2) positions of all observations [px]."""
-    images = [model.images[number] for number in model.reg_image_ids()]
-    return np.array([point.xy for image in images for point in image.points2D if point.has_point3D()])
-
-
 def _squared_errors(model: pycolmap.Reconstruction, image: pycolmap.Image) -> NDArray[np.float64]:
     seen = [point for point in image.points2D if point.has_point3D()]
     world = np.array([model.points3D[point.point3D_id].xyz for point in seen]).reshape(-1, 3)
     pose = image.cam_from_world().matrix()
     shown = image.camera.img_from_cam(world @ pose[:, :3].T + pose[:, 3])
     return ((shown - np.array([point.xy for point in seen]).reshape(-1, 2)) ** 2).sum(axis=1)
-
-
-def lens_of_frames(
-    wanted: str,
-    read: ReadFrames,
-    count: int,
-    valid: NDArray[np.bool_],
-    camera: Camera,
-    shown: ShownIn | None = None,
-) -> tuple[Lens | None, dict[str, float | int | bool] | None]:
-    """The lens that frames are rectified from, and the evidence, by ``frames.lens``; arguments as of ``estimate_lens``.
-
-    Args:
-        wanted: ``auto``: a lens if the frames ask for it. ``radial``: always, or a UserError. ``pinhole``: never.
-    """
-    if wanted == "pinhole":
-        return None, None
-    log("lens: looking for distortion in the frames (frames.lens=pinhole skips this)")
-    try:
-        lens, evidence = estimate_lens(read, count, valid, camera, shown)
-        rectified = evidence.distorted or wanted == "radial"
-        if rectified:
-            lens.check("the estimated lens")
-    except UserError as error:
-        reason = str(error).partition("\n")[0]
-        if wanted == "radial":
-            raise UserError(f"frames.lens = radial: the lens cannot be estimated: {reason}") from error
-        log(f"lens: taken as a pinhole camera, because it cannot be estimated: {reason}")
-        return None, None
-    log(evidence.line())
-    return (lens if rectified else None), asdict(evidence)

@@ -1,18 +1,16 @@
 """COLMAP's third step: incremental mapping, and the choice of the model."""
 
 import time
-from collections.abc import Iterator
 
 import pycolmap
 
-from egosplat.calibration.colmap.database import Project
+from egosplat.calibration.colmap.database import MIN_IMAGES, Project
 from egosplat.calibration.colmap.joining import Joined, join_models
 from egosplat.calibration.colmap.matching import MatchingResult
 from egosplat.calibration.files import accept_advice
 from egosplat.errors import UserError
 from egosplat.progress import format_ranges, log
 
-MIN_IMAGES = 3
 # A model with fewer points is noise, not a scene.
 MIN_POINTS = 50
 
@@ -43,38 +41,32 @@ def build_models(
         ba_refine_extra_params=distortion,
     )
     options.mapper.abs_pose_refine_focal_length = not camera_known
-    progress = _MappingProgress(len(project.names))
+    count, last = 0, time.perf_counter()
+
+    def tell() -> None:
+        log(f"COLMAP: mapping: {count} of {len(project.names)} images in this model")
+
+    def started() -> None:
+        nonlocal count
+        count = 2  # the initial pair
+
+    def registered() -> None:
+        nonlocal count, last
+        count += 1
+        if time.perf_counter() - last >= _SECONDS_BETWEEN_LINES:
+            last = time.perf_counter()
+            tell()
+
     models = pycolmap.incremental_mapping(
         project.database,
         project.images,
         project.models,
         options,
-        initial_image_pair_callback=progress.started,
-        next_image_callback=progress.registered,
+        initial_image_pair_callback=started,
+        next_image_callback=registered,
     )
-    progress.log()
+    tell()
     return [model for model in models.values() if model.num_points3D() >= MIN_POINTS]
-
-
-class _MappingProgress:
-    """Logs every few seconds how many images the current model registers."""
-
-    def __init__(self, frames: int) -> None:
-        self.frames = frames
-        self.count = 0
-        self.last = time.perf_counter()
-
-    def started(self) -> None:
-        self.count = 2  # the initial pair
-
-    def registered(self) -> None:
-        self.count += 1
-        if time.perf_counter() - self.last >= _SECONDS_BETWEEN_LINES:
-            self.log()
-
-    def log(self) -> None:
-        self.last = time.perf_counter()
-        log(f"COLMAP: mapping: {self.count} of {self.frames} images in this model")
 
 
 def choose_model(
@@ -88,8 +80,7 @@ def choose_model(
     if not models:
         raise UserError(_no_model_message(matches))
     joined = join_models(models, camera_known)
-    frames = len(project.names)
-    registered = frames_of_model(joined.model, project)
+    frames, registered = len(project.names), frames_of_model(joined.model, project)
     others = [frames_of_model(other, project) for other in joined.others]
     if len(registered) < min_registered * frames:
         if matches.with_parallax == 0:
@@ -101,33 +92,28 @@ def choose_model(
     return joined
 
 
-def model_lines(
-    parts: int, registered: set[int], others: list[set[int]], reasons: list[str], frames: int
-) -> Iterator[str]:
-    """Lines about models that are joined, models that are left out, and frames without a pose; none if all is well.
-
-    Args:
-        parts, registered: number of models that became one, and its frames.
-        others, reasons: frames of each model that is left out, and why.
-        frames: number of all frames.
-    """
-    if parts > 1:
-        yield f"{parts} models share frames and are joined to one of {len(registered)} frames"
-    for other, reason in zip(others, reasons, strict=True):
-        yield f"a model of {len(other)} frames ({format_ranges(other)}) is left out: it {reason}"
-    if others:
-        yield "to connect the models, record the ways between them, or lower frames.stride"
-    lost = set(range(frames)) - registered
-    if lost:
-        yield (
-            f"{len(lost)} of {frames} frames have no pose and are not used (indices from 0): {format_ranges(lost)}; "
-            "they are blurred, blank, or share too little with the others"
-        )
-
-
 def frames_of_model(model: pycolmap.Reconstruction, project: Project) -> set[int]:
     """The frames that a model registers."""
     return {project.frame_of(model.images[number].name) for number in model.reg_image_ids()}
+
+
+def model_lines(
+    parts: int, registered: set[int], others: list[set[int]], reasons: list[str], frames: int
+) -> list[str]:
+    """Lines about ``parts`` joined models, models that are left out with reasons, and frames without a pose."""
+    lines, lost = [], set(range(frames)) - registered
+    if parts > 1:
+        lines.append(f"{parts} models share frames and are joined to one of {len(registered)} frames")
+    for other, reason in zip(others, reasons, strict=True):
+        lines.append(f"a model of {len(other)} frames ({format_ranges(other)}) is left out: it {reason}")
+    if others:
+        lines.append("to connect the models, record the ways between them, or lower frames.stride")
+    if lost:
+        lines.append(
+            f"{len(lost)} of {frames} frames have no pose and are not used (indices from 0): {format_ranges(lost)}; "
+            "they are blurred, blank, or share too little with the others"
+        )
+    return lines
 
 
 def too_few_message(
@@ -149,16 +135,13 @@ def too_few_message(
         problem += (
             f". A second model registers {len(second)} ({format_ranges(second)}): the two share too few views"
         )
-    wider = "set poses.matching=exhaustive" if strategy == "sequential" else ""
-    larger = (
-        f"set frames.resolution={_FEW_PIXELS}, as {side} px show few details" if side < _FEW_PIXELS else ""
-    )
+    larger = f"set frames.resolution={_FEW_PIXELS}, as {side} px show few details"
     advice = [
-        larger,
+        larger if side < _FEW_PIXELS else "",
         "add views in between (a smaller frames.stride)",
         "take the part that shows one place (frames.start_s, frames.end_s)",
         "remove blurred and blank frames",
-        wider,
+        "set poses.matching=exhaustive" if strategy == "sequential" else "",
         accept_advice(len(registered), frames),
     ]
     advised = ", or ".join(filter(None, advice))

@@ -6,12 +6,13 @@ and more in three videos of a fixed camera, none in photographs of a moving one 
 """
 
 import itertools
+from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.colmap.database import Project
 from egosplat.errors import UserError
 from egosplat.progress import track
 
@@ -33,13 +34,14 @@ _STILL_PAIRS = 0.9
 _Features = tuple[NDArray[np.float64], NDArray[np.float32]]
 
 
-def check_camera_moves(project: Project) -> None:
-    """Compare frames spread over the recording, in seconds; UserError if the camera stands still."""
-    spread = np.linspace(0, len(project.names) - 1, min(_FRAMES, len(project.names))).round().astype(int)
-    names = [project.names[index] for index in spread]
+def check_camera_moves(
+    folder: Path, names: list[str], mask_of: Callable[[str], NDArray[np.uint8] | None]
+) -> None:
+    """Compare images spread over a recording, in seconds; UserError if the camera stands still."""
+    spread = np.linspace(0, len(names) - 1, min(_FRAMES, len(names))).round().astype(int)
+    chosen = track([names[index] for index in spread], "COLMAP: does the camera move", unit="frame")
     found = [
-        _features(cv2.imread(str(project.images / name), cv2.IMREAD_GRAYSCALE), project.mask_of(name))
-        for name in track(names, "COLMAP: does the camera move", unit="frame")
+        _features(cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE), mask_of(name)) for name in chosen
     ]
     shares = [share_that_stays(*pair) for pair in itertools.combinations(found, 2)]
     told = [share for share in shares if share is not None]
