@@ -1,6 +1,6 @@
 """Compare the size of each room with its budget: ``python -m tests.support.rooms``, a part of ``make lint``.
 
-``rooms.toml`` holds lines of Python for the rooms of each package and the folders of tests, and words for the pages. A room
+``rooms.toml`` holds lines of Python for the rooms of each package, the folders of tests, and benchmarks and training, and words for the pages. A room
 above its budget fails, and so does a change that raises a sum of budgets. ``--lower`` writes today's counts where they are lower.
 """
 
@@ -39,6 +39,7 @@ def measure(root: Path = ROOT) -> Sizes:
     packages = sorted(path.parent for path in (root / "src").glob("*/__init__.py"))
     tables = {f"src/{package.name}": list_rooms(package) for package in packages}
     tables["tests"] = list_rooms(root / "tests")
+    tables["beside"] = {name: count_lines(root / name) for name in ("benchmarks", "training")}
     pages = {name: count_words(root / name) for name in ("docs", "benchmarks")}
     return {**tables, "words": pages | {"CHANGELOG.md": len((root / "CHANGELOG.md").read_text().split())}}
 
@@ -59,11 +60,11 @@ def raised_sums(old: Sizes, new: Sizes) -> list[str]:
     def total(budgets: Sizes, kind: str) -> int:
         return sum(sum(rooms.values()) for table, rooms in budgets.items() if table.startswith(kind))
 
-    kinds = ("src", "tests", "words")
+    kinds = ("src", "tests", "beside", "words")
     return [
         f"{kind}: budgets grew from {total(old, kind):,} to {total(new, kind):,}; lower others by as much"
         for kind in kinds
-        if total(new, kind) > total(old, kind)
+        if total(new, kind) > total(old, kind) > 0
     ]
 
 

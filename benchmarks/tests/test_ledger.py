@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from benchmarks import rows
 from benchmarks.common import ROOT
 from benchmarks.ledger import __main__ as ledger
+from benchmarks.tests.test_ablation import answered
 from egosplat.errors import UserError
 from tests.support.rows import some_rows
-from tests.unit.benchmarks.test_ablation import answered
 from training.small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS
 
 COMMIT = "c0de" * 10

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 SCORES = ("ablation", "true_instances", "required", "tradeoff", "open_vocabulary")
 INTERVAL = re.compile(r"\([+−-]?\d+\.\d to [+−-]?\d+\.\d\)")
 
