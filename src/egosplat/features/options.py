@@ -71,11 +71,8 @@ class FeaturesOptions(SeedOptions):
     """Channels of a code at each level. The paper uses 3, which makes different objects similar
     (docs/method.md#code-dimensions). Time, memory and disk of the stage language grow with it, and of the stage
     splats if splats.language is joint. auto takes the fewest that a linear basis of the scene's features needs to
-    reach min_cosine."""
-
-    min_cosine: Annotated[float, Field(le=1, gt=0)] = 0.99
-    """Cosine with the original that 95 % of the decoded view features must reach if dims is auto. Larger separates
-    objects better and needs more channels: about 40 of the bundled OpenCLIP's 128 for 0.99, and 26 for 0.95."""
+    give 95 % of the decoded view features a cosine of 0.99 with the original, about 40 of the bundled OpenCLIP's
+    128."""
 
     epochs: Annotated[Count, READING] = 100
     """Epochs of the autoencoder over all view features. LangSplat uses 100. Time grows with it."""

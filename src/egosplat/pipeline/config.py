@@ -121,8 +121,9 @@ def merge_layers(layers: Iterable[Layer]) -> Config:
     values: Config = {}
     for section, above in (item for layer in layers for item in layer.keys.items()):
         below = values.get(section)
-        both = isinstance(below, Mapping) and isinstance(above, Mapping)
-        values[section] = {**below, **above} if both else above
+        if isinstance(below, Mapping) and isinstance(above, Mapping):
+            above = {**below, **above}
+        values[section] = above
     return values
 
 

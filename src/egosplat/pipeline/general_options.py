@@ -33,7 +33,7 @@ class VariantKeys(TypedDict, total=False):
     method: Annotated[str, Field(min_length=1, max_length=60)]
 
 
-VARIANTS: dict[str, VariantKeys] = {
+VARIANTS: dict[str, dict[str, Any]] = {
     "baseline": {"extends": "no_masks", "features": {"supervision": "view"}},
     "no_masks": {"splats": {"masking": "none"}},
     "network_masks": {"splats": {"masking": "initial"}},

@@ -63,9 +63,9 @@ def refusal(error: ValidationError, given: Mapping[Any, Any], options: type[Opti
         return unknown_key("", name, list(keys))
     path, value = [full_names(options, own)[name]], given[name]
     for step in steps:  # pydantic adds names of types to the path, too
-        inside = isinstance(value, list | tuple) and isinstance(step, int) and step < len(value)
-        if inside or (isinstance(value, Mapping) and step in value):
-            path, value = [*path, str(step)], value[step]
+        items: Any = dict(enumerate(value)) if isinstance(value, list | tuple) else value
+        if isinstance(items, Mapping) and step in items:
+            path, value = [*path, str(step)], items[step]
     cause = first.get("ctx", {}).get("error")
     why = str(cause or first["msg"]) if cause or len(path) > 1 else allowed(keys[name], value)
     return not_allowed(".".join(path), value, why)

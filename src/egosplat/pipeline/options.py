@@ -29,7 +29,7 @@ Text = Annotated[str, Field(min_length=1)]
 READING = Field(json_schema_extra={"reading": True})
 
 
-def check_with(passes: Callable[[Any], bool], needed: str) -> AfterValidator:
+def check_with(passes: Callable[[Any], object], needed: str) -> AfterValidator:
     """Make a check of a value; ``needed`` says in a message what passes it."""
 
     def check(value: Any) -> Any:
@@ -111,11 +111,12 @@ def describe(options: type[Options], name: str) -> str:
 def _descriptions(options: type) -> dict[str, str]:
     """Read the string below each field of a class."""
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(options))).body
-    found = {}
-    for field, text in zip(tree.body, tree.body[1:], strict=False):
-        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
-            found[field.target.id] = " ".join(ast.literal_eval(text.value).split())
-    return found
+    assert isinstance(tree, ast.ClassDef)
+    return {
+        ast.unparse(field.target): " ".join(ast.literal_eval(text.value).split())
+        for field, text in zip(tree.body, tree.body[1:], strict=False)
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
+    }
 
 
 def convert(value: Any, part: Mapping[str, Any]) -> Any:

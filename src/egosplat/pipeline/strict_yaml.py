@@ -50,10 +50,9 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def problem(error: Exception) -> str:
     """Describe one of ``NO_YAML``, with line and column if they are known."""
-    mark = getattr(error, "problem_mark", None)
-    if mark is None:
-        return str(error).partition("\n")[0]
-    return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
+    if isinstance(error, yaml.MarkedYAMLError) and (mark := error.problem_mark):
+        return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
+    return str(error).partition("\n")[0]
 
 
 def parse_value(text: str, where: str) -> Any:

@@ -2,6 +2,7 @@
 
 import functools
 import sys
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,9 @@ __all__ = ["Draft202012Validator", "ValidationError", "explain", "read_document"
 @functools.cache
 def schema(name: str) -> dict[str, Any]:
     """Load the schema of a JSON file; an object has just the properties that it lists, all but those in ``optional``."""
-    found = yaml.safe_load((resources.files(__package__) / "schemas" / f"{name}.schema.yaml").read_text())
+    found = yaml.safe_load(
+        (resources.files("egosplat.pipeline") / "schemas" / f"{name}.schema.yaml").read_text()
+    )
     _close(found)
     return found
 
@@ -76,15 +79,14 @@ def _refuse(constant: str) -> float:
 
 def explain(error: ValidationError) -> str:
     """Describe an error in one line: the key, its value, and what is allowed."""
-    key = ".".join(str(part) for part in error.absolute_path)
+    key, value = ".".join(str(part) for part in error.absolute_path), error.instance
+    part = error.schema if isinstance(error.schema, Mapping) else {}
     match error.validator:
         case "additionalProperties":
-            known = list(error.schema["properties"])
-            return unknown_key(key, min(set(error.instance) - set(known), key=str), known)
+            known = list(part["properties"])
+            return unknown_key(key, min({*value} - {*known}, key=str), known)
         case "required":
-            why = f"lacks {', '.join(sorted(set(error.validator_value) - set(error.instance)))}"
+            return not_allowed(key, value, f"lacks {', '.join(sorted({*part['required']} - {*value}))}")
         case "pattern":
-            why = f"only {error.schema.get('allowed', error.validator_value)}"
-        case _:
-            why = allowed(error.schema, error.instance)
-    return not_allowed(key, error.instance, why)
+            return not_allowed(key, value, f"only {part.get('allowed', part['pattern'])}")
+    return not_allowed(key, value, allowed(part, value))
