@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.config import options_of
-from egosplat.pipeline.stages import PIPELINE, STAGES, run_stage
+from egosplat.pipeline.running import run_stage
+from egosplat.pipeline.stages import PIPELINE, STAGES
 from egosplat.progress import log
 
 PRESETS = Path(__file__).resolve().parents[2] / "config" / "presets"
@@ -51,4 +51,4 @@ def run_chain(folder: Path, reference: Path | None) -> None:
         source = reference or folder
         paths = {name: source / (name if name == "recording" else file_of(name)) for name in inputs}
         paths |= {"output": folder / file_of(stage)}
-        run_stage(stage, options_of(stage, config), **paths, **WORDS.get(stage, {}))
+        run_stage(stage, **paths, **configuration.stage_values(stage, config), **WORDS.get(stage, {}))

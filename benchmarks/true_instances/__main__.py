@@ -34,9 +34,9 @@ from egosplat.artifacts.schemas import FRAMES, INSTANCES, SPLATS
 from egosplat.artifacts.writer import create
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.config import Config, options_of
+from egosplat.pipeline.config import Config, stage_values
+from egosplat.pipeline.running import run_stage
 from egosplat.pipeline.scene_folder import title_of
-from egosplat.pipeline.stages import run_stage
 from egosplat.progress import log, track
 
 PRESETS = ROOT / "config" / "presets"
@@ -102,7 +102,7 @@ def score(folder: Path, work: Path, target: str) -> ScoredScene:
 
 def run(stage: str, config: Config, **paths: object) -> None:
     """Run a stage as its rule does."""
-    run_stage(stage, options_of(stage, config), **paths)
+    run_stage(stage, **{name: path for name, path in paths.items() if path}, **stage_values(stage, config))
 
 
 def by_truth(folder: Path) -> dict[str, ScoredScene]:

@@ -94,12 +94,6 @@ def stage_values(stage: str, config: Mapping[str, Any]) -> dict[str, Any]:
     return {key: config[section][key] for section, keys in stage_sections(stage).items() for key in keys}
 
 
-def options_of(stage: str, config: Mapping[str, Any]) -> Options | None:
-    """Make a stage's options from a complete configuration; None for a stage without keys."""
-    options = stage_options(stage)
-    return options and options.model_validate(stage_values(stage, config))
-
-
 def configure(layers: Sequence[Layer], automatic: str = AUTO) -> LayeredConfig:
     """Merge layers over the defaults of the set of models that they choose, and check the values.
 
