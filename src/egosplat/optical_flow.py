@@ -18,6 +18,13 @@ def pixel_grid(height: int, width: int) -> Floats:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2).astype(np.float32)
 
 
+def sample(image: NDArray, places: NDArray[np.floating]) -> NDArray:
+    """The image at (h, w, 2) places [px, pixel centers at integers as in OpenCV]; beyond the border, that of the border."""
+    return cv2.remap(
+        image, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
 def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
     """Motion of each pixel of ``source`` to ``target`` by dense inverse search (Kroeger et al. 2016).
 
@@ -46,8 +53,7 @@ def is_consistent(flow: Floats, reverse: Floats, tolerance: float) -> NDArray[np
         (h, w) bool.
     """
     height, width = flow.shape[:2]
-    ends = pixel_grid(height, width) + flow
-    returned = cv2.remap(reverse, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    returned = sample(reverse, pixel_grid(height, width) + flow)
     error = np.linalg.norm(flow + returned, axis=2)
     length = np.maximum(np.linalg.norm(flow, axis=2), np.linalg.norm(returned, axis=2))
     return error <= tolerance + _RELATIVE_ERROR * length

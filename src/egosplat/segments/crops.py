@@ -15,7 +15,7 @@ from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.prompts import (
     Bounds,
     Candidates,
-    drop_repeated,
+    drop_covered,
     filter_masks,
     grid_points,
     join,
@@ -158,4 +158,4 @@ def _merge(coarse: Candidates, fine: Candidates, canvas: int, options: SegmentsO
     """Put both on one canvas. A mask of the frame is dropped where one from a crop shows the same."""
     logits = F.interpolate(coarse.logits[:, None], (canvas, canvas), mode="bilinear", align_corners=False)
     enlarged = Candidates(logits[:, 0], coarse.predicted_iou, coarse.stability)
-    return join([fine, drop_repeated(enlarged, fine.masks, options.mask_filter.box_nms_thresh)])
+    return join([fine, drop_covered(enlarged, fine.masks, 1.0, options.mask_filter.box_nms_thresh)])

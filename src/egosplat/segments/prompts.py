@@ -190,25 +190,16 @@ def filter_masks(found: Candidates, options: SegmentsOptions) -> Candidates:
     return found.take(kept)
 
 
-def drop_covered(found: Candidates, tracked: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
-    """Drop masks of objects that are tracked already.
+def drop_covered(found: Candidates, others: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
+    """Drop candidates that (K, M, M) bool masks of the same level show already.
 
     Args:
-        found: candidates of a level.
-        tracked: (K, M, M) bool masks of the level's instances in this image.
-        cover_thresh: drop masks whose share of covered pixels is larger.
-        iou_thresh: drop masks whose IoU with any instance is larger.
+        cover_thresh: drop candidates of which the others together cover a larger share; 1 for none.
+        iou_thresh: drop candidates whose IoU with any other mask is larger.
     """
-    if len(found) == 0 or len(tracked) == 0:
-        return found
-    # Two criteria: parts of a tracked object are covered by it, and a larger version of it overlaps it.
-    covered = intersections(found.masks, tracked.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
-    repeats = mask_iou(found.masks, tracked).amax(1) > iou_thresh
-    return found.take((covered <= cover_thresh) & ~repeats)
-
-
-def drop_repeated(found: Candidates, others: Tensor, iou_thresh: float) -> Candidates:
-    """Drop candidates whose IoU with one of the (K, M, M) bool masks is larger than ``iou_thresh``."""
     if len(found) == 0 or len(others) == 0:
         return found
-    return found.take(mask_iou(found.masks, others).amax(1) <= iou_thresh)
+    # Two criteria: parts of a tracked object are covered by it, and a larger version of it overlaps it.
+    covered = intersections(found.masks, others.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
+    repeats = mask_iou(found.masks, others).amax(1) > iou_thresh
+    return found.take((covered <= cover_thresh) & ~repeats)

@@ -8,9 +8,9 @@ import numpy as np
 
 from egosplat.geometry import Array
 from egosplat.moving_regions import Labels, large_regions
-from egosplat.optical_flow import pixel_grid
+from egosplat.optical_flow import pixel_grid, sample
 from egosplat.survey import rigid
-from egosplat.survey.matching import PATCH, Bools, Floats, Gray, Match, mean_of_patch, sample
+from egosplat.survey.matching import PATCH, Bools, Floats, Gray, Match, mean_of_patch
 
 # A pair with fewer voting pixels, as a fraction of the valid ones, is not judged: neither its correction nor its noise is known.
 _MIN_PAIR_VOTING = 0.05

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
-from egosplat.optical_flow import find_flow, is_consistent, pixel_grid
+from egosplat.optical_flow import find_flow, is_consistent, pixel_grid, sample
 from egosplat.survey.brightness import Bools, Gray, Light, compare_light, equalize
 from egosplat.survey.rigid import rotation_homography
 
@@ -100,13 +100,6 @@ def mean_of_patch(image: NDArray) -> Floats:
 def move(image: NDArray, flow: NDArray[np.floating]) -> NDArray:
     """(h, w) image at the targets of (h, w, 2) flow."""
     return sample(image, pixel_grid(*image.shape) + flow)
-
-
-def sample(image: NDArray, places: NDArray[np.floating]) -> NDArray:
-    """The image at (h, w, 2) places [px, pixel centers at integers as in OpenCV]."""
-    return cv2.remap(
-        image, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
 
 
 def _warp(image: Gray, homography: Array) -> Gray:

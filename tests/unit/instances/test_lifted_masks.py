@@ -61,8 +61,3 @@ def test_pixels_that_do_not_count_neither_vote_nor_show(column):
     shown = column != 15
     assert bool(found.seen[0, 0] > 0) == shown and bool(found.votes.toarray()[0].any()) == shown
     assert found.seen[0, 0] < weights()[0]
-
-
-def test_a_gaussian_out_of_view_has_no_vote():
-    found = lifted()
-    assert found.seen[0, 3] == 0 and not found.votes.toarray()[3].any()

@@ -46,11 +46,6 @@ def test_merges_are_those_of_comparing_all_runs_anew(count, merge_iou, seed):
         assert 1 < len(np.unique(found)) < count
 
 
-def test_no_runs_merge_to_nothing():
-    runs = Runs(np.zeros((0, 5), np.float32), np.zeros((0, 5), np.float32), 0.5)
-    assert agglomerate(runs, np.ones(5, np.float32), InstancesOptions()).shape == (0,)
-
-
 def test_equal_runs_merge_and_runs_without_a_gaussian_stay_apart():
     seen = np.ones((4, 6), np.float32)
     votes = np.array([[1, 1, 0, 0, 0, 0], [0] * 6, [1, 1, 0, 0, 0, 0], [0] * 6], np.float32)

@@ -43,16 +43,6 @@ def test_merging_crosses_blocks_of_frames():
     assert things(masks) == [0, 1] * count
 
 
-def test_the_order_of_frames_does_not_matter():
-    rng = np.random.default_rng(0)
-    held = [TABLE, CUP, WALL] * 9
-    for order in (np.arange(27), rng.permutation(27)):
-        frames = [int(place) // 3 for place in order]
-        found = things(lifted([held[place] for place in order], frames, [ALL] * 9))
-        names = {tuple(held[place]): thing for place, thing in zip(order, found, strict=True)}
-        assert len(set(found)) == 3 and [names[tuple(held[place])] for place in order] == found
-
-
 def test_a_mask_that_contradicts_its_track_has_no_vote(monkeypatch):
     """In one frame the table's track holds the wall: with the source masks it merges with neither."""
     held, frames = [TABLE, TABLE, TABLE, WALL, TABLE], [0, 1, 2, 3, 4]
@@ -69,12 +59,6 @@ def test_an_instance_that_others_hold_already_is_dropped(monkeypatch):
     assert things(masks, merge_iou=0.6) == [0, 0, 0, -1]
     monkeypatch.setattr("egosplat.instances.things._CLAIMED", 1.0)
     assert things(masks, merge_iou=0.6) == [0, 0, 0, 1]
-
-
-@pytest.mark.parametrize("cut", [False, True])
-def test_no_mask_gives_no_instance(cut):
-    masks = lifted([TABLE], [0], [ALL]).select(np.zeros(1, bool))
-    assert things(masks, cut=cut) == []
 
 
 def test_beliefs_are_shares_of_the_weight_in_frames_with_masks():
@@ -95,11 +79,3 @@ def test_a_single_wrong_mask_does_not_displace_what_many_frames_show():
     masks = lifted([TABLE] * 5 + [TABLE[:2]], [*range(5), 5], [ALL] * 6)
     table, wrong = beliefs(masks, np.array([0] * 5 + [1])).toarray().T
     assert (wrong[:2] == pytest.approx(1 / 3)) and (table[:2] == 1).all()
-
-
-def test_gaussians_that_no_frame_has_seen_belong_to_nothing():
-    masks = lifted([TABLE], [0], [ALL])
-    masks.seen.data[:] = 0.0
-    masks.votes.data[:] = 1e-6
-    assert things(masks) == [-1]
-    assert np.isfinite(beliefs(masks, np.array([0])).toarray()).all()

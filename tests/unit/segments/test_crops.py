@@ -103,23 +103,6 @@ def test_a_sample_of_cells_excludes_no_mask_that_is_used(sam2, monkeypatch):
     assert used.sum() > 30 and excluded.sum() > 0.5 * (~used).sum()
 
 
-def test_points_without_possible_masks_are_not_decoded_further(sam2, monkeypatch):
-    """A point of which no mask is good enough costs no logits."""
-    computed, logits = [], PointDecoder.logits
-
-    def recorded(decoder, attended):
-        computed.append(len(attended.ious))
-        return logits(decoder, attended)
-
-    monkeypatch.setattr(PointDecoder, "logits", recorded)
-    with sam2.compute.inference():
-        encoded = encode(sam2, np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8))
-        for least, count in ((-1.0, 4), (2.0, 0)):
-            monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(least, 0.0, 0.1, -1.0))
-            found = prompt(sam2, encoded, prompts.grid_points(2), SegmentsOptions())
-            assert computed.pop() == count and (max(map(len, found)) > 0) == (count > 0)
-
-
 def labels_of(sam2, image, shown, options) -> np.ndarray:
     found = segment_frame(sam2, Video(1, lambda _: image, lambda _: shown), 0, options)
     return join_frames([found], [0], 1, (96, 128)).labels[0]

@@ -10,7 +10,6 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.gaussians import training_views
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 
@@ -38,14 +37,6 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
     assert transient.facts["mean_probability"] == pytest.approx(probability.astype(float).mean(), abs=1e-3)
     # The frame without a pose too.
     assert probability[5].std() > 0
-
-
-def test_views_read_from_the_artifact_give_the_same_prediction(scene, monkeypatch):
-    """A long recording does not fit in memory."""
-    folder = scene()
-    held = run(folder)
-    monkeypatch.setattr(training_views, "IN_MEMORY", 2 * 24 * 24 * 3)
-    assert run(folder, "read.zarr").digest == held.digest
 
 
 def test_frames_left_out_by_the_survey_are_predicted_but_not_trained_on(scene, pictures, survey_that_keeps):

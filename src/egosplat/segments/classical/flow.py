@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.optical_flow import find_flow, is_consistent, pixel_grid
+from egosplat.optical_flow import find_flow, is_consistent, pixel_grid, sample
 from egosplat.segments.classical.partition import LIGHTNESS_WEIGHT, Bools, WorkingImage
 
 Floats = NDArray[np.float32]
@@ -52,8 +52,7 @@ def find_origins(
 
 def _look_alike(before: WorkingImage, now: WorkingImage, backward: Floats) -> Bools:
     """(h, w) bool: a pixel's neighborhood has the color of the neighborhood at its origin."""
-    ends = pixel_grid(*now.valid.shape) + backward
-    warped = cv2.remap(before.lab, ends, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    warped = sample(before.lab, pixel_grid(*now.valid.shape) + backward)
     apart = cv2.GaussianBlur(now.lab - warped, (0, 0), _SURROUNDINGS * now.unit)
     apart[..., 0] *= LIGHTNESS_WEIGHT
     return np.linalg.norm(apart, axis=2) <= _COLOR_ERROR
@@ -64,8 +63,7 @@ def _flow(source: Gray, target: Gray, motion: NDArray[np.float64]) -> Floats:
     # Remove the camera's motion, a homography, first: a turning head moves pixels further than the search
     # finds among repeating textures.
     start = pixel_grid(*source.shape)
-    moved = cv2.perspectiveTransform(start, motion)
-    target = cv2.remap(target, moved, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    target = sample(target, cv2.perspectiveTransform(start, motion))
     return cv2.perspectiveTransform(start + find_flow(source, target), motion) - start
 
 
