@@ -1,5 +1,5 @@
-"""A moving picture of a scene that is asked: the camera goes to each answer, and the answer lights up; of what is carried, the
-photographs show when, and a ring where it lies. ``egosplat movie``."""
+"""A moving picture of a scene that is asked (``egosplat movie``): the camera goes to each answer, which lights up; photographs show
+when a thing is carried, with a ring where it lies."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -25,23 +25,14 @@ from egosplat.query.histories import scene_at
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import clean_phrase
 
-# Views on the way to an answer and time of each [ms].
-_STEPS, _STEP_MS = 16, 90
+# Largest number of views on the way to an answer, steps in which it lights up, and times of a step and of an answer [ms].
+_STEPS, _LIGHTS, _STEP_MS, _ANSWER_MS = 16, 4, 90, 1800
 
-# Steps in which an answer lights up, and time of its last picture [ms].
-_LIGHTS, _ANSWER_MS = 4, 1800
+# What is shown before and after a carry [s]; width and radius of the ring, and height of the text, relative to the longer side.
+_BEFORE_S, _AFTER_S, _RING, _RADIUS, _LINE = 1.0, 2.0, 0.006, 0.03, 0.085
 
-# What is shown before and after a carry [s], width of the ring and its radius, relative to the longer side.
-_BEFORE_S, _AFTER_S, _RING, _RADIUS = 1.0, 2.0, 0.006, 0.03
-
-# Height of the line of text, relative to the longer side of the picture.
-_LINE = 0.085
-
-# Color of an answer: a red of the color map Turbo, and its share in a Gaussian; the rest is the Gaussian's own brightness.
-_HOT, _STRENGTH = (195.0, 37.0, 3.0), 0.75
-
-# Brightness of all else, relative to its own.
-_DIM = 0.6
+# Color of an answer, a red of the color map Turbo, with its share; the rest is the own brightness. Brightness of all else.
+_HOT, _STRENGTH, _DIM = (195.0, 37.0, 3.0), 0.75, 0.6
 
 
 def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
@@ -63,7 +54,7 @@ def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
     if not shown + carried:
         raise UserError(f"{scene.folder}: no query has an answer to show")
     pictures = [
-        *(_pictures(scene, shown, side) if shown else ()),
+        *_pictures(scene, shown, side),
         *(each for one in carried for each in _history(scene, one, side)),
     ]
     (first, *others), times = zip(*pictures, strict=True)
@@ -74,14 +65,14 @@ def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
 
 
 def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tuple[Image.Image, int]]:
-    """Pictures and the time of each [ms], of one answer at least: on the way to it, while it lights up, and the answer."""
+    """Pictures and the time of each [ms]: on the way to each answer, while it lights up, and the answer."""
     camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
 
     def picture(painted: QueryScene, frame: int) -> NDArray[np.float32]:
         rendered = painted.picture(camera, scene.poses[frame])
         return np.rot90(rendered, -1) if turned else rendered
 
-    before, grading = shown[-1].things[0].frame, scene.grading()
+    before, grading = shown[-1].things[0].frame if shown else 0, scene.grading()
     for one in track(shown, "drawing answers", unit="answer"):
         thing = one.things[0]
         for frame in way(scene.poses, before, thing.frame):
@@ -97,34 +88,25 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
 
 
 def _history(scene: Scene, answer: Answer, side: int) -> Iterator[tuple[Image.Image, int]]:
-    """Photographs of each carry and the time of each [ms], with a ring where the thing lies before and after.
-
-    Beside each is what the scene shows at its time, if it knows what rests.
-    """
+    """Photographs of each carry and the time of each [ms], beside what the scene shows at its time, if it knows what rests."""
     camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
     posed = known_poses(scene.poses)
     seconds = scene.seconds[posed]
     step_ms = round(1000 * float(np.median(np.diff(seconds)))) if len(posed) > 1 else _STEP_MS
     for carry in answer.history:
-        near = posed[(seconds >= carry.from_s - _BEFORE_S) & (seconds <= carry.until_s + _AFTER_S)]
-        for frame in near.tolist():
-            second = float(scene.seconds[frame])
-            place = answer.at(second)
-            image = Image.fromarray(shrink_image(scene.frames[frame], side))
+        near = posed[(seconds >= carry.from_s - _BEFORE_S) & (seconds <= carry.until_s + _AFTER_S)].tolist()
+        for frame in near:
+            pose, second = scene.poses[frame], float(scene.seconds[frame])
+            image, place = Image.fromarray(shrink_image(scene.frames[frame], side)), answer.at(second)
             if place is not None and place.position is not None:
-                _draw_ring(image, camera, scene.poses[frame], place.position)
+                _draw_ring(image, camera, pose, place.position)
             picture = np.asarray(image, np.float32) / 255
             if scene.rests is not None:
-                now = scene_at(scene.trained, scene.rests, second)
-                picture = np.concatenate(
-                    [picture, now.picture(camera, scene.poses[frame])], axis=0 if turned else 1
-                )
+                now = scene_at(scene.trained, scene.rests, second).picture(camera, pose)
+                picture = np.concatenate([picture, now], axis=0 if turned else 1)
             text = f'"{answer.phrase}"   {clock(second)}   {place.told if place else ""}'
-            last = frame == near[-1]
-            yield (
-                _captioned(np.rot90(picture, -1) if turned else picture, text),
-                _ANSWER_MS if last else step_ms,
-            )
+            shown = np.rot90(picture, -1) if turned else picture
+            yield _captioned(shown, text), _ANSWER_MS if frame == near[-1] else step_ms
 
 
 def _draw_ring(image: Image.Image, camera: Camera, pose: Array, point: Array) -> None:

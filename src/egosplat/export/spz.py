@@ -45,18 +45,27 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
         raise UserError(
             'gsply is not installed; it comes with the extra "export": pip install "egosplat[export]"'
         ) from None
-    _check_sizes(path, gaussians)
+    low, high = _LOG_SIZES
+    typical = float(gaussians.log_scales.median()) if gaussians.count else low
+    # The format cuts sizes outside of its limits, which shows in no number.
+    if not low <= typical <= high:
+        raise UserError(
+            f"{path}: .spz stores sizes of {math.exp(low):.1g} to {math.exp(high):.0f}, and most Gaussians have about "
+            f"{math.exp(typical):.1g}, in the world's unit. Set poses.meters_per_unit for the scene, or export ply"
+        )
     bits = fractional_bits(gaussians)
     kept = (gaussians.means.abs() < 2.0 ** (_BITS - 1 - bits)).all(dim=1)
     if left_out := int((~kept).sum()):
         log(f"{path}: {left_out} of {gaussians.count} Gaussians are too far away for this format")
     some = gaussians.select(kept)
+    quats = some.quats.numpy()
+    length = np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), np.finfo(np.float32).tiny)
     turned = np.array([1, -1, -1], np.float32)
     rest = some.sh[:, 1 : (sh_degree + 1) ** 2].numpy()
     data = GSData(
         means=some.means.numpy() * turned,
         scales=some.log_scales.numpy(),
-        quats=_unit(some.quats.numpy()) * np.array([1, *turned], np.float32),
+        quats=quats / length * np.array([1, *turned], np.float32),
         opacities=some.logit_opacities.numpy(),
         sh0=some.sh[:, 0].numpy(),
         shN=rest * TURNED_SH[: rest.shape[1], None],
@@ -70,23 +79,8 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
         scratch.write_bytes(gzip.compress(content, mtime=0))
 
 
-def _check_sizes(path: Path, gaussians: Gaussians) -> None:
-    """Check that the format holds most sizes: it cuts the others, which shows in no number."""
-    low, high = _LOG_SIZES
-    typical = float(gaussians.log_scales.median()) if gaussians.count else low
-    if not low <= typical <= high:
-        raise UserError(
-            f"{path}: .spz stores sizes of {math.exp(low):.1g} to {math.exp(high):.0f}, and most Gaussians have about "
-            f"{math.exp(typical):.1g}, in the world's unit. Set poses.meters_per_unit for the scene, or export ply"
-        )
-
-
 def fractional_bits(gaussians: Gaussians) -> int:
     """Bits after the point of a stored coordinate: as many as leave room for all but the farthest 0.1 % of the Gaussians."""
     farthest = gaussians.means.abs().amax(dim=1).double().numpy()
     reach = max(float(np.quantile(farthest, 0.999)), 1e-3) if len(farthest) else 1.0
     return int(np.clip(_BITS - 2 - np.ceil(np.log2(reach)), 1, _BITS - 2))
-
-
-def _unit(quats: np.ndarray) -> np.ndarray:
-    return quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), np.finfo(np.float32).tiny)

@@ -46,7 +46,7 @@ class View:
         depth: (h, w) float32 expected camera z [m]; 0 where the view is empty.
         camera: camera of the answers, (H, W) pixels; it shows the same image at another size.
         camera_to_world: (4, 4) float64.
-        valid: (H, W) bool pixels that show the scene, or None for all; other pixels are never answers.
+        valid: (H, W) bool pixels that show the scene; other pixels are never answers.
         levels: names of the levels.
     """
 
@@ -55,31 +55,8 @@ class View:
     depth: Tensor
     camera: Camera
     camera_to_world: Array
-    valid: Mask | None
+    valid: Mask
     levels: Sequence[str]
-
-
-def ask(
-    scene: QueryScene,
-    texts: Texts,
-    camera: Camera,
-    camera_to_world: Array,
-    valid: Mask | None,
-    options: QueryOptions,
-) -> Iterator[ViewMatch]:
-    """Answer queries in one view of a scene.
-
-    Args:
-        texts: the queries, encoded by the model that made the scene's features.
-        valid: (H, W) bool pixels that show the scene, or None for all.
-
-    Returns:
-        The matches in the order of the queries.
-
-    Raises:
-        ValueError: see ``answer_from_codes``.
-    """
-    return Asker(scene, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
 
 
 class Asker:
@@ -109,9 +86,10 @@ class Asker:
         valid: Mask | None,
         second: float | None = None,
     ) -> Iterator[ViewMatch]:
-        """Answer some of the queries in one view, in order; arguments and errors as of ``ask``.
+        """Answer some of the queries in one view, in order.
 
         Args:
+            valid: (H, W) bool pixels that show the scene, or None for all.
             second: show what lies there at this time, too [s since the first frame].
         """
         texts, resolution = self.texts.of(phrases), self.options.resolution
@@ -134,13 +112,14 @@ class Asker:
 def view_of(
     scene: QueryScene, camera: Camera, camera_to_world: Array, valid: Mask | None, resolution: int
 ) -> View:
-    """Render the codes and the depth of one view; arguments as in ``ask``, ``resolution`` as in ``QueryOptions``."""
+    """Render the codes and the depth of one view; arguments as of ``Asker.ask``, ``resolution`` as in ``QueryOptions``."""
     small, settings = rendering_camera(camera, resolution), scene.settings
     codes = render_codes(scene.gaussians, scene.code, scene.share, small, camera_to_world, settings)
     depth, _, _ = render(
         scene.gaussians, small, camera_to_world, settings, sh_degree=0, background=None, render_mode="ED"
     )
-    return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, valid, scene.levels)
+    shown = _shown(camera, valid)
+    return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, shown, scene.levels)
 
 
 def answer_from_codes(
@@ -154,14 +133,13 @@ def answer_from_codes(
         options: how to compute and read relevancy; ``canonical`` and ``resolution`` are not used.
 
     Raises:
-        ValueError: a code is not finite, or shapes do not agree.
+        ValueError: a code is not finite.
     """
-    _check(view)
     seen = _seen(view, options.min_coverage)
     for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // seen.numel())):
         relevancies = relevancy_maps(view.codes, seen, decoder, batch, options.temperature)
         for phrase, levels in zip(batch.phrases, _levels(seen, relevancies), strict=True):
-            maps = read_maps(levels, _valid(view), options)
+            maps = read_maps(levels, view.valid, options)
             match = _locate(view, phrase, maps)
             if match.level is not None:
                 side = options.majority_px(max(match.mask.shape))
@@ -180,15 +158,11 @@ def answer_from_relevancies(
         view: rendered from it.
         phrases: the queries.
         options: how to read relevancy.
-
-    Raises:
-        ValueError: shapes do not agree.
     """
-    _check(view)
     matches, shown, thresholds = [], [], []
     every = _levels(_seen(view, options.min_coverage), view.codes.movedim(-1, 0))
     for phrase, levels in zip(phrases, every, strict=True):
-        maps = read_maps(levels, _valid(view), options)
+        maps = read_maps(levels, view.valid, options)
         matches.append(_locate(view, phrase, maps))
         if (name := matches[-1].level) is not None:
             level = view.levels.index(name)
@@ -243,14 +217,13 @@ def show_thing(
         options: ``resolution``, ``min_coverage`` and ``temperature`` are used.
     """
     small, level = rendering_camera(camera, options.resolution), scene.levels.index(thing.level)
-    inside = np.ones((camera.height, camera.width), bool) if valid is None else valid
     # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
     filled, _ = composite(gaussians_in(scene.gaussians, small, camera_to_world, scene.settings), members)
-    mask, kept = filled_mask(filled[..., 0].cpu().numpy(), inside), slice(level, level + 1)
+    mask, kept = filled_mask(filled[..., 0].cpu().numpy(), _shown(camera, valid)), slice(level, level + 1)
     of_level = replace(scene, code=scene.code[:, kept], share=scene.share[:, kept], levels=scene.levels[kept])
-    [match] = ask(of_level, texts, camera, camera_to_world, valid, options)
+    [match] = Asker(of_level, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
     pixel = innermost(mask) if mask.any() else None
     name = thing.level
     return ViewMatch(match.phrase, thing.score, name, pixel, None, match.relevancy, name, mask)
@@ -275,25 +248,14 @@ def _locate(view: View, phrase: str, maps: Maps) -> ViewMatch:
     return ViewMatch(phrase, score, name, pixel, position, maps.at(level), None, nothing > 0)
 
 
-def _check(view: View) -> None:
-    codes, size = tuple(view.codes.shape), (view.camera.height, view.camera.width)
-    expected = {"coverage": (view.coverage, codes[:3]), "depth": (view.depth, codes[1:3])}
-    if view.valid is not None:
-        expected["valid"] = (view.valid, size)
-    for name, (array, shape) in expected.items():
-        if len(codes) != 4 or tuple(array.shape) != shape:
-            raise ValueError(f"{name} {tuple(array.shape)} does not match codes {codes} and image {size}")
-
-
-def _valid(view: View) -> Mask:
-    size = view.camera.height, view.camera.width
-    return np.ones(size, bool) if view.valid is None else view.valid
+def _shown(camera: Camera, valid: Mask | None) -> Mask:
+    return np.ones((camera.height, camera.width), bool) if valid is None else valid
 
 
 def _seen(view: View, min_coverage: float) -> Tensor:
     """(L, h, w) bool pixels that show the scene and have a code at a level."""
     height, width = view.depth.shape
-    inside = cv2.resize(_valid(view).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
+    inside = cv2.resize(view.valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return (view.coverage > min_coverage) & torch.from_numpy(inside > 0).to(view.coverage.device)
 
 

@@ -23,7 +23,16 @@ def view(**changes: object) -> View:
     codes = torch.zeros(2, 6, 8, 4)
     codes[..., 0] = 1.0
     return replace(
-        View(codes, torch.ones(2, 6, 8), torch.full((6, 8), 3.0), CAMERA, np.eye(4), None, "ab"), **changes
+        View(
+            codes,
+            torch.ones(2, 6, 8),
+            torch.full((6, 8), 3.0),
+            CAMERA,
+            np.eye(4),
+            np.ones((6, 8), bool),
+            "ab",
+        ),
+        **changes,
     )
 
 
@@ -67,7 +76,7 @@ def test_one_pixel(measured):
         torch.ones(1, 1),
         Camera(1, 1, 1, 1, 0.5, 0.5),
         np.eye(4),
-        None,
+        np.ones((1, 1), bool),
         "a",
     )
     (answer,) = answer_from_codes(one, IDENTITY, TEXTS, LANGSPLAT)

@@ -3,7 +3,6 @@
 import csv
 import json
 import shutil
-import struct
 import sys
 
 import numpy as np
@@ -204,31 +203,6 @@ def test_nerfstudio_cameras(scene, export, tmp_path):
     assert all(name is None or (tmp_path / "x" / name).is_file() for name in masks)
 
 
-def test_nerfstudio_cameras_in_a_program_for_them(scene, export, tmp_path):
-    """NerfBaselines reads nerfstudio's format for many methods. Its release asks for NumPy 1, so CI does not install it."""
-    reader = pytest.importorskip(
-        "nerfbaselines.datasets.nerfstudio",
-        reason="NerfBaselines is absent: pip install --no-deps nerfbaselines",
-    )
-    status, said = export("--format", "nerfstudio", "--output", tmp_path / "x")
-    assert status == 0, said
-    folder = str(tmp_path / "x")
-    read = [
-        reader.load_nerfstudio_dataset(folder, split, features=frozenset()) for split in ("train", "test")
-    ]
-    found = {
-        path: pose
-        for one in read
-        for path, pose in zip(one["image_paths"], one["cameras"].poses, strict=True)
-    }
-    assert sorted(path[-10:-4] for path in found) == [f"{frame:06d}" for frame in POSED]
-    for (_, pose), truth in zip(sorted(found.items()), poses(scene), strict=True):
-        np.testing.assert_allclose(pose, truth[:3], atol=1e-6)
-    intrinsics = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
-    np.testing.assert_allclose(read[0]["cameras"].intrinsics[0], intrinsics, rtol=1e-6)
-    assert read[0]["cameras"].image_sizes[0].tolist() == [CAMERA.width, CAMERA.height]
-
-
 def test_colmap_cameras(scene, export, tmp_path):
     status, said = export("--format", "colmap", "--output", tmp_path / "x")
     assert status == 0, said
@@ -286,42 +260,6 @@ def test_what_nerfstudio_checks(export, tmp_path):
             assert mask.mode == "L" and mask.size == image.size
         matrix = np.array(frame["transform_matrix"])
         np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6)
-
-
-def test_what_readers_of_colmap_models_find(scene, export, tmp_path):
-    """Those of gsplat, 3DGS and nerfstudio take the binary files first, byte for byte as COLMAP documents them."""
-    status, said = export("--format", "colmap", "--output", tmp_path / "x")
-    assert status == 0, said
-    model = tmp_path / "x/sparse/0"
-    camera = struct.unpack("<QIiQQ4d", (model / "cameras.bin").read_bytes())
-    assert camera[:5] == (1, 1, 1, CAMERA.width, CAMERA.height)
-    np.testing.assert_allclose(camera[5:], [CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
-    content, found = (model / "images.bin").read_bytes(), {}
-    (count,), place = struct.unpack_from("<Q", content), 8
-    for _ in range(count):
-        _, *pose, number = struct.unpack_from("<I7dI", content, place)
-        name, _, _ = content[place + 64 :].partition(b"\0")
-        place += 64 + len(name) + 1 + 8
-        assert number == 1 and struct.unpack_from("<Q", content, place - 8) == (0,)
-        found[name.decode()] = pycolmap.Rigid3d(
-            pycolmap.Rotation3d(np.roll(pose[:4], -1)), np.array(pose[4:])
-        )
-    assert place == len(content) and sorted(found) == [f"{frame:06d}.png" for frame in POSED]
-    for (_, world_to_camera), pose in zip(sorted(found.items()), poses(scene), strict=True):
-        np.testing.assert_allclose(world_to_camera.inverse().matrix(), pose[:3], atol=1e-9)
-
-
-def test_the_page(scene, export, tmp_path):
-    status, said = export("--format", "html", "--output", tmp_path / "x.html")
-    assert status == 0, said
-    assert (tmp_path / "x.html").read_text().lower().startswith("<!doctype html>")
-
-
-def test_a_folder_that_is_there_is_left_alone(export, tmp_path):
-    (tmp_path / "x").mkdir()
-    status, said = export("--format", "colmap", "--output", tmp_path / "x")
-    assert status == 2 and "is there already" in said
-    assert not list((tmp_path / "x").iterdir())
 
 
 @pytest.mark.parametrize("format", ["ply", "spz", "instances", "carries", "nerfstudio", "colmap", "html"])

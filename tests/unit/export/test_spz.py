@@ -106,9 +106,3 @@ def test_a_gaussian_far_from_all_others_is_left_out(tmp_path, capfd):
     write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
     assert len(read_spz(tmp_path / "x.spz").means) == 1999
     assert "1 of 2000 Gaussians" in capfd.readouterr().err
-
-
-def test_equal_gaussians_give_equal_bytes(tmp_path):
-    for name in ("x", "y"):
-        write_spz(tmp_path / f"{name}.spz", some(3, 0), 0, antialiased=False)
-    assert (tmp_path / "x.spz").read_bytes() == (tmp_path / "y.spz").read_bytes()

@@ -29,7 +29,7 @@ from egosplat.query.answers import ViewMatch
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
-from egosplat.query.views import ask
+from egosplat.query.views import Asker
 from egosplat_rivals import loop
 from egosplat_rivals.lerf import Field, evaluate_at_centers
 from egosplat_rivals.loop import train
@@ -155,7 +155,7 @@ class Scene:
         camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.decoded)
         texts = Texts(("left", "right"), torch.from_numpy(words), torch.eye(8)[2:3])
         known = QueryScene(self.gaussians, self.settings, camera, 0, *codes, coded.levels)
-        return list(ask(known, texts, camera, pose, None, LANGSPLAT))
+        return list(Asker(known, texts, LANGSPLAT).ask(texts.phrases, camera, pose, None))
 
 
 @pytest.fixture(scope="module")

@@ -93,16 +93,6 @@ def test_a_frame_is_answered_in_words_and_in_a_picture(word_scene, query):
     assert width > height > 400
 
 
-def test_a_variant_is_asked_with_the_artifacts_that_it_shares(word_scene, query):
-    folder = word_scene()
-    variant = folder / "variants" / "mine"
-    variant.mkdir(parents=True)
-    shutil.move(folder / "language.zarr", variant)
-    status, out, err = query(variant, "couch", "--frame", 1)
-    assert status == 0, err
-    assert out.startswith(f"{variant}, frame 1, ") and (variant / "query.png").exists()
-
-
 def test_small_checkpoints_on_a_real_recording_are_reported_with_the_answers(word_scene, query):
     folder = word_scene(origin="real")
     status, out, err = query(folder, "couch", "--frame", 1)
@@ -202,11 +192,6 @@ def test_specks_alone_are_not_found(word_scene, query, monkeypatch):
     assert columns(out.splitlines()[-2]) == ["cup", "not found: nothing here looks like it"]
 
 
-def test_one_frame_applies_the_same_threshold_as_the_scene(word_scene, query):
-    _, out, _ = query(word_scene(), "basketball", "--frame", 1, "--set", "min_score=0.7")
-    assert "not found" in out.splitlines()[2]
-
-
 def test_the_answer_in_words_comes_before_the_picture(word_scene):
     """Words are there in half the time."""
     folder = word_scene()
@@ -265,28 +250,6 @@ def test_a_pose_that_sees_nothing_gives_no_answer(word_scene, query, tmp_path):
     cup, told = columns(out.splitlines()[2])
     assert cup == "cup" and told == "not found: the best match is below 0.78"
     assert Image.open(output).size[0] > 400
-
-
-def test_words_with_dollars_are_drawn_as_they_are(word_scene, query):
-    status, said, _ = query(word_scene(), "$\\{1}{$ cup", "couch")
-    assert status == 0 and "$\\{1}{$ cup" in said
-
-
-def test_keys_of_the_section_are_set_by_name(word_scene, query):
-    scores = []
-    for temperature in ("10", "1"):
-        _, out, _ = query(
-            word_scene(),
-            "cup",
-            "--min-score",
-            0,
-            "--set",
-            f"temperature={temperature}",
-            "--set",
-            "canonical=[thing]",
-        )
-        scores.append(float(columns(out.splitlines()[3])[2]))
-    assert scores[0] > scores[1] >= 0.5
 
 
 def remove(name: str):

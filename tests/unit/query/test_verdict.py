@@ -39,10 +39,6 @@ def test_words_outside_the_vocabulary_are_named_once(words, count):
     assert why.count('"') == 2 * count and "never taught" in why
 
 
-def test_a_limit_of_0_refuses_no_score():
-    assert grading_by_score(LANGSPLAT.change(min_score=0.0)).refusal(0.0) is None
-
-
 @pytest.mark.parametrize(
     "p, grade",
     [(0.62, FOUND), (0.6199, GUESS), (0.31, GUESS), (0.3099, NOT_FOUND), (1.0, FOUND), (0.0, NOT_FOUND)],
@@ -113,26 +109,7 @@ def test_the_small_model_knows_its_own_words(clip, phrase, words):
     assert untaught_words(clip, phrase) == words
 
 
-SYMBOLS = [
-    "::",
-    "%",
-    "¿",
-    "©",
-    "™",
-    "😀",
-    "👩\u200d🚀",
-    "...",
-    "---",
-    "_",
-    '"',
-    "$",
-    "\u0308",
-    "&amp;",
-    "&#37;",
-    "<>",
-    "☃ ★",
-    "、。",
-]
+SYMBOLS = ["::", "%", "™", "😀", "👩\u200d🚀", "---", "_", "\u0308", "&amp;", "&#37;", "<>", "、。"]
 
 
 @pytest.mark.parametrize("words", [None, frozenset({"chair"})])
@@ -152,7 +129,3 @@ def test_a_word_among_symbols_is_a_query(clip, phrase):
 def test_letters_and_digits_of_any_script_are_words(clip, phrase):
     """A published model may know them; the small one does not."""
     assert untaught_words(replace(clip, words=None), phrase) == [] and untaught_words(clip, phrase)
-
-
-def test_a_model_without_a_list_knows_all_words(clip):
-    assert untaught_words(replace(clip, words=None), "zeppelin") == []
