@@ -10,7 +10,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from egosplat.calibration.contents import Contents
-from egosplat.calibration.files import MODEL_FILES, MODEL_SUFFIXES, model_files, text_names
+from egosplat.calibration.files import MODEL_FILES, MODEL_SUFFIXES, model_files, next_image, text_names
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import invert, make_pose
@@ -129,5 +129,4 @@ def _next_record(kind: str, content: bytes, position: int) -> int:
         return position + 24 + 8 * _PARAMETERS[struct.unpack_from("<ii", content, position)[1]]
     if kind == "points3D":
         return position + 51 + 8 * struct.unpack_from("<Q", content, position + 43)[0]
-    end = content.index(b"\0", position + 64)
-    return end + 9 + 24 * struct.unpack_from("<Q", content, end + 1)[0]
+    return next_image(content, position)[1]

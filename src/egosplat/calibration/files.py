@@ -342,12 +342,17 @@ def _names(recording: Path, kind: str) -> list[str]:
 
 
 def _binary_names(content: bytes) -> Iterator[str]:
-    """The names in COLMAP's ``images.bin``: after 64 bytes of numbers, before 24 for each point."""
+    """The names in COLMAP's ``images.bin``."""
     position = 8
     for _ in range(*struct.unpack_from("<Q", content)):
-        end = content.index(b"\0", position + 64)
-        yield content[position + 64 : end].decode()
-        position = end + 9 + 24 * struct.unpack_from("<Q", content, end + 1)[0]
+        name, position = next_image(content, position)
+        yield name.decode()
+
+
+def next_image(content: bytes, position: int) -> tuple[bytes, int]:
+    """Name and end of an image of ``images.bin``: the name is after 64 bytes of numbers, and before 24 for each point."""
+    end = content.index(b"\0", position + 64)
+    return content[position + 64 : end], end + 9 + 24 * struct.unpack_from("<Q", content, end + 1)[0]
 
 
 def text_names(path: Path) -> Iterator[str]:

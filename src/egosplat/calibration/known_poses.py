@@ -118,7 +118,7 @@ def match_pictures(
     for index, parts in enumerate(map(_parts, pictures)):
         for start in range(len(parts)):
             endings.setdefault(parts[start:], []).append(index)
-    numbers = {}
+    numbers: dict[int | None, int] = {}
     if all(re.fullmatch("[0-9]+", picture) for picture in pictures):
         numbers = {int(picture): index for index, picture in enumerate(pictures)}
     row, unmatched = np.full(len(pictures), -1, np.int64), []

@@ -146,7 +146,8 @@ class Lens:
         view = west[:, 0].max(), north[:, 1].max(), east[:, 0].min(), south[:, 1].min()
         if not (view[0] < 0 < view[2] and view[1] < 0 < view[3]):
             raise UserError(f"the {self.model} lens {list(self.params)} leaves no view: calibrate again.")
-        return tuple(map(float, view))
+        left, top, right, bottom = map(float, view)
+        return left, top, right, bottom
 
     def scaled_to(self, width: int, height: int) -> "Lens":
         """The lens of the pictures resized to ``width`` x ``height``; ValueError if it is not radial."""

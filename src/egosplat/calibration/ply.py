@@ -29,7 +29,7 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     vertices = read_vertices(path)
     with _checked(path):
         points = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)
-        if not {*_COLORS} <= set(vertices.dtype.names):
+        if not {*_COLORS} <= set(vertices.dtype.names or ()):
             return points, np.full(points.shape, _GREY, np.uint8)
         colors = np.stack([vertices[name] for name in _COLORS], axis=-1)
         if colors.dtype == np.uint8:

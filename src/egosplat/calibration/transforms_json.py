@@ -150,10 +150,10 @@ def _lens(entries: Entries, where: str, width: int, height: int) -> Lens:
     if not (1 <= w == int(w) < _MAX_SIDE and 1 <= h == int(h) < _MAX_SIDE):
         raise UserError(f"{where}: w and h are {w:g} and {h:g}, not whole numbers of pixels.")
     fx, fy = _focal_length(numbers, "x", w), _focal_length(numbers, "y", h)
-    if fx is None and fy is None:
+    given = [focal for focal in (fx, fy) if focal is not None]
+    if not given:
         raise UserError(f"{where}: has neither fl_x nor camera_angle_x, so the focal length is not known.")
-    focal = (fy if fx is None else fx), (fx if fy is None else fy)
-    pinhole = (*focal, numbers.get("cx", w / 2), numbers.get("cy", h / 2))
+    pinhole = (given[0], given[-1], numbers.get("cx", w / 2), numbers.get("cy", h / 2))
     distortion = _distortion(entries, numbers, model, where)
     radius = None if model in _PERSPECTIVE else numbers.get("fisheye_crop_radius")
     name, params = _in_colmap_order(model, pinhole, distortion, where)

@@ -36,16 +36,17 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
     with create(output, ANNOTATIONS, made) as artifact:
         size = camera.height, camera.width
         artifact.allocate("instance_map", (len(indices), *size))
-        covered = reader.covered if isinstance(reader, LayeredAnnotations) else 0
+        layered = reader if isinstance(reader, LayeredAnnotations) else None
+        covered = layered.covered if layered else 0
         if covered:
             artifact.allocate("covered_map", (len(indices), covered, *size))
         for row, time in enumerate(track(every[indices], "reading annotations", total=len(indices))):
             instance_map = reader.instance_map(int(time)) if reader else None
             annotated[row] = instance_map is not None
             nothing = np.full((1 + covered, *size), -1, np.int32)
-            artifact.put_row("instance_map", row, instance_map if annotated[row] else nothing[0])
-            if covered:
-                beside = reader.covered_map(time) if annotated[row] else nothing[1:]
+            artifact.put_row("instance_map", row, nothing[0] if instance_map is None else instance_map)
+            if layered and covered:
+                beside = layered.covered_map(time) if annotated[row] else nothing[1:]
                 artifact.put_row("covered_map", row, beside)
         if reader and not annotated.any():
             raise UserError(

@@ -81,7 +81,7 @@ class Video:
                 while position < frame and capture.grab():
                     position += 1
                 decoded, image = capture.retrieve() if position == frame else (False, None)
-            if not decoded:
+            if not decoded or image is None:
                 raise UserError(f"{self.path}: frame {frame} cannot be decoded{_reason(messages)}.")
             yield self._squared(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 

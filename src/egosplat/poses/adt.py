@@ -159,7 +159,8 @@ def read_semidense_points(
     Returns:
         (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.
     """
-    kept, rejected, read = [], dict.fromkeys(("not_finite", "too_far", "inv_dist_std", "dist_std"), 0), 0
+    rejected: dict[str, int] = dict.fromkeys(("not_finite", "too_far", "inv_dist_std", "dist_std"), 0)
+    kept, read = [], 0
     try:
         with pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64, chunksize=_ROWS_PER_BLOCK) as blocks:
             for block in track(blocks, f"reading {path.name}", unit="block"):

@@ -55,8 +55,7 @@ def colmap_poses(
         valid: (H, W) bool: pixels that show the scene; features are extracted there only.
         camera_known: True: ``camera`` is a calibration and kept. False: it is a guess, and its focal lengths are
             refined.
-        overlap: see ``matching.match_images``.
-        threads: for features and matches; None: all of this process. The result does not depend on it.
+        overlap, threads: see ``matching.match_images``; None: all threads of this process.
         shown: (H, W) bool of each image, if some show the scene in fewer pixels than ``valid``; read once.
 
     Returns:

@@ -68,7 +68,7 @@ def read_trajectory(path: Path) -> Trajectory:
     # ``projectaria_tools.core.mps`` (2.3) stops at a damaged row and returns the rows before without an error, and it
     # returns NaN poses for a quaternion of zero norm.
     table = _read_table(path)
-    numbers = table[_NUMBERS].apply(pd.to_numeric, errors="coerce")
+    numbers: pd.DataFrame = table[_NUMBERS].apply(pd.to_numeric, errors="coerce")
     not_finite = ~np.isfinite(numbers).to_numpy().all(axis=1)
     _check_rows(path, not_finite, "has a value that is missing or not a finite number")
     frame = table[_FRAME].to_numpy()

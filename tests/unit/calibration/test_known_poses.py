@@ -55,22 +55,6 @@ def test_a_transforms_file_is_turned_from_opengl(pictures, model, transforms):
     assert contents.notes["applied_scale"] == 0.5 and len(contents.notes["applied_transform"]) == 3
 
 
-@pytest.mark.parametrize(
-    "changes, lens",
-    [
-        ({"camera_model": None, "is_fisheye": True}, ("OPENCV_FISHEYE", (0.05, -0.01, 0.0, 0.0))),
-        ({"k3": 0.3}, ("FULL_OPENCV", (0.05, -0.01, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0))),
-        ({"w": None, "h": None, "k1": None, "k2": None}, ("OPENCV", (0.0, 0.0, 0.0, 0.0))),
-    ],
-    ids=["instant-ngp's fisheye", "sixth order", "no size and no distortion"],
-)
-def test_lenses_of_transforms_files(pictures, transforms, changes, lens):
-    """Spellings of other tools are read, not guessed."""
-    transforms(**changes)
-    found = read_known_poses(pictures, "transforms", *SIZE).lenses
-    assert found == [Lens(lens[0], WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, *lens[1]))]
-
-
 @pytest.mark.parametrize("binary", [True, False])
 def test_points_of_a_transforms_file(pictures, transforms, binary):
     """nerfstudio writes its points to a PLY file beside it."""
@@ -365,15 +349,6 @@ def test_distortion_of_all_frames_or_of_each(pictures, transforms, per_frame, ca
     transforms(**nothing | top, frames=frames)
     (lens,) = read_known_poses(pictures, "transforms", *SIZE).lenses
     assert (lens.model, lens.params) == (kind, pytest.approx((32.0, 32.0, 32.0, 24.0, *params)))
-
-
-def test_each_frame_may_have_its_camera(pictures, transforms):
-    """Polycam writes the intrinsics of every frame."""
-    frames = [frame | {"fl_x": 60.0 + index} for index, frame in enumerate(entries(3))]
-    transforms(fl_x=None, frames=[*frames, frames[1] | {"file_path": "7.png"}])
-    contents = read_known_poses(pictures, "transforms", *SIZE)
-    assert [lens.params[0] for lens in contents.lenses] == [60.0, 61.0, 62.0]
-    assert contents.lens_of.tolist() == [0, 1, 2, 1]
 
 
 def test_arias_lens_is_read(pictures, transforms, fisheye):

@@ -68,13 +68,6 @@ def test_without_the_people_segmentation_the_plain_one_is_read(copy, capfd):
     assert open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0))) is None
 
 
-@pytest.mark.parametrize("max_age_ms, told", [(3, True), (40, False)])
-def test_a_part_of_the_recording_that_is_annotated_is_told(sample, capsys, max_age_ms, told):
-    """Some of ADT's sequences have annotations of a part; here the last of three frames, 33 ms later, has none."""
-    open_annotations("adt", sample, AnnotationKeys(pinhole(352, 460.0), True, max_age_ms * 10**6))
-    assert ("covers 0.0 s to 0.0 s after the first frame" in capsys.readouterr().err) == told
-
-
 def test_an_id_that_no_instance_has_is_named(copy):
     entries = json.loads((copy / "instances.json").read_text())
     unlisted = next(key for key, entry in entries.items() if entry["instance_name"] == "ApartmentEnv")

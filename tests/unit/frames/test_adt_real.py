@@ -71,21 +71,6 @@ def test_a_recording_of_arias_own_tools_has_another_name(copy):
     assert open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0))) is None
 
 
-def test_a_folder_without_a_recording_names_both_files(copy):
-    (copy / "video.vrs").unlink()
-    with pytest.raises(UserError, match="sequence: has no video.vrs or recording.vrs"):
-        open_and_read(copy)
-
-
-def test_a_small_frame_is_the_large_one_averaged(sample, full_size):
-    small = open_recording(sample, OPTIONS)
-    (image,) = small.read_frames(np.array([1]))
-    (large,) = full_size.read_frames(np.array([1]))
-    averaged = large.reshape(352, 4, 352, 4, 3).mean(axis=(1, 3))
-    both = small.valid & full_size.valid.reshape(352, 4, 352, 4).all(axis=(1, 3))
-    assert np.abs(averaged - image)[both].mean() < 1.5
-
-
 def test_stride_and_range_select_frames(sample):
     assert open_recording(sample, OPTIONS.change(stride=2)).timestamp_ns.tolist() == CAPTURE_NS[::2]
     late = open_recording(sample, OPTIONS.change(start_s=0.02))
@@ -94,21 +79,6 @@ def test_stride_and_range_select_frames(sample):
     assert (second == next(late.read_frames(np.array([1])))).all() and (first != second).any()
     with pytest.raises(UserError, match="no frame"):
         open_recording(sample, OPTIONS.change(start_s=1.0))
-
-
-def test_library_messages_are_silenced(sample, capfd):
-    open_and_read(sample)
-    # Within 40 ms the third frame counts as annotated, so that there is no line about the part that is.
-    opened = open_annotations("adt", sample, AnnotationKeys(pinhole(352, 460.0), True, 40_000_000))
-    opened.instance_map(CAPTURE_NS[0])
-    assert capfd.readouterr() == ("", "")
-
-
-def test_frames_need_only_the_video_file(copy, sample):
-    for path in copy.iterdir():
-        if path.name != "video.vrs":
-            path.unlink()
-    assert (open_and_read(copy)[2] == open_and_read(sample)[2]).all()
 
 
 def test_origin_follows_the_metadata(copy):

@@ -7,7 +7,7 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.hoi4d import find_intrinsics, find_sequence, open_recording
+from egosplat.frames.hoi4d import find_sequence, open_recording
 from egosplat.frames.hoi4d_annotations import decode_labels, instances_of, voc_color_map
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
@@ -71,13 +71,6 @@ def test_frames_are_scaled_with_their_camera(root):
     assert frames[1][12, 4, 0] > 200
 
 
-def test_stride_and_range_select_by_the_containers_time(root):
-    recording = open_recording(root / FOLDER, OPTIONS.change(stride=2, start_s=0.2, end_s=0.6))
-    assert np.round(recording.timestamp_ns * 15e-9).tolist() == [3, 5, 7]
-    (image,) = recording.read_frames(np.array([2]))
-    assert abs(int(image[12, 28, 1]) - 70) <= 3
-
-
 @pytest.mark.parametrize("path", [FOLDER, NAME])
 def test_a_sequence_is_found_by_folder_and_by_name(root, path):
     assert find_sequence(root / path) == root / FOLDER
@@ -92,11 +85,6 @@ def test_videos_and_annotations_may_have_separate_root_folders(root):
     (release / "2Dseg").rename(annotations / "2Dseg")
     assert open_recording(root / NAME, OPTIONS).camera_known
     assert open_annotations("hoi4d", root / NAME, AnnotationKeys(CAMERA)).instance_map(0) is not None
-
-
-def test_intrinsics_in_the_sequence_have_priority(root):
-    np.save(root / FOLDER / "intrin.npy", MATRIX * [[2], [2], [1]])
-    assert find_intrinsics(root / FOLDER) == root / FOLDER / "intrin.npy"
 
 
 def test_masks_belong_to_their_frames(root):

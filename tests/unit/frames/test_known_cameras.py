@@ -11,7 +11,6 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
 from egosplat.calibration.lens import Lens, Rectifier, shared_pinhole
 from egosplat.errors import UserError
-from egosplat.export.dataset import DataSet, _write_images, write_nerfstudio
 from egosplat.frames import annotations_stage, pictures
 from egosplat.frames.pictures import open_recording
 from egosplat.frames.stage import FramesOptions
@@ -240,44 +239,11 @@ def test_masks_of_frames_are_read(folder, suffix):
     np.testing.assert_array_equal(masking.frames(np.array([3, 1]))[1].numpy(), valid & ~shown[1])
 
 
-def test_equal_masks_are_the_border_of_every_picture(folder):
-    save(folder / "masks/all.png", np.pad(np.full((HEIGHT, WIDTH - 8), 255, np.uint8), ((0, 0), (8, 0))))
-    write_transforms(folder, NAMES, mask_path="masks/all.png")
-    frames, _ = make(folder)
-    assert not frames.has("masked") and frames.read("valid").sum() == HEIGHT * (WIDTH - 8)
-    assert open_masking("none", frames, transient_path=None, masks_path=None).frames(np.arange(4)) is None
-
-
 def test_a_mask_of_another_size_is_named(folder):
     save(folder / "masks/all.png", np.full((10, 10), 255, np.uint8))
     write_transforms(folder, NAMES, mask_path="masks/all.png")
     with pytest.raises(UserError, match="all.png: 10x10 px, but the frames are 64x48"):
         open_recording(folder, OPTIONS)
-
-
-def test_the_export_of_a_scene_is_read_again(folder, tmp_path):
-    """Frames, poses, masks and the valid pixels survive egosplat's own transforms.json."""
-    write_masks(folder)
-    write_transforms(folder, NAMES, mask_path=[f"masks/{index}.png" for index in range(4)])
-    frames, poses = make(folder)
-    camera = Camera(**frames.facts["camera"])
-    exported = tmp_path / "exported" / "recording"
-    exported.mkdir(parents=True)
-    data = DataSet(
-        camera,
-        np.arange(4),
-        poses.read("camera_to_world"),
-        np.zeros((0, 3)),
-        np.zeros((0, 3), np.uint8),
-        "real",
-    )
-    _write_images(exported, data, frames, None)
-    write_nerfstudio(data, exported)
-    again, poses_again = make(exported)
-    for name in ("rgb", "valid", "masked"):
-        np.testing.assert_array_equal(again.read(name), frames.read(name))
-    np.testing.assert_allclose(poses_again.read("camera_to_world"), poses.read("camera_to_world"), atol=1e-12)
-    assert again.facts["camera"] == pytest.approx(frames.facts["camera"])
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -297,12 +263,6 @@ def test_transparent_pixels_are_not_valid(folder, known):
         np.testing.assert_array_equal(capture.masked(index), capture.valid & ~opaque[index])
     (shown,) = recording.read_frames(np.array([1]))
     assert not shown[~opaque[1]].any() and (shown[opaque[1]] == picture()[opaque[1]]).all()
-
-
-def test_a_picture_without_an_opaque_pixel_is_named(folder):
-    save(folder / "2.png", np.dstack([picture(), np.full((HEIGHT, WIDTH), 254, np.uint8)]))
-    with pytest.raises(UserError, match="2.png: no pixel is opaque"):
-        open_recording(folder, OPTIONS.change(lens="pinhole"))
 
 
 LAYOUTS = {

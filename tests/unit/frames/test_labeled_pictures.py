@@ -12,7 +12,6 @@ from PIL import Image
 from benchmarks.public.boxes import (
     CLASSES,
     LABELED,
-    PICTURES,
     PLATES,
     camera_x,
     render,
@@ -26,7 +25,6 @@ from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import find_queries, mask_of, read_layers
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.labels import match_labels, paint_layers
-from tests.unit.frames.test_files import check_copies
 
 WRITERS = {"lerf": write_lerf, "3d_ovs": write_3d_ovs}
 LABEL, MASKS = "label/boxes/frame_00003.json", "boxes/segmentations"
@@ -59,22 +57,6 @@ def test_labels_choose_the_evaluation_frames_whatever_the_stride(format, recordi
         not one for one in expected
     ]
     assert annotations.read("annotated").all()
-
-
-def test_a_number_of_evaluation_frames_is_of_labeled_ones(format, recording):
-    frames, _ = read(format, recording, evaluation_frames=1)
-    assert (
-        np.flatnonzero(frames.read("evaluation")).tolist() == [LABELED[1]]
-        and PICTURES == frames.shape("rgb")[0]
-    )
-    with pytest.raises(UserError, match="frames.evaluation_frames: 3 .* labels 2"):
-        read(format, recording, evaluation_frames=3)
-    with pytest.raises(UserError, match=r"2 labeled pictures .*frames.start_s .*2, 5"):
-        read(format, recording, start_s=6.0)
-
-
-def test_the_readers_need_the_listed_files_alone(format, recording, tmp_path):
-    check_copies(format, tmp_path, "boxes", tmp_path / "copies")
 
 
 def test_overlapping_objects_of_lerf_are_whole(tmp_path):
@@ -140,15 +122,6 @@ def test_painted_masks_share_layers_where_they_can():
     assert len(layers) == 3 and [mask_of(layers, [index]).sum() for index in range(4)] == [48, 9, 1, 8]
     assert all((mask_of(layers, [index]) == mask).all() for index, mask in enumerate(masks))
     assert layers[0, 1, 1] == 2 and layers[0, 0, 0] == 1 and layers[0, 5, 5] == 3
-
-
-def test_categories_in_other_scripts_are_kept(tmp_path):
-    recording, label = write_lerf(tmp_path), tmp_path / LABEL
-    document = json.loads(label.read_text())
-    document["objects"][0]["category"], document["objects"][1]["category"] = "кружка", "お茶"
-    label.write_text(json.dumps(document, ensure_ascii=False), encoding="utf-8-sig")
-    _, annotations = read("lerf", recording)
-    assert {"кружка", "お茶"} < {one["category"] for one in annotations.facts["instances"]}
 
 
 def changed(change):

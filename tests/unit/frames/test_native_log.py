@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.frames.native_log import captured_log, find_damage, log_messages
+from egosplat.frames.native_log import captured_log, log_messages
 
 
 def test_important_native_messages_are_kept(capfd):
@@ -31,10 +31,3 @@ def test_the_descriptors_are_restored_after_an_error(capfd):
     assert messages == ["why"]
     assert capfd.readouterr().err == "after\n"
     assert before is None or len(os.listdir("/proc/self/fd")) == before
-
-
-def test_damage_messages_are_recognized():
-    assert find_damage(
-        ["[Reader][WARNING]: slow", "Corrupt JPEG data: premature end of data segment"]
-    ).startswith("Corrupt")
-    assert find_damage(["[Reader][WARNING]: slow"]) is None

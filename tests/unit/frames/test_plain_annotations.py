@@ -16,7 +16,7 @@ from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Camera
-from egosplat.pipeline.config import Layer, configure, defaults
+from egosplat.pipeline.config import defaults
 
 OPTIONS = FramesOptions(resolution=32)
 CAMERA = Camera(32, 24, 38.4, 38.4, 16.0, 12.0)
@@ -81,31 +81,6 @@ def test_without_annotations_every_frame_trains(images, tmp_path, capsys):
         [True, False, True],
         [False, True, False],
     )
-
-
-def test_with_annotations_frames_are_held_out(images, tmp_path):
-    assert split(images, tmp_path / "frames.zarr") == ([True, False, True], [False, True, False])
-
-
-def test_a_video_without_annotations_trains_on_every_frame(video, tmp_path):
-    path = video()
-    assert all(split(path, tmp_path / "frames.zarr")[0])
-    (tmp_path / "clip.mp4.annotations").mkdir()
-    assert sum(split(path, tmp_path / "frames.zarr")[1]) == 2  # a sixth of 12
-
-
-@pytest.mark.parametrize("wanted", [2, 3, 1000])
-def test_held_out_frames_must_leave_training_frames(images, tmp_path, wanted):
-    shutil.rmtree(images / "annotations")
-    with pytest.raises(UserError, match=f"frames.evaluation_frames: {wanted} .*3"):
-        split(images, tmp_path / "frames.zarr", evaluation_frames=wanted)
-    assert not (tmp_path / "frames.zarr").exists()
-
-
-@pytest.mark.parametrize("value", [-1, 2.5, "all", True, None])
-def test_a_bad_number_of_evaluation_frames_is_rejected(value):
-    with pytest.raises(UserError, match="frames.evaluation_frames"):
-        configure([Layer("mine", {"frames": {"evaluation_frames": value}})])
 
 
 def test_annotations_without_an_evaluation_frame_are_rejected(images, tmp_path):

@@ -10,27 +10,12 @@ from projectaria_tools.core.calibration import (
 )
 
 from egosplat.frames.rectify import Rectification, linear_calibration, pinhole, supersampling
-from egosplat.geometry import ARIA_PIXEL_OFFSET, CLOCKWISE, to_aria_pixels
+from egosplat.geometry import ARIA_PIXEL_OFFSET, CLOCKWISE
 
 
 def points_in_front(count: int = 200) -> np.ndarray:
     rng = np.random.default_rng(3)
     return np.column_stack([rng.uniform(-1, 1, (count, 2)), rng.uniform(1, 4, count)])
-
-
-def test_pinhole_scales_its_focal_length_from_1408_pixels():
-    camera = pinhole(1408, 460.0)
-    assert (camera.fx, camera.cx) == (460.0, 704.0)
-    assert to_aria_pixels(np.array([camera.cx])) == 703.5
-    assert pinhole(352, 460.0) == camera.scaled_to(352, 352)
-
-
-@pytest.mark.parametrize("resolution", [1408, 353, 64])
-def test_pinhole_projects_like_arias_linear_calibration(resolution):
-    camera = pinhole(resolution, 460.0)
-    points = points_in_front()
-    theirs = np.array([linear_calibration(camera).project_no_checks(point) for point in points])
-    assert np.abs(camera.project(points) - (theirs + ARIA_PIXEL_OFFSET)).max() < 1e-9
 
 
 @pytest.mark.parametrize("upright", [False, True])
@@ -129,8 +114,3 @@ def test_upright_turns_clockwise(fisheye):
     assert (upright.valid == np.rot90(sensor.valid, -1)).all()
     labels = image[..., 0].astype(np.uint16)
     assert (upright.labels(labels) == np.rot90(sensor.labels(labels), -1)).all()
-
-
-def test_a_frame_of_another_size_is_rejected(fisheye):
-    with pytest.raises(ValueError, match="calibration for"):
-        Rectification(fisheye, pinhole(44, 460.0), False).color(np.zeros((100, 100, 3), np.uint8))

@@ -23,11 +23,6 @@ def test_evaluation_frames_are_the_middles_of_equal_parts(count, evaluation, hol
     assert (train == (~chosen if holdout else True)).all()
 
 
-def test_no_evaluation_frame_is_allowed():
-    train, chosen = split_frames(4, 0, True)
-    assert train.all() and not chosen.any()
-
-
 @pytest.mark.parametrize(("count", "evaluation", "holdout"), [(10, 9, True), (10, 11, False)])
 def test_a_split_that_leaves_too_little_is_rejected(count, evaluation, holdout):
     with pytest.raises(UserError, match="evaluation frames"):
@@ -48,10 +43,6 @@ def test_a_split_that_leaves_too_little_is_rejected(count, evaluation, holdout):
 )
 def test_auto_holds_out_frames_of_annotated_recordings_only(count, annotated, expected):
     assert evaluation_count("auto", count, annotated) == expected
-
-
-def test_an_explicit_number_of_evaluation_frames_wins():
-    assert evaluation_count(4, 17, False) == 4 and evaluation_count(0, 17, True) == 0
 
 
 TIMES = 87_551_170_813_262 + np.array([0, 100, 200, 300, 400, 500]) * 1_000_000

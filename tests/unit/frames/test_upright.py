@@ -22,7 +22,6 @@ from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.rectify import clockwise_turns, pinhole, turns_from_rotation
-from egosplat_apartments.adt_format.aria import calibration_json
 
 RGB = "camera-rgb"
 BUILDS = [
@@ -59,12 +58,6 @@ def device(version: DeviceVersion, build: str, origin: str, tilt_deg: float = 0.
 
 
 @pytest.mark.parametrize("version, build, origin, turns", BUILDS)
-def test_turns_are_those_of_the_device(version, build, origin, turns):
-    for tilt_deg in (0.0, 20.0, -20.0):
-        assert clockwise_turns(device(version, build, origin, tilt_deg), RGB) == turns
-
-
-@pytest.mark.parametrize("version, build, origin, turns", BUILDS)
 def test_up_in_the_frame_is_up_of_the_wearer(version, build, origin, turns, tmp_path):
     """The pose of the rectified camera follows the same decision as its frames."""
     calibration = device(version, build, origin)
@@ -98,10 +91,6 @@ def test_a_calibration_without_cad_uses_the_device_generation(version, expected,
         with pytest.raises(UserError, match="frames.upright=false"):
             rectification(unknown, pinhole(64, 460.0), True, tmp_path / "video.vrs")
         assert (rectification(unknown, pinhole(64, 460.0), False, tmp_path).valid).any()
-
-
-def test_the_synthetic_device_is_turned_as_gen1():
-    assert clockwise_turns(device_calibration_from_json_string(calibration_json(704)), RGB) == 1
 
 
 OPTIONS = FramesOptions(resolution=64, focal=460.0)

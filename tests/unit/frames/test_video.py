@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.frames.selection import split_frames
 from egosplat.frames.video import Video, rebuild_times
 from tests.unit.frames.conftest import grey_frames, write_video
 from tests.unit.frames.test_plain import ffmpeg
@@ -47,15 +46,6 @@ def test_frames_whose_times_are_missing_or_out_of_order_get_even_times(source, c
     assert f"{path}: the times" in (said := capsys.readouterr().err) and "25 a second" in said
 
 
-def test_joined_streams_go_on_where_the_first_one_ends(source):
-    part, joined = source.with_name("part.ts"), source.with_name("joined.ts")
-    ffmpeg("-i", source, "-c:v", "mpeg2video", part)
-    joined.write_bytes(2 * part.read_bytes())
-    video = Video(joined)
-    np.testing.assert_allclose(video.timestamp_ns, np.arange(2 * COUNT) * 40e6, atol=1e3)
-    assert np.abs(greens(video) - np.tile(10 * np.arange(COUNT), 2)).max() <= 5
-
-
 @pytest.mark.parametrize(
     ("read", "declared", "step"),
     [
@@ -89,12 +79,6 @@ def test_an_empty_or_cut_off_video_asks_for_another_copy(source, share):
     assert "0x" not in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("holdout", [False, True])
-def test_a_recording_of_one_frame_is_told_from_a_wrong_split(holdout):
-    with pytest.raises(UserError, match="^1 frame .*needs 2"):
-        split_frames(1, 0, holdout)
-
-
 @pytest.mark.parametrize(
     ("rotation", "size"), [((), (70, 48)), (("-display_rotation", "90"), (48, 70))], ids=["upright", "turned"]
 )
@@ -109,10 +93,6 @@ def test_pixels_that_are_not_square_are_resampled(source, capsys, rotation, size
     upright = np.rot90(frame, -1) if rotation else frame
     red = upright[24, :, 0].astype(int) - upright[24, :, 1]
     assert frame.shape == (*size[::-1], 3) and (red > 100).sum() == pytest.approx(35, abs=1)
-
-
-def test_square_pixels_are_left_as_they_are(source, capsys):
-    assert Video(source).width == 64 and "square" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("seconds", "incomplete"), [(0.9, False), (6.0, True)])

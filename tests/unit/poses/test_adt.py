@@ -55,22 +55,6 @@ def test_poses_are_exact_at_rows_and_interpolated_between_them(table: pd.DataFra
     assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(10.0)
 
 
-def test_frames_in_gaps_or_outside_are_not_registered(table: pd.DataFrame, recording: Recording):
-    folder = recording(table)
-    times = [999_999.999, 1_000_000, 1_020_000, 1_020_001, 1_119_999, 1_120_000, 1_130_000, 1_130_000.001]
-    poses = poses_at(folder, times)
-    assert poses.registered.tolist() == [False, True, True, False, False, True, True, False]
-    assert np.isnan(poses.camera_to_world[~poses.registered]).all()
-    assert (poses.notes["frames_outside_trajectory"], poses.notes["frames_in_gaps"]) == (2, 2)
-    assert poses.notes["largest_gap_bridged_ms"] == 0.0
-    assert poses_at(folder, times, gap=100.0).registered.sum() == 6
-
-
-def test_up_is_opposite_to_gravity(table: pd.DataFrame, recording: Recording):
-    table["gravity_x_world"], table["gravity_y_world"] = 9.81 * 0.6, -9.81 * 0.8
-    np.testing.assert_allclose(poses_at(recording(table), [1_000_000]).up, [-0.6, 0.8, 0.0], atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("row", "column", "value", "message"),
     [

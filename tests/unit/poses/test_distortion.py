@@ -66,12 +66,6 @@ def test_a_pinhole_camera_is_left_alone():
     assert all(one["radial_px"] <= one["pinhole_px"] + 1e-6 for one in found)
 
 
-def test_a_distortion_below_the_precision_of_features_is_left_alone():
-    """Evidence alone is not enough: with many exact features every lens is a bit off."""
-    _, evidence = compare(model_of(0.02, 0.0, seed=0, noise=2.0))
-    assert not evidence["distorted"]
-
-
 def test_frames_are_chosen_from_the_whole_recording_and_then_closer():
     """A long recording costs no more than a short one, and neighbors are the last resort."""
     chosen = list(_choices(1000))

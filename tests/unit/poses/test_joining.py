@@ -67,12 +67,6 @@ def test_models_that_share_too_little_are_left_out_with_the_reason(whole):
     assert joined.reasons == ["shares 2 frames with the largest model, and 3 are needed"]
 
 
-def test_models_inside_the_largest_one_are_not_left_out(whole):
-    """COLMAP begins again where frames are registered already: nothing is lost without such a model."""
-    joined = join_models([whole, part(whole, 3, 4), part(whole, 9, 12)], camera_known=True)
-    assert joined.model.num_reg_images() == 12 and joined.others == joined.reasons == []
-
-
 def test_models_that_do_not_fit_are_not_joined(whole):
     """A model whose shared frames see the scene differently would bend the other."""
     second = part(whole, 6, 12)

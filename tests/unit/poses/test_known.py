@@ -80,13 +80,6 @@ def test_pictures_without_a_pose_are_told_and_left_out(recording: Path, capsys: 
         run(recording, {}, min_registered=0.9)
 
 
-def test_a_named_scale_makes_meters(recording: Path):
-    """The scale is a fact that only the user knows."""
-    _, poses = run(recording, {}, meters_per_unit=2.5)
-    assert length_unit(poses) == "m"
-    np.testing.assert_allclose(poses.read("camera_to_world")[2, :3, 3], [1.5, -0.25, -10.0], atol=1e-12)
-
-
 def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording: Path):
     """Two formats of one reconstruction: the same frames and poses to rounding."""
     frames, poses = run(recording, {})

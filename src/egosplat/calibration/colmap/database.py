@@ -194,15 +194,10 @@ def open_project(
     valid: NDArray[np.bool_],
     shown: Iterable[NDArray[np.bool_]] | None,
 ) -> Iterator[Project]:
-    """A project of images and their masks in a temporary folder, with COLMAP's log silent.
+    """A project of images and their masks in a temporary folder of a prefix, with COLMAP's log silent.
 
-    Args:
-        prefix: of the folder's name.
-        images: (H, W, 3) uint8 RGB of the camera's size, read once.
-        valid, shown: (H, W) bool pixels that show the scene, of all images and, if given, of each.
-
-    Raises:
-        UserError: there are fewer than ``MIN_IMAGES``, the camera stands still, or the disk is full.
+    ``images`` are (H, W, 3) uint8 RGB; ``valid`` and ``shown`` (H, W) bool are the pixels that show the scene in all and in each.
+    UserError if there are fewer than ``MIN_IMAGES``, the camera stands still, or the disk is full.
     """
     with scratch_directory(prefix) as folder, quiet_colmap():
         project = Project(folder)

@@ -33,13 +33,9 @@ def adjust(model: pycolmap.Reconstruction, focal_length: bool, distortion: bool 
 
 @dataclass(frozen=True)
 class Joined:
-    """The result of joining.
+    """The largest model, with the images of the ``parts - 1`` models that fit to it.
 
-    Attributes:
-        model: the largest model, with the images of the models that fit to it.
-        parts: number of models in it.
-        others: models that could not be joined and have images that ``model`` lacks, the largest first.
-        reasons: why not, for each of ``others``.
+    ``others`` could not be joined, for ``reasons``, and have images that ``model`` lacks, the largest first.
     """
 
     model: pycolmap.Reconstruction
