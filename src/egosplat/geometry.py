@@ -133,7 +133,7 @@ def compose(first: Array, second: Array) -> Array:
 def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:
     """(...) bool: which of (..., 4, 4) matrices are finite, orthonormal, right-handed, with last row 0 0 0 1."""
     pose = np.asarray(pose, dtype=np.float64)
-    finite = np.isfinite(pose).all(axis=(-1, -2))
+    finite = np.asarray(np.isfinite(pose).all(axis=(-1, -2)))
     safe = np.where(finite[..., None, None], pose, np.eye(4))
     rotation = safe[..., :3, :3]
     gram = rotation @ np.swapaxes(rotation, -1, -2)

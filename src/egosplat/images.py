@@ -38,7 +38,7 @@ def resize_image(image: NDArray[np.uint8], width: int, height: int) -> NDArray[n
     """(h, w, 3) uint8 -> (height, width, 3) uint8, averaged over the area of each new pixel; the same array if nothing changes."""
     if image.shape[:2] == (height, width):
         return image
-    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), image.dtype)
 
 
 def shrink_image(image: NDArray[np.uint8], longest: int | None) -> NDArray[np.uint8]:

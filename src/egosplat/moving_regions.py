@@ -27,7 +27,7 @@ def large_regions(mask: Bools) -> Labels:
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(wide)
     large = statistics[:, cv2.CC_STAT_AREA] >= _MIN_AREA * mask.size
     large[0] = False  # the background
-    return np.where(large[labels], labels, 0)
+    return np.where(large[np.asarray(labels, np.int32)], labels, 0)
 
 
 def landing(labels: Labels, flow: NDArray[np.floating], homography: NDArray[np.float64]) -> Labels:

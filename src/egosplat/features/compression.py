@@ -70,7 +70,7 @@ def fit(
     if isinstance(dims, str):
         # A linear basis decides for the autoencoder, too: otherwise each length would need a training.
         basis = fit_linear(features, None, least_cosine)
-        if kind == "linear":
+        if kind == "linear" or basis.need is None:
             return basis
         return replace(fit(features, kind, basis.need.dims, epochs, seed), need=basis.need)
     if dims > width:
@@ -98,8 +98,10 @@ def fit_linear(features: Features, dims: int | None, least_cosine: float = 1.0) 
         scatter += (rows - mean).T @ (rows - mean)
     # eigh sorts eigenvalues in ascending order; the largest variance comes first here.
     basis = np.linalg.eigh(scatter)[1][:, ::-1]
-    need = needed_dims(features, mean, basis, least_cosine) if dims is None else None
-    dims = need.dims if dims is None else dims
+    need = None
+    if dims is None:
+        need = needed_dims(features, mean, basis, least_cosine)
+        dims = need.dims
     basis = basis[:, :dims]
     # The sign of an eigenvector is arbitrary: the largest component is made positive, so equal rows give equal codes.
     largest = np.abs(basis).argmax(axis=0)

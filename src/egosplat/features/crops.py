@@ -114,7 +114,7 @@ def resize(crop: Pixels, size: tuple[int, int], interpolation: str) -> Pixels:
     """
     if crop.shape[:2] == size:
         return crop
-    return np.asarray(Image.fromarray(crop).resize(size[::-1], RESAMPLING[interpolation]))
+    return np.asarray(Image.fromarray(crop).resize((size[1], size[0]), RESAMPLING[interpolation]))
 
 
 def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -166,7 +166,7 @@ class InstanceViews:
     @staticmethod
     def of_table(table: Ints) -> "InstanceViews":
         """Take the columns of a ``table``."""
-        return InstanceViews(*table.T[:3], table[:, 3:])
+        return InstanceViews(table[:, 0], table[:, 1], table[:, 2], table[:, 3:])
 
     @property
     def table(self) -> Ints:

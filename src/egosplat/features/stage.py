@@ -18,7 +18,6 @@ from egosplat.features.compression import SHARE, Compression, Need, fit
 from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
     agreement,
-    agreement_limit,
     consistent_directions,
     reconstruction,
     spread,
@@ -124,11 +123,9 @@ def _aggregated(views: _Views, found: Aggregate, options: FeaturesOptions) -> _A
     consistent = found.feature
     if options.normalize:
         consistent = consistent_directions(consistent, views.feature[known], views.instance[known])
-    limit = (
-        agreement_limit(spread(consistent[found.views > 0]))
-        if options.mismatched_views == "keep_own"
-        else -math.inf
-    )
+    # A view whose cosine is below the midpoint of 1 and that between instances shows another object.
+    apart = spread(consistent[found.views > 0]) if options.mismatched_views == "keep_own" else None
+    limit = -math.inf if apart is None else (1 + apart) / 2
     mismatched = np.zeros(len(views.good), bool)
     supervision = np.empty_like(views.feature)
     for begin in range(0, len(supervision), _ROWS_AT_ONCE):

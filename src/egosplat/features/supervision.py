@@ -1,6 +1,5 @@
 """The supervision of Gaussians: a view's own feature, the consistent feature, or their average; its figures."""
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -37,18 +36,6 @@ def supervise(
     mixed = (own + consistent) / 2
     averaged = mixed if outlier_target == "average" else np.where(inlier[:, None], mixed, consistent)
     return np.where(mismatched[:, None], own, averaged)
-
-
-def agreement_limit(apart: float | None) -> float:
-    """Return the cosine with the consistent feature below which a view shows another object.
-
-    Args:
-        apart: mean cosine between consistent features of different instances.
-
-    Returns:
-        The midpoint of ``apart`` and 1; minus infinity if ``apart`` is None (fewer than two instances).
-    """
-    return -math.inf if apart is None else (1 + apart) / 2
 
 
 def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.integer]) -> Floats:

@@ -50,7 +50,8 @@ def mean_of_dominant(
         (np.ones(len(column), np.float32), (np.arange(len(column)), column)), shape=(len(column), len(names))
     )
     if not len(names):
-        return np.zeros((votes.shape[0], codes.shape[1]), np.float32), np.zeros(votes.shape[0], np.float32)
+        empty = np.zeros((len(votes.indptr) - 1, codes.shape[1] + 1), np.float32)
+        return empty[:, 1:], empty[:, 0]
     by_instance = votes @ member
     best = by_instance.argmax(axis=1)
     entries = votes.tocoo()

@@ -31,6 +31,7 @@ def lift(views: CodeViews) -> Lifted:
     Args:
         views: at least one view.
     """
+    assert views.targets is not None
     sums = seen = None
     for index in track(range(len(views)), "lifting", unit="view"):
         targets = views.targets(int(views.frame[index]))

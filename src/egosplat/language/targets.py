@@ -116,7 +116,8 @@ class CodeTargets:
         """Return the (..., C) target codes of (...) labels in a frame, and (...) whether there is one."""
         table, flags = self._table(frame)
         wanted = labels.cpu().numpy()
-        return tuple(torch.from_numpy(part[wanted]).to(self._device) for part in (table, flags))
+        codes, known = (torch.from_numpy(part[wanted]).to(self._device) for part in (table, flags))
+        return codes, known
 
     def known(self, frame: int) -> Tensor:
         """(L, H, W) bool pixels of a frame with a target."""

@@ -2,9 +2,7 @@
 
 from collections.abc import Container
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-from torch import nn
+from typing import TYPE_CHECKING, Any
 
 from egosplat.compute import Compute
 
@@ -37,7 +35,7 @@ class OpenClip:
     """OpenCLIP with its weights.
 
     Attributes:
-        model: ``encode_image`` takes (N, 3, H, W) preprocessed images, ``encode_text`` (N, T) tokens; both return
+        model: a module; ``encode_image`` takes (N, 3, H, W) preprocessed images, ``encode_text`` (N, T) tokens; both return
             (N, D) features.
         preprocessing: input format of ``encode_image``.
         tokenizer: maps a list of N texts to (N, T) int64 tokens.
@@ -45,7 +43,7 @@ class OpenClip:
         words: lower-case words that the model knows; None if they are not known.
     """
 
-    model: nn.Module
+    model: Any
     preprocessing: Preprocessing
     tokenizer: "SimpleTokenizer | WordPieces"
     compute: Compute

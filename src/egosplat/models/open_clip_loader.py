@@ -99,7 +99,7 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
         with without_compiler():
             from open_clip import get_model_config
 
-        description = {"model_cfg": get_model_config(model)}
+        description: dict[str, Any] = {"model_cfg": get_model_config(model)}
     else:
         description = _read_json(folder / CLIP_CONFIG)
     vision, text = (description["model_cfg"][part] for part in ("vision_cfg", "text_cfg"))
@@ -141,8 +141,9 @@ def _read_json(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise UserError(f"{path}: cannot be read as JSON ({error})") from None
     parts = content.get("model_cfg") if isinstance(content, dict) else None
-    has_dim = isinstance(parts, dict) and "embed_dim" in parts
-    if not has_dim or not all(isinstance(parts.get(name), dict) for name in ("vision_cfg", "text_cfg")):
+    parts = parts if isinstance(parts, dict) else {}
+    described = all(isinstance(parts.get(name), dict) for name in ("vision_cfg", "text_cfg"))
+    if "embed_dim" not in parts or not described:
         raise UserError(f"{path}: lacks model_cfg with embed_dim, vision_cfg and text_cfg")
     return content
 

@@ -7,6 +7,7 @@ by pixel, as a linear layer each. The sums are SAM2's in another order, so resul
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -83,7 +84,7 @@ class PointDecoder:
             points: (P, 2) x, y in [0, 1], relative to the image's sides; each is foreground.
         """
         model, device = self.sam2.video_predictor, self.sam2.compute.device
-        decoder = model.sam_mask_decoder
+        decoder: Any = model.sam_mask_decoder
         places = (points * model.image_size)[:, None].to(device)
         foreground = torch.ones(len(points), 1, dtype=torch.int32, device=device)
         sparse, _ = model.sam_prompt_encoder(points=(places, foreground), boxes=None, masks=None)
@@ -107,7 +108,8 @@ class PointDecoder:
 
     def parts(self, attended: Attended, pixels: Tensor | slice = slice(None)) -> Tensor:
         """(P, 3, K, 16) logits of the cells in K of the N pixels, in an order of their own (``by_part``)."""
-        twice, norm, activation, again, last = self.sam2.video_predictor.sam_mask_decoder.output_upscaling
+        upscaling: Any = self.sam2.video_predictor.sam_mask_decoder.output_upscaling
+        twice, norm, activation, again, last = upscaling
         middle = _parts(twice, attended.image[:, pixels], self.middle[pixels])
         middle = activation(F.layer_norm(middle, middle.shape[-1:], norm.weight, norm.bias, norm.eps))
         fine = last(_parts(again, middle, self.fine[pixels]))
@@ -130,6 +132,7 @@ def _parts(layer: nn.ConvTranspose2d, values: Tensor, more: Tensor) -> Tensor:
     """(..., C) -> (..., 4, D): a transposed convolution of 2 x 2 without overlap is a linear layer for each part; plus ``more``."""
     weights = layer.weight.permute(2, 3, 1, 0).flatten(0, 2)
     # In place, because the largest tensors of the decoder are the dearest to allocate.
+    assert layer.bias is not None
     return F.linear(values, weights).float().unflatten(-1, (4, -1)).add_(more + layer.bias)
 
 
@@ -142,7 +145,8 @@ def _two_way(
         (P, R, C) the tokens to ``read``, and (P, N, C) images afterwards.
     """
     queries = tokens
-    for layer in transformer.layers:
+    layers: Any = transformer.layers
+    for layer in layers:
         if layer.skip_first_layer_pe:
             queries = layer.norm1(layer.self_attn(q=queries, k=queries, v=queries))
         else:

@@ -28,9 +28,9 @@ def fill_holes(scores: Tensor, max_area: int) -> Tensor:
 
 def _small_parts(mask: np.ndarray, max_area: int) -> np.ndarray:
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    small = stats[:, cv2.CC_STAT_AREA] <= max_area
+    small = np.asarray(stats)[:, cv2.CC_STAT_AREA] <= max_area
     small[0] = False  # label 0 is the mask itself
-    return small[labels]
+    return small[np.asarray(labels, np.int32)]
 
 
 class VideoPredictor(SAM2VideoPredictor):
