@@ -1,7 +1,11 @@
 """Stage ``synthetic``: a synthetic apartment's recording, in ADT's on-disk format."""
 
-from collections.abc import Iterator
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +19,6 @@ from egosplat_apartments.camera.filming import Film
 from egosplat_apartments.camera.lens import Lens, make_lens
 from egosplat_apartments.camera.lighting import make_lights
 from egosplat_apartments.camera.render import Renderer
-from egosplat_apartments.in_order import in_order
 from egosplat_apartments.options import SyntheticOptions
 from egosplat_apartments.world.world import World, make_world
 
@@ -44,7 +47,7 @@ def make_sequence(
     fps: float,
     seconds: float,
     objects: int = 24,
-    motion: float | str = 0.5,
+    motion: float = 0.5,
     world: str = "usual",
     effects: Effects = IDEAL,
 ) -> Sequence:
@@ -54,7 +57,7 @@ def make_sequence(
         seed: determines apartment and walk; the same seed gives the same recording, bit by bit.
         size: side of the square image [px]; fps: frames per second; seconds: length.
         objects: number of labeled objects, 16 to 40.
-        motion: ``none``, ``low``, ``high``, or the fraction 0..1 of the time in which people are at work.
+        motion: fraction 0..1 of the time in which people are at work.
             Carrying one object takes some seconds, so a short recording may have a larger fraction.
         world: ``usual``, ``busy`` or ``foreign``.
         effects: of the camera; their JPEG quality is for ``write_sequence``.
@@ -131,3 +134,34 @@ def render_frames(
         )
 
     return in_order(frame, range(len(captures)))
+
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def in_order(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """Yield ``function(item)`` of each item, computed in as many threads as the job has.
+
+    At most one result per thread waits to be taken, so that memory does not grow with the number of items.
+    """
+    workers = threads()
+    pending: deque[Future[Result]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for item in items:
+                pending.append(pool.submit(function, item))
+                if len(pending) > workers:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            # After an error, or if no more results are taken, what has not begun is not computed.
+            for waiting in pending:
+                waiting.cancel()
+
+
+def threads() -> int:
+    """Threads of this job: OMP_NUM_THREADS, which Snakemake sets, or all processors that it may use."""
+    given = os.environ.get("OMP_NUM_THREADS", "")
+    return max(1, int(given)) if given.isdecimal() else len(os.sched_getaffinity(0))

@@ -19,6 +19,7 @@ from egosplat_apartments.adt_format.adt_images import create_images
 from egosplat_apartments.adt_format.adt_truth import TruthTables
 from egosplat_apartments.adt_format.aria import DEVICE_SERIAL
 from egosplat_apartments.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Instance, Sequence
+from egosplat_apartments.arrays import Times
 
 _TRUTH_AFTER_CAPTURE_NS = 90_000
 
@@ -83,7 +84,9 @@ def write_documents(folder: Path, sequence: Sequence) -> None:
     _write_json(
         folder / "instances.json", {str(one.instance_id): _instance(one) for one in sequence.instances}
     )
-    rows = [_box(one) for one in sequence.instances if one.instance_type == "object"]
+    objects = [one for one in sequence.instances if one.instance_type == "object"]
+    # Each box is in the instance's own frame and never changes: time -1.
+    rows = [(one.instance_id, -1, *one.bounds.T.ravel().tolist()) for one in objects]
     columns = ["object_uid", "timestamp[ns]"]
     columns += [f"p_local_obj_{axis}{end}[m]" for axis in "xyz" for end in ("min", "max")]
     pd.DataFrame(rows, columns=columns).to_csv(folder / "3d_bounding_box.csv", index=False)
@@ -106,11 +109,6 @@ def _instance(one: Instance) -> dict[str, Any]:
         "rotational_symmetry": {"is_annotated": False},
         "canonical_pose": {"up_vector": [0, 1, 0], "front_vector": [0, 0, 1]},
     }
-
-
-def _box(one: Instance) -> tuple[float, ...]:
-    """A row of the box file. The box is in the instance's own frame and never changes: time -1."""
-    return (one.instance_id, -1, *one.bounds.T.ravel().tolist())
 
 
 def _skeleton(person: Instance, wearer: int | None) -> dict[str, Any]:
@@ -141,7 +139,6 @@ def _write_json(path: Path, document: dict[str, Any]) -> None:
     path.write_text(json.dumps(document, indent=2) + "\n")
 
 
-Times = NDArray[np.int64]
 Trajectory = Callable[[Times], NDArray[np.float64]]
 
 _TRUTH_PERIOD_US, _SLAM_PERIOD_US = 33_333, 1000
@@ -186,7 +183,7 @@ def write_trajectories(folder: Path, sequence: Sequence, truth_ns: Times, middle
         else "exact poses, not estimated ones"
     )
     summary = {"SLAM": {"status": "SUCCESS", "message": f"synthetic: {how}"}}
-    (slam / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    _write_json(slam / "summary.json", summary)
 
 
 def trajectory_table(sequence: Sequence, times_us: Times, device_pose: Trajectory) -> pd.DataFrame:
@@ -223,19 +220,15 @@ def _write_rests(folder: Path, sequence: Sequence) -> None:
     """Write ``rests.tsv``: where each object that people carry lies, and from when until when."""
     folder.mkdir()
     names = {one.instance_id: one.name for one in sequence.instances}
-    rows = [
-        (
-            one.instance_id,
-            names[one.instance_id],
-            one.support_id,
-            names[one.support_id],
-            one.from_ns,
-            one.until_ns,
-        )
-        for one in sequence.rests
-    ]
-    columns = ["object_uid", "object", "place_uid", "place", "from[ns]", "until[ns]"]
-    pd.DataFrame(rows, columns=columns).to_csv(folder / "rests.tsv", sep="\t", index=False)
+    columns = {
+        "object_uid": [rest.instance_id for rest in sequence.rests],
+        "object": [names[rest.instance_id] for rest in sequence.rests],
+        "place_uid": [rest.support_id for rest in sequence.rests],
+        "place": [names[rest.support_id] for rest in sequence.rests],
+        "from[ns]": [rest.from_ns for rest in sequence.rests],
+        "until[ns]": [rest.until_ns for rest in sequence.rests],
+    }
+    pd.DataFrame(columns).to_csv(folder / "rests.tsv", sep="\t", index=False)
 
 
 def _write_points(path: Path, sequence: Sequence) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat_apartments.adt_format.aria import DEVICE_SERIAL, calibration_json
-from egosplat_apartments.adt_format.sequence import Frame, Sequence, View
+from egosplat_apartments.adt_format.sequence import Frame, Sequence
 from egosplat_apartments.adt_format.vrs import ImageStream, VrsWriter, create_vrs
 
 RGB_STREAM = "214-1"
@@ -33,7 +33,8 @@ def create_images(folder: Path, sequence: Sequence, jpeg_quality: int) -> Iterat
         jpeg_quality: of the RGB images, 1 to 95 (Pillow's scale). Labels and depth are stored losslessly.
     """
     calibration = calibration_json(sequence.size)
-    streams = {"video": _rgb_stream(sequence, calibration)}
+    configuration = {**_configuration(sequence), "factory_calibration": calibration}
+    streams = {"video": ImageStream(214, 1, "RGB Camera Class", "device/aria", "jpg", False, configuration)}
     for suffix in ("", WITH_PEOPLE):
         streams[f"segmentations{suffix}"] = _truth_stream(
             sequence, 400, "Annotation Data Class", _SCALAR64F, 8
@@ -65,27 +66,20 @@ class ImageFiles:
             ValueError: an image does not have the shape and dtype that ``Frame`` documents.
         """
         self._check("rgb", frame.rgb, np.uint8, (3,))
-        self._append("video", frame, number, frame.capture_ns, _jpeg(frame.rgb, self._jpeg_quality))
+        encoded = io.BytesIO()
+        Image.fromarray(frame.rgb).save(encoded, "JPEG", quality=self._jpeg_quality)
+        self._append("video", frame, number, frame.capture_ns, encoded.getvalue())
         for suffix, view in (("", frame.without_people), (WITH_PEOPLE, frame.with_people)):
-            self._write_view(view, suffix, frame, number, truth_ns)
-
-    def _write_view(self, view: View, suffix: str, frame: Frame, number: int, truth_ns: int) -> None:
-        self._check("segmentation", view.segmentation, np.uint64)
-        self._check("depth_mm", view.depth_mm, np.uint16)
-        segmentation, depth = view.segmentation.astype("<u8").tobytes(), view.depth_mm.astype("<u2").tobytes()
-        self._append(f"segmentations{suffix}", frame, number, truth_ns, segmentation)
-        self._append(f"depth_images{suffix}", frame, number, truth_ns, depth)
+            self._check("segmentation", view.segmentation, np.uint64)
+            self._check("depth_mm", view.depth_mm, np.uint16)
+            labels, depth = view.segmentation.astype("<u8").tobytes(), view.depth_mm.astype("<u2").tobytes()
+            self._append(f"segmentations{suffix}", frame, number, truth_ns, labels)
+            self._append(f"depth_images{suffix}", frame, number, truth_ns, depth)
 
     def _append(self, name: str, frame: Frame, number: int, time_ns: int, image: bytes) -> None:
         writer, stream = self._files[name]
-        writer.write_image(
-            stream,
-            image,
-            timestamp_ns=time_ns,
-            frame_number=number,
-            exposure_s=frame.exposure_s,
-            gain=frame.gain,
-        )
+        exposed = {"exposure_s": frame.exposure_s, "gain": frame.gain}
+        writer.write_image(stream, image, timestamp_ns=time_ns, frame_number=number, **exposed)
 
     def _check(self, name: str, image: NDArray[Any], dtype: type, channels: tuple[int, ...] = ()) -> None:
         expected = (self._size, self._size, *channels)
@@ -93,11 +87,6 @@ class ImageFiles:
             raise ValueError(
                 f"{name}: {image.dtype} {image.shape} given, {np.dtype(dtype)} {expected} expected"
             )
-
-
-def _rgb_stream(sequence: Sequence, calibration: str) -> ImageStream:
-    configuration = {**_configuration(sequence), "factory_calibration": calibration}
-    return ImageStream(214, 1, "RGB Camera Class", "device/aria", "jpg", False, configuration)
 
 
 def _truth_stream(
@@ -140,9 +129,3 @@ def _file_tags(sequence: Sequence, name: str, calibration: str) -> dict[str, str
         "metadata": json.dumps(metadata),
         "session_id": sequence.name,
     }
-
-
-def _jpeg(picture: NDArray[np.uint8], quality: int) -> bytes:
-    encoded = io.BytesIO()
-    Image.fromarray(picture).save(encoded, "JPEG", quality=quality)
-    return encoded.getvalue()

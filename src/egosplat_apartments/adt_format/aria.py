@@ -58,47 +58,34 @@ def camera_calibration(size: int) -> CameraCalibration:
 
     The lens is opaque beyond ``get_valid_radius()`` [px] around the principal point.
     """
-    full = CameraCalibration(
-        RGB_LABEL,
-        CameraModelType.FISHEYE624,
-        _RGB_PARAMETERS,
-        SE3.from_matrix(device_from_camera()),
-        _FULL_SIZE,
-        _FULL_SIZE,
-        _RGB_VALID_RADIUS_PX,
-        _RGB_MAX_ANGLE_RAD,
-        DEVICE_SERIAL,
-    )
+    pose, limits = SE3.from_matrix(device_from_camera()), (_RGB_VALID_RADIUS_PX, _RGB_MAX_ANGLE_RAD)
+    full = _calibration(RGB_LABEL, _RGB_PARAMETERS, pose, (_FULL_SIZE, _FULL_SIZE), limits)
     # The library's own scaling: it puts pixel centers at integers, but keeps the field of view.
     return full.rescale(np.array([size, size], dtype=np.int32), size / _FULL_SIZE)
 
 
-def device_calibration(size: int) -> DeviceCalibration:
-    """Calibration of the whole device, with an RGB camera of ``size`` x ``size`` pixels."""
-    slam = CameraCalibration(
-        _ORIGIN_LABEL,
-        CameraModelType.FISHEYE624,
-        _SLAM_PARAMETERS,
-        SE3(),
-        *_SLAM_SIZE,
-        _SLAM_VALID_RADIUS_PX,
-        _SLAM_MAX_ANGLE_RAD,
-        DEVICE_SERIAL,
-    )
-    return DeviceCalibration(
+def _calibration(
+    label: str, parameters: NDArray[np.float64], pose: SE3, size: tuple[int, int], limits: tuple[float, float]
+) -> CameraCalibration:
+    """A fisheye camera, given its valid radius [px] and largest angle [rad]."""
+    model = CameraModelType.FISHEYE624
+    return CameraCalibration(label, model, parameters, pose, *size, *limits, DEVICE_SERIAL)
+
+
+def calibration_json(size: int) -> str:
+    """Calibration of the whole device, with a square RGB camera of ``size`` pixels, as a VRS file carries it."""
+    limits = (_SLAM_VALID_RADIUS_PX, _SLAM_MAX_ANGLE_RAD)
+    slam = _calibration(_ORIGIN_LABEL, _SLAM_PARAMETERS, SE3(), _SLAM_SIZE, limits)
+    device = DeviceCalibration(
         camera_calibs={RGB_LABEL: camera_calibration(size), _ORIGIN_LABEL: slam},
         device_cad_extrinsics=DeviceCadExtrinsics(DeviceVersion.Gen1, _BUILD, _ORIGIN_LABEL),
         device_subtype=_BUILD,
         origin_label=_ORIGIN_LABEL,
         device_version=DeviceVersion.Gen1,
     )
-
-
-def calibration_json(size: int) -> str:
-    """``device_calibration(size)`` as the JSON text that a VRS file carries."""
     # The library's writer is needed for each camera's ConfigData (image size, valid radius, largest angle).
     # Without it the reader assumes the 2880-pixel sensor, which it reduces to 1408 and 704 pixels only.
-    document = json.loads(device_calibration_to_json_string(device_calibration(size)))
+    document = json.loads(device_calibration_to_json_string(device))
     document |= {
         "AlgorithmName": "egosplat.synthetic",
         "AlgorithmVersion": "1",

@@ -5,12 +5,11 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import compose, invert, rotate
 from egosplat.images import evenly_spaced
+from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.camera.drift import Drift
 from egosplat_apartments.camera.raycasting import interpolated
 from egosplat_apartments.camera.render import Renderer
 from egosplat_apartments.world.world import World
-
-Array = NDArray[np.float64]
 
 _COUNT = 40_000
 _VIEWS = 60
@@ -21,11 +20,7 @@ _DETAIL_M = 0.012
 
 
 def semidense_points(
-    world: World,
-    renderer: Renderer,
-    captures: NDArray[np.int64],
-    rng: np.random.Generator,
-    drift: Drift | None = None,
+    world: World, renderer: Renderer, captures: NDArray[np.int64], rng: Rng, drift: Drift | None = None
 ) -> tuple[Array, Array, Array]:
     """(P, 3) points [m], (P,) uncertainty of the inverse distance [1/m] and (P,) of the distance [m].
 
@@ -54,7 +49,7 @@ def semidense_points(
 
 
 def _sample_surface(
-    renderer: Renderer, world_from_camera: Array, count: int, rng: np.random.Generator
+    renderer: Renderer, world_from_camera: Array, count: int, rng: Rng
 ) -> tuple[Array, Array]:
     """Points on static surfaces that a camera sees, denser where there is texture.
 

@@ -75,15 +75,17 @@ IDEAL = Effects()
 
 def make_effects(options: SyntheticOptions) -> Effects:
     """The effects that the keys ask for, each multiplied by ``camera_strength``."""
-    strength = options.camera_strength
+    strength, real = options.camera_strength, options.camera == "real"
 
     def scaled(key: str) -> float:
         value = getattr(options, key)
-        return strength * (_auto(options, key) if value == "auto" else value)
+        return strength * ((REAL[key] if real else 0.0) if value == "auto" else value)
 
     quality = options.jpeg_quality
     if quality == "auto":
-        quality = _REAL_JPEG if options.camera == "real" else _IDEAL_JPEG
+        quality = _REAL_JPEG if real else _IDEAL_JPEG
+    # Strength 0 is the ideal camera's quality, 1 the given one; beyond, the loss grows in proportion.
+    quality = round(_IDEAL_JPEG - strength * (_IDEAL_JPEG - quality))
     return Effects(
         drift_m=scaled("drift_mm") * 1e-3,
         drift_rad=float(np.deg2rad(scaled("drift_deg"))),
@@ -96,14 +98,5 @@ def make_effects(options: SyntheticOptions) -> Effects:
         shot_noise=scaled("shot_noise_percent") * 0.01,
         read_noise=scaled("read_noise_percent") * 0.01,
         vignetting=scaled("vignetting_percent") * 0.01,
-        jpeg_quality=_scaled_quality(quality, strength),
+        jpeg_quality=int(np.clip(quality, 1, _IDEAL_JPEG)),
     )
-
-
-def _auto(options: SyntheticOptions, key: str) -> float:
-    return REAL[key] if options.camera == "real" else 0.0
-
-
-def _scaled_quality(quality: int, strength: float) -> int:
-    """Strength 0 is the ideal camera's quality, 1 the given one; beyond, the loss grows in proportion."""
-    return int(np.clip(round(_IDEAL_JPEG - strength * (_IDEAL_JPEG - quality)), 1, _IDEAL_JPEG))

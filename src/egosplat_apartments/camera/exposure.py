@@ -1,4 +1,4 @@
-"""Auto-exposure that follows the brightness of the view, and white balance that drifts."""
+"""Auto-exposure, white balance, and the noise and falloff of a sensor, on linear light."""
 
 import math
 from dataclasses import dataclass
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat_apartments.arrays import Array, Floats, Rng
+from egosplat_apartments.camera.drift import SmoothNoise
 from egosplat_apartments.camera.effects import Effects
-from egosplat_apartments.camera.smooth_noise import SmoothNoise
-
-Array = NDArray[np.float64]
+from egosplat_apartments.camera.lens import untone
 
 # Longest exposure of Aria's RGB camera.
 LONGEST_S = 0.014
@@ -69,3 +69,27 @@ def white_balance(effects: Effects, seed: int, seconds: Array) -> NDArray[np.flo
     noise = SmoothNoise(rng, 2, _WHITE_BALANCE_S, 0.0, float(seconds[-1]))
     red, blue = np.maximum(0, 1 + effects.white_balance * noise(seconds)).T
     return np.stack([red, np.ones_like(red), blue], axis=-1).astype(np.float32)
+
+
+# Radiance, after vignetting and exposure, that saturates the display.
+WHITE = float(untone(np.ones(1, np.float32))[0])
+
+
+def add_noise(light: Floats, effects: Effects, gain: float, rng: Rng) -> Floats:
+    """Light with shot noise and read noise, between black and white.
+
+    Shot noise is that of counted photons: its variance grows linearly with the light, and with the gain, because
+    amplified light has fewer photons. Read noise is amplified by the gain.
+
+    Args:
+        light: (N, 3) float32, exposed and amplified.
+    """
+    share = np.clip(light / np.float32(WHITE), 0, 1).astype(np.float64)
+    deviation = np.sqrt(effects.shot_noise**2 * gain * share + (effects.read_noise * gain) ** 2)
+    noisy = share + deviation * rng.normal(size=share.shape)
+    return (np.clip(noisy, 0, 1) * WHITE).astype(np.float32)
+
+
+def falloff(radius: Floats, effects: Effects) -> Floats:
+    """(N,) factors on the light at (N,) distances from the middle of the lens circle, as fractions of its radius."""
+    return np.maximum(0, 1 - np.float32(effects.vignetting) * (radius * radius))

@@ -1,19 +1,83 @@
 """Film a world: the light of each frame through shutter, exposure and sensor, with the ground truth of its middle."""
 
 from collections.abc import Callable
+from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat_apartments.arrays import Array, Floats
 from egosplat_apartments.camera.effects import Effects
-from egosplat_apartments.camera.exposure import Exposure, auto_exposure, expose, white_balance
-from egosplat_apartments.camera.raycasting import Floats
+from egosplat_apartments.camera.exposure import (
+    Exposure,
+    add_noise,
+    auto_exposure,
+    expose,
+    falloff,
+    white_balance,
+)
 from egosplat_apartments.camera.render import Renderer, Shot
-from egosplat_apartments.camera.sensor import add_noise, falloff
-from egosplat_apartments.camera.shutter import integrate
 from egosplat_apartments.world.world import World, camera_pose
 
-Array = NDArray[np.float64]
+# Instants of an exposure that are averaged; each costs a rendering. They are one pixel of blur apart, or more if the
+# exposure would need more than MOST of them in every period of this length, or more than MOST_OF_ALL.
+SPACING_PX, MOST, PERIOD_S, MOST_OF_ALL = 1.0, 4, 0.014, 16
+# Distance at which surfaces count as they move with the camera or by themselves.
+_DISTANCE_M = 1.0
+
+
+def integrate(
+    renderer: Renderer,
+    camera_poses: Callable[[Array], Array],
+    body_poses: Callable[[float], dict[int, Array]],
+    exposure_s: float,
+    readout_s: float,
+) -> Floats:
+    """(N, 3) mean radiance of the lens's pixels over the exposure.
+
+    The middle row is exposed around second 0, the first and the last half of the readout before and after.
+
+    Args:
+        camera_poses: (T,) seconds -> (T, 4, 4) ``world_from_camera``.
+        body_poses: a second -> (4, 4) pose of every moving body. Bodies are posed once per instant, so their own
+            motion is blurred but not skewed.
+        exposure_s: 0 for an instant.
+        readout_s: from the first row to the last, 0 for a global shutter.
+    """
+    rows = row_times(renderer.lens.size, readout_s) if readout_s else np.zeros(1)
+    count = _instants(renderer, camera_poses, body_poses, exposure_s) if exposure_s else 1
+    offsets = ((np.arange(count) + 0.5) / count - 0.5) * exposure_s
+
+    def radiance(offset: float) -> Floats:
+        poses = camera_poses(offset + rows)
+        return renderer.radiance(poses if readout_s else poses[0], body_poses(offset))
+
+    return reduce(np.add, map(radiance, offsets.tolist())) / count
+
+
+def _instants(
+    renderer: Renderer,
+    camera_poses: Callable[[Array], Array],
+    body_poses: Callable[[float], dict[int, Array]],
+    exposure_s: float,
+) -> int:
+    """Number of instants that show the motion within an exposure."""
+    first, last = camera_poses(np.array([-0.5, 0.5]) * exposure_s)
+    # The length by which a turn moves the end of a unit vector, at most.
+    turned = np.linalg.norm(last[:3, :3] - first[:3, :3]) / np.sqrt(2)
+    before, after = body_poses(-0.5 * exposure_s), body_poses(0.5 * exposure_s)
+    moved = max(
+        (float(np.linalg.norm(after[body][:3, 3] - before[body][:3, 3])) for body in before), default=0
+    )
+    moved += float(np.linalg.norm(last[:3, 3] - first[:3, 3]))
+    pixels = (turned + moved / _DISTANCE_M) / float(renderer.lens.angle.mean(dtype=np.float64))
+    most = min(MOST * int(np.ceil(exposure_s / PERIOD_S)), MOST_OF_ALL)
+    return int(np.clip(np.ceil(pixels / SPACING_PX), 1, most))
+
+
+def row_times(size: int, readout_s: float) -> Array:
+    """(size,) middle of each row's exposure, relative to that of the middle row [s]."""
+    return ((np.arange(size) + 0.5) / size - 0.5) * readout_s
+
 
 _DISPLAY_STREAM, _NOISE_STREAM = 6, 22
 
@@ -44,7 +108,11 @@ class Film:
         if not self._effects.change_light:
             return self._renderer.shoot(pose, bodies, exposure.light, rng)
         with_people, without_people = self._renderer.truth(pose, bodies)
-        sensor = self._sensor(number) if self._effects.noisy else None
+        noise = np.random.default_rng([world.seed, _NOISE_STREAM, number])
+
+        def sensor(light: Floats) -> Floats:
+            return add_noise(light, self._effects, exposure.gain, noise) if self._effects.noisy else light
+
         rgb = self._renderer.develop(self._light(seconds, exposure), exposure.light, rng, sensor)
         return Shot(rgb, with_people, without_people)
 
@@ -59,11 +127,6 @@ class Film:
             self._effects.readout_s,
         )
         return radiance * falloff(renderer.lens.radius, self._effects)[:, None] * exposure.channels
-
-    def _sensor(self, number: int) -> Callable[[Floats], Floats]:
-        """The noise of a frame."""
-        noise = np.random.default_rng([self._world.seed, _NOISE_STREAM, number])
-        return lambda light: add_noise(light, self._effects, self.exposures[number].gain, noise)
 
     def _factors(self) -> list[float]:
         """Factor on the light of each frame."""

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import CLOCKWISE, Camera, rotate, to_aria_pixels
 from egosplat_apartments.adt_format.aria import camera_calibration
-
-Floats = NDArray[np.float32]
+from egosplat_apartments.arrays import Floats, Rng
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +89,7 @@ _NOISE = 0.006
 
 
 def develop(
-    radiance: Floats,
-    radius: Floats,
-    gain: float,
-    rng: np.random.Generator,
-    sensor: Callable[[Floats], Floats] | None = None,
+    radiance: Floats, radius: Floats, gain: float, rng: Rng, sensor: Callable[[Floats], Floats] | None = None
 ) -> NDArray[np.uint8]:
     """(N, 3) display values of (N, 3) linear radiance.
 

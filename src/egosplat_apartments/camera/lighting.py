@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, diags_array
 
-from egosplat_apartments.camera.raycasting import Floats, Geometry, RayScene, lengths
+from egosplat_apartments.arrays import Floats, Rng
+from egosplat_apartments.camera.raycasting import Geometry, RayScene, lengths
 from egosplat_apartments.objects.atlas import Atlas
 from egosplat_apartments.world.room import Light, Room
 
@@ -87,7 +88,7 @@ def _blocked(
     return blocked
 
 
-def make_lights(room: Room, rng: np.random.Generator) -> Lights:
+def make_lights(room: Room, rng: Rng) -> Lights:
     """The room's lamp and windows, and a sun that shines through one of them."""
     windows = []
     for hole in room.windows:
@@ -114,9 +115,7 @@ def make_lights(room: Room, rng: np.random.Generator) -> Lights:
     return Lights(lamp, sun, tuple(windows), lamp_power, sun_power)
 
 
-def bake(
-    geometry: Geometry, scene: RayScene, atlas: Atlas, lights: Lights, rng: np.random.Generator
-) -> Floats:
+def bake(geometry: Geometry, scene: RayScene, atlas: Atlas, lights: Lights, rng: Rng) -> Floats:
     """(V, 3) float32 irradiance at every vertex from windows, from lamps and from one bounce.
 
     Moving objects and people get the room's median, more of it from above than from below.
@@ -142,7 +141,7 @@ def _gather(
     lights: Lights,
     points: Floats,
     normals: Floats,
-    rng: np.random.Generator,
+    rng: Rng,
 ) -> Floats:
     """Irradiance by rays over the hemisphere, cosine-weighted around the normal."""
     # A sunflower pattern on the disc, turned at random per point; lifted to the hemisphere it is

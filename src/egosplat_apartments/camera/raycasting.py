@@ -8,13 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import rotate, transform
+from egosplat_apartments.arrays import Array, Floats, Ints
 from egosplat_apartments.objects.shapes import Part
 from egosplat_apartments.objects.textures import Texture
 from egosplat_apartments.rays.triangles import Triangles
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Ints = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)

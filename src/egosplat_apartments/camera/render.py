@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import rotate
 from egosplat_apartments.adt_format.sequence import View
+from egosplat_apartments.arrays import Array, Floats, Rng
 from egosplat_apartments.camera.lens import Lens, develop, tone, untone
 from egosplat_apartments.camera.lighting import Lights, bake, face_normals
 from egosplat_apartments.camera.raycasting import (
-    Floats,
     Geometry,
     Hits,
     RayScene,
@@ -22,8 +22,6 @@ from egosplat_apartments.camera.raycasting import (
     static_scene,
 )
 from egosplat_apartments.objects.atlas import Atlas
-
-Array = NDArray[np.float64]
 
 _SUBPIXELS = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))
 _VISIBILITY_RAYS = 2500
@@ -80,7 +78,7 @@ class Renderer:
         atlas: the textures; static: the surfaces that never move.
     """
 
-    def __init__(self, geometry: Geometry, lights: Lights, lens: Lens, rng: np.random.Generator) -> None:
+    def __init__(self, geometry: Geometry, lights: Lights, lens: Lens, rng: Rng) -> None:
         """Bake the light that does not change.
 
         Args:
@@ -95,9 +93,7 @@ class Renderer:
         self._ids = np.array([body.instance_id for body in geometry.bodies], dtype=np.uint64)
         self._static_alone: dict[int, RayScene] = {}
 
-    def shoot(
-        self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
-    ) -> Shot:
+    def shoot(self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: Rng) -> Shot:
         """Render the scene and its ground truth.
 
         Args:
@@ -146,9 +142,7 @@ class Renderer:
         # Sums along axis 0 have the same order on every processor.
         return float(light.mean(axis=0, dtype=np.float64).sum() / 3)
 
-    def picture(
-        self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: np.random.Generator
-    ) -> Picture:
+    def picture(self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: Rng) -> Picture:
         """Render the scene and the visible face of each pixel; arguments as for ``shoot``."""
         scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
         hits = self._cast(scenes.full, origin, rays)
@@ -175,11 +169,7 @@ class Renderer:
         return radiance
 
     def develop(
-        self,
-        radiance: Floats,
-        gain: float,
-        rng: np.random.Generator,
-        sensor: Callable[[Floats], Floats] | None = None,
+        self, radiance: Floats, gain: float, rng: Rng, sensor: Callable[[Floats], Floats] | None = None
     ) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 image of (N, 3) radiance; arguments as for ``lens.develop``."""
         return self._image(develop(radiance, self.lens.radius, gain, rng, sensor), np.uint8)

@@ -6,10 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat_apartments.arrays import Floats, Ints
 from egosplat_apartments.objects.textures import Texture
-
-Floats = NDArray[np.float32]
-Ints = NDArray[np.int32]
 
 _LEVELS = 9
 

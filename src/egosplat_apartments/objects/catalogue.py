@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects import (
     containers,
     furniture,
@@ -15,7 +16,6 @@ from egosplat_apartments.objects import (
     wall_things,
 )
 from egosplat_apartments.objects.model import Builder
-from egosplat_apartments.objects.textures import Rng
 
 Motion = Literal["static", "dynamic"]
 

@@ -3,11 +3,12 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_fabric, some_glaze, some_metal, some_plastic
 from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, box, cushion, cylinder, ellipsoid, join, lathe, leaf, rod
-from egosplat_apartments.objects.textures import Rng, checks, cloth, make_texture, motifs, speckled, wicker
+from egosplat_apartments.objects.textures import checks, cloth, make_texture, motifs, speckled, wicker
 
 
 def trash_can(rng: Rng) -> Model:
@@ -56,36 +57,27 @@ def box_with_lid(rng: Rng) -> Model:
     w, h, d = rng.uniform(0.18, 0.24), rng.uniform(0.1, 0.15), rng.uniform(0.14, 0.18)
     band = [box((-0.012, 0, -d / 2 - 0.006), (0.012, h + 0.003, d / 2 + 0.006))]
     band += [ellipsoid((0.03, 0.014, 0.016), (x, h + 0.014, 0), 10) for x in (-0.028, 0.028)]
-    paper = make_texture(
-        motifs(rng, random_color(rng, (0.3, 0.7)), (random_color(rng),), (256, 256), 50, (5, 15)),
-        0.2,
-        surface="flowered paper",
-    )
+    picture = motifs(rng, random_color(rng, (0.3, 0.7)), (random_color(rng),), (256, 256), 50, (5, 15))
+    paper = make_texture(picture, 0.2, surface="flowered paper")
+    lid_shape = box((-w / 2 - 0.004, h - 0.035, -d / 2 - 0.004), (w / 2 + 0.004, h, d / 2 + 0.004))
     return assemble(
         Part("body", box((-w / 2, 0, -d / 2), (w / 2, h - 0.035, d / 2)), paper),
-        Part(
-            "lid",
-            box((-w / 2 - 0.004, h - 0.035, -d / 2 - 0.004), (w / 2 + 0.004, h, d / 2 + 0.004)),
-            some_fabric(rng),
-        ),
+        Part("lid", lid_shape, some_fabric(rng)),
         Part("ribbon", join(band), ribbon),
     )
 
 
 def tissue_box(rng: Rng) -> Model:
     """A printed box with a tissue coming out."""
-    card = make_texture(
-        motifs(
-            rng,
-            random_color(rng, (0.2, 0.6), (0.6, 0.9)),
-            (random_color(rng), (0.95, 0.95, 0.9)),
-            (256, 256),
-            40,
-            (8, 26),
-        ),
-        0.22,
-        surface="flowered paper",
+    picture = motifs(
+        rng,
+        random_color(rng, (0.2, 0.6), (0.6, 0.9)),
+        (random_color(rng), (0.95, 0.95, 0.9)),
+        (256, 256),
+        40,
+        (8, 26),
     )
+    card = make_texture(picture, 0.22, surface="flowered paper")
     tissue = [
         leaf(0.09, 0.08, 0.02).moved((0, 0.09, 0), Rotation.from_euler("YX", [turn, -1.2]))
         for turn in (0.3, 2.2, 4.4)

@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects import foreign_furniture, foreign_things
 from egosplat_apartments.objects.catalogue import Kind
-from egosplat_apartments.objects.foreign_textures import INSTEAD, KEPT
+from egosplat_apartments.objects.materials import INSTEAD, KEPT
 from egosplat_apartments.objects.model import Model, Surface
 from egosplat_apartments.objects.shapes import Part
-from egosplat_apartments.objects.textures import Rng, Texture
+from egosplat_apartments.objects.textures import Texture
 
 # Least and largest factor on the width, height and depth of things that keep their shape.
 _PROPORTIONS = (0.82, 1.22)

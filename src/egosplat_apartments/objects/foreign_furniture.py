@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from egosplat_apartments.objects.foreign_textures import fabric, inlay, lacquer, shine
+from egosplat_apartments.arrays import Rng
+from egosplat_apartments.objects.materials import fabric, inlay, lacquer, shine
 from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.shapes import (
     Part,
@@ -18,7 +19,6 @@ from egosplat_apartments.objects.shapes import (
     lathe,
     rod,
 )
-from egosplat_apartments.objects.textures import Rng
 
 FORWARD = Rotation.from_euler("x", 90, degrees=True)
 
@@ -71,14 +71,11 @@ def armchair(rng: Rng) -> Model:
     ends = [(0.36 * np.sin(a), 0.86, 0.36 * np.cos(a)) for a in turn]
     rail = [rod(a, b, 0.03) for a, b in itertools.pairwise(ends)]
     drum = lathe([(0, 0), (0.26, 0), (0.34, 0.18), (0.34, 0.36), (0, 0.36)], 32)
+    seat_cushions = lathe([(0, 0.36), (0.3, 0.36), (0.33, 0.4), (0.28, 0.44), (0, 0.44)], 32)
     return assemble(
         Part("base", drum, fabric(rng)),
         Part("back", join([*posts, *rail]), lacquer(rng)),
-        Part(
-            "seat cushions",
-            lathe([(0, 0.36), (0.3, 0.36), (0.33, 0.4), (0.28, 0.44), (0, 0.44)], 32),
-            fabric(rng),
-        ),
+        Part("seat cushions", seat_cushions, fabric(rng)),
         surfaces=(Surface("soft", (-0.2, -0.14), (0.2, 0.22), 0.44),),
     )
 
@@ -86,20 +83,14 @@ def armchair(rng: Rng) -> Model:
 def dining_chair(rng: Rng) -> Model:
     """A round seat and an oval back on one foot."""
     foot = lathe([(0, 0), (0.21, 0), (0.21, 0.015), (0.03, 0.07), (0.03, 0.42), (0, 0.42)])
+    back = join(
+        [ellipsoid((0.18, 0.17, 0.018), (0, 0.76, -0.19)), rod((0, 0.44, -0.17), (0, 0.65, -0.19), 0.022)]
+    )
     return assemble(
         Part("legs", foot, shine(rng)),
         Part("seat", cylinder(0.21, 0.42, 0.46, 28), lacquer(rng)),
         Part("pad", lathe([(0, 0.46), (0.19, 0.46), (0.19, 0.48), (0, 0.49)], 28), fabric(rng)),
-        Part(
-            "back",
-            join(
-                [
-                    ellipsoid((0.18, 0.17, 0.018), (0, 0.76, -0.19)),
-                    rod((0, 0.44, -0.17), (0, 0.65, -0.19), 0.022),
-                ]
-            ),
-            lacquer(rng),
-        ),
+        Part("back", back, lacquer(rng)),
     )
 
 
@@ -107,14 +98,8 @@ def dining_table(rng: Rng) -> Model:
     """A round top on three slanted legs."""
     r = rng.uniform(0.5, 0.6)
     turn = np.radians([30, 150, 270])
-    legs = [
-        rod(
-            (r * 0.85 * np.sin(a), 0.02, r * 0.85 * np.cos(a)),
-            (0.12 * np.sin(a), 0.7, 0.12 * np.cos(a)),
-            0.035,
-        )
-        for a in turn
-    ]
+    ways = [(np.sin(a), np.cos(a)) for a in turn]
+    legs = [rod((r * 0.85 * x, 0.02, r * 0.85 * z), (0.12 * x, 0.7, 0.12 * z), 0.035) for x, z in ways]
     return assemble(
         Part("top", cylinder(r, 0.69, 0.73, 40), inlay(rng)),
         Part("legs", join(legs), lacquer(rng)),
@@ -215,16 +200,13 @@ def bookcase(rng: Rng) -> Model:
 def refrigerator(rng: Rng) -> Model:
     """One rounded door with a bar across it, on feet."""
     body = lacquer(rng)
+    feet = join([cylinder(0.03, 0, 0.1, 12).moved((x, 0, z)) for x in (-0.28, 0.28) for z in (-0.22, 0.2)])
     return assemble(
         Part("body", cushion((-0.36, 0.08, -0.31), (0.36, 1.5, 0.26), 0.1), body),
         Part("doors", cushion((-0.35, 0.1, 0.22), (0.35, 1.48, 0.34), 0.055), body),
         Part("handles", rod((-0.25, 1.0, 0.37), (0.1, 1.0, 0.37), 0.02), shine(rng)),
         Part("band", box((-0.34, 1.2, 0.335), (0.34, 1.26, 0.345)), inlay(rng)),
-        Part(
-            "feet",
-            join([cylinder(0.03, 0, 0.1, 12).moved((x, 0, z)) for x in (-0.28, 0.28) for z in (-0.22, 0.2)]),
-            shine(rng),
-        ),
+        Part("feet", feet, shine(rng)),
     )
 
 

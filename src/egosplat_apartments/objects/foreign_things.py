@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.foreign_furniture import FORWARD, slab
-from egosplat_apartments.objects.foreign_textures import fabric, glaze, inlay, lacquer, shine
-from egosplat_apartments.objects.materials import some_plastic
+from egosplat_apartments.objects.materials import fabric, glaze, inlay, lacquer, shine, some_plastic
 from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import abstract, clock_face, label, landscape, random_color
 from egosplat_apartments.objects.shapes import (
@@ -19,7 +19,7 @@ from egosplat_apartments.objects.shapes import (
     rod,
     sheet,
 )
-from egosplat_apartments.objects.textures import Rng, Texture, make_texture, speckled
+from egosplat_apartments.objects.textures import Texture, make_texture, speckled
 
 
 def _spotted(rng: Rng, color: tuple[float, float, float]) -> Texture:
@@ -28,10 +28,8 @@ def _spotted(rng: Rng, color: tuple[float, float, float]) -> Texture:
 
 def coaster(rng: Rng) -> Model:
     """A square tile in a frame."""
-    frame = [box((x - 0.06, 0, z - 0.06), (x + 0.06, 0.014, z + 0.06)) for x, z in ((0, 0),)]
-    return assemble(
-        Part("mat", join(frame), shine(rng)), Part("picture", slab(0.1, 0.1, 0.014, 0.018), inlay(rng))
-    )
+    mat, tile = slab(0.12, 0.12, 0, 0.014), slab(0.1, 0.1, 0.014, 0.018)
+    return assemble(Part("mat", mat, shine(rng)), Part("picture", tile, inlay(rng)))
 
 
 def cup(rng: Rng) -> Model:
@@ -174,9 +172,7 @@ def vase(rng: Rng) -> Model:
     return assemble(
         Part("body", join(blocks), glaze(rng)),
         Part(
-            "stems",
-            join([rod((0, 0.23, 0), tip, 0.003) for tip in tips]),
-            _spotted(rng, (0.6, 0.55, 0.25)),
+            "stems", join([rod((0, 0.23, 0), tip, 0.003) for tip in tips]), _spotted(rng, (0.6, 0.55, 0.25))
         ),
         Part("blossoms", join([ellipsoid((0.01, 0.04, 0.01), tip, 8) for tip in tips]), fabric(rng)),
     )
@@ -243,19 +239,13 @@ def figurine(rng: Rng) -> Model:
     """A long-legged bird on a cube."""
     plume = glaze(rng)
     legs = [rod((x, 0.06, 0), (x, 0.14, 0), 0.004) for x in (-0.012, 0.012)]
+    head = join(
+        [rod((0, 0.17, 0.045), (0, 0.24, 0.06), 0.01), ellipsoid((0.018, 0.018, 0.022), (0, 0.25, 0.065))]
+    )
     return assemble(
         Part("plinth", slab(0.08, 0.08, 0, 0.06), inlay(rng)),
         Part("body", ellipsoid((0.03, 0.03, 0.055), (0, 0.16, 0)), plume),
-        Part(
-            "head",
-            join(
-                [
-                    rod((0, 0.17, 0.045), (0, 0.24, 0.06), 0.01),
-                    ellipsoid((0.018, 0.018, 0.022), (0, 0.25, 0.065)),
-                ]
-            ),
-            plume,
-        ),
+        Part("head", head, plume),
         Part("legs", join(legs), shine(rng)),
         Part("tail", rod((0, 0.16, -0.05), (0, 0.19, -0.1), 0.012, 0.004), plume),
     )
@@ -309,12 +299,9 @@ def picture(rng: Rng) -> Model:
     """A landscape in a round frame."""
     r = rng.uniform(0.22, 0.3)
     scene = make_texture(landscape(rng, (256, 256)), 2 * r)
+    frame_shape = lathe([(r * 0.9, 0), (r, 0), (r, 0.03), (r * 0.9, 0.02)], 40).moved(rotation=FORWARD)
     return assemble(
-        Part(
-            "frame",
-            lathe([(r * 0.9, 0), (r, 0), (r, 0.03), (r * 0.9, 0.02)], 40).moved(rotation=FORWARD),
-            shine(rng),
-        ),
+        Part("frame", frame_shape, shine(rng)),
         Part("scene", cylinder(r * 0.92, 0, 0.015, 40).moved(rotation=FORWARD), scene),
     )
 

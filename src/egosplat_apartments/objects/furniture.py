@@ -1,10 +1,11 @@
 """Tables, cabinets and shelves. Every builder returns an object in its own axes, front towards +z."""
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_metal, some_paint, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.pictures import landscape, random_color
 from egosplat_apartments.objects.shapes import Part, Shape, box, cylinder, join, lathe, rod
-from egosplat_apartments.objects.textures import Rng, cloth, make_texture, marble, metal
+from egosplat_apartments.objects.textures import cloth, make_texture, marble, metal
 
 
 def four_legs(width: float, depth: float, height: float, thickness: float, inset: float = 0.03) -> Shape:
@@ -152,16 +153,13 @@ def bookcase(rng: Rng) -> Model:
         for y in heights[:-1]
     ]
     top = Surface("shelf", (-w / 2 + 0.04, -d / 2 + 0.03), (w / 2 - 0.04, d / 2 - 0.01), heights[-1] + 0.02)
+    back_texture = make_texture(
+        cloth(rng, random_color(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5, surface="plain cloth"
+    )
     return assemble(
         Part("shelves", join(boards), body),
         Part("sides", join(sides), body),
-        Part(
-            "back",
-            back,
-            make_texture(
-                cloth(rng, random_color(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5, surface="plain cloth"
-            ),
-        ),
+        Part("back", back, back_texture),
         surfaces=(*shelves, top),
     )
 
@@ -186,14 +184,11 @@ def refrigerator(rng: Rng) -> Model:
         )
         for number, (x, y) in enumerate(places)
     ]
+    feet = box((-w / 2 + 0.03, 0, -d / 2), (w / 2 - 0.03, 0.04, d / 2 - 0.03))
     return assemble(
         Part("body", box((-w / 2, 0.04, -d / 2), (w / 2, h, d / 2)), steel),
         Part("doors", join(doors), make_texture(metal(rng, (0.75, 0.76, 0.78)), 0.6, surface="metal")),
         Part("handles", join(handles), some_metal(rng)),
-        Part(
-            "feet",
-            box((-w / 2 + 0.03, 0, -d / 2), (w / 2 - 0.03, 0.04, d / 2 - 0.03)),
-            some_plastic(rng, (0.1, 0.1, 0.1)),
-        ),
+        Part("feet", feet, some_plastic(rng, (0.1, 0.1, 0.1))),
         *notes,
     )

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_metal, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import clock_face, cover, keys, landscape, random_color, spine
@@ -17,7 +18,7 @@ from egosplat_apartments.objects.shapes import (
     rod,
     sheet,
 )
-from egosplat_apartments.objects.textures import Rng, checks, make_texture, metal, stripes
+from egosplat_apartments.objects.textures import checks, make_texture, metal, stripes
 
 
 def book_standing(rng: Rng) -> Model:
@@ -27,22 +28,12 @@ def book_standing(rng: Rng) -> Model:
     title = np.rot90(spine(rng, color), -1)
     front = make_texture(cover(rng, color), d, h, surface="printed paper")
     paper = make_texture(stripes(rng, ((0.93, 0.9, 0.82), (0.85, 0.81, 0.72)), 40), 0.05, surface="paper")
+    spine_shape = box((-w / 2, 0, d / 2 - 0.003), (w / 2, h, d / 2))
+    covers = join([box((x, 0, -d / 2), (x + 0.003, h, d / 2 - 0.003)) for x in (-w / 2, w / 2 - 0.003)])
     return assemble(
-        Part(
-            "pages",
-            box((-w / 2 + 0.003, 0.004, -d / 2), (w / 2 - 0.003, h - 0.004, d / 2 - 0.003)),
-            paper,
-        ),
-        Part(
-            "spine",
-            box((-w / 2, 0, d / 2 - 0.003), (w / 2, h, d / 2)),
-            make_texture(title, w, h, surface="printed paper"),
-        ),
-        Part(
-            "covers",
-            join([box((x, 0, -d / 2), (x + 0.003, h, d / 2 - 0.003)) for x in (-w / 2, w / 2 - 0.003)]),
-            front,
-        ),
+        Part("pages", box((-w / 2 + 0.003, 0.004, -d / 2), (w / 2 - 0.003, h - 0.004, d / 2 - 0.003)), paper),
+        Part("spine", spine_shape, make_texture(title, w, h, surface="printed paper")),
+        Part("covers", covers, front),
     )
 
 
@@ -54,19 +45,13 @@ def book_lying(rng: Rng) -> Model:
         stripes(rng, ((0.93, 0.9, 0.82), (0.82, 0.78, 0.7)), 30, upright=False), 0.04, surface="paper"
     )
     front = make_texture(cover(rng, color), w, d, surface="printed paper")
+    pages = box((-w / 2 + 0.003, 0.003, -d / 2 + 0.004), (w / 2 - 0.004, h - 0.003, d / 2 - 0.004))
+    spine_shape = box((-w / 2, 0.003, -d / 2), (-w / 2 + 0.003, h - 0.003, d / 2))
     return assemble(
-        Part(
-            "pages",
-            box((-w / 2 + 0.003, 0.003, -d / 2 + 0.004), (w / 2 - 0.004, h - 0.003, d / 2 - 0.004)),
-            paper,
-        ),
+        Part("pages", pages, paper),
         Part("cover", box((-w / 2, h - 0.003, -d / 2), (w / 2, h, d / 2)), front),
         Part("back cover", box((-w / 2, 0, -d / 2), (w / 2, 0.003, d / 2)), front),
-        Part(
-            "spine",
-            box((-w / 2, 0.003, -d / 2), (-w / 2 + 0.003, h - 0.003, d / 2)),
-            make_texture(spine(rng, color), d, h, surface="printed paper"),
-        ),
+        Part("spine", spine_shape, make_texture(spine(rng, color), d, h, surface="printed paper")),
     )
 
 
@@ -107,18 +92,8 @@ def desk_clock(rng: Rng) -> Model:
     """An alarm clock with feet and two bells."""
     case = some_plastic(rng, random_color(rng, (0.6, 0.95), (0.5, 0.9)))
     upright = Rotation.from_euler("x", 90, degrees=True)
-    body = lathe(
-        [
-            (0, -0.025),
-            (0.06, -0.025),
-            (0.065, 0.02),
-            (0.065, 0.025),
-            (0.056, 0.025),
-            (0.056, 0.02),
-            (0, 0.02),
-        ],
-        28,
-    )
+    rim = [(0.065, 0.02), (0.065, 0.025), (0.056, 0.025), (0.056, 0.02)]
+    body = lathe([(0, -0.025), (0.06, -0.025), *rim, (0, 0.02)], 28)
     face = cylinder(0.055, 0.02, 0.0215, 28)
     dial = make_texture(clock_face(rng, (0.95, 0.94, 0.88), (0.08, 0.08, 0.1)), 0.11)
     bells = [ellipsoid((0.022, 0.016, 0.022), (x, 0.145, 0), 12) for x in (-0.032, 0.032)]
@@ -154,12 +129,9 @@ def remote_control(rng: Rng) -> Model:
     buttons = make_texture(
         keys(rng, (0.1, 0.1, 0.12), (0.75, 0.3, 0.25), 9, 3), 0.04, 0.15, surface="plastic"
     )
+    case_shape = cushion((-0.025, 0, -0.09), (0.025, 0.02, 0.09), 0.009)
     return assemble(
-        Part(
-            "case",
-            cushion((-0.025, 0, -0.09), (0.025, 0.02, 0.09), 0.009),
-            some_plastic(rng, (0.12, 0.12, 0.13)),
-        ),
+        Part("case", case_shape, some_plastic(rng, (0.12, 0.12, 0.13))),
         Part("buttons", sheet((-0.02, 0.0205, -0.075), (0.04, 0, 0), (0, 0, 0.15)), buttons),
     )
 

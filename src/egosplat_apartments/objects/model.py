@@ -4,18 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import make_pose, transform
-from egosplat_apartments.objects.shapes import (
-    Part,
-)
-from egosplat_apartments.objects.textures import (
-    Rng,
-)
-
-Array = NDArray[np.float64]
+from egosplat_apartments.arrays import Array, Rng
+from egosplat_apartments.objects.shapes import Part
 
 
 @dataclass(frozen=True)

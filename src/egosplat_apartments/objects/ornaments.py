@@ -3,37 +3,18 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_fabric, some_glaze, some_metal, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, cylinder, ellipsoid, join, lathe, leaf, rod
-from egosplat_apartments.objects.textures import (
-    Rng,
-    Texture,
-    make_texture,
-    mixed,
-    noise,
-    speckled,
-    stripes,
-    wood,
-)
+from egosplat_apartments.objects.textures import Texture, make_texture, mixed, noise, speckled, stripes, wood
 
 
 def _plant(rng: Rng, pot_radius: float, pot_height: float, leaves: int, length: float, trunk: float) -> Model:
-    pot = lathe(
-        [
-            (0, 0),
-            (pot_radius * 0.75, 0),
-            (pot_radius * 0.95, pot_height * 0.85),
-            (pot_radius, pot_height * 0.86),
-        ]
-        + [
-            (pot_radius, pot_height),
-            (pot_radius * 0.88, pot_height),
-            (pot_radius * 0.86, pot_height * 0.9),
-            (0, pot_height * 0.9),
-        ]
-    )
+    r, h = pot_radius, pot_height
+    wall = [(0, 0), (r * 0.75, 0), (r * 0.95, h * 0.85), (r, h * 0.86)]
+    pot = lathe([*wall, (r, h), (r * 0.88, h), (r * 0.86, h * 0.9), (0, h * 0.9)])
     width = length * 0.34
     blades, stalks = [], []
     for number in range(leaves):
@@ -56,14 +37,8 @@ def _plant(rng: Rng, pot_radius: float, pot_height: float, leaves: int, length: 
 
 def plant_tall(rng: Rng) -> Model:
     """A plant that stands on the floor."""
-    return _plant(
-        rng,
-        rng.uniform(0.14, 0.18),
-        rng.uniform(0.28, 0.34),
-        int(rng.integers(20, 28)),
-        0.34,
-        rng.uniform(0.45, 0.75),
-    )
+    radius, height, leaves = rng.uniform(0.14, 0.18), rng.uniform(0.28, 0.34), int(rng.integers(20, 28))
+    return _plant(rng, radius, height, leaves, 0.34, rng.uniform(0.45, 0.75))
 
 
 def plant_small(rng: Rng) -> Model:
@@ -92,20 +67,13 @@ def desk_lamp(rng: Rng) -> Model:
     shade = lathe(
         [(0.125, h - 0.13), (0.075, h + 0.05), (0.072, h + 0.05), (0.121, h - 0.13), (0.125, h - 0.13)]
     )
-    silk = make_texture(
-        stripes(rng, (random_color(rng, (0.1, 0.5), (0.8, 0.95)), (0.95, 0.88, 0.7)), 10),
-        0.3,
-        surface="striped cloth",
-    )
+    picture = stripes(rng, (random_color(rng, (0.1, 0.5), (0.8, 0.95)), (0.95, 0.88, 0.7)), 10)
+    silk = make_texture(picture, 0.3, surface="striped cloth")
+    bulb = ellipsoid((0.03, 0.04, 0.03), (0, h - 0.02, 0), 10)
     return assemble(
         Part("foot", foot, some_metal(rng)),
         Part("stem", rod((0, 0.03, 0), (0, h - 0.03, 0), 0.009), some_metal(rng)),
-        Part(
-            "bulb",
-            ellipsoid((0.03, 0.04, 0.03), (0, h - 0.02, 0), 10),
-            some_plastic(rng, (0.95, 0.9, 0.75)),
-            glow=1.2,
-        ),
+        Part("bulb", bulb, some_plastic(rng, (0.95, 0.9, 0.75)), glow=1.2),
         Part("shade", shade, silk, glow=0.5),
     )
 
@@ -136,11 +104,8 @@ def candle(rng: Rng) -> Model:
     holder = lathe(
         [(0, 0), (0.05, 0), (0.05, 0.012), (0.022, 0.02), (0.022, 0.045), (0.034, 0.05), (0, 0.05)]
     )
-    wax = make_texture(
-        stripes(rng, (random_color(rng, (0.3, 0.8), (0.6, 0.9)), (0.95, 0.92, 0.85)), 6, upright=False),
-        0.08,
-        surface="striped wax",
-    )
+    picture = stripes(rng, (random_color(rng, (0.3, 0.8), (0.6, 0.9)), (0.95, 0.92, 0.85)), 6, upright=False)
+    wax = make_texture(picture, 0.08, surface="striped wax")
     flame = ellipsoid((0.007, 0.018, 0.007), (0, 0.172, 0), 8)
     bright = make_texture(speckled(rng, (1.0, 0.8, 0.4), (1.0, 0.95, 0.7)), 0.05)
     return assemble(
@@ -152,11 +117,8 @@ def candle(rng: Rng) -> Model:
 
 def figurine(rng: Rng) -> Model:
     """A sitting cat on a plinth."""
-    fur = make_texture(
-        stripes(rng, (random_color(rng, (0.2, 0.6), (0.4, 0.9)), (0.2, 0.15, 0.12)), 12, upright=False),
-        0.12,
-        surface="striped pottery",
-    )
+    picture = stripes(rng, (random_color(rng, (0.2, 0.6), (0.4, 0.9)), (0.2, 0.15, 0.12)), 12, upright=False)
+    fur = make_texture(picture, 0.12, surface="striped pottery")
     head = [ellipsoid((0.03, 0.028, 0.028), (0, 0.16, 0.015), 14)]
     head += [rod((x, 0.18, 0.01), (x * 1.35, 0.207, 0.01), 0.011, 0.002) for x in (-0.018, 0.018)]
     legs = [rod((x, 0.03, 0.035), (x, 0.1, 0.025), 0.011) for x in (-0.018, 0.018)]
@@ -177,11 +139,8 @@ def figurine(rng: Rng) -> Model:
 
 def toy(rng: Rng) -> Model:
     """A dinosaur on four legs."""
-    skin = make_texture(
-        speckled(rng, random_color(rng, (0.5, 0.9), (0.5, 0.85)), random_color(rng), 120, 9),
-        0.1,
-        surface="speckled plastic",
-    )
+    picture = speckled(rng, random_color(rng, (0.5, 0.9), (0.5, 0.85)), random_color(rng), 120, 9)
+    skin = make_texture(picture, 0.1, surface="speckled plastic")
     legs = [rod((x, 0.008, z), (x * 0.9, 0.06, z), 0.014) for x in (-0.05, 0.05) for z in (-0.022, 0.022)]
     spikes = [rod((x, 0.108, 0), (x - 0.008, 0.138, 0), 0.01, 0.002) for x in np.linspace(-0.045, 0.045, 5)]
     neck = join(
@@ -207,10 +166,5 @@ def ball(rng: Rng) -> Model:
     )
     leather = speckled(rng, (0.8, 0.42, 0.16), (0.6, 0.28, 0.1), 900, 2)
     picture = leather * (1 - lines[..., None]) + 0.06 * lines[..., None]
-    return assemble(
-        Part(
-            "ball",
-            ellipsoid((0.12, 0.12, 0.12), (0, 0.12, 0), 28),
-            make_texture(picture, 0.377, surface="leather"),
-        )
-    )
+    ball_shape = ellipsoid((0.12, 0.12, 0.12), (0, 0.12, 0), 28)
+    return assemble(Part("ball", ball_shape, make_texture(picture, 0.377, surface="leather")))

@@ -5,37 +5,13 @@ import colorsys
 import cv2
 import numpy as np
 
-from egosplat_apartments.objects.textures import Color, Picture, Rng, mixed, noise, shaded
+from egosplat_apartments.arrays import Rng
+from egosplat_apartments.objects.textures import Color, Picture, mixed, noise, shaded
 
-_WORDS = [
-    "MOON",
-    "RIVER",
-    "NIGHT",
-    "GARDEN",
-    "ATLAS",
-    "WINTER",
-    "HARBOUR",
-    "SILENCE",
-    "ISLAND",
-    "PHYSICS",
-    "COOKING",
-    "LETTERS",
-    "FOREST",
-    "THE",
-    "SEA",
-    "HISTORY",
-    "STONES",
-    "BIRDS",
-    "MUSIC",
-    "CITY",
-    "GEOMETRY",
-    "TRAVELS",
-    "LIGHT",
-    "TEA",
-    "OPTICS",
-    "SALT",
-    "NORTH",
-]
+_WORDS = (
+    "MOON RIVER NIGHT GARDEN ATLAS WINTER HARBOUR SILENCE ISLAND PHYSICS COOKING LETTERS FOREST "
+    "THE SEA HISTORY STONES BIRDS MUSIC CITY GEOMETRY TRAVELS LIGHT TEA OPTICS SALT NORTH"
+)
 
 
 def random_color(
@@ -179,7 +155,7 @@ def _tree(rng: Rng, picture: Picture, x: int, y: int, size: int) -> None:
 
 
 def _word(rng: Rng, picture: Picture, place: tuple[int, int], scale: float, ink: Color) -> None:
-    _write(picture, str(rng.choice(_WORDS)), place, scale, ink)
+    _write(picture, str(rng.choice(_WORDS.split())), place, scale, ink)
 
 
 def _write(picture: Picture, text: str, place: tuple[int, int], scale: float, ink: Color) -> None:

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.furniture import four_legs
 from egosplat_apartments.objects.materials import some_fabric, some_paint, some_wood, upholstery
 from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.shapes import Part, box, cushion, join
-from egosplat_apartments.objects.textures import Rng, make_texture, stripes
+from egosplat_apartments.objects.textures import make_texture, stripes
 
 
 def couch(rng: Rng) -> Model:

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import rotate
+from egosplat_apartments.arrays import Array
 from egosplat_apartments.objects.textures import Texture
-
-Array = NDArray[np.float64]
 
 # Flat faces are cut into cells of at most this size, because light is stored at vertices.
 _STEP_M = 0.16

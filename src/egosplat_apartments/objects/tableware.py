@@ -4,46 +4,22 @@ import itertools
 
 import numpy as np
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_glaze, some_metal, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import label, random_color
-from egosplat_apartments.objects.shapes import (
-    Part,
-    Shape,
-    box,
-    cushion,
-    cylinder,
-    ellipsoid,
-    join,
-    lathe,
-    rod,
-)
-from egosplat_apartments.objects.textures import (
-    Rng,
-    Texture,
-    make_texture,
-    metal,
-    motifs,
-    speckled,
-    stripes,
-    wood,
-)
+from egosplat_apartments.objects.shapes import Part, box, cushion, cylinder, ellipsoid, join, lathe, rod
+from egosplat_apartments.objects.textures import Texture, make_texture, metal, motifs, speckled, stripes, wood
 
 
 def coaster(rng: Rng) -> Model:
     """A round mat of cork with a picture on it, on a rim."""
     r = rng.uniform(0.055, 0.07)
-    top = make_texture(
-        motifs(rng, random_color(rng), (random_color(rng), (0.95, 0.9, 0.8)), (256, 256), 26, (12, 34)),
-        2 * r,
-        surface="flowered paper",
-    )
+    picture = motifs(rng, random_color(rng), (random_color(rng), (0.95, 0.9, 0.8)), (256, 256), 26, (12, 34))
+    top = make_texture(picture, 2 * r, surface="flowered paper")
+    cork = make_texture(speckled(rng, (0.65, 0.47, 0.28), (0.35, 0.22, 0.12)), 0.1, surface="speckled cork")
     return assemble(
-        Part(
-            "mat",
-            cylinder(r, 0, 0.008, 28),
-            make_texture(speckled(rng, (0.65, 0.47, 0.28), (0.35, 0.22, 0.12)), 0.1, surface="speckled cork"),
-        ),
+        Part("mat", cylinder(r, 0, 0.008, 28), cork),
         Part("picture", cylinder(r * 0.92, 0.008, 0.01, 28), top),
     )
 
@@ -77,16 +53,9 @@ def bowl(rng: Rng) -> Model:
         Part(f"fruit {k}", ellipsoid((0.037, 0.035, 0.037), place, 14), _peel(rng))
         for k, place in enumerate(places)
     ]
-    return assemble(
-        Part(
-            "dish",
-            dish,
-            make_texture(wood(rng, (0.6, 0.4, 0.22)), 0.2, surface="wood")
-            if rng.random() < 0.5
-            else some_glaze(rng),
-        ),
-        *fruit,
-    )
+    turned = rng.random() < 0.5
+    surface = make_texture(wood(rng, (0.6, 0.4, 0.22)), 0.2, surface="wood") if turned else some_glaze(rng)
+    return assemble(Part("dish", dish, surface), *fruit)
 
 
 def _peel(rng: Rng) -> Texture:
@@ -100,44 +69,24 @@ def plate(rng: Rng) -> Model:
         [(0, 0), (0.06, 0), (0.06, 0.004), (0.115, 0.018), (0.12, 0.022), (0.07, 0.01), (0, 0.01)], 32, 50
     )
     cake = cushion((-0.035, 0.01, -0.025), (0.035, 0.055, 0.03), 0.008)
-    return assemble(
-        Part("dish", dish, some_glaze(rng)),
-        Part(
-            "cake",
-            cake,
-            make_texture(stripes(rng, ((0.45, 0.25, 0.14), (0.95, 0.88, 0.75)), 6, upright=False), 0.05),
-        ),
-    )
+    glaze = some_glaze(rng)
+    layers = stripes(rng, ((0.45, 0.25, 0.14), (0.95, 0.88, 0.75)), 6, upright=False)
+    return assemble(Part("dish", dish, glaze), Part("cake", cake, make_texture(layers, 0.05)))
 
 
 def bottle(rng: Rng) -> Model:
     """A bottle with a label and a cap."""
     r, h = rng.uniform(0.034, 0.042), rng.uniform(0.24, 0.3)
     neck = r * 0.38
-    body = lathe(
-        [
-            (0, 0),
-            (r, 0),
-            (r, h * 0.62),
-            (neck * 1.3, h * 0.8),
-            (neck, h * 0.86),
-            (neck, h * 0.94),
-            (0, h * 0.94),
-        ],
-        sharp_deg=45,
+    shoulder = [(neck * 1.3, h * 0.8), (neck, h * 0.86), (neck, h * 0.94)]
+    body = lathe([(0, 0), (r, 0), (r, h * 0.62), *shoulder, (0, h * 0.94)], sharp_deg=45)
+    picture = label(
+        rng, random_color(rng, (0.5, 0.9), (0.2, 0.6)), random_color(rng, (0.05, 0.4), (0.8, 0.95))
     )
-    jacket = make_texture(
-        label(rng, random_color(rng, (0.5, 0.9), (0.2, 0.6)), random_color(rng, (0.05, 0.4), (0.8, 0.95))),
-        np.pi * r,
-        h * 0.4,
-        surface="printed paper",
-    )
+    jacket = make_texture(picture, np.pi * r, h * 0.4, surface="printed paper")
     sleeve = lathe([(r + 0.001, h * 0.12), (r + 0.001, h * 0.52)])
-    glass = make_texture(
-        speckled(rng, random_color(rng, (0.4, 0.9), (0.15, 0.55)), (0.8, 0.85, 0.8), 50, 2),
-        0.1,
-        surface="glass",
-    )
+    pattern = speckled(rng, random_color(rng, (0.4, 0.9), (0.15, 0.55)), (0.8, 0.85, 0.8), 50, 2)
+    glass = make_texture(pattern, 0.1, surface="glass")
     return assemble(
         Part("body", body, glass),
         Part("label", sleeve, jacket),
@@ -179,21 +128,14 @@ def toaster(rng: Rng) -> Model:
         surface="striped metal",
     )
     bread = [cushion((-0.055, 0.15, z - 0.012), (0.055, 0.225, z + 0.012), 0.011) for z in (-0.035, 0.035)]
+    slices = join(bread)
+    feet = [cylinder(0.012, 0, 0.016, 10).moved((x, 0, z)) for x in (-0.1, 0.1) for z in (-0.05, 0.05)]
     return assemble(
         Part("body", cushion((-0.13, 0.012, -0.08), (0.13, 0.19, 0.08), 0.03), body),
-        Part(
-            "slices",
-            join(bread),
-            make_texture(speckled(rng, (0.75, 0.55, 0.3), (0.45, 0.28, 0.12), 300), 0.1),
-        ),
+        Part("slices", slices, make_texture(speckled(rng, (0.75, 0.55, 0.3), (0.45, 0.28, 0.12), 300), 0.1)),
         Part("lever", box((0.128, 0.11, -0.02), (0.155, 0.125, 0.02)), some_plastic(rng, (0.1, 0.1, 0.1))),
-        Part("feet", _four_feet(), some_plastic(rng, (0.1, 0.1, 0.1))),
+        Part("feet", join(feet), some_plastic(rng, (0.1, 0.1, 0.1))),
     )
-
-
-def _four_feet() -> Shape:
-    """Small feet under a toaster."""
-    return join([cylinder(0.012, 0, 0.016, 10).moved((x, 0, z)) for x in (-0.1, 0.1) for z in (-0.05, 0.05)])
 
 
 def cutting_board(rng: Rng) -> Model:
@@ -203,9 +145,7 @@ def cutting_board(rng: Rng) -> Model:
     return assemble(
         Part("board", board, some_wood(rng)),
         Part(
-            "bread",
-            loaf,
-            make_texture(speckled(rng, (0.72, 0.48, 0.24), (0.95, 0.85, 0.65), 120, 5), 0.12),
+            "bread", loaf, make_texture(speckled(rng, (0.72, 0.48, 0.24), (0.95, 0.85, 0.65), 120, 5), 0.12)
         ),
     )
 

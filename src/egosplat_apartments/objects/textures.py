@@ -13,9 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat_apartments.arrays import Rng
+
 Picture = NDArray[np.float64]
 Color = tuple[float, float, float]
-Rng = np.random.Generator
 
 _SIDE = 256
 

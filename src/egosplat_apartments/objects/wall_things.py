@@ -3,11 +3,12 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_fabric, some_metal, some_paint, some_wood
 from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.pictures import abstract, clock_face, landscape, random_color
 from egosplat_apartments.objects.shapes import Part, Shape, box, cylinder, join, lathe, rod, sheet
-from egosplat_apartments.objects.textures import Rng, cloth, make_texture
+from egosplat_apartments.objects.textures import cloth, make_texture
 
 
 def wall_artwork(rng: Rng) -> Model:

@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat_apartments.objects.textures import Rng
+from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.people.jobs import (
     LIFTING_S,
     REACHING_S,
@@ -14,6 +13,7 @@ from egosplat_apartments.people.jobs import (
     Job,
     carriable_things,
     make_errand,
+    stands_of,
     surfaces_in_reach,
 )
 from egosplat_apartments.people.motion import (
@@ -28,8 +28,6 @@ from egosplat_apartments.people.walk import Route, Walk, make_route, make_walk
 from egosplat_apartments.world.apartment import Apartment
 from egosplat_apartments.world.layout import Layout, Placed
 from egosplat_apartments.world.room import hidden_place
-
-Array = NDArray[np.float64]
 
 # No person carries three objects three times in less than this.
 LEAST_WORK_S = 40.0
@@ -140,7 +138,7 @@ def _wearer(
     for order in _orders(chores, rng):
         after = long_enough(plan, tour, order[-1].put_stand, _TOUR_M_S * seconds + 1.0, 1)
         start = min(tour, key=lambda place: float(np.linalg.norm(place - order[0].pick_stand)))
-        route = make_route(plan, [start, *_stands(order), *after[1:]])
+        route = make_route(plan, [start, *stands_of(order), *after[1:]])
         schedule = _schedule(
             route, order, 1.0, lambda times, places: True, rng.uniform(*_OWN_RESTS_S, len(order))
         )
@@ -167,7 +165,7 @@ def _visitor(
         return bool(np.linalg.norm(places - wearer, axis=1).min() > _KEEP_APART_M)
 
     for order in _orders(chores, rng):
-        route = make_route(apartment.plan, [hidden, *_stands(order), hidden])
+        route = make_route(apartment.plan, [hidden, *stands_of(order), hidden])
         schedule = _schedule(
             route, order, float(rng.uniform(*_COMES_S)), clear, rng.uniform(*_OTHER_RESTS_S, len(order))
         )
@@ -177,9 +175,9 @@ def _visitor(
         times = np.array([-60.0, *schedule.times, leave + way / _SPEED_M_S, leave + 60.0])
         along = np.array([0.0, *schedule.along, route.length, route.length])
         walk = make_walk(route, times, along, list(schedule.jobs), span)
-        if clear(moments := np.arange(0, seconds, 0.2), walk.place(moments)) and not _grazes(
-            apartment, walk, schedule.jobs, OTHER_HOLD
-        ):
+        moments = np.arange(0, seconds, 0.2)
+        met = not clear(moments, walk.place(moments))
+        if not (met or _grazes(apartment, walk, schedule.jobs, OTHER_HOLD)):
             return walk, schedule.jobs
     return None
 
@@ -210,10 +208,6 @@ class _Schedule:
     times: list[float]
     along: list[float]
     jobs: tuple[Job, ...]
-
-
-def _stands(errands: Sequence[Errand]) -> list[Array]:
-    return [stand for errand in errands for stand in (errand.pick_stand, errand.put_stand)]
 
 
 def _schedule(

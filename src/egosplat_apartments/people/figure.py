@@ -1,14 +1,17 @@
-"""The skeleton of a person who walks, bends and holds objects."""
+"""A person who walks, bends and holds objects: the skeleton, the surfaces of the limbs, and clothes."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.geometry import make_pose
+from egosplat_apartments.arrays import Array, Rng
+from egosplat_apartments.objects.materials import some_fabric
+from egosplat_apartments.objects.pictures import random_color
+from egosplat_apartments.objects.shapes import Part, Shape, cushion, ellipsoid, join, rod
+from egosplat_apartments.objects.textures import Texture, cloth, make_texture, noise, shaded, speckled
 
-Array = NDArray[np.float64]
 THIGH, SHIN, _ANKLE = 0.43, 0.42, 0.08
 UPPER_ARM, FOREARM, _HAND = 0.29, 0.26, 0.09
 _TORSO, _HIP_HEIGHT, _HIP_HALF, _SHOULDER_HALF = 0.5, 0.92, 0.09, 0.19
@@ -18,27 +21,11 @@ _STRIDE_M = 1.3
 _UP = np.array([0.0, 1.0, 0.0])
 
 # Order of the joints in a skeleton.
-JOINTS = [
-    "hips",
-    "chest",
-    "neck",
-    "head",
-    "left_shoulder",
-    "left_elbow",
-    "left_wrist",
-    "left_hand",
-    "right_shoulder",
-    "right_elbow",
-    "right_wrist",
-    "right_hand",
-    "left_hip",
-    "left_knee",
-    "left_ankle",
-    "left_toe",
-    "right_hip",
-    "right_knee",
-    "right_ankle",
-    "right_toe",
+JOINTS = ["hips", "chest", "neck", "head"] + [
+    f"{side}_{joint}"
+    for limb in (("shoulder", "elbow", "wrist", "hand"), ("hip", "knee", "ankle", "toe"))
+    for side in ("left", "right")
+    for joint in limb
 ]
 
 
@@ -75,8 +62,7 @@ def joints_of(stance: Stance) -> dict[str, Array]:
     bob = 0.012 * stance.lively * np.cos(2 * phase)
     tilt = np.arctan2(stance.lean + 0.12 * stance.crouch, _TORSO)
     tilt = max(
-        tilt,
-        math.acos(np.clip(1 - (stance.crouch - drop) / _TORSO, -1, 1)) if stance.crouch > 0 else 0.0,
+        tilt, math.acos(np.clip(1 - (stance.crouch - drop) / _TORSO, -1, 1)) if stance.crouch > 0 else 0.0
     )
     tilt = min(tilt, 1.3)
     back = 0.35 * _TORSO * np.sin(tilt) - 0.3 * stance.lean
@@ -96,22 +82,16 @@ def joints_of(stance: Stance) -> dict[str, Array]:
         joints[f"{side}_toe"] = joints[f"{side}_ankle"] + 0.16 * forward - 0.05 * _UP
         shoulder = joints["neck"] - 0.06 * spine + sign * _SHOULDER_HALF * right
         rest = shoulder - 0.53 * _UP + (0.06 + 0.16 * swing) * forward + sign * 0.06 * right
-        wrist = rest if hand is None else rest + stance.reach * (_wrist_for(shoulder, hand) - rest)
+        wrist, palm = rest, rest - _HAND * _UP
+        if hand is not None:
+            # The wrist is one palm's length before the hand, on the line from the shoulder.
+            wrist = rest + stance.reach * (hand - _HAND * _unit(hand - shoulder) - rest)
+            palm = rest - _HAND * _UP + stance.reach * (hand - rest + _HAND * _UP)
         elbow_way = -0.6 * _UP + sign * 0.5 * right - 0.5 * forward
         elbow, wrist = _bend(shoulder, wrist, UPPER_ARM, FOREARM, elbow_way)
-        palm = (
-            rest - _HAND * _UP
-            if hand is None
-            else rest - _HAND * _UP + stance.reach * (hand - rest + _HAND * _UP)
-        )
         joints[f"{side}_shoulder"], joints[f"{side}_elbow"], joints[f"{side}_wrist"] = shoulder, elbow, wrist
         joints[f"{side}_hand"] = wrist + _HAND * _unit(palm - wrist)
     return joints
-
-
-def _wrist_for(shoulder: Array, hand: Array) -> Array:
-    """The wrist position one palm's length before the hand, on the line from the shoulder."""
-    return hand - _HAND * _unit(hand - shoulder)
 
 
 def _unit(vector: Array) -> Array:
@@ -158,3 +138,98 @@ def limb_pose(limb: str, joints: dict[str, Array], heading: float) -> Array:
     left = -np.cross([np.sin(heading), 0.0, np.cos(heading)], _UP)
     x = _unit(left - (left * y).sum() * y)
     return make_pose(np.stack([x, y, np.cross(x, y)], axis=1), start)
+
+
+@dataclass(frozen=True)
+class Clothes:
+    """Textures of a person."""
+
+    skin: Texture
+    shirt: Texture
+    trousers: Texture
+    hair: Texture
+    shoes: Texture
+
+
+def random_clothes(rng: Rng) -> Clothes:
+    """Random clothes, skin and hair."""
+    tones = ((0.86, 0.66, 0.52), (0.62, 0.42, 0.3), (0.4, 0.27, 0.2), (0.93, 0.76, 0.65))
+    skin = tones[rng.integers(len(tones))]
+    hair = ((0.15, 0.1, 0.08), (0.45, 0.3, 0.15), (0.6, 0.58, 0.55))[rng.integers(3)]
+    return Clothes(
+        make_texture(shaded(skin, 0.06 * noise(rng, (128, 128), 1.2)), 0.3, surface="skin"),
+        some_fabric(rng),
+        make_texture(cloth(rng, random_color(rng, (0.2, 0.6), (0.2, 0.5)), 0.25), 0.3, surface="plain cloth"),
+        make_texture(shaded(hair, 0.25 * noise(rng, (128, 128), 0.8, 8.0)), 0.2, surface="hair"),
+        make_texture(
+            speckled(rng, random_color(rng, (0.1, 0.8), (0.2, 0.8)), (0.9, 0.9, 0.9), 60),
+            0.2,
+            surface="leather",
+        ),
+    )
+
+
+def limb_parts(limb: str, clothes: Clothes) -> tuple[Part, ...]:
+    """The surfaces of a limb in its own axes."""
+    match limb.split()[-1]:
+        case "pelvis":
+            return (Part(limb, ellipsoid((0.17, 0.15, 0.12), (0, 0.0, 0)), clothes.trousers),)
+        case "torso":
+            trunk = [
+                ellipsoid((0.165, 0.3, 0.115), (0, 0.24, 0)),
+                ellipsoid((0.2, 0.16, 0.115), (0, 0.37, 0)),
+            ]
+            return (
+                Part(limb, join(trunk), clothes.shirt),
+                Part("neck", rod((0, 0.46, 0), (0, 0.58, 0), 0.052), clothes.skin),
+            )
+        case "head":
+            return _head_parts(clothes)
+        case "arm":
+            return (Part(limb, rod((0, 0, 0), (0, UPPER_ARM, 0), 0.055, 0.045), clothes.shirt),)
+        case "forearm":
+            sleeve = rod((0, -0.01, 0), (0, FOREARM * 0.62, 0), 0.045, 0.04)
+            return (
+                Part("sleeve", sleeve, clothes.shirt),
+                Part(limb, rod((0, 0.1, 0), (0, FOREARM, 0), 0.036, 0.028), clothes.skin),
+            )
+        case "hand":
+            return (Part(limb, _hand(-1.0 if limb.startswith("left") else 1.0), clothes.skin),)
+        case "thigh":
+            return (Part(limb, rod((0, 0, 0), (0, THIGH, 0), 0.085, 0.062), clothes.trousers),)
+        case "shin":
+            return (Part(limb, rod((0, 0, 0), (0, SHIN, 0), 0.062, 0.045), clothes.trousers),)
+        case _:
+            return (Part(limb, cushion((-0.045, -0.05, -0.04), (0.045, 0.19, 0.045), 0.035), clothes.shoes),)
+
+
+def _head_parts(clothes: Clothes) -> tuple[Part, ...]:
+    """Parts of the head: y points to its top, z to the face."""
+    eyes = [ellipsoid((0.012, 0.009, 0.006), (x, 0.2, 0.095), 8) for x in (-0.034, 0.034)]
+    ears = [ellipsoid((0.012, 0.03, 0.02), (x, 0.185, 0.0), 8) for x in (-0.08, 0.08)]
+    face = [
+        ellipsoid((0.078, 0.115, 0.098), (0, 0.18, 0)),
+        rod((0, 0.2, 0.09), (0, 0.165, 0.108), 0.011),
+        *ears,
+    ]
+    hair = [
+        ellipsoid((0.084, 0.085, 0.1), (0, 0.235, -0.022)),
+        ellipsoid((0.075, 0.09, 0.05), (0, 0.17, -0.062)),
+    ]
+    white = make_texture(np.full((16, 16, 3), 0.12), 0.1)
+    return (
+        Part("face", join(face), clothes.skin),
+        Part("hair", join(hair), clothes.hair),
+        Part("eyes", join(eyes), white),
+    )
+
+
+def _hand(side: float) -> Shape:
+    """A palm with four fingers along +y, slightly spread, and a thumb towards the middle of the body."""
+    palm = cushion((-0.018, -0.02, -0.042), (0.018, 0.085, 0.042), 0.016)
+    roots = [(0.0, 0.075, z) for z in (-0.032, -0.011, 0.011, 0.032)]
+    fingers = [
+        rod(root, (side * 0.006, 0.155 - 6 * root[2] ** 2, root[2] * 1.25), 0.0095, 0.007) for root in roots
+    ]
+    thumb = rod((0.0, 0.02, 0.04), (side * 0.01, 0.085, 0.072), 0.011, 0.008)
+    return join([palm, *fingers, thumb])

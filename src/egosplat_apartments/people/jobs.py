@@ -1,19 +1,17 @@
 """Errands: a person carries an object from its place to another piece of furniture."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.objects.catalogue import TV_STAND
 from egosplat_apartments.objects.model import Surface, bounds_at
-from egosplat_apartments.objects.textures import Rng
 from egosplat_apartments.people.smooth import smoothstep
 from egosplat_apartments.world.apartment import Apartment
 from egosplat_apartments.world.floorplan import FloorPlan
 from egosplat_apartments.world.layout import Layout, Placed, on_surface
-
-Array = NDArray[np.float64]
 
 _REACH_M = 0.78
 _TRIES = 400
@@ -42,7 +40,7 @@ class Errand:
     @property
     def walk_m(self) -> float:
         """Length of the route."""
-        return length_of(self.route)
+        return float(np.linalg.norm(np.diff(self.route, axis=0), axis=1).sum())
 
 
 @dataclass(frozen=True)
@@ -55,9 +53,8 @@ class Job:
 
     def reach(self, times: Array, reaching_s: float = REACHING_S) -> Array:
         """(N,) 0..1: how far the arms are stretched to the object; 1 while they hold it."""
-        return smoothstep((times - self.grip_s) / reaching_s + 1) * smoothstep(
-            (self.release_s - times) / reaching_s + 1
-        )
+        begun, left = times - self.grip_s, self.release_s - times
+        return smoothstep(begun / reaching_s + 1) * smoothstep(left / reaching_s + 1)
 
     def bend(self, times: Array) -> tuple[Array, Array]:
         """(N,) 0..1 each: how far the person bends to pick the object up, and to put it down."""
@@ -68,14 +65,13 @@ class Job:
 
     def held(self, times: Array) -> Array:
         """(N,) 0..1: lift of the object from its place into the carrying position and back."""
-        return smoothstep((times - self.grip_s) / LIFTING_S) * smoothstep(
-            (self.release_s - times) / LIFTING_S
-        )
+        begun, left = times - self.grip_s, self.release_s - times
+        return smoothstep(begun / LIFTING_S) * smoothstep(left / LIFTING_S)
 
 
-def length_of(route: Array) -> float:
-    """Length of a polyline through (N, 2) places [m]."""
-    return float(np.linalg.norm(np.diff(route, axis=0), axis=1).sum())
+def stands_of(errands: Sequence[Errand]) -> list[Array]:
+    """(2,) x and z of each place where a person stops for the errands, in order."""
+    return [stand for errand in errands for stand in (errand.pick_stand, errand.put_stand)]
 
 
 def find_errands(apartment: Apartment, rng: Rng, count: int) -> list[Errand]:

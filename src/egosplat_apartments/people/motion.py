@@ -10,14 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import CLOCKWISE, compose, invert, make_pose
 from egosplat_apartments.adt_format.aria import device_from_camera
-from egosplat_apartments.objects.textures import Rng
+from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.people.jobs import REACHING_S, Errand, Job
 from egosplat_apartments.people.smooth import STEP_S, SmoothTrack, control_times, limited
 from egosplat_apartments.people.walk import Walk, make_route, make_walk
 from egosplat_apartments.world.apartment import Apartment
 from egosplat_apartments.world.floorplan import FloorPlan
-
-Array = NDArray[np.float64]
 
 _UPRIGHT_FROM_SENSOR = invert(CLOCKWISE)
 
@@ -58,14 +56,8 @@ class HeadMotion:
         step = 2 * np.pi * walked / _STRIDE_M
         sway = 0.012 * np.sin(step)
         height = EYES_M - crouch + 0.012 * np.cos(2 * step)
-        place = np.stack(
-            [
-                x + lean * np.sin(heading) - sway * np.cos(heading),
-                height,
-                z + lean * np.cos(heading) + sway * np.sin(heading),
-            ],
-            axis=-1,
-        )
+        sine, cosine = np.sin(heading), np.cos(heading)
+        place = np.stack([x + lean * sine - sway * cosine, height, z + lean * cosine + sway * sine], axis=-1)
         angles = np.stack([yaw, -(pitch + 0.006 * np.sin(2 * step)), 0.01 * np.sin(step)], axis=-1)
         head = Rotation.from_euler("YXZ", angles).as_matrix()
         # Head axes: x left, y up, z forward. Camera axes: x right, y down, z forward.
@@ -104,25 +96,11 @@ def plan_head(apartment: Apartment, rng: Rng, seconds: float, errand: Errand | N
     after = long_enough(plan, tour, errand.put_stand, needed, 1)
     route = make_route(plan, [*before, *after])
     taken, put = route.stops[[len(before) - 1, len(before)]]
-    stops = np.array(
-        [
-            -_LEAD_S,
-            job.grip_s - REACHING_S,
-            job.grip_s + 0.5,
-            job.release_s - 0.7,
-            job.release_s + 0.8,
-            span[1],
-        ]
-    )
-    along = [
-        taken - speed * (stops[1] - stops[0]),
-        taken,
-        taken,
-        put,
-        put,
-        put + speed * (stops[5] - stops[4]),
-    ]
-    walk = make_walk(route, stops, np.array(along), [job], span, SHOULDERS_BEHIND_M)
+    arrive, leave = job.grip_s - REACHING_S, job.release_s + 0.8
+    stops = [-_LEAD_S, arrive, job.grip_s + 0.5, job.release_s - 0.7, leave, span[1]]
+    first, last = taken - speed * (arrive + _LEAD_S), put + speed * (span[1] - leave)
+    along = [first, taken, taken, put, put, last]
+    walk = make_walk(route, np.array(stops), np.array(along), [job], span, SHOULDERS_BEHIND_M)
     return looking_around(apartment, walk, [job], rng, span)
 
 

@@ -4,25 +4,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import make_pose
 from egosplat_apartments.adt_format.sequence import Instance
+from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.camera.raycasting import Body
 from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
 from egosplat_apartments.objects.model import bounds_at
-from egosplat_apartments.objects.textures import Rng
-from egosplat_apartments.people.figure import ARMS, JOINTS, LIMBS, Stance, joints_of, limb_pose
-from egosplat_apartments.people.jobs import LIFTING_S, REACHING_S, Errand, Job
-from egosplat_apartments.people.limbs import Clothes, limb_parts
+from egosplat_apartments.people.figure import (
+    ARMS,
+    JOINTS,
+    LIMBS,
+    Clothes,
+    Stance,
+    joints_of,
+    limb_parts,
+    limb_pose,
+)
+from egosplat_apartments.people.jobs import LIFTING_S, REACHING_S, Errand, Job, stands_of
 from egosplat_apartments.people.motion import SHOULDERS_BEHIND_M, HeadMotion
 from egosplat_apartments.people.smooth import smoothstep
 from egosplat_apartments.people.walk import Route, Walk, make_route, make_walk
 from egosplat_apartments.world.apartment import Apartment
 from egosplat_apartments.world.room import hidden_place
-
-Array = NDArray[np.float64]
 
 _SPEED_M_S = 0.85
 _PAUSE_S, _LONGEST_PAUSE_S = 1.9, 4.5
@@ -155,14 +160,14 @@ def plan_other(
     taken = {job.errand.thing.number for job in head.jobs}
     full = {job.errand.support for job in head.jobs}
     open_errands = [one for one in errands if one.thing.number not in taken and one.support not in full]
-    best, farthest = None, _KEEP_APART_M
+    best, farthest, hidden = None, _KEEP_APART_M, hidden_place(apartment.room)
     for attempt in range(_ATTEMPTS):
         # While no plan is found, try with less work.
         share = 1 - attempt / _ATTEMPTS if best is None else 1
         chosen = _errands_for(open_errands, rng, work_s * share)
         if not chosen:
             return None
-        route = _other_route(apartment, chosen)
+        route = make_route(apartment.plan, [hidden, *stands_of(chosen), hidden])
         for when in rng.random(_SHIFTS).tolist():
             pauses = rng.uniform(_PAUSE_S, _LONGEST_PAUSE_S, len(route.stops))
             plan = _other_walk(route, chosen, seconds, when, pauses)
@@ -183,22 +188,10 @@ def _errands_for(errands: list[Errand], rng: Rng, work_s: float) -> list[Errand]
         if errand.thing.number in numbers or errand.support in supports:
             continue
         chosen.append(errand)
-        if sum(_needed_s(one) for one in chosen) > work_s:
+        # Roughly the time for an errand and the way to it.
+        if sum(2 * _PAUSE_S + (one.walk_m + 2.0) / _SPEED_M_S for one in chosen) > work_s:
             break
     return chosen
-
-
-def _needed_s(errand: Errand) -> float:
-    """Rough time for an errand and the way to it [s]."""
-    return 2 * _PAUSE_S + (errand.walk_m + 2.0) / _SPEED_M_S
-
-
-def _other_route(apartment: Apartment, errands: Sequence[Errand]) -> Route:
-    """Route from out of sight in the corridor to all stands and back."""
-    room = apartment.room
-    hidden = hidden_place(room)
-    stands = [stand for errand in errands for stand in (errand.pick_stand, errand.put_stand)]
-    return make_route(apartment.plan, [hidden, *stands, hidden])
 
 
 def _other_walk(

@@ -1,10 +1,10 @@
 """Curves over time without kinks."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
-Array = NDArray[np.float64]
+from egosplat_apartments.arrays import Array
 
 _DEGREE = 5
 # Time between control points; also about the length over which the curve blurs them.

@@ -4,14 +4,12 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from egosplat_apartments.arrays import Array
 from egosplat_apartments.people.jobs import Job
 from egosplat_apartments.people.smooth import STEP_S, SmoothTrack, control_times, limited
 from egosplat_apartments.world.floorplan import FloorPlan
-
-Array = NDArray[np.float64]
 
 # Height of the shoulders and length of an arm.
 _SHOULDER_M, _ARM_M = 1.38, 0.5

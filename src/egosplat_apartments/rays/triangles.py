@@ -6,10 +6,8 @@ import weakref
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat_apartments.arrays import Floats, Ints
 from egosplat_apartments.rays.library import load
-
-Floats = NDArray[np.float32]
-Ints = NDArray[np.int32]
 
 
 class Triangles:

@@ -8,10 +8,10 @@ import numpy as np
 
 from egosplat.errors import UserError
 from egosplat_apartments.adt_format.sequence import Instance
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.catalogue import CATEGORY_UIDS, CORE, Kind, Motion, random_ids, wish_list
 from egosplat_apartments.objects.model import Model, bounds_at
 from egosplat_apartments.objects.shapes import Part
-from egosplat_apartments.objects.textures import Rng
 from egosplat_apartments.world.floorplan import FloorPlan, floor_plan
 from egosplat_apartments.world.layout import Layout, Placed, place_kind
 from egosplat_apartments.world.room import Room, opening_box, random_room

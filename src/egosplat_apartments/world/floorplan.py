@@ -9,10 +9,9 @@ from scipy import ndimage
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from egosplat_apartments.arrays import Array
 from egosplat_apartments.world.layout import Layout
 from egosplat_apartments.world.room import Room, corridor_bounds
-
-Array = NDArray[np.float64]
 
 # Side of a cell of the grid.
 _CELL_M = 0.06

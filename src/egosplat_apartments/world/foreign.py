@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat_apartments.objects.foreign_textures import (
+from egosplat_apartments.arrays import Array, Rng
+from egosplat_apartments.objects.materials import (
     basket_parquet,
     bricks,
     dots,
@@ -14,18 +14,15 @@ from egosplat_apartments.objects.foreign_textures import (
     lacquer,
     mosaic,
     shine,
+    some_plastic,
     terrazzo,
 )
-from egosplat_apartments.objects.materials import some_plastic
 from egosplat_apartments.objects.model import boxes_touch
 from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, box, cylinder, ellipsoid, join, rod, sheet
-from egosplat_apartments.objects.textures import Picture, Rng, make_texture, noise
-from egosplat_apartments.world.openings import window_parts
-from egosplat_apartments.world.room import Light, Opening, Room, opening_box
+from egosplat_apartments.objects.textures import Picture, make_texture, noise
+from egosplat_apartments.world.room import Light, Opening, Room, opening_box, window_parts
 from egosplat_apartments.world.shell import corridor_parts, skirting, with_holes
-
-Array = NDArray[np.float64]
 
 # Cold, neutral and orange light.
 _LAMPS = ((5.2, 6.4, 8.6), (8.0, 8.0, 7.6), (10.5, 6.6, 3.4))
@@ -106,12 +103,9 @@ def _ground(room: Room, rng: Rng) -> list[Part]:
     r, (x, z) = rng.uniform(0.8, 1.05), rng.uniform(-0.12, 0.12, 2) * (w, d)
     colors = [random_color(rng, (0.3, 0.8), (0.3, 0.9)) for _ in range(4)]
     rug = make_texture(mosaic(rng, colors, (512, 512), 160), 2 * r)
+    ground = make_texture(floors[rng.integers(3)], w, d)
     return [
-        Part(
-            "floor",
-            sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12),
-            make_texture(floors[rng.integers(3)], w, d),
-        ),
+        Part("floor", sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12), ground),
         Part("rug", cylinder(r, 0.0, 0.007, 48).moved((x, 0, z)), rug),
     ]
 

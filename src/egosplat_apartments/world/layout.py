@@ -4,16 +4,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.geometry import compose, transform
+from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.objects import catalogue
 from egosplat_apartments.objects.catalogue import Kind
 from egosplat_apartments.objects.model import Model, Surface, bounds_at, boxes_touch, yaw_pose
-from egosplat_apartments.objects.textures import Rng
 from egosplat_apartments.world.room import Room, opening_box
-
-Array = NDArray[np.float64]
 
 # Random places tried for an object before it is left out.
 _TRIES = 60

@@ -4,21 +4,20 @@ import itertools
 
 import numpy as np
 
+from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_fabric, some_paint, some_plastic, some_wood
 from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, Shape, cylinder, join, sheet
-from egosplat_apartments.objects.textures import (
-    Color,
-    Rng,
-    make_texture,
-    motifs,
-    noise,
-    planks,
-    shaded,
-    speckled,
+from egosplat_apartments.objects.textures import Color, make_texture, motifs, noise, planks, shaded, speckled
+from egosplat_apartments.world.room import (
+    REVEAL_M,
+    Opening,
+    Room,
+    block,
+    corridor_bounds,
+    reveal,
+    window_parts,
 )
-from egosplat_apartments.world.openings import block, reveal, window_parts
-from egosplat_apartments.world.room import REVEAL_M, Opening, Room, corridor_bounds
 
 # Height of the corridor.
 _HEIGHT_M = 2.3
@@ -38,6 +37,7 @@ def corridor_parts(room: Room, rng: Rng) -> list[Part]:
     plaster = make_texture(
         shaded((0.88, 0.87, 0.85), 0.04 * noise(rng, (256, 256), 1.0)), 1.0, surface="plaster"
     )
+    corner = room.at(door.wall, door.left + 0.1, 0.005, -REVEAL_M - 0.6)
     middle = (door.left + 0.25, door.right - 0.25)
     lamp = block(room, door.wall, middle, (_HEIGHT_M - 0.03, _HEIGHT_M - 0.005), (-near - 0.8, -near - 0.5))
     return [
@@ -45,7 +45,7 @@ def corridor_parts(room: Room, rng: Rng) -> list[Part]:
         Part("corridor floor", ground, make_texture(stone, 0.8, surface="speckled stone")),
         Part("corridor ceiling", ceiling, plaster),
         Part("corridor lamp", lamp, some_plastic(rng, (0.98, 0.95, 0.85)), glow=1.6),
-        Part("door mat", _mat(room), some_fabric(rng)),
+        Part("door mat", sheet(corner, across * 0.7, inward * 0.45), some_fabric(rng)),
         *_door(room, rng),
     ]
 
@@ -82,12 +82,6 @@ def _door(room: Room, rng: Rng) -> list[Part]:
     ]
 
 
-def _mat(room: Room) -> Shape:
-    door = room.door
-    corner = room.at(door.wall, door.left + 0.1, 0.005, -REVEAL_M - 0.6)
-    return sheet(corner, room.right(door.wall) * 0.7, room.normal(door.wall) * 0.45)
-
-
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -114,11 +108,8 @@ def _floor(room: Room, rng: Rng) -> Part:
         (1024, 1024),
         26,
     )
-    return Part(
-        "floor",
-        sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12),
-        make_texture(boards, w, d, surface="wood"),
-    )
+    shape = sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12)
+    return Part("floor", shape, make_texture(boards, w, d, surface="wood"))
 
 
 def _rug(room: Room, rng: Rng) -> Part:
@@ -133,11 +124,8 @@ def _rug(room: Room, rng: Rng) -> Part:
         for line in (picture[:, inset : inset + 10], picture[:, -inset - 10 : picture.shape[1] - inset]):
             line[:] = tint
     picture *= 1 + 0.12 * noise(rng, picture.shape[:2], 0.5)[..., None]
-    return Part(
-        "rug",
-        sheet((x - w / 2, 0.006, z - d / 2), (w, 0, 0), (0, 0, d)),
-        make_texture(picture, w, d, surface="flowered cloth"),
-    )
+    shape = sheet((x - w / 2, 0.006, z - d / 2), (w, 0, 0), (0, 0, d))
+    return Part("rug", shape, make_texture(picture, w, d, surface="flowered cloth"))
 
 
 def _ceiling(room: Room, rng: Rng) -> Part:
@@ -150,11 +138,8 @@ def _ceiling(room: Room, rng: Rng) -> Part:
         motifs(rng, white, tints, (768, 768), 700, (4, 14))
         * (1 + 0.03 * noise(rng, (768, 768), 0.8))[..., None]
     )
-    return Part(
-        "ceiling",
-        sheet((-w / 2, room.height, d / 2), (w, 0, 0), (0, 0, -d)),
-        make_texture(picture, w, d, surface="plaster"),
-    )
+    shape = sheet((-w / 2, room.height, d / 2), (w, 0, 0), (0, 0, -d))
+    return Part("ceiling", shape, make_texture(picture, w, d, surface="plaster"))
 
 
 def _lamp(room: Room, rng: Rng) -> list[Part]:
@@ -183,13 +168,8 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
         )
         picture *= 1 + 0.05 * noise(rng, (512, 1024), 0.7)[..., None]
         holes = [opening for opening in room.openings if opening.wall == wall]
-        parts.append(
-            Part(
-                f"wall {wall}",
-                with_holes(room, wall, holes),
-                make_texture(picture, length, room.height, surface="flowered paper"),
-            )
-        )
+        texture = make_texture(picture, length, room.height, surface="flowered paper")
+        parts.append(Part(f"wall {wall}", with_holes(room, wall, holes), texture))
     return parts
 
 

@@ -3,23 +3,21 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat_apartments.adt_format.sequence import Instance, Rest
+from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.camera.raycasting import Body, Geometry, build_geometry
 from egosplat_apartments.objects.catalogue import busy_wish_list, random_ids
 from egosplat_apartments.objects.foreign import build_foreign
 from egosplat_apartments.people.chores import HOLD, LEAST_WORK_S, PEOPLE_CARRY, REACH_S, Chores, plan_chores
+from egosplat_apartments.people.figure import random_clothes
 from egosplat_apartments.people.jobs import Errand, Job, find_errands
-from egosplat_apartments.people.limbs import random_clothes
 from egosplat_apartments.people.motion import HeadMotion, plan_head
 from egosplat_apartments.people.people import Person, make_other, make_wearer, plan_other
 from egosplat_apartments.world.apartment import USUAL, Apartment, Style, make_apartment
 from egosplat_apartments.world.foreign import foreign_room, foreign_shell
 from egosplat_apartments.world.room import busy_room
-
-Array = NDArray[np.float64]
 
 # Worlds by name.
 STYLES = {
@@ -27,9 +25,6 @@ STYLES = {
     "busy": Style(room=busy_room, wishes=busy_wish_list),
     "foreign": Style(room=foreign_room, shell=foreign_shell, build=build_foreign),
 }
-
-# Named fractions of the time in which people are at work.
-MOTIONS = {"none": 0.0, "low": 0.25, "high": 1.0}
 
 # If people work for less time than this, only the wearer works.
 _OTHER_FROM_S = 7.0
@@ -120,11 +115,9 @@ class World:
         }
 
 
-def make_world(
-    *, seed: int, seconds: float, objects: int, motion: float | str, world: str = "usual"
-) -> World:
+def make_world(*, seed: int, seconds: float, objects: int, motion: float, world: str = "usual") -> World:
     """Make the world to be rendered; parameters as for ``make_sequence``."""
-    share = MOTIONS[motion] if isinstance(motion, str) else float(motion)
+    share = float(motion)
     if not 0 <= share <= 1:
         raise ValueError(f"motion is {motion}, not within 0..1")
     layout_rng, motion_rng, people_rng = (np.random.default_rng([seed, stream]) for stream in range(3))
@@ -144,9 +137,7 @@ def make_world(
     return World(apartment, head, people, build_geometry(bodies), seed, start_ns, world)
 
 
-def _apartment(
-    rng: np.random.Generator, objects: int, at_work: bool, style: Style
-) -> tuple[Apartment, list[Errand]]:
+def _apartment(rng: Rng, objects: int, at_work: bool, style: Style) -> tuple[Apartment, list[Errand]]:
     """An apartment and, if ``at_work``, at least one errand for people to run."""
     for _ in range(_HOMES):
         apartment = make_apartment(rng, objects, style)
@@ -160,7 +151,7 @@ def _apartment(
 
 
 def _busy_apartment(
-    rng: np.random.Generator, motion_rng: np.random.Generator, objects: int, seconds: float, work_s: float
+    rng: Rng, motion_rng: Rng, objects: int, seconds: float, work_s: float
 ) -> tuple[Apartment, Chores]:
     """A busy apartment, and what its people do for ``work_s`` seconds."""
     # Less is never enough, so no apartment is tried.
@@ -175,21 +166,15 @@ def _busy_apartment(
     )
 
 
-def _busy_people(apartment: Apartment, chores: Chores, rng: np.random.Generator) -> tuple[Person, ...]:
+def _busy_people(apartment: Apartment, chores: Chores, rng: Rng) -> tuple[Person, ...]:
     first, second = _new_ids(apartment, rng)[:2]
-    wearer = replace(
-        make_wearer(first, chores.head, random_clothes(rng)), hold=HOLD, both_hands=True, reaching_s=REACH_S
-    )
+    wearer = make_wearer(first, chores.head, random_clothes(rng))
+    wearer = replace(wearer, hold=HOLD, both_hands=True, reaching_s=REACH_S)
     return wearer, make_other(second, chores.visitor, random_clothes(rng))
 
 
 def _plan_motion(
-    apartment: Apartment,
-    errands: list[Errand],
-    rng: np.random.Generator,
-    people_rng: np.random.Generator,
-    seconds: float,
-    work_s: float,
+    apartment: Apartment, errands: list[Errand], rng: Rng, people_rng: Rng, seconds: float, work_s: float
 ) -> tuple[HeadMotion, tuple[Person, ...]]:
     """Plan the wearer's way and the second person for ``work_s`` seconds of work.
 
@@ -208,12 +193,7 @@ def _plan_motion(
 
 
 def _people(
-    apartment: Apartment,
-    errands: list[Errand],
-    rng: np.random.Generator,
-    head: HeadMotion,
-    seconds: float,
-    work_s: float,
+    apartment: Apartment, errands: list[Errand], rng: Rng, head: HeadMotion, seconds: float, work_s: float
 ) -> tuple[Person, ...]:
     """The wearer and, for longer work, a second person; nobody without work."""
     if work_s <= 0:
@@ -227,7 +207,7 @@ def _people(
     return tuple(people)
 
 
-def _new_ids(apartment: Apartment, rng: np.random.Generator) -> list[int]:
+def _new_ids(apartment: Apartment, rng: Rng) -> list[int]:
     """At least two ids that no object has."""
     used = {one.instance_id for one in apartment.instances}
     return [uid for uid in random_ids(rng, 4) if uid not in used]

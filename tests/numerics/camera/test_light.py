@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from egosplat_apartments.camera.effects import Effects
-from egosplat_apartments.camera.exposure import LONGEST_S, auto_exposure, expose, white_balance
+from egosplat_apartments.camera.exposure import (
+    LONGEST_S,
+    WHITE,
+    add_noise,
+    auto_exposure,
+    expose,
+    falloff,
+    white_balance,
+)
 from egosplat_apartments.camera.lens import develop
-from egosplat_apartments.camera.sensor import WHITE, add_noise, falloff
 
 NOISY = Effects(shot_noise=0.01, read_noise=0.001)
 

@@ -6,10 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import is_rigid, make_pose
 from egosplat.pipeline.config import defaults, section_keys
-from egosplat_apartments.camera.drift import Drift, estimated_trajectory
+from egosplat_apartments.camera.drift import Drift, SmoothNoise, estimated_trajectory
 from egosplat_apartments.camera.effects import IDEAL, REAL, Effects, make_effects
 from egosplat_apartments.camera.lens import make_lens
-from egosplat_apartments.camera.smooth_noise import SmoothNoise
 from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world
 from egosplat_apartments.world.world import make_world
 

@@ -52,7 +52,6 @@ LOG_OF_ANY_SEQUENCE = re.compile(
 
 
 def device_pose(times_ns):
-    """A swaying head: smooth, with angular accelerations of about 10 rad/s²."""
     t = (np.asarray(times_ns, dtype=np.int64) - START_NS) * 1e-9
     turning = np.stack([0.6 * np.sin(4 * t), np.cos(3 * t), 0.3 * np.sin(6 * t + 1)], axis=-1)
     place = np.stack([np.sin(2 * t), 1.6 + 0.02 * np.cos(9 * t), 0.7 * t], axis=-1)
@@ -64,7 +63,6 @@ def random_pose(rng):
 
 
 def make_view(rng, ids):
-    """Random labels in the middle, background around."""
     segmentation = np.zeros((SIZE, SIZE), np.uint64)
     segmentation[5:50, 9:60] = rng.choice(np.array(ids, np.uint64), (45, 51))
     depth = rng.integers(0, 2**16, (SIZE, SIZE)).astype(np.uint16)
@@ -72,7 +70,6 @@ def make_view(rng, ids):
 
 
 def make_picture(rng):
-    """A smooth image, which JPEG keeps well."""
     coarse = rng.integers(0, 256, (4, 4, 3))
     ramp = np.linspace(0, 3, SIZE)
     low = np.minimum(ramp.astype(int), 2)
@@ -306,7 +303,6 @@ def test_the_mps_trajectory_is_the_motion_of_the_device(folder):
 
 
 def test_velocities_are_in_the_device_frame():
-    """A screw motion has constant, known velocities in the device frame."""
     axis, forward = np.array([0.3, -1.2, 0.5]), np.array([0.1, 0.7, -0.4])
 
     def constant_motion(times_ns):
@@ -347,7 +343,6 @@ def test_the_same_sequence_gives_the_same_bytes(folder, tmp_path):
 
 
 def test_without_people(tmp_path):
-    """Without people, the list of skeletons is empty, and the files with and without people both exist."""
 
     def frame(number):
         full = make_frame(number)
@@ -363,7 +358,6 @@ def test_without_people(tmp_path):
 
 
 def test_frames_are_made_one_at_a_time(tmp_path):
-    """A frame is written before the next one is made, so memory does not grow with the recording."""
     sizes = []
 
     def frames():
@@ -454,7 +448,6 @@ def test_file_names_equal_those_of_the_real_recording(folder, real_data):
 
 
 def test_bounding_boxes_are_those_of_the_real_recording(real_data):
-    """ADT's own 2D boxes follow from its segmentation by our rule, for every instance."""
     provider = open_provider(real_data("adt_sample"), people=True)
     ids = np.array(sorted(provider.get_instance_ids()), dtype=np.uint64)
     time_ns = provider.get_aria_device_capture_timestamps_ns(RGB)[1]

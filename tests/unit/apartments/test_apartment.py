@@ -19,18 +19,12 @@ DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
 
 def surface_points(thing, inwards):
-    """Points on an object's surface, moved below it by some meters."""
     vertices = np.concatenate([part.shape.vertices for part in thing.model.parts])
     normals = np.concatenate([part.shape.normals for part in thing.model.parts])
     return transform(thing.pose, vertices - inwards * normals)
 
 
 def is_inside(thing, points):
-    """Whether points lie within one of a thing's parts.
-
-    Each part is looked at alone: where a lid lies on a box, two surfaces share a plane, and which of them a ray meets
-    first says nothing. Looking out from within, one sees a part's inner side, most ways that one looks.
-    """
     points = points.astype(np.float32)
     found = np.zeros(len(points), dtype=bool)
     for part in thing.model.parts:
@@ -54,7 +48,6 @@ def as_geometry(apartment):
 
 @pytest.mark.parametrize("objects", [SMALL_WORLD["objects"], OBJECTS])
 def test_number_of_labeled_objects_is_as_configured(objects, apartment, small_world):
-    """tests/unit/apartments/test_busy.py has 44."""
     home = apartment if objects == OBJECTS else small_world.apartment
     instances = home.instances
     assert len(instances) == objects + 1
@@ -101,7 +94,7 @@ def test_objects_do_not_intersect(apartment):
     for one, other in itertools.permutations(apartment.things, 2):
         if boxes_touch(one.bounds, other.bounds, 0.05):
             inside = is_inside(other, surface_points(one, inwards=0.004))
-            assert not inside.any(), f"{one.kind.category} reaches into {other.kind.category}"
+            assert not inside.any()
             checked += 1
     assert checked > 5
 
@@ -124,7 +117,7 @@ def test_objects_stand_on_the_floor_or_on_their_support(apartment):
         down = np.broadcast_to(np.array([0, -1, 0], np.float32), foot.shape)
         hits = body_scene(geometry, thing.support, thing.support + 1).cast(foot + [0, 0.02, 0], down)
         gap = hits.distance.min() - 0.02
-        assert -0.004 < gap < 0.006, f"{thing.kind.category} floats {gap} m above its support"
+        assert -0.004 < gap < 0.006
         # The support lies under its middle, so it does not topple.
         assert (foot.min(axis=0) - 0.01 <= points.mean(axis=0)).all(where=[True, False, True])
     for thing in apartment.things:

@@ -16,7 +16,6 @@ SIZES = [64, 352, 500, 512, 704, 1408]
 
 
 def pixels_in_lens_circle(calibration: CameraCalibration) -> np.ndarray:
-    """(N, 2) image points, projectaria-tools' convention, on a grid inside the image and the valid radius."""
     size = calibration.get_image_size()[0]
     axis = np.linspace(0, size - 1, 25)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
@@ -40,7 +39,6 @@ def test_calibration_round_trips_through_json(size):
 
 
 def test_the_lens_circle_is_inside_the_model():
-    """Every pixel of the circle has a ray that projects back to it."""
     calibration = camera_calibration(1408)
     for pixel in pixels_in_lens_circle(calibration):
         ray = calibration.unproject(pixel)

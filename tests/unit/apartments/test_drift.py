@@ -5,16 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import compose, invert, is_rigid, make_pose
-from egosplat_apartments.camera.drift import Drift, estimated_trajectory
+from egosplat_apartments.camera.drift import Drift, SmoothNoise, estimated_trajectory
 from egosplat_apartments.camera.effects import Effects
-from egosplat_apartments.camera.smooth_noise import SmoothNoise
 
 START_NS, END_NS = 80_000_000_000_000, 83_000_000_000_000
 TIMES = np.arange(START_NS, END_NS, 100_000_000)
 
 
 def device_pose(times_ns):
-    """A device that walks along x at 0.5 m/s and turns at 0.2 rad/s."""
     seconds = (np.asarray(times_ns, dtype=np.int64) - START_NS)[:, None] * 1e-9
     return make_pose(Rotation.from_rotvec(seconds * [0, 0.2, 0]).as_matrix(), seconds * [0.5, 0, 0])
 
@@ -25,7 +23,6 @@ def estimated(effects, seed=1, times=TIMES):
 
 
 def test_drift_has_the_asked_size():
-    """RMS of position and angle over a long recording."""
     found = estimated(Effects(drift_m=0.02, drift_rad=0.005))
     assert is_rigid(found).all()
     error = compose(invert(device_pose(TIMES)), found)
@@ -36,7 +33,6 @@ def test_drift_has_the_asked_size():
 
 
 def test_drift_is_slow():
-    """Between two frames it changes by much less than its size, and within its time by about its size."""
     shift = estimated(Effects(drift_m=0.02, drift_s=5.0))[:, :3, 3] - device_pose(TIMES)[:, :3, 3]
 
     def change(step):
@@ -49,7 +45,6 @@ def test_drift_is_slow():
 
 
 def test_smooth_noise_has_unit_variance_everywhere():
-    """Between knots as at knots, so a recording of any length has the asked size on average."""
     noise = SmoothNoise(np.random.default_rng(0), 20_000, 2.0, 0.0, 4.0)
     assert noise(np.linspace(0, 4, 9)).std(axis=1) == pytest.approx(np.ones(9), rel=0.03)
     assert noise(np.array([-5.0, 9.0])) == pytest.approx(noise(np.array([0.0, 4.0])))
@@ -67,6 +62,4 @@ def test_drift_depends_on_the_seed_alone():
     assert np.array_equal(estimated(effects), estimated(effects))
     assert not np.allclose(estimated(effects), estimated(effects, seed=2), atol=1e-3)
     turned = estimated(Effects(drift_m=0.02, drift_rad=0.1))
-    assert np.array_equal(turned[:, :3, 3], estimated(effects)[:, :3, 3]), (
-        "one size does not change the other"
-    )
+    assert np.array_equal(turned[:, :3, 3], estimated(effects)[:, :3, 3])

@@ -26,14 +26,14 @@ def test_each_kind_has_another_shape_or_surface(kind):
     sizes = [np.ptp(bounds_at(model, np.eye(4)), axis=0) for model in (usual, other)]
     looks = [{part.texture.pixels.tobytes() for part in model.parts} for model in (usual, other, again)]
     assert not np.allclose(*sizes) or not looks[0] & looks[1]
-    assert looks[1] == looks[2], "the same seed gives the same thing"
+    assert looks[1] == looks[2]
     names = [part.name for part in other.parts]
     assert len(set(names)) == len(names) and (len(names) > 1 or kind.category == "basketball")
     low, high = bounds_at(other, np.eye(4))
     if kind.place not in ("wall", "window"):
-        assert low[1] == pytest.approx(0, abs=0.03), "it stands on its origin"
+        assert low[1] == pytest.approx(0, abs=0.03)
     uses = [{surface.use for surface in model.surfaces} for model in (usual, other)]
-    assert uses[0] - {"shelf"} <= uses[1], "what stands on it finds its place"
+    assert uses[0] - {"shelf"} <= uses[1]
     for surface in other.surfaces:
         assert low[1] < surface.height <= high[1] + 1e-9
         assert (low[[0, 2]] - 1e-9 <= surface.lower).all() and (high[[0, 2]] + 1e-9 >= surface.upper).all()
@@ -62,7 +62,7 @@ def test_the_room_is_another_and_people_can_walk_in_it(home):
     for block in room.blocks:
         assert not any(boxes_touch(block, opening_box(room, opening), 0.0) for opening in room.openings)
         middle = block.mean(axis=0)[[0, 2]]
-        assert home.plan.clearance_at(middle[None])[0] < 0.12, "nobody walks through it"
+        assert home.plan.clearance_at(middle[None])[0] < 0.12
     lights = make_lights(room, np.random.default_rng(0))
     assert lights.lamp_power.tolist() != pytest.approx(Light().lamp)
     assert abs(lights.lamp[[0, 2]]).sum() > 0.05 and lights.sun[1] < 0.5

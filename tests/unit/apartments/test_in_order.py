@@ -5,17 +5,16 @@ import time
 
 import pytest
 
-from egosplat_apartments.in_order import in_order, threads
+from egosplat_apartments.stage import in_order, threads
 
 
 def test_results_come_in_order_and_are_computed_at_the_same_time(monkeypatch):
-    """The first item can only end once the second has begun."""
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     second = threading.Event()
 
     def double(item: int) -> int:
         if item == 0:
-            assert second.wait(10), "the second item did not begin beside the first"
+            assert second.wait(10)
         second.set()
         return 2 * item
 
@@ -23,7 +22,6 @@ def test_results_come_in_order_and_are_computed_at_the_same_time(monkeypatch):
 
 
 def test_few_results_wait(monkeypatch):
-    """Memory does not grow with the number of frames."""
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     begun: list[int] = []
     results = in_order(begun.append, range(100))

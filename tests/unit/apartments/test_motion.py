@@ -18,7 +18,7 @@ def sample(sequence, step_s):
 
 def test_poses_are_rigid_at_any_nanosecond(recorded):
     times, poses = sample(recorded.sequence, 0.01)
-    assert times[0] > 10**13, "device time starts large"
+    assert times[0] > 10**13
     assert poses.shape == (len(times), 4, 4) and poses.dtype == np.float64
     assert is_rigid(poses, 1e-9).all()
     # Times keep nanosecond resolution: 1 us gives a thousandth of the motion of 1 ms.
@@ -50,8 +50,8 @@ def test_images_overlap_and_the_camera_has_parallax(recorded):
     assert np.degrees(rotation_angle(invert(poses[:-1]) @ poses[1:])).max() < 15
     forward = (poses[:, :3, :3] @ device_from_camera()[:3, :3])[:, :, 2]
     yaw = np.unwrap(np.arctan2(forward[:, 0], forward[:, 2]))
-    assert np.ptp(yaw) > np.radians(120), "the gaze moves around"
-    assert forward[:, 1].min() < -0.4 and forward[:, 1].max() < 0.5, "and down to the picked object"
+    assert np.ptp(yaw) > np.radians(120)
+    assert forward[:, 1].min() < -0.4 and forward[:, 1].max() < 0.5
 
 
 def test_stays_in_the_room_clear_of_furniture(recorded):

@@ -47,7 +47,6 @@ found = digest.hexdigest()
 
 
 def recording(limit: dict[str, str]) -> str:
-    """Digest of a small recording's frames, labels, depths and points, made in another process."""
     words = [sys.executable, "-c", f"{WORLD}{DIGEST}print(found)"]
     done = subprocess.run(words, env=os.environ | limit, capture_output=True, text=True, check=True)
     return done.stdout.strip()
@@ -55,7 +54,6 @@ def recording(limit: dict[str, str]) -> str:
 
 @pytest.fixture(scope="module")
 def unlimited(small_world) -> str:
-    """The same, made in this process, for which nothing is limited."""
     exec(DIGEST, names := {"world": small_world})  # noqa: S102
     return names["found"]
 

@@ -27,7 +27,6 @@ def effects_of(**changes):
 
 @pytest.fixture(scope="module")
 def film(small_world):
-    """``film(effects)``: the recording of one small world, and its frames."""
     renderer = make_renderer(small_world, make_lens(64))
 
     @functools.cache
@@ -49,7 +48,6 @@ def real(film):
 
 
 def test_the_ideal_camera_records_what_it_always_did(ideal):
-    """Frames, labels, depth, points and poses of a tiny recording, to the last bit (poses to 1e-9)."""
     sequence, frames = ideal
     digest = hashlib.sha256(sequence.points.round(9).tobytes())
     times = np.linspace(sequence.start_ns, sequence.end_ns, 50).astype(np.int64)
@@ -69,7 +67,6 @@ def test_defaults_are_an_ideal_camera():
 
 
 def test_descriptions_name_the_values_of_a_real_camera():
-    """The description of each key says what auto is."""
     for key, value in REAL.items():
         assert f"auto is {value:g} under real" in describe(SyntheticOptions, key), key
 
@@ -144,7 +141,6 @@ def test_effects_on_light_change_frames_alone(film, ideal, effects):
 
 
 def test_one_effect_does_not_change_the_randomness_of_another(film, real):
-    """Drift, white balance and noise come from streams of their own, so that all others can be switched off."""
     full = effects_of(camera="real")
     drift_alone, _ = film(Effects(drift_m=full.drift_m, drift_rad=full.drift_rad, drift_s=full.drift_s))
     times = np.linspace(real[0].start_ns + 10**8, real[0].end_ns - 10**8, 20).astype(np.int64)
@@ -175,7 +171,6 @@ def test_frames_say_how_they_were_exposed(real):
 
 
 def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, small_world, tmp_path, monkeypatch):
-    """poses.trajectory ground_truth reads exact poses, closed_loop those of an estimate."""
     asked = SMALL_WORLD | {"world": "usual"}
     monkeypatch.setattr(stage, "make_world", lambda **keys: small_world if keys == asked else None)
     options = SyntheticOptions(**defaults()["synthetic"] | TINY | {"camera": "real"})

@@ -6,11 +6,11 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.frames.rectify import pinhole
 from egosplat.geometry import make_pose
+from egosplat_apartments.camera.filming import MOST, integrate, row_times
 from egosplat_apartments.camera.lens import pinhole_lens
 from egosplat_apartments.camera.lighting import Lights
 from egosplat_apartments.camera.raycasting import Body, build_geometry
 from egosplat_apartments.camera.render import Renderer
-from egosplat_apartments.camera.shutter import MOST, integrate, row_times
 from egosplat_apartments.objects.shapes import Part, box, sheet
 from egosplat_apartments.objects.textures import make_texture
 
@@ -23,7 +23,6 @@ DOWN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
 def half_white(bodies=()):
-    """A black floor that shines left of x = 0, in the world's axes."""
     floor = Part("floor", sheet((-9, 0, -9), (18, 0, 0), (0, 0, 18)), BLACK)
     shine = Part("shine", sheet((-9, 0.01, -9), (9, 0, 0), (0, 0, 18)), WHITE, glow=0.3)
     all_bodies = [Body(1, (floor, shine), np.eye(4), "static"), *bodies]
@@ -31,7 +30,6 @@ def half_white(bodies=()):
 
 
 def turning(rate):
-    """A camera 2 m above the floor that turns about its y axis [rad/s], so that the edge moves along the rows."""
 
     def poses(times):
         turns = Rotation.from_rotvec(np.outer(rate * times, [0, 1, 0])).as_matrix()
@@ -45,14 +43,12 @@ def still(time):
 
 
 def image(renderer, radiance):
-    """(H, W) green channel, 0 outside the lens circle, as a fraction of the brightest."""
     values = np.zeros((SIZE, SIZE))
     values[renderer.lens.valid] = radiance[:, 1]
     return values / values.max()
 
 
 def edges(renderer, radiance, rows):
-    """(R,) column of the edge in each row, from the bright area left of it in the middle of the image."""
     return 20 + image(renderer, radiance)[rows, 20:76].sum(axis=1)
 
 
@@ -62,7 +58,6 @@ def renderer():
 
 
 def test_a_still_camera_has_no_blur(renderer):
-    """The light of an exposure is that of an instant, to the last bit."""
     pose = turning(0.0)(np.zeros(1))[0]
     light = integrate(renderer, turning(0.0), still, 0.009, 0.0)
     assert np.array_equal(light, renderer.radiance(pose, {}))
@@ -72,7 +67,6 @@ def test_a_still_camera_has_no_blur(renderer):
 
 @pytest.mark.parametrize("pixels", [3.0, 6.0])
 def test_the_blur_is_as_long_as_speed_times_exposure(renderer, pixels):
-    """The variance of a blurred edge's slope is that of a box: a twelfth of the squared length."""
     exposure_s = 0.01
     light = integrate(renderer, turning(pixels / CAMERA.fx / exposure_s), still, exposure_s, 0.0)
 
@@ -85,11 +79,10 @@ def test_the_blur_is_as_long_as_speed_times_exposure(renderer, pixels):
     # N equal steps have the variance of a box, but for a share of 1 / N².
     assert np.sqrt(12 * (variance(light) - sharp)) == pytest.approx(pixels, rel=0.1)
     middle = edges(renderer, light, slice(40, 56)).mean()
-    assert middle == pytest.approx(CAMERA.cx, abs=0.3), "around the middle of the exposure"
+    assert middle == pytest.approx(CAMERA.cx, abs=0.3)
 
 
 def test_light_is_averaged_not_display_values(renderer):
-    """The bright area of a blurred picture is as large as that of a sharp one."""
     sharp = renderer.radiance(turning(0.0)(np.zeros(1))[0], {})
     blurred = integrate(renderer, turning(4 / CAMERA.fx / 0.01), still, 0.01, 0.0)
     assert blurred.mean() == pytest.approx(sharp.mean(), rel=0.01)
@@ -97,7 +90,6 @@ def test_light_is_averaged_not_display_values(renderer):
 
 @pytest.mark.parametrize("pixels", [4.0, -8.0])
 def test_the_skew_is_speed_times_readout(renderer, pixels):
-    """From the first row to the last, the edge moves by the turn during the readout."""
     readout_s = 0.005
     light = integrate(renderer, turning(pixels / CAMERA.fx / readout_s), still, 0.0, readout_s)
     rows = np.arange(24, 72)
@@ -114,7 +106,6 @@ def test_rows_are_exposed_around_the_middle():
 
 
 def test_what_moves_is_blurred_in_front_of_what_stays():
-    """A body of its own speed is smeared over speed times exposure; the floor behind it is sharp."""
     cube = Body(9, (Part("cube", box((-0.2, 0, -0.2), (0.2, 0.1, 0.2)), WHITE, 0.3),), np.eye(4), "thing")
     moved = half_white([cube])
     speed, exposure_s = 20.0, 0.01

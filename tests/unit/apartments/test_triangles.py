@@ -31,7 +31,6 @@ def random_rays(count, seed):
 
 
 def rolling_ground():
-    """A closed surface of 40 x 40 squares with two triangles each."""
     rng = np.random.default_rng(3)
     x, z = np.meshgrid(np.arange(41), np.arange(41), indexing="ij")
     vertices = np.stack([x * 0.1, rng.uniform(0, 0.05, x.shape), z * 0.1], axis=-1).reshape(-1, 3)
@@ -44,7 +43,6 @@ def rolling_ground():
 
 
 def rays_at_edges(count):
-    """Rays at points of edges, where the last bit of a product decides which triangle is hit."""
     rng = np.random.default_rng(4)
     vertices, faces = rolling_ground()
     chosen = vertices[faces[rng.integers(len(faces), size=count)]]
@@ -55,7 +53,6 @@ def rays_at_edges(count):
 
 
 def one_by_one(vertices, faces, origins, directions):
-    """First hits by testing every triangle in float64 with the method of Möller and Trumbore."""
     corners, directions = vertices.astype(np.float64)[faces], directions.astype(np.float64)
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(directions[:, None], second)
@@ -93,7 +90,6 @@ def test_hits_nearer_than_the_limit_block():
 
 
 def test_no_ray_passes_between_two_triangles():
-    """Rays at the diagonal that both halves of a square share, at its corners and along the axes."""
     square = Triangles(SQUARE, HALVES)
     share = np.linspace(0, 1, 1001, dtype=np.float32)
     targets = np.stack([share, share, np.zeros_like(share)], axis=1)
@@ -105,7 +101,7 @@ def test_no_ray_passes_between_two_triangles():
         assert (square.cast(origin, targets[1:-1] - origin)[0] >= 0).all()
     straight = np.tile(np.array([0, 0, -1], dtype=np.float32), (len(targets), 1))
     face, distance, _, _ = square.cast(targets + np.array([0, 0, 2], dtype=np.float32), straight)
-    assert (face == 0).all(), "the first of equally near faces wins"
+    assert (face == 0).all()
     assert (distance == 2).all()
 
 
@@ -122,7 +118,6 @@ def test_rays_along_the_axes_hit_a_box_from_its_center():
 
 @pytest.mark.parametrize("flags", ["-O0", "-O2 -march=x86-64", "-O3 -march=native", "-O3 -march=x86-64-v3"])
 def test_equal_to_the_last_bit_however_it_is_compiled(flags, tmp_path, monkeypatch):
-    """Without -ffp-contract=off, instruction sets with fused multiply-add give other distances."""
     if find_compiler() is None:
         pytest.skip("no C++ compiler is found")
     monkeypatch.setenv("CXXFLAGS", flags)
@@ -141,7 +136,6 @@ def test_equal_to_the_last_bit_however_it_is_compiled(flags, tmp_path, monkeypat
 
 
 def test_hits_have_a_fixed_digest():
-    """The digest is a constant here, so a processor or compiler with other bits fails."""
     vertices = (np.arange(1200).reshape(-1, 3) * 7919 % 1000).astype(np.float32) / np.float32(256)
     faces = (np.arange(900).reshape(-1, 3) * 31 % 400).astype(np.int32)
     directions = (np.arange(6000).reshape(-1, 3) * 104729 % 2001 - 1000).astype(np.float32)
@@ -167,7 +161,6 @@ def test_faces_with_missing_vertices_are_rejected():
 
 
 def test_a_library_of_other_sources_is_not_used(tmp_path, monkeypatch):
-    """After a change of the sources, the library compiled from the old ones is not used."""
     from egosplat.errors import UserError
 
     monkeypatch.setattr(library, "source_hash", lambda: "0" * 16)
@@ -211,7 +204,6 @@ def test_fast_arithmetic_is_rejected(tmp_path, monkeypatch):
 
 
 def test_the_library_has_no_fused_multiply_add(tmp_path):
-    """Reads the instructions of the compiled library."""
     if not shutil.which("objdump"):
         pytest.skip("objdump is absent")
     code = subprocess.run(

@@ -29,7 +29,6 @@ def raw_stream(instance_id: int, compressed: bool) -> ImageStream:
 
 
 def write(path, streams, images, start_ns=10**12):
-    """Write image i of ``images`` to stream i modulo their number, one millisecond after the previous one."""
     with create_vrs(path, TAGS, streams) as file:
         for number, image in enumerate(images):
             file.write_image(
@@ -68,7 +67,6 @@ def test_two_streams_come_back_bit_by_bit(tmp_path, compressed):
 
 
 def test_record_chain_leads_from_the_header_to_the_end(tmp_path):
-    """Each record's header holds its own size and that of the previous record; the last record is the index."""
     path = tmp_path / "a.vrs"
     write(path, [raw_stream(1, True)], random_images(3))
     content = path.read_bytes()
