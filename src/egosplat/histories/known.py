@@ -110,19 +110,11 @@ class Histories:
         for thing in np.unique(rests.thing).tolist():
             own = np.flatnonzero(rests.links[0] == thing)
             links = np.stack([own, *rests.links[1:, own]], axis=1).tolist()
-            ends = _complete(
-                links, np.flatnonzero(rests.thing == thing).tolist(), np.isfinite(rests.absent_s)
-            )
+            lying = np.flatnonzero(rests.thing == thing).tolist()
+            ends = _complete(links, lying, np.isfinite(rests.absent_s))
             every = [(row, _between(tracked, rests, row, *sides)) for row, *sides in ends]
             # Two rests at one place, without a carry between them, are one that was not seen for a while.
-            if ways := _ways(
-                [
-                    one
-                    for row, one in every
-                    if row >= 0
-                    or not (one.start_is_known and one.end_is_known and meet(one, one.start, one.end))
-                ]
-            ):
+            if ways := _ways([one for row, one in every if row >= 0 or not _stays(one)]):
                 things[thing] = ways
         self.things = tuple(things.values())
         self.features = rests.feature[list(things)].cpu()
@@ -186,6 +178,10 @@ def _complete(
         yield (-1, -1, rests[0])
     if rests and rests[-1] not in {one[1] for one in rest} and absent[1, rests[-1]]:
         yield (-1, rests[-1], -1)
+
+
+def _stays(one: Carried) -> bool:
+    return one.start_is_known and one.end_is_known and meet(one, one.start, one.end)
 
 
 def _ways(carries: Sequence[Carried]) -> tuple[Carried, ...]:
