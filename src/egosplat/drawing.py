@@ -19,7 +19,7 @@ from adjustText import adjust_text
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.image import AxesImage
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
@@ -82,7 +82,12 @@ def inner_point(mask: NDArray[np.bool_]) -> tuple[int, int]:
     return int(columns[nearest]), int(rows[nearest])
 
 
-def empty_grid(page: FigureBase, rows: int, columns: int) -> NDArray[np.object_]:
+def split_page(page: FigureBase, rows: int, columns: int, **ratios: Any) -> list[SubFigure]:
+    """Split a page into parts, row by row; ``ratios`` as for ``FigureBase.subfigures``."""
+    return [*page.subfigures(rows, columns, squeeze=False, **ratios).flat]
+
+
+def empty_grid(page: FigureBase, rows: int, columns: int) -> NDArray[Any]:
     """(rows, columns) places for images, without axes."""
     grid = page.subplots(rows, columns, squeeze=False)
     for axes in grid.flat:

@@ -52,13 +52,11 @@ def provenance_entries(
     preset: str | None,
     world_seed: int | None,
     camera: str | None,
-    total: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The entries on what was measured, with which preset, seed and code, and on what it was made from.
 
     Args:
         world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
-        total: sum of the wall times of all stages [s] and the largest peak memory [MiB]; None: of the lineage.
     """
     frames, record = made_from.found["frames.zarr"], run.record()
     times = frames.read("timestamp_ns")
@@ -81,7 +79,7 @@ def provenance_entries(
         "provenance": record,
         "models": models_used(made_from),
         "artifacts": _artifact_entries(made_from),
-        "total": total or _total_cost(made_from, record),
+        "total": _total_cost(made_from, record),
     }
 
 
@@ -102,7 +100,8 @@ def answer_entries(
         "rendering": summarise_rendering(rendering),
     }
     if masks == CLASSES:
-        asked, right = [one.query.frame for one in answered], [one.right_pixels for one in answered]
+        counted = [one for one in answered if one.right_pixels is not None]
+        asked, right = [one.query.frame for one in counted], [one.right_pixels or 0 for one in counted]
         entries["pixel_accuracy"] = pixel_accuracy(asked, right, int(valid.sum()))
     return entries
 

@@ -112,7 +112,7 @@ def find_frames(
     index, annotated = annotations.read("frame"), annotations.read("annotated")
     flags = np.stack([annotated, registered[index], train[index]], axis=1).tolist()
     return [
-        Frame(row, int(frame), *flags_of_frame, rendered.get(int(frame)))
+        Frame(row, int(frame), *flags_of_frame, held_out=rendered.get(int(frame)))
         for row, (frame, flags_of_frame) in enumerate(zip(index, flags, strict=True))
     ]
 

@@ -52,7 +52,8 @@ def cluster(values: Sequence[float], categories: Sequence[str]) -> Clusters:
     # bootstrap resamples categories, never queries.
     _, number = np.unique(np.asarray(categories, np.str_), return_inverse=True)
     return Clusters(
-        np.bincount(number, weights=np.asarray(values, np.float64)), np.bincount(number).astype(np.float64)
+        np.bincount(number, weights=np.asarray(values, np.float64)).astype(np.float64),
+        np.bincount(number).astype(np.float64),
     )
 
 
@@ -100,7 +101,7 @@ def _bounds(scenes: Sequence[Clusters], clusters: int, options: IntervalOptions)
     # The smallest and the largest of a few categories cover less than the confidence (of five, 94 %). Student's interval
     # with the bootstrap's standard deviation replaces the percentiles.
     if 2.0 ** (1 - clusters) > 1 - options.confidence:
-        mean, half = mean_of_scenes(scenes), student * float(resampled.std())
+        mean, half = mean_of_scenes(scenes), float(student * resampled.std())
         return mean - half, mean + half
     low, high = np.quantile(resampled, [stats.norm.sf(student), stats.norm.cdf(student)])
     return float(low), float(high)

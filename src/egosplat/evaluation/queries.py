@@ -59,7 +59,7 @@ def read_layers(annotations: Artifact, row: int, valid: Mask) -> InstanceMap:
 
 def mask_of(layers: InstanceMap, members: Sequence[int]) -> Mask:
     """(H, W) bool: where any of (..., H, W) maps shows any of the instances."""
-    return np.isin(layers, members).reshape(-1, *layers.shape[-2:]).any(axis=0)
+    return np.logical_or.reduce(np.isin(layers, members).reshape(-1, *layers.shape[-2:]), axis=0)
 
 
 def phrases_to_ask(
@@ -90,9 +90,9 @@ def categories(
     # A share of the whole image, not of its valid pixels.
     least = options.min_area * layers[0].size
     seen: dict[str, list[int]] = {}
-    for index in np.flatnonzero(area):
+    for index in np.flatnonzero(area).tolist():
         if _is_asked(instances[index], options):
-            seen.setdefault(instances[index].category, []).append(int(index))
+            seen.setdefault(instances[index].category, []).append(index)
     for category, members in sorted(seen.items()):
         by_motion = {
             motion: [index for index in members if instances[index].motion_type == motion]

@@ -190,7 +190,7 @@ def one_line(text: str) -> str:
 
 def _place(path: Path, title: str) -> tuple[str, str, str]:
     below, named = _PLACE.search(path.as_posix()), _NAME.fullmatch(title)
-    if below is None and named is None:
+    if (place := below or named) is None:
         raise UserError(
             f"{path}: is not in a folder results/DATASET/SCENE, and its scene {title!r} is not DATASET/SCENE; "
             "move it, for example to results/adt/scene1/variants/NAME/metrics.json"
@@ -198,7 +198,7 @@ def _place(path: Path, title: str) -> tuple[str, str, str]:
     parts = ("dataset", "scene", "variant")
     if below and named and below.group(*parts) != named.group(*parts):
         raise UserError(f"{path}: holds the scores of {title}, which belong to another folder; rebuild it")
-    dataset, scene, variant = (below or named).group(*parts)
+    dataset, scene, variant = place.group(*parts)
     return dataset, scene, variant or FULL
 
 

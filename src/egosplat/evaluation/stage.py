@@ -29,6 +29,7 @@ from egosplat.evaluation.presence import ask_presence, presence_entry, presence_
 from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.rendering import RegionScore, summarise_rendering
 from egosplat.evaluation.run_queries import ask_of, run_queries
+from egosplat.histories.known import Rests
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
@@ -87,7 +88,7 @@ def run(
     about = evaluation.instances, evaluation.valid, options.masks
     rendering = without_time = [evaluation.rendering_of(frame) for frame in evaluation.frames]
     if scene.rests is not None:
-        rendering = list(_scores_in_time(evaluation, scene, without_time))
+        rendering = list(_scores_in_time(evaluation, scene, scene.rests, without_time))
     answers = answer_entries(answered, evaluation.frames, rendering, *about)
     scores, used = answers["scores"], list(made_from.found.values())
     notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
@@ -119,13 +120,13 @@ def run(
 
 
 def _scores_in_time(
-    evaluation: Evaluation, scene: Scene, stored: Sequence[Mapping[str, RegionScore]]
+    evaluation: Evaluation, scene: Scene, rests: Rests, stored: Sequence[Mapping[str, RegionScore]]
 ) -> Iterator[Mapping[str, RegionScore]]:
     """Scores of each frame's render at its own time (docs/method.md#own-time); where nothing rests then, the ``stored`` ones."""
     for frame, score in zip(evaluation.frames, stored, strict=True):
         place = frame.index, evaluation.camera_to_world[frame.index], float(scene.seconds[frame.index])
         lacks = frame.held_out is None
-        picture = None if lacks else held_out_at(scene.trained, scene.rests, evaluation.splats, *place)
+        picture = None if lacks else held_out_at(scene.trained, rests, evaluation.splats, *place)
         yield score if picture is None else evaluation.rendering_of(frame, picture)
 
 

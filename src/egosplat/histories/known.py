@@ -147,8 +147,8 @@ def _between(tracked: Sequence[Carried], rests: Rests, row: int, before: int, af
         known = tracked[row]
     else:
         frame, box = int(rests.frame[rest]), tuple(rests.box[rest].tolist())
-        times, certain = rests.absent_s[:, rest].tolist(), min(before, after) >= 0
-        known = Carried(0.0, *times, _NOWHERE, _NOWHERE, float(rests.size[rest]), frame, box, certain)
+        (left, came), certain = rests.absent_s[:, rest].tolist(), min(before, after) >= 0
+        known = Carried(0.0, left, came, _NOWHERE, _NOWHERE, float(rests.size[rest]), frame, box, certain)
     left = float(rests.until_s[before]) if before >= 0 else known.from_s
     came = float(rests.from_s[after]) if after >= 0 else known.until_s
     # A frame may show it at both places; it was on its way between these times all the same.

@@ -188,7 +188,7 @@ def _learn_from(
     allowed: NDArray[np.bool_], beyond: Array, end: End, views: Sequence[PlaceView], scene: Scenery
 ) -> Rest | None:
     """Learn a thing from the first of the allowed views, then from all views that it explains; None if it explains few."""
-    first = sorted(np.flatnonzero(allowed), key=lambda number: beyond[number])[:_FIRST_VIEWS]
+    first = sorted(np.flatnonzero(allowed).tolist(), key=lambda number: beyond[number])[:_FIRST_VIEWS]
     if len(first) < _LEAST_VIEWS:
         return None
     some, place = [views[number] for number in first], end.place
@@ -196,7 +196,7 @@ def _learn_from(
     shown = _span(beyond, _shares(explained(gaussians, views, scene)))
     if shown.sum() < _LEAST_VIEWS:
         return None
-    chosen = [views[number] for number in np.flatnonzero(shown)]
+    chosen = [views[number] for number in np.flatnonzero(shown).tolist()]
     gaussians = essential(fit(gaussians, chosen, scene, place.radius, _STEPS), chosen, scene)
     if int((gaussians.opacities >= _OPAQUE).sum()) < _LEAST_OPAQUE:
         return None

@@ -110,7 +110,7 @@ def _see(mask: Bools, surface: Array, edge: Bools, camera: Camera, pose: Array) 
     return len(row), edge[row, column].mean(), transform(pose, local), local, size, box
 
 
-def _nested(frame: int, numbers: Ints, masks: list[Bools]) -> dict[tuple[int, int, int], float]:
+def _nested(frame: int, numbers: NDArray[np.int32], masks: list[Bools]) -> dict[tuple[int, int, int], float]:
     """What share of each smaller mask lies in a larger one."""
     step = max(1, max(masks[0].shape) // _COMPARED)
     flat = np.stack([mask[::step, ::step].ravel() for mask in masks]).astype(np.float32)

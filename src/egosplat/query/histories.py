@@ -51,8 +51,8 @@ def find_history(histories: Histories, query: Texts, words: Texts, temperature: 
 
 def relevancy_of_rests(rests: Rests, texts: Texts, temperature: float) -> Tensor:
     """(K, Q) float32 in [0, 1]: relevancy of each Gaussian of rests, that of its thing."""
-    given = (part.to(rests.feature) for part in (texts.queries, texts.canonical))
-    of_things = relevancy(rests.feature, *given, temperature)
+    queries, canonical = (part.to(rests.feature) for part in (texts.queries, texts.canonical))
+    of_things = relevancy(rests.feature, queries, canonical, temperature)
     return of_things[torch.from_numpy(rests.thing[rests.rest]).to(of_things.device)]
 
 

@@ -46,7 +46,7 @@ def read_picture(path: Path, about: str | None = None) -> Picture:
     except UserError as error:
         raise UserError(f"{error} Delete it and make it again: {make_command(path)}") from error
     # Inside the page, so that it can be sent as one file.
-    content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY)).decode("ascii")
+    content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY).tobytes()).decode("ascii")
     name = path.as_posix().rpartition("results/")[2]
     return Picture(name, f"data:image/webp;base64,{content}", name if about is None else about)
 

@@ -256,7 +256,7 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
     files = SceneFiles(paths)
     scene = files.paths.get(STAGES["scene_page"].output)
     text = render_page(
-        __package__,
+        "egosplat.report",
         "story.html.j2",
         generator=_COMMAND,
         title=title,

@@ -96,12 +96,6 @@ def test_parts_of_one_thing_are_one_carry():
     assert len(found((0, centers), (4, centers[4:24]), inside=apart)) == 2
 
 
-def test_two_things_that_change_places_stay_two():
-    one, other = found((0, way((HERE, 10), (THERE, 10))), (0, way((THERE, 10), (HERE, 10))))
-    assert {one.track, other.track} == {0, 1}
-    np.testing.assert_allclose([one.start, one.end], [other.end, other.start], atol=0.01)
-
-
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_lengths_are_relative(scale):
     """A scene in another unit has the same carries."""

@@ -2,13 +2,11 @@
 
 import cv2
 import numpy as np
-import pytest
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES as FRAMES_SCHEMA
 from egosplat.artifacts.schemas import INSTANCES, SEGMENTS
 from egosplat.drawing import plt
-from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.report.sheets import instances_sheet
 from tests.unit.instances.conftest import COLORS, FRAMES, LEFT, RIGHT, SIZE, options
@@ -63,15 +61,3 @@ def test_crops_show_the_mask_that_holds_most_of_an_instance_and_the_instance(sce
     assert above.shape == (SIZE, int((truth[4, 0] == square).sum()), 3)
     assert (above.reshape(-1, 3) == COLORS[square]).all()
     plt.close("all")
-
-
-def test_instances_of_other_frames_are_rejected(scene):
-    folder = scene()
-    inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments")]
-    stage.run(*inputs, folder / "instances.zarr", options(source="tracks"))
-    (folder / "frames.zarr").rename(folder / "before")
-    other = scene(train=np.ones(FRAMES, bool))
-    with pytest.raises(UserError, match="was made from another"):
-        instances_sheet.run(
-            other / "frames.zarr", *inputs[1:], folder / "instances.zarr", folder / "x.png", title="t"
-        )

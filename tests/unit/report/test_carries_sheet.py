@@ -9,7 +9,6 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
 from egosplat.drawing import ground_axes
-from egosplat.errors import UserError
 from egosplat.report.sheets.carries_sheet import COLUMNS, PICTURES, run, window
 from tests.support.scenes import UP, put_scene
 
@@ -116,21 +115,3 @@ def test_a_scene_without_carries_says_so_and_shows_the_scene(tmp_path, drawn):
 )
 def test_a_photograph_is_a_square_inside_the_frame(box, expected):
     assert window(np.array(box, np.int32), HEIGHT, WIDTH) == expected
-
-
-def test_carries_of_another_scene_are_rejected(tmp_path):
-    one, other = tmp_path / "one", tmp_path / "other"
-    one.mkdir(), other.mkdir()
-    paths, others = put_carries(one, [3], [8], True), put_carries(other, [3, 4], [8, 9], True)
-    with pytest.raises(UserError, match=r"histories.zarr: was made from another"):
-        run(*paths[:2], others[2], paths[3], tmp_path / "none.png", title="a scene")
-    assert not (tmp_path / "none.png").exists()
-
-
-def test_a_carry_outside_of_the_recording_is_an_error_of_its_file(tmp_path):
-    """An edited file was an IndexError of NumPy."""
-    with pytest.raises(
-        UserError,
-        match=r"histories\.zarr: 'carries/last_frame' tells of frame 200, and the recording has 150",
-    ):
-        run(*put_carries(tmp_path, [3], [100]), tmp_path / "carries.png", title="mine/kitchen")

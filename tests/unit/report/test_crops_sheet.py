@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.errors import UserError
 from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.report.sheets.crops_sheet import (
     COLUMNS,
@@ -96,14 +95,6 @@ def test_the_number_above_a_crop_decides_whether_it_is_struck_out(tmp_path, draw
         # Both are rounded to two decimals.
         assert len(struck[True]) >= 3 and min(struck[True]) >= -0.01 and len(struck[False]) > 20
         assert norm != "element" or max(struck[False]) <= 0.01
-
-
-def test_features_of_other_views_are_rejected(tmp_path):
-    (tmp_path / "other").mkdir()
-    paths = scene(tmp_path, 3, 2, 5, chained=True)
-    paths[3] = scene(tmp_path / "other", 4, 2, 5, chained=True)[3]
-    with pytest.raises(UserError, match=r"other/features.zarr: was made from another"):
-        run(*paths, tmp_path / "crops.png", title="a scene")
 
 
 def table(counts: list[int], outliers: dict[int, list[int]], meaning: list[int] | None = None) -> Table:

@@ -7,7 +7,6 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.report.sheets.language_sheet import UNKNOWN, choose_frames, principal_colors, run
 from tests.support.scenes import LEVELS, put_scene
@@ -62,16 +61,6 @@ def test_the_page_is_written_as_one_picture(tmp_path, channels, share):
     # The level without a meaning is grey; the other, where it has one, is of other colors.
     grey = (np.abs(cells - 255 * UNKNOWN).max(axis=1) < 2).sum() / (height * width)
     assert (0.2 < grey < 0.4) if share else grey > 0.4
-
-
-def test_mismatched_artifacts_are_rejected(tmp_path):
-    for number, name in enumerate(("one", "two")):
-        (tmp_path / name).mkdir()
-        scene(tmp_path / name, 3, 1.0, number)
-    paths = [tmp_path / "one" / f"{name}.zarr" for name in ("poses", "splats", "language")]
-    with pytest.raises(UserError, match="two/language.zarr.* splats.zarr"):
-        run(*paths[:2], tmp_path / "two/language.zarr", tmp_path / "language.png", title="a scene")
-    assert not (tmp_path / "language.png").exists()
 
 
 def codes(count: int, *scales: float) -> np.ndarray:

@@ -31,14 +31,6 @@ def test_titles_of_neighbors_do_not_overlap_and_the_heading_is_not_cut(unreadabl
     plt.close(figure)
 
 
-def test_titles_that_fit_stay_as_they_are():
-    figure = page(90, 160)
-    figure.set_size_inches(20, 6)
-    arrange_texts(figure)
-    assert {axes.title.get_text() for axes in figure.get_axes()} == {TITLE}
-    plt.close(figure)
-
-
 def named(places: list[tuple[float, float, str]]) -> tuple[list[str], bool, bool]:
     """The names that stay, whether all are inside the picture, and whether two overlap."""
     figure = page(100, 100, columns=2)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, seconds_of
-from egosplat.drawing import add_name, empty_grid, ground_axes, plt, show
+from egosplat.drawing import add_name, empty_grid, ground_axes, plt, show, split_page
 from egosplat.geometry import Array
 from egosplat.histories.known import read_spans
 from egosplat.histories.told import clock
@@ -48,7 +48,7 @@ def run(frames: Artifact, poses: Artifact, splats: Artifact, histories: Artifact
     rows, colors = -(-len(longest) // COLUMNS), DARKER * palette(len(spans))
     heights = [max(CHARTS, BAR * len(spans)), *([rows * (CELL + 0.3) + 0.4] if rows else [])]
     figure = plt.figure(figsize=(CELL * COLUMNS, sum(heights) + 0.9), layout="constrained")
-    parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
+    parts = split_page(figure, len(heights), 1, height_ratios=heights)
     above, *beside = parts[0].subplots(1, len(heights), squeeze=False)[0]
     _draw_from_above(above, poses, splats, histories, colors)
     if rows:
@@ -86,7 +86,7 @@ def _draw_from_above(
         middle = (start + end) / 2 + BEND / 2 * (end - start)[::-1] * (1, -1)
         box = {"facecolor": "white", "edgecolor": color, "pad": 0.5}
         # Names move apart by their letters: spaces keep their frames apart, too.
-        add_name(axes, *middle, f" {number} ", color="black", bbox=box, zorder=4)
+        add_name(axes, middle[0], middle[1], f" {number} ", color="black", bbox=box, zorder=4)
     unit = length_unit(poses)
     title = "From above: where things are taken up and put down"
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
@@ -117,12 +117,12 @@ def _draw_photographs(
     cells = empty_grid(page, -(-len(chosen) // COLUMNS), COLUMNS)
     best, boxes = (histories.read(f"carries/{name}") for name in ("best_frame", "box"))
     for cell, one in zip(cells.flat, chosen.tolist(), strict=False):
-        picture, box = frames.row("rgb", best[one]), boxes[one]
+        picture, box = frames.row("rgb", int(best[one])), boxes[one]
         left, top, side = window(box, *picture.shape[:2])
         told = f"{one + 1}: {clock(spans[one, 0])} to {clock(spans[one, 1])}"
         show(cell, picture[top : top + side, left : left + side], told, 10)
-        corner, size = box[:2] - (left, top) - 0.5, box[2:] - box[:2]
-        cell.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colors[one], linewidth=1.5))
+        (x, y), size = box[:2] - (left, top) - 0.5, box[2:] - box[:2]
+        cell.add_patch(Rectangle((x, y), *size, fill=False, edgecolor=colors[one], linewidth=1.5))
 
 
 def window(box: NDArray[np.int32], height: int, width: int) -> tuple[int, int, int]:

@@ -1,6 +1,7 @@
 """Draw a scene on one page: frames, annotated evaluation frames, and the trajectory from above."""
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit
-from egosplat.drawing import add_name, empty_grid, ground_axes, inner_point, plt, show
+from egosplat.drawing import add_name, empty_grid, ground_axes, inner_point, plt, show, split_page
 from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import sheet
 
@@ -48,7 +49,7 @@ def run(frames: Artifact, annotations: Artifact, poses: Artifact) -> tuple[Figur
     # The images fill the page's height, within limits.
     widths = (HEIGHT * 0.72, float(np.clip(columns * cell * width / height, 6.0, 16.0)))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=widths)
+    left, right = split_page(figure, 1, 2, width_ratios=widths)
     draw_from_above(left.subplots(), poses)
     grid = empty_grid(right, above + below, columns)
     times = frames.read("timestamp_ns")
@@ -126,7 +127,7 @@ def _scatter_points(
 
 
 def _draw_evaluation_frames(
-    cells: NDArray[np.object_], frames: Artifact, annotations: Artifact, rows: list[int]
+    cells: NDArray[Any], frames: Artifact, annotations: Artifact, rows: list[int]
 ) -> None:
     names = [instance["category"] for instance in annotations.facts["instances"]]
     index, annotated = annotations.read("frame"), annotations.read("annotated")

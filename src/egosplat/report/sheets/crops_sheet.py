@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.drawing import empty_grid, plt
+from egosplat.drawing import empty_grid, plt, split_page
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
@@ -75,8 +76,11 @@ def run(
     frames: Artifact, instances: Artifact, view_features: Artifact, features: Artifact
 ) -> tuple[Figure, str]:
     """Draw the crops of some instances in order of time, with outlier views struck out."""
+    instance, frame, box = map(view_features.read, ("instance", "frame", "box"))
     table = Table(
-        *map(view_features.read, ("instance", "frame", "box")),
+        instance,
+        frame,
+        box,
         features.read("inlier"),
         view_features.read("instances/level"),
         unit(features.read("consistent")),
@@ -85,7 +89,7 @@ def run(
     chosen = choose_instances(table)
     height = max(len(chosen), 1)
     figure = plt.figure(figsize=(COLUMNS * CELL + 0.4, height * (CELL + 0.62) + 1.0), layout="constrained")
-    strips = figure.subfigures(height, 1, squeeze=False)[:, 0]
+    strips = split_page(figure, height, 1)
     for strip, instance in zip(strips, chosen, strict=False):
         numbers, limit = _numbers(view_features, features, table.rows(instance))
         strip.suptitle(_caption(features, table, instance, limit), fontsize=10, x=0.01, ha="left")
@@ -146,7 +150,7 @@ def choose_views(table: Table, instance: int) -> NDArray[np.int64]:
 
 
 def _draw_views(
-    cells: NDArray[np.object_],
+    cells: NDArray[Any],
     frames: Artifact,
     instances: Artifact,
     table: Table,
@@ -155,7 +159,7 @@ def _draw_views(
     turned: bool,
 ) -> None:
     for cell, row in zip(cells, rows.tolist(), strict=False):
-        frame, instance = table.frame[row], table.instance[row]
+        frame, instance = int(table.frame[row]), int(table.instance[row])
         labels = instances.row("labels", frame)[table.level[instance]]
         crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], hull=table.hull)
         crop = np.rot90(crop, -1) if turned else crop

@@ -1,6 +1,7 @@
 """Draw the instances on one page: in frames of the video, from above, and crops before and after merging."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -67,7 +68,7 @@ def _summary(instances: Artifact) -> str:
 
 
 def _draw_from_above(
-    cells: NDArray[np.object_], poses: Artifact, instances: Artifact, colors: NDArray[np.float64]
+    cells: NDArray[Any], poses: Artifact, instances: Artifact, colors: NDArray[np.float64]
 ) -> None:
     """Draw the Gaussians of each level's instances from above, without what is higher than the cameras."""
     up = poses.read("up")
@@ -148,7 +149,7 @@ def largest_and_most_changed(instances: Artifact, shown: Shown) -> list[int]:
 
 
 def draw_merged_crops(
-    cells: NDArray[np.object_],
+    cells: NDArray[Any],
     frames: Artifact,
     segments: Artifact,
     instances: Artifact,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -85,7 +86,7 @@ def _summary(language: Artifact) -> str:
 
 @torch.no_grad()
 def _draw_views(
-    grid: NDArray[np.object_],
+    grid: NDArray[Any],
     scene: TrainedScene,
     poses: Mapping[int, NDArray[np.float64]],
     language: Artifact,
@@ -95,10 +96,10 @@ def _draw_views(
     code, share = language.read("code"), language.read("share")
     # Three numbers of a Gaussian are rendered in place of its code.
     colors = principal_colors(code, share).of(code).astype(np.float32)
-    on_device = [torch.from_numpy(one).to(scene.gaussians.means.device) for one in (colors, share)]
+    shown, shares = (torch.from_numpy(one).to(scene.gaussians.means.device) for one in (colors, share))
     for column, (frame, pose) in enumerate(poses.items()):
         show(grid[0, column], scene.picture(camera, pose), f"as in frame {frame}")
-        rendered = render_codes(scene.gaussians, *on_device, camera, pose, scene.settings)
+        rendered = render_codes(scene.gaussians, shown, shares, camera, pose, scene.settings)
         for row, name in enumerate(language.facts["levels"]):
             coverage = rendered.coverage[row].cpu().numpy()
             picture = blend(rendered.codes[row].cpu().numpy(), coverage)

@@ -124,12 +124,13 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
     check_inputs(scored.path, scored.document["provenance"]["inputs"], scene.given)
     if not chosen:
         return
-    evaluation = evaluation_of(scene)
-    queries = find_queries(evaluation.annotations, evaluation.valid, scene.options)
+    evaluation, options = evaluation_of(scene), scene.options
+    assert isinstance(options, MetricsOptions)
+    queries = find_queries(evaluation.annotations, evaluation.valid, options)
     asked = {(one.frame, one.category): one for one in queries}
     shown = [asked[one.frame, one.category] for one in chosen]
-    asker = scene.asker(phrases_to_ask(shown, evaluation.instances, scene.options))
-    ask = ask_of(evaluation, asker, scene.options.masks)
+    asker = scene.asker(phrases_to_ask(shown, evaluation.instances, options))
+    ask = ask_of(evaluation, asker, options.masks)
     for frame in sorted({one.frame for one in chosen}):
         in_frame = [one for one in chosen if one.frame == frame]
         photograph, view = scene.frames[frame], scene.render(frame)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +22,7 @@ from egosplat.drawing import (
     empty_grid,
     plt,
     save_figure,
+    split_page,
 )
 from egosplat.evaluation.evaluation_frames import SCORED
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
@@ -82,7 +84,7 @@ def run(
     figure = plt.figure(layout="constrained")
     if shown:
         blocks = ([shown[one] for one in queries] for queries in (best, worst))
-        _draw(figure, *blocks, _hits_boxes(scored))
+        _draw(figure, *blocks, boxes=_hits_boxes(scored))
     else:
         figure.set_size_inches(6 * CELL, CELL)
         figure.text(0.5, 0.4, "No annotated frame with a pose has a category to query.", ha="center")
@@ -120,14 +122,14 @@ def _draw(figure: Figure, best: Sequence[ShownQuery], worst: Sequence[ShownQuery
     height, width = (*best, *worst)[0].target.shape
     rows = max(len(best), len(worst))
     figure.set_size_inches(6 * CELL, (CELL * height / width + 0.12) * rows + 0.9)
-    left, right = figure.subfigures(1, 2, wspace=0.02)
+    left, right = split_page(figure, 1, 2, wspace=0.02)
     for page, name, queries in ((left, BEST, best), (right, WORST, worst)):
         page.suptitle(name if queries else f"{name.partition(':')[0]}: none", fontsize=11, fontweight="bold")
         for cells, query in zip(empty_grid(page, rows, 3), queries, strict=False):
             _draw_query(cells, query, boxes)
 
 
-def _draw_query(cells: NDArray[np.object_], query: ShownQuery, boxes: bool) -> None:
+def _draw_query(cells: NDArray[Any], query: ShownQuery, boxes: bool) -> None:
     """Draw the photograph, the relevancy and the mask of a query."""
     photograph, heat, mask = cells
     scored, answer = query.scored, query.answer

@@ -49,7 +49,7 @@ def sheet(warned: Sequence[str], fontsize: int = 12) -> Callable[[Draw], Callabl
             draw_heading(figure, f"{values['title']}: {summary}", warnings, fontsize)
             save_figure(figure, values["output"])
 
-        run.__signature__ = made
+        vars(run)["__signature__"] = made
         return run
 
     return decorate

@@ -3,6 +3,8 @@
 Where poses or exposures were corrected, also the corrections.
 """
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,7 +13,16 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import AS_GIVEN, FITTED, shown_pixels
-from egosplat.drawing import empty_grid, ground_axes, hide_axes, label_log_axis, middles_of_parts, plt, show
+from egosplat.drawing import (
+    empty_grid,
+    ground_axes,
+    hide_axes,
+    label_log_axis,
+    middles_of_parts,
+    plt,
+    show,
+    split_page,
+)
 from egosplat.gaussians.evaluation import Scores
 from egosplat.report.sheets.sheet import sheet
 
@@ -36,11 +47,11 @@ def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
     figure = plt.figure(figsize=(5.4 + columns * cell, 3 * CELL + 1.2 + more), layout="constrained")
     page = figure
     if more:
-        page, below = figure.subfigures(2, 1, height_ratios=(3 * CELL + 1.2, more))
+        page, below = split_page(figure, 2, 1, height_ratios=(3 * CELL + 1.2, more))
         from_above, over_time = below.subplots(1, 2)
         draw_poses(from_above, splats)
         draw_gains(over_time, splats)
-    left, right = page.subfigures(1, 2, width_ratios=(4.6, columns * cell + 0.8))
+    left, right = split_page(page, 1, 2, width_ratios=(4.6, columns * cell + 0.8))
     _draw_curves(left.subplots(3, 1, sharex=True), splats)
     grid = empty_grid(right, 3, columns)
     errors = [_draw_frame(grid[:, column], frames, splats, row) for column, row in enumerate(shown)]
@@ -75,7 +86,7 @@ def _summary(frames: Artifact, splats: Artifact) -> str:
     )
 
 
-def _draw_curves(axes: NDArray[np.object_], splats: Artifact) -> None:
+def _draw_curves(axes: NDArray[Any], splats: Artifact) -> None:
     """Draw loss, PSNR and number of Gaussians over the iterations."""
     iteration = splats.read("curve/iteration")
     above, middle, below = axes
@@ -114,7 +125,7 @@ def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return (sums[high] - sums[low]) / (high - low)
 
 
-def _draw_frame(cells: NDArray[np.object_], frames: Artifact, splats: Artifact, row: int) -> AxesImage:
+def _draw_frame(cells: NDArray[Any], frames: Artifact, splats: Artifact, row: int) -> AxesImage:
     """Draw a photograph, its render and their difference in one column; returns the difference."""
     frame = splats.read("held_out/frame")[row]
     photograph, render = frames.row("rgb", frame), splats.row("held_out/render", row)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses
-from egosplat.drawing import add_name, empty_grid, inner_point, middles_of_parts, plt, show
+from egosplat.drawing import add_name, empty_grid, inner_point, middles_of_parts, plt, show, split_page
 from egosplat.query.scene import read_trained_scene
 from egosplat.report.sheets.sheet import sheet
 
@@ -57,7 +57,7 @@ def run(
     columns = max(len(shown), 3)
     pictures = 4 * (CELL * height / width + 0.25)
     figure = plt.figure(figsize=(CELL * columns + 0.9, pictures + CHART + 1.0), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(pictures, CHART))
+    above, below = split_page(figure, 2, 1, height_ratios=(pictures, CHART))
     grid = empty_grid(above, 4, columns)
     times, scene = frames.read("timestamp_ns"), read_trained_scene(splats, "auto")
     camera_to_world = camera_poses(poses, splats)
@@ -71,6 +71,7 @@ def run(
         show(grid[3, column], render, "rendered from the Gaussians")
     if heat is not None:
         bar = above.colorbar(heat, ax=grid[1].tolist(), pad=0.01, label="transient probability")
+        assert bar.solids is not None
         bar.solids.set_alpha(1.0)
     _draw_scores(below.subplots(), masks, instances)
     return figure, _summary(masks, splats)
