@@ -22,7 +22,7 @@ from egosplat.drawing import middles_of_parts, plt, save_figure, show
 from egosplat.language.rendering import render_codes
 from egosplat.pipeline.variants import variant_folder
 from egosplat.query.scene import TrainedScene, read_trained_scene
-from egosplat.report.sheets.language_sheet import principal_colors
+from egosplat.report.sheets.language_sheet import blend, principal_colors
 
 # Number of frames, and width of an image [inches].
 ROWS, CELL = 4, 2.6
@@ -86,7 +86,7 @@ def code_picture(folder: Path, variant: str | None, poses: Artifact, frame: int)
     pose = camera_poses(poses, splats)[frame]
     found = render_codes(scene.gaussians, *on_device, scene.camera, pose, scene.settings)
     coverage = found.coverage[-1].cpu().numpy()
-    return principal_colors(code, share).paint(found.codes[-1].cpu().numpy(), coverage)
+    return blend(principal_colors(code, share).of(found.codes[-1].cpu().numpy()), coverage)
 
 
 def draw_codes(folder: Path, variants: tuple[str, ...]) -> list[list[tuple[NDArray, str]]]:

@@ -54,14 +54,7 @@ HIT, MISS = ("hit", "o", "forestgreen"), ("miss", "X", "red")
 
 
 def draw_heading(figure: Figure, title: str, warnings: Sequence[str], fontsize: int = 12) -> None:
-    """Write the title with the warnings below it. Long lines are wrapped, and the figure grows by the added lines.
-
-    Args:
-        figure: figure at its final size, except for the height of warnings.
-        title: one or more lines.
-        warnings: notices and alarms, one line each.
-        fontsize: in points.
-    """
+    """Write the title with the warnings, a line each, below it; long lines are wrapped, and the figure grows by the added lines."""
     heading = figure.suptitle("\n".join((title, *warnings)), fontsize=fontsize)
     wrap_text(heading, HEADING_WIDTH * figure.bbox.width)
     added = heading.get_text().count("\n") - title.count("\n")

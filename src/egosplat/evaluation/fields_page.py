@@ -16,8 +16,8 @@ a reader takes its own version alone. `commit` and `clean` are no input: a new c
 def fields_page() -> str:
     """The page."""
     whole = schema("metrics")
-    tables = [_table(None, whole)] + [
-        _table(name, part) for name, part in whole["$defs"].items() if "properties" in part
+    tables = [
+        _table(name, part) for name, part in {None: whole, **whole["$defs"]}.items() if "properties" in part
     ]
     return "\n\n".join([_ABOUT, *tables]) + "\n"
 
@@ -53,10 +53,8 @@ def _resolved(field: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
 
 
 def _kind(field: Mapping[str, Any]) -> str:
-    if "enum" in field:
-        return ", ".join("null" if one is None else str(one) for one in field["enum"])
-    if "const" in field:
-        return str(field["const"])
+    if allowed := field.get("enum", [field["const"]] if "const" in field else []):
+        return ", ".join("null" if one is None else str(one) for one in allowed)
     kinds = field["type"]
     return kinds if isinstance(kinds, str) else " or ".join(kinds)
 

@@ -29,10 +29,7 @@ class Picture:
 
 
 def read_picture(path: Path, about: str | None = None) -> Picture:
-    """Read a PNG or JPEG file and encode it as WebP; its name is its path, relative to a folder ``results``.
-
-    Args:
-        about: caption; its name without one.
+    """Read a PNG or JPEG file and encode it as WebP; its name, and without ``about`` its caption, is its path below ``results``.
 
     Raises:
         UserError: it cannot be read, or is of another kind.

@@ -21,8 +21,6 @@ from egosplat.pipeline.validation import read_document
 from egosplat.progress import log
 from egosplat.report.html_page import read_picture, render_page
 
-_COMMAND = "egosplat story"
-
 
 class SceneFiles:
     """The files of a scene by their names; those that the scene does not need may be absent.
@@ -55,9 +53,6 @@ class SceneFiles:
         return read_document(self.paths["metrics.json"], "metrics")
 
 
-Lines = Callable[[SceneFiles], Iterator[str]]
-
-
 @dataclass(frozen=True)
 class Step:
     """A step of the story, which tells of the output of a stage, with what to look for in a page's picture.
@@ -68,7 +63,7 @@ class Step:
 
     heading: str
     stage: str
-    lines: Lines
+    lines: Callable[[SceneFiles], Iterator[str]]
     look: str = ""
     page: str | None = None
     absent: str = ""
@@ -258,7 +253,7 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
     text = render_page(
         "egosplat.report",
         "story.html.j2",
-        generator=_COMMAND,
+        generator="egosplat story",
         title=title,
         steps=[_tell(step, files) for step in STEPS],
         costs=_costs(files),

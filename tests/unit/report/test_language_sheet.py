@@ -8,7 +8,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera
-from egosplat.report.sheets.language_sheet import UNKNOWN, choose_frames, principal_colors, run
+from egosplat.report.sheets.language_sheet import UNKNOWN, blend, choose_frames, principal_colors, run
 from tests.support.scenes import LEVELS, put_scene
 
 CAMERA = Camera(36, 24, 18.0, 18.0, 18.0, 12.0)
@@ -71,7 +71,7 @@ def codes(count: int, *scales: float) -> np.ndarray:
 
 def painted(code: np.ndarray, share: np.ndarray) -> np.ndarray:
     """(N, 3) colors of the first level."""
-    return principal_colors(code, share).paint(code[:, 0], np.ones(len(code), np.float32))
+    return blend(principal_colors(code, share).of(code[:, 0]), np.ones(len(code), np.float32))
 
 
 def test_red_green_and_blue_are_the_first_three_components():
@@ -114,13 +114,13 @@ def test_a_code_has_one_color_at_all_levels():
 )
 def test_codes_that_do_not_differ_have_the_middle_color(code, share):
     colors = principal_colors(code.astype(np.float32), share.astype(np.float32))
-    assert np.abs(colors.paint(np.ones((3, 4)), np.ones(3)) - 0.5).max() < 1e-6
+    assert np.abs(blend(colors.of(np.ones((3, 4))), np.ones(3)) - 0.5).max() < 1e-6
 
 
 def test_half_covered_pixels_are_half_grey():
     colors = principal_colors(codes(100, 1.0, 1.0, 1.0), np.ones((100, 1), np.float32))
     code = colors.mean + 100 * colors.axes[0]  # the brightest red
-    full, half, none = colors.paint(np.stack([code] * 3), np.array([1.0, 0.5, 0.0]))
+    full, half, none = blend(colors.of(np.stack([code] * 3)), np.array([1.0, 0.5, 0.0]))
     assert full[0] == 1.0 and none.tolist() == [UNKNOWN] * 3
     np.testing.assert_allclose(half, (full + none) / 2)
 

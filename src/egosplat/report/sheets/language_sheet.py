@@ -49,10 +49,6 @@ class CodeColors:
         """(..., 3) colors of (..., C) codes, not clipped: the color of a mean of codes is the mean of their colors."""
         return 0.5 + (codes - self.mean) @ self.axes.T
 
-    def paint(self, codes: NDArray[np.float32], coverage: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(..., 3) colors in [0, 1] of (..., C) codes, blended with gray where the (...) coverage is below 1."""
-        return blend(self.of(codes), coverage)
-
 
 def blend(colors: NDArray[np.floating], coverage: NDArray[np.float32]) -> NDArray[np.float64]:
     """(..., 3) colors, clipped to [0, 1], blended with gray where the (...) coverage is below 1."""

@@ -65,11 +65,7 @@ def run(
     """Draw the page as PNG, atomically.
 
     Queries are answered again with the options of ``metrics.json``; the scores are those of ``metrics.json``.
-
-    Args:
-        features_path: required unless the codes were learnt from tiles.
-        tiles_path: required if they were.
-        histories_path: required if the scores are of frames at their own time.
+    ``histories_path`` is required if the scores are of frames at their own time.
 
     Raises:
         UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
