@@ -41,18 +41,6 @@ def values(preset: str) -> dict[str, Any]:
     return {f"{section}.{key}": value for section, keys in sections.items() for key, value in keys.items()}
 
 
-def test_the_page_names_keys_that_exist():
-    """A key that is renamed is renamed in docs/method.md too."""
-    known = values("balanced")
-    sections = {key.partition(".")[0] for key in known}
-    named = set(re.findall(r"`([a-z_]+)\.([a-z_0-9]+)`", prose()))
-    keys = {
-        f"{section}.{key}" for section, key in named if section in sections and key not in ("zarr", "json")
-    }
-    assert len(keys) > 60
-    assert keys - set(known) == set()
-
-
 def test_the_page_names_arrays_that_exist():
     """An array that is renamed is renamed in docs/method.md too."""
     text = prose()

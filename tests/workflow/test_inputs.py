@@ -16,12 +16,12 @@ def pictures(tmp_path):
 
 def test_numbers_of_the_command_line_and_with_an_exponent_are_numbers(one_scene, pictures):
     workdir = one_scene("plain", pictures)
-    (workdir.folder / "tiny.yaml").write_text("poses: {max_dist_std: 1e-4}\n")
+    (workdir.folder / "tiny.yaml").write_text("poses: {meters_per_unit: 1e-4}\n")
     options = ["--config", "frames={stride: 2, upright: false, end_s: null}", "poses={min_registered: 0.7}"]
     target = "results/mine/scene/poses.zarr"
     done = workdir.snakemake("--dry-run", "--printshellcmds", *options, "--", target)
     assert done.returncode == 0, done.stderr
     commands = done.stdout + done.stderr
-    for value in ('"stride": 2,', '"upright": false', '"min_registered": 0.7,', '"max_dist_std": 0.0001,'):
+    for value in ('"stride": 2,', '"upright": false', '"min_registered": 0.7,', '"meters_per_unit": 0.0001,'):
         assert value in commands
     assert '"end_s": null' in commands

@@ -112,13 +112,12 @@ def _points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], d
         raise UserError(f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud")
     if path is None:
         return np.empty((0, 3)), {"points": 0, "points_missing": "the recording has no semi-dense points"}
-    limits = {name: getattr(options, name) for name in ("max_inv_dist_std", "max_dist_std")}
-    points, read, rejected = read_semidense_points(path, **limits)
-    notes = {"points": len(points), "points_read": read, "points_rejected": rejected, **limits}
+    points, read, rejected = read_semidense_points(path)
+    notes = {"points": len(points), "points_read": read, "points_rejected": rejected}
     if not len(points) and required:
         raise UserError(
-            f"{path}: none of {read} points passes inv_dist_std < {options.max_inv_dist_std}"
-            f" and dist_std < {options.max_dist_std}: raise poses.max_inv_dist_std or poses.max_dist_std"
+            f"{path}: none of {read} points passes inv_dist_std < {MAX_INV_DIST_STD} and dist_std < {MAX_DIST_STD_M}: "
+            "process the recording again, or set poses.trajectory to ground_truth"
         )
     return points, notes if len(points) else notes | {
         "points_missing": "no semi-dense point passes the filter"
@@ -147,13 +146,13 @@ GRAY = 128
 
 _POSITION = ["px_world", "py_world", "pz_world"]
 _COLUMNS = [*_POSITION, "inv_dist_std", "dist_std"]
+# EgoLifter's limits of a point's standard deviations: of the inverse distance [1/m], and of the distance [m].
+MAX_INV_DIST_STD, MAX_DIST_STD_M = 0.001, 0.15
 # The file is read in blocks, so that memory holds the kept points and one block.
 _ROWS_PER_BLOCK = 1_000_000
 
 
-def read_semidense_points(
-    path: Path, max_inv_dist_std: float, max_dist_std: float
-) -> tuple[NDArray[np.float64], int, dict[str, int]]:
+def read_semidense_points(path: Path) -> tuple[NDArray[np.float64], int, dict[str, int]]:
     """Read the points with a small position uncertainty (docs/method.md#point-filter) of a table, compressed or not.
 
     Returns:
@@ -168,8 +167,8 @@ def read_semidense_points(
                 failed = {
                     "not_finite": ~np.isfinite(position).all(axis=1),
                     "too_far": (np.abs(position) > MAX_POSITION_M).any(axis=1),
-                    "inv_dist_std": ~(block["inv_dist_std"].to_numpy() < max_inv_dist_std),
-                    "dist_std": ~(block["dist_std"].to_numpy() < max_dist_std),
+                    "inv_dist_std": ~(block["inv_dist_std"].to_numpy() < MAX_INV_DIST_STD),
+                    "dist_std": ~(block["dist_std"].to_numpy() < MAX_DIST_STD_M),
                 }
                 kept.append(position[~np.logical_or.reduce(list(failed.values()))])
                 read += len(block)

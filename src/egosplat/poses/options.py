@@ -17,14 +17,6 @@ class PosesOptions(Options):
     """ADT trajectory. closed_loop: the output of Aria's machine perception (docs/method.md#trajectory).
     ground_truth: motion capture."""
 
-    max_inv_dist_std: Annotated[Positive, READING] = 0.001
-    """Largest standard deviation of a point's inverse distance, in 1/m. Less certain points are dropped. The limit
-    is EgoLifter's."""
-
-    max_dist_std: Annotated[Positive, READING] = 0.15
-    """Largest standard deviation of a point's distance, in meters. Less certain points are dropped. The limit is
-    EgoLifter's."""
-
     matching: Literal["auto", "exhaustive", "sequential"] = "auto"
     """Frame pairs that COLMAP matches. exhaustive: all pairs, most accurate, time grows with the square of the
     number of frames. sequential: neighbors in time. auto: exhaustive up to 80 frames."""

@@ -53,10 +53,6 @@ class QueryOptions(MapOptions, section="query"):
     """Longer side in pixels at which codes are rendered and decoded; never larger than the frames. 0 is the frames'
     size. Time and memory per view grow with its square; smaller locates small objects less exactly."""
 
-    min_coverage: Annotated[float, Field(gt=0, lt=1)] = 0.01
-    """Smallest coverage of a pixel, 0 to 1, by Gaussians with a code at a level. Pixels below it get no answer
-    there. Larger removes floating Gaussians, and edges too."""
-
     min_score: Share = 0.78
     """Smallest score, 0 to 1, of an answer that is found, where no calibration holds: in a single view, with models
     that have none, and with another value than this (docs/method.md#grades). A score of 0.5 means as similar as the
@@ -75,5 +71,5 @@ class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
         return make_options(type(self), dict(self) | keys, "a query", "query")
 
 
-# LangSplat's protocol, used by the paper. LangSplat itself has no ``min_coverage``.
+# LangSplat's protocol, used by the paper.
 LANGSPLAT = QueryOptions(min_score=0.5)

@@ -32,6 +32,9 @@ from egosplat.rasterize.view import composite
 # A pixel belongs to a thing if the thing's Gaussians make up more than this share of it.
 _HALF = 0.5
 
+# Coverage of a pixel by Gaussians with a code at a level, above which it gets an answer there.
+_LEAST_COVERAGE = 0.01
+
 # Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
 _MAPS_AT_ONCE = 2**27
 
@@ -135,7 +138,7 @@ def answer_from_codes(
     Raises:
         ValueError: a code is not finite.
     """
-    seen = _seen(view, options.min_coverage)
+    seen = _seen(view)
     for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // seen.numel())):
         relevancies = relevancy_maps(view.codes, seen, decoder, batch, options.temperature)
         for phrase, levels in zip(batch.phrases, _levels(seen, relevancies), strict=True):
@@ -160,7 +163,7 @@ def answer_from_relevancies(
         options: how to read relevancy.
     """
     matches, shown, thresholds = [], [], []
-    every = _levels(_seen(view, options.min_coverage), view.codes.movedim(-1, 0))
+    every = _levels(_seen(view), view.codes.movedim(-1, 0))
     for phrase, levels in zip(phrases, every, strict=True):
         maps = read_maps(levels, view.valid, options)
         matches.append(_locate(view, phrase, maps))
@@ -214,7 +217,7 @@ def show_thing(
     Args:
         texts: the query that it answers.
         valid: (H, W) bool pixels that show the scene, or None for all.
-        options: ``resolution``, ``min_coverage`` and ``temperature`` are used.
+        options: ``resolution`` and ``temperature`` are used.
     """
     small, level = rendering_camera(camera, options.resolution), scene.levels.index(thing.level)
     # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
@@ -252,11 +255,11 @@ def _shown(camera: Camera, valid: Mask | None) -> Mask:
     return np.ones((camera.height, camera.width), bool) if valid is None else valid
 
 
-def _seen(view: View, min_coverage: float) -> Tensor:
+def _seen(view: View) -> Tensor:
     """(L, h, w) bool pixels that show the scene and have a code at a level."""
     height, width = view.depth.shape
     inside = cv2.resize(view.valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
-    return (view.coverage > min_coverage) & torch.from_numpy(inside > 0).to(view.coverage.device)
+    return (view.coverage > _LEAST_COVERAGE) & torch.from_numpy(inside > 0).to(view.coverage.device)
 
 
 def pixel_position(

@@ -268,7 +268,6 @@ def remove(name: str):
         (None, ["cup", "--frame", "1", "--pose", "x.json"], "frame and pose: give one of them"),
         (None, [" "], "query: is blank"),
         (None, ["cup", "--set", "canonical=[]"], "query.canonical"),
-        (None, ["cup", "--set", "min_coverage=1"], "query.min_coverage"),
         (None, ["cup", "--min-score", "2"], "query.min_score"),
         (None, [], "PHRASES"),
     ],

@@ -27,7 +27,7 @@ def test_the_configuration_s_defaults_are_langsplat_s():
 
 
 OUT_OF_RANGE = {"canonical": [()], "temperature": [0.0, float("nan"), float("inf")], "resolution": [-1]}
-OUT_OF_RANGE |= {"min_coverage": [0.0, 1.0], "box_filter": [-0.1], "segmentation_threshold": [1.0]}
+OUT_OF_RANGE |= {"box_filter": [-0.1], "segmentation_threshold": [1.0]}
 OUT_OF_RANGE |= {"majority_filter": [1.1], "min_score": [-0.1, 1.1]}
 
 
