@@ -18,12 +18,10 @@ from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.pipeline.stages import STAGES
-from egosplat.query.options import AskingOptions
+from egosplat.query.options import MOST, AskingOptions
 from egosplat.viewing.options import PageOptions, ScenePageOptions
 
 PHRASES = click.Argument(["phrases"], nargs=-1, required=True)
-# Matches that an answer of the whole scene lists.
-MOST = 3
 
 # The option that takes all words up to the next option.
 _WORDS = "--words"

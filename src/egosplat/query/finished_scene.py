@@ -27,11 +27,11 @@ from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.answers import Answer, Thing, ViewMatch
 from egosplat.query.grades.calibration import Evidence, Grading, grading_by_score, grading_of
 from egosplat.query.grades.evidence import measure_evidence
-from egosplat.query.grades.judge import MOST, judge, judge_view
+from egosplat.query.grades.judge import judge, judge_view
 from egosplat.query.histories import find_history, scene_at
 from egosplat.query.instances import instances_of_gaussians
 from egosplat.query.maps import Mask
-from egosplat.query.options import AskingOptions, QueryOptions
+from egosplat.query.options import MOST, AskingOptions, QueryOptions
 from egosplat.query.scene import QueryScene, read_scene
 from egosplat.query.text import Texts, encode_texts, untaught_words
 from egosplat.query.things import Surface, ask_scene, read_surface

@@ -12,6 +12,10 @@ from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 CANONICAL = ("object", "things", "stuff", "texture")
 
 
+# Things that an answer of the whole scene lists, if it is not told how many.
+MOST = 3
+
+
 class MapOptions(Options, section="query"):
     """How maps of relevancy are read (docs/method.md#queries)."""
 

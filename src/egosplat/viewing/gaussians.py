@@ -1,7 +1,5 @@
 """Quantize Gaussians for the scene page, in an order in which neighbors are near each other."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,20 +38,11 @@ def spatial_order(means: NDArray[np.float32]) -> NDArray[np.int64]:
     return np.argsort(code, kind="stable")
 
 
-@dataclass(frozen=True)
-class _Range:
-    """Equal steps between two numbers, for bytes."""
-
-    low: float
-    high: float
-
-    @staticmethod
-    def of(values: NDArray[np.float32]) -> "_Range":
-        low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
-        return _Range(low, max(high, low + 1e-6))
-
-    def quantize(self, values: NDArray[np.float32]) -> NDArray[np.uint8]:
-        return np.rint((values - self.low) / (self.high - self.low) * 255).clip(0, 255).astype(np.uint8)
+def _quantize(values: NDArray[np.float32]) -> tuple[NDArray[np.uint8], list[float]]:
+    """Bytes for equal steps between the least and the largest value, and these two."""
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    high = max(high, low + 1e-6)
+    return np.rint((values - low) / (high - low) * 255).clip(0, 255).astype(np.uint8), [low, high]
 
 
 def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]:
@@ -70,7 +59,7 @@ def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]
     log_scales = gaussians.scales.log().cpu().numpy()
     colors = gaussians.sh.cpu().numpy()[:, : (min(sh_degree, SH_DEGREE) + 1) ** 2]
     base, bands = colors[:, 0] * SH_C0 + 0.5, colors[:, 1:].reshape(len(means), -1)
-    scale_range, base_range = _Range.of(log_scales), _Range.of(base)
+    (log_scale, scale_range), (color, color_range) = _quantize(log_scales), _quantize(base)
     limit = float(np.quantile(np.abs(bands), 1 - _CUT_OFF)) if bands.size else 0.0
     position, block_low, block_step = _quantize_centers(means)
     quats = gaussians.quats.cpu().numpy()
@@ -79,17 +68,17 @@ def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]
         "position": position,
         "block_low": block_low,
         "block_step": block_step,
-        "log_scale": scale_range.quantize(log_scales).T,
+        "log_scale": log_scale.T,
         "rotation": np.rint(quats * 127).astype(np.int8).T,
         "opacity": np.rint(opacities * 255).astype(np.uint8),
-        "color": base_range.quantize(base).T,
+        "color": color.T,
         "bands": np.rint(bands / max(limit, 1e-9) * 127).clip(-127, 127).astype(np.int8).T,
     }
     facts = {
         "count": len(means),
         "block": BLOCK,
-        "log_scale_range": [scale_range.low, scale_range.high],
-        "color_range": [base_range.low, base_range.high],
+        "log_scale_range": scale_range,
+        "color_range": color_range,
         "band_limit": limit,
         "bands": bands.shape[1] // 3,
     }

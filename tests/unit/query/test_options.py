@@ -16,11 +16,6 @@ def test_squares_go_with_the_picture(longer, smoothing, majority):
     assert (LANGSPLAT.box_filter_px(longer), LANGSPLAT.majority_px(longer)) == (smoothing, majority)
 
 
-def test_squares_can_be_left_out():
-    options = LANGSPLAT.change(box_filter=0.0, majority_filter=0.0)
-    assert (options.box_filter_px(1408), options.majority_px(1408)) == (1, 1)
-
-
 def test_the_configuration_s_defaults_are_langsplat_s():
     # LangSplat answers everything; its least score is where a query fits as well as the canonical phrases.
     assert QueryOptions().change(min_score=0.5) == LANGSPLAT

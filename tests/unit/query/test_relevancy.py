@@ -48,13 +48,6 @@ def test_maps_are_the_relevancy_of_decoded_codes(texts, monkeypatch):
         torch.testing.assert_close(found, torch.where(seen, expected, 0.0), rtol=0, atol=1e-5)
 
 
-def test_a_code_that_vanishes_has_no_relevancy(texts):
-    codes, seen = unit(1, 2, 2, 6), torch.ones(1, 2, 2, dtype=torch.bool)
-    codes[0, 0, 0] = 0.0
-    found = relevancy_maps(codes, seen, IDENTITY, texts, 10.0)
-    assert not found[:, 0, 0, 0].any() and (found[:, 0, 1] > 0).all()
-
-
 def test_invalid_arguments_are_rejected(texts):
     codes, seen = unit(1, 2, 2, 6), torch.ones(1, 2, 2, dtype=torch.bool)
     with pytest.raises(ValueError, match="do not match"):
@@ -91,12 +84,6 @@ def test_folding_keeps_what_stands_before_the_last_layer():
     expected = decode(codes, whole) @ directions.T
     torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-5)
     torch.testing.assert_close(decode(3 * codes, small), decode(codes, small))
-
-
-def test_features_without_a_direction_stay_without():
-    without_bias = Decoder((2, 9), np.r_[np.ones(18), np.zeros(9)].astype(np.float32))
-    small, _ = fold(without_bias, torch.eye(9))
-    assert not decode(torch.zeros(1, 2), small).any()
 
 
 @pytest.mark.parametrize("widths", [(4,), (4, 5), (4, 3), (3, 8, 9)])

@@ -81,9 +81,3 @@ def test_batches_cover_all_phrases():
     assert [part.phrases for part in parts] == [("a", "b"), ("c", "d"), ("e",)]
     assert torch.equal(torch.cat([part.queries for part in parts]), queries)
     assert all(torch.equal(part.canonical, queries[:1]) for part in parts)
-
-
-def test_a_subset_in_another_order_gives_the_same():
-    chosen = Texts(("a", "b", "c"), torch.eye(3), torch.eye(3)[:1]).of(("c", "a"))
-    assert chosen.phrases == ("c", "a") and torch.equal(chosen.queries, torch.eye(3)[[2, 0]])
-    assert torch.equal(chosen.canonical, torch.eye(3)[:1])

@@ -61,16 +61,13 @@ def relevancy(home: Surface, *values: float, levels: int = 1) -> np.ndarray:
 def test_two_of_a_kind_are_distinguished():
     """Two patches that fit, a meter apart, are two things with their own centers and boxes."""
     home = surface(patch(0.0), patch(1.5), patch(3.0))
-    first, second = find_things(home, relevancy(home, 0.9, 0.1, 0.85), 0.7, 0.0, 3)
+    values = relevancy(home, 0.9, 0.1, 0.85)
+    first, second = find_things(home, values, 0.7, 0.0, 3)
+    assert len(find_things(home, values, 0.7, 0.0, 1)) == 1
     assert first.score == pytest.approx(0.9) and second.score == pytest.approx(0.85)
     np.testing.assert_allclose(first.center, [0.25, 0.25, 0.0], atol=1e-6)
     np.testing.assert_allclose(second.center, [3.25, 0.25, 0.0], atol=1e-6)
     np.testing.assert_allclose(first.size, [0.5, 0.5, 0.0], atol=1e-6)
-
-
-def test_the_number_of_things_is_limited():
-    home = surface(patch(0.0), patch(1.5), patch(3.0))
-    assert len(find_things(home, relevancy(home, 0.9, 0.1, 0.85), 0.7, 0.0, 1)) == 1
 
 
 def test_touching_patches_are_one_thing():
@@ -99,21 +96,13 @@ def test_one_thing_at_two_levels_is_named_once():
 
 
 def test_what_no_view_shows_is_not_found():
-    """A Gaussian without a visible share belongs to no thing, even where it fits best."""
-    shown = np.r_[np.zeros(36), np.full(72, 1e-3)][None]
+    """A Gaussian without a visible share belongs to no thing; the view that shows most of one names its frame."""
+    shown = np.r_[np.zeros(36), np.full(72, 1e-3)] * [[0.5], [0.5], [2.0]]
     home = surface(patch(0.0), patch(1.5), patch(3.0), shown=shown)
     (thing,) = find_things(home, relevancy(home, 1.0, 0.8, 0.1), 0.7, 0.0, 3)
-    assert thing.members.min() == 36 and thing.score == pytest.approx(0.8)
+    assert thing.members.min() == 36 and thing.score == pytest.approx(0.8) and thing.frame == 20
     unseen = surface(patch(0.0), shown=np.zeros((1, 36)))
     assert find_things(unseen, relevancy(unseen, 0.9), 0.7, 0.0, 3) == []
-
-
-def test_the_view_that_shows_most_is_named():
-    shown = np.full((3, 72), 1e-4)
-    shown[2, :36] = 2e-4
-    home = surface(patch(0.0), patch(2.0), shown=shown)
-    (thing,) = find_things(home, relevancy(home, 0.9, 0.1), 0.7, 0.0, 3)
-    assert thing.frame == 20
 
 
 def test_small_things_score_less_as_under_a_box_filter():

@@ -18,7 +18,7 @@ from egosplat.query.answers import ViewMatch
 from egosplat.query.options import LANGSPLAT, QueryOptions
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
-from egosplat.query.views import Asker, View, answer_from_codes, pixel_position, view_of
+from egosplat.query.views import Asker, View, answer_from_codes, pixel_position
 from egosplat.rasterize.view import composite
 
 SIZE = 48
@@ -60,15 +60,6 @@ def test_the_mask_is_the_thing(view):
     assert couch.relevancy.dtype == np.float32
     np.testing.assert_allclose(couch.relevancy[truth], 1 / (1 + np.exp(-10.0)), rtol=1e-5)
     np.testing.assert_allclose(couch.relevancy[~truth], 0.5, rtol=1e-5)
-
-
-def test_the_place_is_in_the_world(view):
-    pose = np.eye(4)
-    pose[:3, 3] = [10.0, 20.0, 30.0]
-    cup, _ = answer_from_codes(replace(view, camera_to_world=pose), WIDE, TEXTS, OPTIONS)
-    in_camera = cup.position - pose[:3, 3]
-    assert in_camera[2] == pytest.approx(3.0)
-    np.testing.assert_allclose(SQUARE.project(in_camera), np.array(cup.pixel) + 0.5)
 
 
 def test_coarse_codes_answer_at_the_pictures_size(view):
@@ -157,14 +148,6 @@ def test_things_are_found_at_their_position(scene, resolution):
         assert np.abs(answer.position - place).max() < 0.15
         assert answer.position[2] == pytest.approx(2.0, abs=1e-3)
         assert answer.mask.any() and not answer.mask[:, 30:34].any()
-
-
-def test_gaussians_without_share_have_no_relevancy(scene):
-    scene.share[1] = 0.0
-    view = view_of(scene, CAMERA, np.eye(4), None, 0)
-    assert view.codes.shape == (1, 48, 64, 4) and view.coverage.shape == (1, 48, 64)
-    assert view.coverage[0, :, :32].max() > 0.9 and view.coverage[0, :, 34:].max() == 0.0
-    assert view.depth.shape == (48, 64) and view.depth[24, 48] == pytest.approx(2.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(

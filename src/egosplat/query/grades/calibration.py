@@ -12,6 +12,8 @@ from egosplat.query.options import QueryOptions
 
 FOUND, GUESS, NOT_FOUND = "found", "best guess", "not found"
 
+NOTHING_LIKE_IT = "not found: nothing here looks like it"
+
 # A row for each OpenCLIP with a fit: its hash, the keys that it holds for, what ``Calibration`` has.
 FITS = Path(__file__).with_name("fits.csv")
 
@@ -103,7 +105,7 @@ class Grading:
         if self.grade(value) != NOT_FOUND:
             return None
         if self.calibration is not None:
-            return "not found: nothing here looks like it"
+            return NOTHING_LIKE_IT
         return f"not found: the best match is below {self._limit}"
 
 

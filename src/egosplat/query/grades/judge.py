@@ -6,13 +6,9 @@ All who show answers ask here: the terminal, the page and its server, exports, m
 from collections.abc import Sequence
 
 from egosplat.query.answers import Answer, Thing, ViewMatch
-from egosplat.query.grades.calibration import FOUND, NOT_FOUND, Grading
+from egosplat.query.grades.calibration import FOUND, NOT_FOUND, NOTHING_LIKE_IT, Grading
+from egosplat.query.options import MOST
 from egosplat.query.text import explain_untaught
-
-# Things that an answer lists, if it is not told how many.
-MOST = 3
-
-NOTHING = "not found: nothing here looks like it"
 
 
 def judge(
@@ -35,7 +31,7 @@ def judge(
     refusal, untaught = explain_untaught(untaught), tuple(untaught)
     if not candidates:
         # What fits best may be specks alone.
-        refusal = refusal or (NOTHING if coded else "no Gaussian of the scene has a code")
+        refusal = refusal or (NOTHING_LIKE_IT if coded else "no Gaussian of the scene has a code")
         return Answer(phrase, NOT_FOUND, 0.0, None, refusal, untaught)
     best = candidates[0]
     refusal = refusal or grading.refusal(best.rating)
