@@ -110,7 +110,7 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
             "\nCHANGED = 1\n\n\ndef ",
             {"synthetic", *AFTER_FRAMES},
         ),
-        ("frames/split.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_FRAMES),
+        ("frames/selection.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_FRAMES),
         ("features/crops.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_VIEWS),
         ("transient/network.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_TRANSIENT),
     ],
@@ -130,7 +130,7 @@ WITHOUT_EFFECT = (
     # Words of errors, log lines and progress.
     ("geometry.py", "a time lies outside the trajectory", "a time is outside of the trajectory"),
     ("files.py", "give another --output", "name another --output"),
-    ("segments/stage.py", "of them are tracked, because", "of these are tracked, because"),
+    ("segments/tracker.py", "tracking resumes after", "tracking goes on after"),
     ("gaussians/trainer.py", "training resumes after iteration", "training goes on after iteration"),
     ("instances/lifted_masks.py", "lifting masks", "placing masks"),
     ("alarms/table.py", "Check instances.png", "Look at instances.png"),
