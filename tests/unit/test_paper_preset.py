@@ -61,15 +61,3 @@ def test_no_preset_sets_a_key_that_follows_the_models():
         parts = [preset, *preset.pop("formats", {}).values()]
         found = {f"{section}.{name}" for part in parts for section, keys in part.items() for name in keys}
         assert found and not found & FOLLOW, path.name
-
-
-def test_egolifters_density_control_and_hoi4ds_own_values_are_set():
-    """Values that the paper takes from EgoLifter, and values for HOI4D."""
-    paper = config.resolve({"preset": "paper"}, PRESETS)
-    for section in ("transient", "splats"):
-        found = paper[section]
-        assert (found["reset_opacity"], found["reset_at_start"], found["prune_screen_px"]) == (0.01, True, 20)
-        assert found["background"] == "white"
-    hoi4d, adt = (config.of_format(paper, name) for name in ("hoi4d", "adt"))
-    assert (hoi4d["masks"]["threshold"], adt["masks"]["threshold"]) == (0.1, 0.02)
-    assert (hoi4d["frames"]["resolution"], adt["frames"]["resolution"]) == (1889, 1408)

@@ -118,18 +118,18 @@ def describe_value(part: Mapping[str, Any]) -> str:
 
 def choices(part: Mapping[str, Any]) -> list[str]:
     """List the words among the allowed values."""
-    return [str(word) for one in _options(part) for word in one.get("enum", [one[_C]] if _C in one else [])]
+    return [
+        str(word)
+        for one in _options(part)
+        for word in one.get("enum", [one["const"]] if "const" in one else [])
+    ]
 
 
 def kinds_of(part: Mapping[str, Any]) -> list[str]:
-    """List the allowed types, in words."""
-    types = [_type(one) for one in _options(part) if not {"enum", _C} & one.keys()]
+    """List the allowed types, in words; a reference leads to the schema of an object."""
+    others = [one for one in _options(part) if not {"enum", "const"} & one.keys()]
+    types = ["object" if "$ref" in one else one.get("type") for one in others]
     return [_KINDS[kind] for one in types for kind in ([one] if isinstance(one, str) else one or [])]
-
-
-def _type(part: Mapping[str, Any]) -> Any:
-    """Get the type in a JSON schema; a reference leads to the schema of an object."""
-    return "object" if "$ref" in part else part.get("type")
 
 
 def limits_of(part: Mapping[str, Any]) -> list[str]:
@@ -167,9 +167,6 @@ def shorten(value: object) -> str:
 def shown(value: Any) -> str:
     """Format a value as YAML on one line."""
     return yaml.safe_dump(value, default_flow_style=True, width=10_000, sort_keys=False).splitlines()[0]
-
-
-_C = "const"
 
 
 def _options(part: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import yaml
 
@@ -79,7 +79,7 @@ def _refuse(constant: str) -> float:
 
 def explain(error: ValidationError) -> str:
     """Describe an error in one line: the key, its value, and what is allowed."""
-    key, value = ".".join(str(part) for part in error.absolute_path), error.instance
+    key, value = ".".join(str(part) for part in error.absolute_path), cast("Any", error.instance)
     part = error.schema if isinstance(error.schema, Mapping) else {}
     match error.validator:
         case "additionalProperties":

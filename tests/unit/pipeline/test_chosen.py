@@ -78,7 +78,6 @@ def test_a_value_without_a_record_is_refused():
         ("plain", {}, (), "colmap"),
         ("plain", {}, ("transforms.json",), "known"),
         ("plain", {"frames": {"known_poses": "none"}}, ("transforms.json",), "colmap"),
-        ("plain", {"poses": {"method": "colmap"}}, ("transforms.json",), "colmap"),
         ("adt", {}, ("transforms.json",), "device"),
     ],
 )
