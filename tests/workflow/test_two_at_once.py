@@ -23,15 +23,3 @@ def test_two_concurrent_runs_do_the_work_once(workdir, tmp_path):
         assert "no other Snakemake process" in text if status else "Error" not in text
     assert not any(check_tree(workdir.folder / "results", lambda _: None).values())
     assert not workdir.stale(str(target))
-
-
-def test_on_a_cluster_the_locks_of_a_killed_one_stay(workdir):
-    """Submitted jobs may still run; two jobs must not write one artifact."""
-    lock = workdir.folder / ".snakemake/locks/0.output.lock"
-    lock.parent.mkdir(parents=True, exist_ok=True)
-    lock.write_text(f"{workdir.folder / SCENE / 'splats.zarr'}\n{SCENE / 'splats.zarr'}\n")
-    remove(workdir.folder / SCENE / "splats.zarr")
-    done = workdir.snakemake("--profile", ROOT / "workflow/profiles/slurm", "--", str(SCENE / "splats.zarr"))
-    said = done.stdout + done.stderr
-    assert done.returncode != 0 and "Directory cannot be locked" in said, said
-    assert lock.exists()

@@ -10,8 +10,8 @@ from egosplat.pipeline.variants import read_scenes_with_presets
 settings = or_exit(resolve, config, presets_folder())
 scenes = or_exit(read_scenes_with_presets, settings, presets_folder())
 
-# A killed Snakemake leaves its locks. Removing them lets the same command continue without --unlock. Jobs keep them while they
-# run, on a cluster too, where they outlive a killed Snakemake.
+# A killed Snakemake leaves its locks. Removing them lets the same command continue without --unlock, but not while its jobs on a
+# cluster are queued or run.
 if clear_stale_locks(Path(".snakemake")):
     print("The last Snakemake here was killed: continuing.", file=sys.stderr)
 

@@ -4,6 +4,7 @@ import fcntl
 import getpass
 import os
 import shutil
+import subprocess
 import threading
 import time
 from pathlib import Path
@@ -47,7 +48,7 @@ _HELD: list[int] = []
 def clear_stale_locks(folder: Path) -> bool:
     """Remove the locks in Snakemake's ``folder`` unless a running Snakemake may hold them, and tell whether there were any.
 
-    This process counts as running until it ends. On a file system without file locks nothing is removed, and the
+    This process counts as running until it ends. Jobs in SLURM's queue outlive a killed Snakemake, so locks of their folder stay. On a file system without file locks nothing is removed, and the
     user has to call `snakemake --unlock`.
     """
     locks = folder / "locks"
@@ -58,12 +59,22 @@ def clear_stale_locks(folder: Path) -> bool:
         return False  # Snakemake itself reports a folder that cannot be written
     _HELD.append(handle)
     stale = _taken(handle, fcntl.LOCK_EX) and locks.is_dir() and any(locks.iterdir())
+    stale = stale and not _has_queued_jobs(folder.absolute().parent)
     if stale:
         shutil.rmtree(locks)
         locks.mkdir()
     # A shared lock: several runs may be alive, and each keeps the others from clearing the locks.
     _taken(handle, fcntl.LOCK_SH)
     return stale
+
+
+def _has_queued_jobs(folder: Path) -> bool:
+    """Whether SLURM, where there is one, has jobs of this user that work in a folder."""
+    if shutil.which("squeue") is None:
+        return False
+    words = ["squeue", "--me", "--noheader", "--format=%Z"]
+    listed = subprocess.run(words, capture_output=True, text=True, check=False).stdout
+    return str(folder) in map(str.strip, listed.splitlines())
 
 
 def _taken(handle: int, kind: int) -> bool:

@@ -1,6 +1,7 @@
-"""Fit the held-out frames to the trained Gaussians, and write the corrections of all frames."""
+"""Score the Gaussians on the held-out frames, fit those frames, and write the corrections of all frames."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,29 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import AS_GIVEN, FITTED, INTERPOLATED, TRAINED
 from egosplat.artifacts.writer import Writer
 from egosplat.gaussians.corrections import LOG_GAIN, Corrections, angle_of, applied, corrected_poses
+from egosplat.gaussians.evaluation import Scores, evaluate
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Masking, Views
 from egosplat.progress import log
-from egosplat.splats.held_out import put_held_out
+
+
+def put_held_out(
+    artifact: Writer,
+    gaussians: Gaussians,
+    held_out: Views,
+    settings: RenderSettings,
+    sh_degree: int,
+    suffix: str = "",
+) -> Scores:
+    """Render the held-out frames and store the renders and their scores; ``suffix`` ends the names of the arrays."""
+    camera, render = held_out.camera, f"held_out/render{suffix}"
+    artifact.allocate(render, (len(held_out), camera.height, camera.width, 3))
+    scores = evaluate(gaussians, held_out, settings, sh_degree, partial(artifact.put_row, render))
+    artifact.put(f"held_out/psnr{suffix}", scores.psnr)
+    artifact.put(f"held_out/ssim{suffix}", scores.ssim)
+    return scores
 
 
 def put_corrections(

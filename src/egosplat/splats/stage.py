@@ -38,8 +38,7 @@ from egosplat.language.joint_objective import JointLanguage, initial_codes
 from egosplat.language.targets import CodeTargets
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
-from egosplat.splats.corrections import put_corrections
-from egosplat.splats.held_out import put_held_out
+from egosplat.splats.corrections import put_corrections, put_held_out
 from egosplat.splats.imported import import_gaussians
 from egosplat.splats.options import SplatsOptions
 

@@ -62,3 +62,13 @@ def test_an_unreadable_lock_folder_is_left_to_snakemake(tmp_path):
     (tmp_path / "file").write_text("")
     assert clear_stale_locks(tmp_path / "file") is False
     assert clear_stale_locks(tmp_path / "missing" / "deeper") is False
+
+
+def test_locks_stay_while_jobs_of_the_folder_are_queued(tmp_path, monkeypatch):
+    """Jobs outlive a killed Snakemake; two must not write one artifact."""
+    lock = locked(tmp_path / "work/.snakemake")
+    queue = tmp_path / "squeue"
+    queue.write_text(f"#!/bin/sh\necho {tmp_path / 'work'}\n")
+    queue.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    assert not clear_stale_locks(tmp_path / "work/.snakemake") and lock.exists()

@@ -162,7 +162,7 @@ def test_language(scene, gpu, monkeypatch, method):
     folder = scene()
     train(folder, iterations=10)
     on_gpu(monkeypatch, language)
-    calls = counted(gpu, monkeypatch, loop.Training, "_iterate")
+    calls = counted(gpu, monkeypatch, loop._Training, "iterate")
     options = language.LanguageOptions(**LANGUAGE | {"method": method})
     kinds = ("frames", "poses", "instances", "features", "splats")
     inputs = {f"{kind}_path": folder / f"{kind}.zarr" for kind in kinds}
