@@ -39,13 +39,6 @@ def is_inside(thing, points):
     return found
 
 
-def as_geometry(apartment):
-    things = apartment.things
-    return build_geometry(
-        [Body(thing.number + 1, thing.model.parts, thing.pose, "static") for thing in things]
-    )
-
-
 @pytest.mark.parametrize("objects", [SMALL_WORLD["objects"], OBJECTS])
 def test_number_of_labeled_objects_is_as_configured(objects, apartment, small_world):
     home = apartment if objects == OBJECTS else small_world.apartment
@@ -65,27 +58,21 @@ def test_categories_are_adts(real_data):
     lists = json.loads((real_data("adt_names") / "adt_visible_objects_lists.json").read_text())
     assert set(CATEGORY_UIDS) - {"person"} <= set(lists["visible_object_categories"])
     assert len(set(CATEGORY_UIDS.values())) == len(CATEGORY_UIDS)
-
-
-def test_category_uids_equal_those_of_adts_sample(real_data):
     instances = json.loads((real_data("adt_sample") / "instances.json").read_text()).values()
     known = {one["category"]: one["category_uid"] for one in instances}
     assert {name: known[name] for name in CATEGORY_UIDS if name in known}.items() <= CATEGORY_UIDS.items()
 
 
 def test_different_seeds_give_different_apartments(apartment, small_world):
-    one, other = apartment, small_world.apartment
-    assert abs(one.room.width - other.room.width) + abs(one.room.depth - other.room.depth) > 0.01
-    assert {kind.category for kind in one.instances} != {kind.category for kind in other.instances}
-    assert not {kind.instance_id for kind in one.instances} & {kind.instance_id for kind in other.instances}
-    # Every apartment has a couch; its place and its cover differ.
-    couches = [
-        next(thing for thing in home.things if thing.kind.category == "couch") for home in (one, other)
-    ]
+    homes = (apartment, small_world.apartment)
+    ids, categories = (
+        [{getattr(one, name) for one in home.instances} for home in homes]
+        for name in ("instance_id", "category")
+    )
+    assert categories[0] != categories[1] and not ids[0] & ids[1]
+    couches = [next(thing for thing in home.things if thing.kind.category == "couch") for home in homes]
     assert np.linalg.norm(couches[0].pose[:3, 3] - couches[1].pose[:3, 3]) > 0.3
-    colors = [couch.model.parts[3].texture.pixels.mean(axis=(0, 1)) for couch in couches]
-    assert np.abs(colors[0] - colors[1]).max() > 8
-    walls = [next(part for part in home.shell if part.name == "wall 0") for home in (one, other)]
+    walls = [next(part for part in home.shell if part.name == "wall 0") for home in homes]
     assert np.abs(walls[0].texture.pixels.astype(float) - walls[1].texture.pixels).mean() > 8
 
 
@@ -108,7 +95,8 @@ def test_all_objects_are_in_the_room(apartment):
 
 
 def test_objects_stand_on_the_floor_or_on_their_support(apartment):
-    geometry = as_geometry(apartment)
+    things = apartment.things
+    geometry = build_geometry([Body(1, thing.model.parts, thing.pose, "static") for thing in things])
     carried = [thing for thing in apartment.things if thing.support is not None]
     assert len(carried) >= 6
     for thing in carried:
@@ -125,14 +113,6 @@ def test_objects_stand_on_the_floor_or_on_their_support(apartment):
             assert thing.bounds[0, 1] == pytest.approx(0, abs=1e-9)
 
 
-def test_objects_on_walls_touch_the_wall(apartment):
-    hung = [thing for thing in apartment.things if thing.kind.place in ("wall", "window")]
-    assert hung
-    for thing in hung:
-        half = np.array([apartment.room.width / 2, apartment.room.depth / 2])
-        assert np.abs(half - np.abs(thing.bounds[:, [0, 2]])).min() < 0.05
-
-
 def test_the_floor_is_walkable_and_the_door_reachable(apartment):
     assert apartment.plan.reaches_door
     assert apartment.plan.walkable_m2 > 2.5
@@ -144,10 +124,3 @@ def test_the_floor_is_walkable_and_the_door_reachable(apartment):
         if thing.bounds[0, 1] < 1.8:
             over = (route > thing.bounds[0, [0, 2]]) & (route < thing.bounds[1, [0, 2]])
             assert not over.all(axis=1).any()
-
-
-def test_objects_consist_of_parts(apartment):
-    for thing in apartment.things:
-        names = [part.name for part in thing.model.parts]
-        assert len(set(names)) == len(names)
-        assert len(names) > 1 or thing.kind.category == "basketball"

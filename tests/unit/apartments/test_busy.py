@@ -104,23 +104,6 @@ def test_the_recording_reaches_the_aims_of_the_world(recording):
     assert found.half_hidden >= 0.5
 
 
-def test_the_yardstick_is_measured_in_the_same_way(real_data):
-    found = statistics_of(real_data("adt_sample"))
-    assert (found.things, found.seen, found.moved) == (348, 90, 2)
-    assert np.isnan(found.carried) and found.others == 0
-    assert found.wearer == pytest.approx(0.048, abs=5e-4) and found.movers == pytest.approx(0.059, abs=5e-4)
-
-
-def test_the_same_seed_gives_the_same_busy_world(world):
-    again = make_world(seed=SEED, seconds=SECONDS, objects=OBJECTS, motion=1.0, world="busy")
-    assert again.rests(SECONDS) == world.rests(SECONDS)
-    assert again.geometry.vertices.tobytes() == world.geometry.vertices.tobytes()
-    moments = np.linspace(0, SECONDS, 50)
-    assert (
-        again.head.world_from_upright(moments).tobytes() == world.head.world_from_upright(moments).tobytes()
-    )
-
-
 @pytest.mark.parametrize(("seconds", "motion"), [(24.0, 1.0), (60.0, 0.5)])
 def test_too_little_time_for_the_chores_is_an_error(seconds, motion):
     with pytest.raises(UserError, match=f"synthetic.world = busy: .* {seconds * motion:g} s"):

@@ -61,12 +61,9 @@ def test_the_ideal_camera_records_what_it_always_did(ideal):
     assert digest.hexdigest() == "38583d1b9d2afe1466f0e464171a4b04ca567e712531ec705135eb2b029f377f"
 
 
-def test_defaults_are_an_ideal_camera():
+def test_defaults_are_an_ideal_camera_and_descriptions_name_the_values_of_a_real_one():
     assert effects_of() == IDEAL
     assert {*REAL, "jpeg_quality"} <= set(section_keys("synthetic"))
-
-
-def test_descriptions_name_the_values_of_a_real_camera():
     for key, value in REAL.items():
         assert f"auto is {value:g} under real" in describe(SyntheticOptions, key), key
 
@@ -76,14 +73,6 @@ def test_a_real_camera_has_every_effect():
     differs = [name for name, value in vars(effects).items() if value != getattr(IDEAL, name)]
     assert sorted(differs) == sorted(set(vars(effects)) - {"drift_s"})
     assert effects.exposure_s == pytest.approx(0.009) and effects.time_offset_ns == 2_500_000
-
-
-def test_each_effect_can_be_set_alone():
-    assert effects_of(drift_mm=5) == Effects(drift_m=0.005)
-    assert effects_of(readout_ms=16) == Effects(readout_s=0.016)
-    assert effects_of(jpeg_quality=70) == Effects(jpeg_quality=70)
-    without = effects_of(camera="real", exposure_ms=0)
-    assert without.exposure_s == 0 and without.readout_s == pytest.approx(0.005)
 
 
 def test_strength_is_a_factor_on_all_effects():
@@ -134,40 +123,8 @@ def test_effects_on_light_change_frames_alone(film, ideal, effects):
         assert np.array_equal(one.with_people.segmentation, other.with_people.segmentation)
         assert np.array_equal(one.without_people.depth_mm, other.without_people.depth_mm)
         assert one.with_people.visibility == other.with_people.visibility
-    change = np.mean(
-        [np.abs(a.rgb.astype(int) - b.rgb).mean() for a, b in zip(ideal[1], frames, strict=True)]
-    )
-    assert 0.05 < change < 30
-
-
-def test_one_effect_does_not_change_the_randomness_of_another(film, real):
-    full = effects_of(camera="real")
-    drift_alone, _ = film(Effects(drift_m=full.drift_m, drift_rad=full.drift_rad, drift_s=full.drift_s))
-    times = np.linspace(real[0].start_ns + 10**8, real[0].end_ns - 10**8, 20).astype(np.int64)
-    shift = [
-        one.estimated_pose(times)[:, :3, 3] - one.device_pose(times + ahead)[:, :3, 3]
-        for one, ahead in ((real[0], full.time_offset_ns), (drift_alone, 0))
-    ]
-    assert np.allclose(*shift, atol=1e-12)
-    assert np.array_equal(real[0].points, drift_alone.points)
-    noisy, silent = (film(effects_of(camera="real", **keys))[1] for keys in ({}, {"shot_noise_percent": 0}))
-    louder, quieter = (
-        film(effects_of(camera="real", vignetting_percent=0, **keys))[1]
-        for keys in ({}, {"shot_noise_percent": 0})
-    )
-    # The noise of a frame is the same with and without vignetting: a product of the same draws.
-    a = noisy[2].rgb.astype(float) - silent[2].rgb
-    b = louder[2].rgb.astype(float) - quieter[2].rgb
-    inside = (noisy[2].rgb > 20) & (noisy[2].rgb < 235)
-    assert np.corrcoef(a[inside], b[inside])[0, 1] > 0.8
-
-
-def test_frames_say_how_they_were_exposed(real):
-    exposures = np.array([frame.exposure_s for frame in real[1]])
-    gains = np.array([frame.gain for frame in real[1]])
-    assert (exposures <= 0.014).all() and (exposures > 0.004).all() and (gains >= 2).all()
-    factors = exposures * gains
-    assert np.log2(factors.max() / factors.min()) <= 1.0 + 1e-6
+    pairs = zip(ideal[1], frames, strict=True)
+    assert 0.05 < np.mean([np.abs(a.rgb.astype(int) - b.rgb).mean() for a, b in pairs]) < 30
 
 
 def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, small_world, tmp_path, monkeypatch):
@@ -186,9 +143,5 @@ def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, small_world, 
     error = np.linalg.norm(loops[0][columns] - loops[1][columns], axis=1)
     assert 0.001 < np.sqrt((error**2).mean()) < 0.05
     assert "error of an estimate" in (tmp_path / "real/mps/slam/summary.json").read_text()
-    for name in ("scene_objects.csv", "segmentations.vrs", "depth_images_with_skeleton.vrs"):
-        different = (tmp_path / "real" / name).read_bytes() != (tmp_path / "ideal" / name).read_bytes()
-        # VRS records carry the frame's exposure and gain.
-        assert different == name.endswith(".vrs"), name
-    video = [(tmp_path / one / "video.vrs").stat().st_size for one in ("real", "ideal")]
-    assert video[0] < 1.3 * video[1]
+    table = "scene_objects.csv"
+    assert (tmp_path / "real" / table).read_bytes() == (tmp_path / "ideal" / table).read_bytes()

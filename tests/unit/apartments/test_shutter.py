@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.frames.rectify import pinhole
 from egosplat.geometry import make_pose
-from egosplat_apartments.camera.filming import MOST, integrate, row_times
+from egosplat_apartments.camera.filming import MOST, integrate
 from egosplat_apartments.camera.lens import pinhole_lens
 from egosplat_apartments.camera.lighting import Lights
 from egosplat_apartments.camera.raycasting import Body, build_geometry
@@ -97,12 +97,6 @@ def test_the_skew_is_speed_times_readout(renderer, pixels):
     # The camera turns to the right, so the edge moves to the left.
     assert slope * SIZE == pytest.approx(-pixels, rel=0.05)
     assert edges(renderer, light, np.array([47, 48])).mean() == pytest.approx(CAMERA.cx, abs=0.15)
-
-
-def test_rows_are_exposed_around_the_middle():
-    times = row_times(1408, 0.005)
-    assert times[0] == pytest.approx(-0.0025, rel=1e-3) and times.mean() == pytest.approx(0, abs=1e-12)
-    assert np.diff(times) == pytest.approx(0.005 / 1408)
 
 
 def test_what_moves_is_blurred_in_front_of_what_stays():
