@@ -39,19 +39,17 @@ def is_inside(thing, points):
     return found
 
 
-@pytest.mark.parametrize("objects", [SMALL_WORLD["objects"], OBJECTS])
-def test_number_of_labeled_objects_is_as_configured(objects, apartment, small_world):
-    home = apartment if objects == OBJECTS else small_world.apartment
-    instances = home.instances
-    assert len(instances) == objects + 1
-    assert [one.category for one in instances].count("shelter") == 1
-    assert len({one.category for one in instances}) > 12
-    for one in instances:
-        assert CATEGORY_UIDS[one.category] == one.category_uid
-        assert (one.bounds[0] < one.bounds[1]).all()
-    for values in ([one.name for one in instances], [one.instance_id for one in instances]):
-        assert len(set(values)) == len(values)
-    assert {one.motion_type for one in instances} == {"static", "dynamic"}
+def test_number_of_labeled_objects_is_as_configured(apartment, small_world):
+    for home, objects in ((apartment, OBJECTS), (small_world.apartment, SMALL_WORLD["objects"])):
+        instances = home.instances
+        assert [one.category for one in instances].count("shelter") == 1
+        assert len({one.category for one in instances}) > 12
+        for one in instances:
+            assert CATEGORY_UIDS[one.category] == one.category_uid
+            assert (one.bounds[0] < one.bounds[1]).all()
+        for name in ("name", "instance_id"):
+            assert len({getattr(one, name) for one in instances}) == len(instances) == objects + 1
+        assert {one.motion_type for one in instances} == {"static", "dynamic"}
 
 
 def test_categories_are_adts(real_data):

@@ -42,11 +42,6 @@ def ideal(film):
     return film()
 
 
-@pytest.fixture(scope="module")
-def real(film):
-    return film(effects_of(camera="real"))
-
-
 def test_the_ideal_camera_records_what_it_always_did(ideal):
     sequence, frames = ideal
     digest = hashlib.sha256(sequence.points.round(9).tobytes())
