@@ -143,7 +143,7 @@ def _lit(scene: QueryScene, thing: Thing) -> QueryScene:
     return replace(scene, gaussians=replace(scene.gaussians, sh=(colors - 0.5) / SH_C0), sh_degree=0)
 
 
-def _captioned(rendered: NDArray[np.float32], text: str) -> Image.Image:
+def _captioned(rendered: NDArray[np.floating], text: str) -> Image.Image:
     """An image with a line of text below the picture, smaller for a long text."""
     height, width = rendered.shape[:2]
     line = round(_LINE * max(height, width))

@@ -111,7 +111,7 @@ def write_instances(scene: Path, output: Path) -> None:
     columns |= {f"instance_{level}": owner[index] for index, level in enumerate(levels)}
     told = f"{len(np.unique(coarsest[coarsest >= 0]))} instances of level {levels[-1]}"
     if (made := open_histories(scene, splats)) is not None:
-        seconds = seconds_of(open_artifact(*locate(scene, "frames"), FRAMES))
+        seconds = seconds_of(open_artifact(locate(scene, "frames")[0], FRAMES))
         rests = Rests.read(made, seconds, gaussians.means.device)
         columns = _with_rests(columns, rests, float(seconds[-1]))
         told += f", {len(rests.thing)} rests"

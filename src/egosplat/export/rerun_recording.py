@@ -67,7 +67,7 @@ def _boxes(rr: Any, answer: Answer) -> Any:
 
 def _points(rr: Any, folder: Path) -> Any:
     """The Gaussians on surfaces, with their size and their color from all sides."""
-    gaussians = read_gaussians(open_artifact(*locate(folder, "splats"), SPLATS))
+    gaussians = read_gaussians(open_artifact(locate(folder, "splats")[0], SPLATS))
     some = gaussians.select(gaussians.opacities >= LEAST_OPACITY)
     colors = (some.sh[:, 0].numpy() * SH_C0 + 0.5).clip(0, 1)
     radii = some.scales.median(dim=1).values.numpy()
@@ -76,7 +76,7 @@ def _points(rr: Any, folder: Path) -> Any:
 
 def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
     """Log the frames with a pose, with the instances of the coarsest level; returns their number."""
-    instances = open_artifact(*locate(scene.folder, "instances"), INSTANCES)
+    instances = open_artifact(locate(scene.folder, "instances")[0], INSTANCES)
     colors = instance_colors(instances.shape("instances/level")[0])
     # Class 0 is no instance, which is transparent.
     classes = [

@@ -136,7 +136,7 @@ def answer_members(scene: Scene, phrase: str) -> Tensor:
 
 def _export_gaussians(folder: Path, output: Path, format: str, chosen: Tensor | None, *, codes: bool) -> None:
     """Write the ``chosen`` Gaussians, (M,) int64 indices, or all."""
-    splats = open_artifact(*locate(folder, "splats"), SPLATS)
+    splats = open_artifact(locate(folder, "splats")[0], SPLATS)
     gaussians = read_gaussians(splats)
     rows = torch.arange(gaussians.count) if chosen is None else chosen
     some = gaussians.select(rows)
@@ -145,7 +145,7 @@ def _export_gaussians(folder: Path, output: Path, format: str, chosen: Tensor | 
     else:
         columns = geometry_columns(some)
         if codes:
-            language = open_artifact(*locate(folder, "language"), LANGUAGE)
+            language = open_artifact(locate(folder, "language")[0], LANGUAGE)
             check_made_from(language, splats, axes=("gaussian",))
             code, share = (language.read(name)[rows.numpy()] for name in ("code", "share"))
             columns |= code_columns(code, share, language.facts["levels"])

@@ -175,7 +175,7 @@ def _view_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
     view = answer.view
     if answer.refusal:
         return _refused_row(answer, grading)
-    if view is None or view.pixel is None:
+    if view is None or view.pixel is None or view.level is None:
         return answer.phrase, NOTHING
     position = _ABSENT if view.position is None else _numbers(view.position)
     place = f"{view.pixel[0]}, {view.pixel[1]}"

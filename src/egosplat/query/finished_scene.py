@@ -192,8 +192,9 @@ class Scene:
         """A line for a scene in which things are tracked, and what is carried is not known."""
         instances = self.made_from.found.get("instances.zarr")
         # Where everything is tracked, nothing is known to move.
-        merged = instances is not None and instances.facts["source"] != TRACKS
-        if not merged or self.histories is not None or not instances.read("instances/moving").any():
+        if instances is None or instances.facts["source"] == TRACKS or self.histories is not None:
+            return None
+        if not instances.read("instances/moving").any():
             return None
         command = make_command(self.folder / "histories.zarr")
         return f"things are tracked here; to learn where they were carried: {command}"
@@ -331,7 +332,7 @@ class Scene:
         if pose is not None:
             return pose_viewpoint(pose, second)
         if frame is not None:
-            return frame_viewpoint(*map(self.artifact, ("frames", "poses", "splats")), frame)
+            return frame_viewpoint(*map(self.artifact, ("frames", "poses", "splats")), frame=frame)
         return None
 
     def render(

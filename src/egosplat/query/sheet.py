@@ -49,7 +49,9 @@ def _draw(cells: NDArray[np.object_], answer: Answer, where: str, picture: NDArr
     place.imshow(picture)
     draw_heat(heat, picture, view.relevancy)
     heat.set_title(f"relevancy 0 to 1, {view.level}", fontsize=10)
-    for axes in (place, heat) if view.pixel is not None else ():
+    for axes in (place, heat):
+        if view.pixel is None:
+            break
         axes.scatter(*view.pixel, s=130, facecolors="none", edgecolors="black", linewidths=3.5)
         axes.scatter(*view.pixel, s=130, facecolors="none", edgecolors="white", linewidths=1.5)
     draw_mask(mask, picture, view.mask)

@@ -1,8 +1,5 @@
-"""Answer queries in one view: render relevancy maps of the queries and read them (docs/method.md#query-views).
-
-Where the codes of single Gaussians mean something, each Gaussian is compared with the queries, its relevancies are rendered,
-and a mask is what Gaussians of a large relevancy fill. Else codes are rendered, and each pixel is compared.
-"""
+"""Answer queries in one view (docs/method.md#query-views): where codes of single Gaussians mean something, their relevancies are
+rendered, and a mask is what Gaussians of a large relevancy fill; else codes are rendered, and each pixel is compared."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

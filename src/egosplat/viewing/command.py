@@ -49,11 +49,7 @@ def run(folder: Path, options: PageOptions, host: str, port: int, *, browse: boo
 
 
 def write_page(folder: Path, output: Path, options: AskingOptions, title: str | None = None) -> None:
-    """Write the scene page of a finished scene; its title is ``dataset/scene`` unless given.
-
-    Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others.
-    """
+    """Write the scene page of a finished scene; its title is ``dataset/scene`` unless given. Raises as the stage."""
     paths = {path.stem: path for path in locate_for_page(folder)}
     page = page_options(open_artifact(paths["features"], SCHEMAS["features"]), options)
     run_stage(_PAGE.name, page, **paths, output=output, title=title or title_of(folder))

@@ -38,7 +38,7 @@ def spatial_order(means: NDArray[np.float32]) -> NDArray[np.int64]:
     return np.argsort(code, kind="stable")
 
 
-def _quantize(values: NDArray[np.float32]) -> tuple[NDArray[np.uint8], list[float]]:
+def _quantize(values: NDArray[np.floating]) -> tuple[NDArray[np.uint8], list[float]]:
     """Bytes for equal steps between the least and the largest value, and these two."""
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     high = max(high, low + 1e-6)

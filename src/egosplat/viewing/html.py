@@ -77,4 +77,4 @@ def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions) -> Facts
 
 
 def _source(name: str) -> str:
-    return (resources.files(__package__) / "source" / name).read_text(encoding="utf-8")
+    return (resources.files("egosplat.viewing") / "source" / name).read_text(encoding="utf-8")

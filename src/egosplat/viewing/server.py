@@ -54,7 +54,7 @@ class PageServer(ThreadingTCPServer):
             raise UserError(
                 f"--host {host} --port {port}: cannot listen there ({why}); give another --host or --port"
             ) from None
-        bound = ipaddress.ip_address(self.server_address[0])
+        bound = ipaddress.ip_address(str(self.server_address[0]))
         self.token = "" if bound.is_loopback else secrets.token_urlsafe(16)
         name = socket.gethostname() if bound.is_unspecified else host
         self.names = {name.lower(), str(bound), "localhost"}

@@ -157,7 +157,8 @@ def add_rests(gaussians: Gaussians, rests: Rests | None) -> tuple[Gaussians, Fac
 
 def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
     """Pack ``carried_vectors`` (T, D) float16, features of things that are carried, and when each is and from where to where."""
-    things = () if histories is None else histories.things
+    if histories is None or not histories.things:
+        return {}, {"carried_things": []}
     facts = [
         [
             {
@@ -170,10 +171,9 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
             }
             for one in carries
         ]
-        for carries in things
+        for carries in histories.things
     ]
-    arrays = {"carried_vectors": histories.features.numpy().astype(np.float16)} if things else {}
-    return arrays, {"carried_things": facts}
+    return {"carried_vectors": histories.features.numpy().astype(np.float16)}, {"carried_things": facts}
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tuple[Arrays, Facts]:

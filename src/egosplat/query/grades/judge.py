@@ -1,7 +1,4 @@
-"""The verdict on a query: found, a best guess or not found, and which things are shown (docs/method.md#grades).
-
-All who show answers ask here: the terminal, the page and its server, exports, movies and scores.
-"""
+"""The one verdict on a query, for terminal, page, server, exports, movies and scores (docs/method.md#grades)."""
 
 from collections.abc import Sequence
 
