@@ -50,7 +50,7 @@ class Row(Options):
     format: Format
     recording: Annotated[
         Text,
-        check_with(_is_path, "only a path, no URL; without braces, control characters and blanks around it"),
+        check_with(_is_path, "a path, no URL; no braces, control characters, outer blanks, 255 bytes a name"),
     ]
     options: str
 
