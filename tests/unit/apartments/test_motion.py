@@ -5,7 +5,6 @@ import pytest
 
 from egosplat.geometry import invert, is_rigid, rotation_angle
 from egosplat_apartments.adt_format.aria import device_from_camera
-from egosplat_apartments.people.smooth import SmoothTrack, control_times
 
 STEP_S = 1e-3
 
@@ -65,14 +64,3 @@ def test_stays_in_the_room_clear_of_furniture(recorded):
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     clear = [recorded.renderer.static.cast(place.astype(np.float32), ways).distance.min() for place in places]
     assert min(clear) > 0.12
-
-
-def test_smooth_track_blurs_but_does_not_overshoot():
-    grid = control_times(0.0, 4.0)
-    track = SmoothTrack(grid, np.where(grid < 2, 0.0, 1.0))
-    values = track(np.linspace(0, 4, 401))
-    assert values.min() >= -1e-12 and values.max() <= 1 + 1e-12
-    assert (np.diff(values) > -1e-12).all()
-    assert values[0] == pytest.approx(0, abs=1e-12) and values[-1] == pytest.approx(1, abs=1e-12)
-    line = SmoothTrack(grid, 3 * grid)(np.array([0.7, 2.9]))
-    assert np.allclose(line, [2.1, 8.7])
