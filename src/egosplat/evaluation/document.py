@@ -20,7 +20,7 @@ from egosplat.frames.recording import Instance
 from egosplat.models.configs import SMALL
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
-# Raised with every change of the schema (docs/metrics.md).
+# Raised with every change of the schema (pipeline/schemas/metrics.schema.yaml).
 FORMAT_VERSION = 6
 
 

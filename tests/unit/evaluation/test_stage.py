@@ -372,3 +372,19 @@ def test_masks_of_classes_share_the_pixels_of_a_frame(word_scene, scored, usual)
         by_frame.setdefault(query["frame"], []).append(query["mask_pixels"])
         assert query["mask_level"] == query["level"]
     assert {len(masks) for masks in by_frame.values()} == {2}
+
+
+def _undescribed(part, path=""):
+    for key, field in part.get("properties", {}).items():
+        target = field
+        if "$ref" in field:
+            target = schema("metrics")["$defs"][field["$ref"].rpartition("/")[2]]
+        if not (field.get("description") or target.get("description") or "properties" in target):
+            yield f"{path}{key}"
+        yield from _undescribed(field, f"{path}{key}.")
+
+
+def test_every_field_is_described():
+    whole = schema("metrics")
+    assert "recording" in whole["properties"]
+    assert [name for part in [whole, *whole["$defs"].values()] for name in _undescribed(part)] == []
