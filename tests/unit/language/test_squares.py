@@ -113,7 +113,7 @@ def scene(tmp_path_factory, squares, settings, camera_to_world, unrefined):
     targets = CodeTargets(instances, found, CPU)
     views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), squares, settings)
     put_tiles(folder, camera_to_world)
-    tiles = TileViews(open_artifact(folder / "tiles.zarr", TILES), frames)
+    tiles = TileViews([open_artifact(folder / "tiles.zarr", TILES)], frames, CPU)
     return Scene(squares, views, settings, targets, tiles)
 
 
@@ -256,17 +256,17 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
         return scene.coded(method, checkpoint, iterations=iterations)
 
     whole = run("whole")
-    record = loop.Training._record
+    record = loop._Training._record
 
     def killed(self) -> None:
         record(self)
         if self.iteration == 10:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(loop.Training, "_record", killed)
+    monkeypatch.setattr(loop._Training, "_record", killed)
     with pytest.raises(KeyboardInterrupt):
         run("killed")
-    monkeypatch.setattr(loop.Training, "_record", record)
+    monkeypatch.setattr(loop._Training, "_record", record)
     rest = run("killed")
     assert torch.equal(whole.code, rest.code) and whole.curve == rest.curve
     assert np.array_equal(whole.decoder.values, rest.decoder.values)
