@@ -256,17 +256,17 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
         return scene.coded(method, checkpoint, iterations=iterations)
 
     whole = run("whole")
-    record = loop._Training._record
+    iterate = loop._Training.iterate
 
-    def killed(self) -> None:
-        record(self)
-        if self.iteration == 10:
+    def killed(self, iteration: int) -> None:
+        if iteration == 11:
             raise KeyboardInterrupt
+        iterate(self, iteration)
 
-    monkeypatch.setattr(loop._Training, "_record", killed)
+    monkeypatch.setattr(loop._Training, "iterate", killed)
     with pytest.raises(KeyboardInterrupt):
         run("killed")
-    monkeypatch.setattr(loop._Training, "_record", record)
+    monkeypatch.setattr(loop._Training, "iterate", iterate)
     rest = run("killed")
     assert torch.equal(whole.code, rest.code) and whole.curve == rest.curve
     assert np.array_equal(whole.decoder.values, rest.decoder.values)
