@@ -4,7 +4,7 @@ It deviates from 3DGS in the opacity after a reset and in pruning by size (docs/
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -13,8 +13,7 @@ from torch import Tensor
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import Adam
-from egosplat.gaussians.schedule import Schedule
-from egosplat.rasterize.contract import ALPHA_THRESHOLD
+from egosplat.gaussians.schedule import TrainingOptions
 
 _CHILDREN = 2
 # A split replaces a Gaussian by two with scales divided by 1.6.
@@ -25,51 +24,19 @@ _SHRINK = 0.8 * _CHILDREN
 _OUTLIER = 10.0
 
 
-@dataclass(frozen=True)
-class DensityOptions:
-    """Thresholds of density control; the defaults are 3DGS's, except for ``reset_opacity``.
+# Longest axis that is cloned rather than split, and from which outliers are pruned after the first reset [scene extent].
+_PERCENT_DENSE, _PRUNE_SCALE = 0.01, 0.1
 
-    Attributes:
-        max_gaussians: limit that density control never exceeds.
-        grow_grad2d: mean image position gradient above which a Gaussian grows, in units of half the image.
-        percent_dense: largest scale that is cloned rather than split [scene extent].
-        prune_opacity: less opaque Gaussians are pruned; above 1/255.
-        prune_scale: after the first reset, larger outliers are pruned [scene extent].
-        prune_screen_px: the same limit for the screen radius [px]; None for no limit.
-        reset_opacity: largest opacity after a reset.
-
-    Raises:
-        ValueError: not 1/255 < prune_opacity < reset_opacity < 1.
-    """
-
-    max_gaussians: int
-    grow_grad2d: float = 2e-4
-    percent_dense: float = 0.01
-    prune_opacity: float = 0.005
-    prune_scale: float = 0.1
-    prune_screen_px: float | None = None
-    # 3DGS: 0.01. The rasterizer skips pixels with alpha below 1/255, so a Gaussian of opacity o has gradients within
-    # sqrt(2 ln(255 o)) standard deviations: the fraction 1 - 1 / (255 o) of its footprint. At 0.01 that is 61 %, and a
-    # Gaussian that is covered or dimmed by antialiasing may have no such pixel: it would neither fade nor recover. At
-    # 0.05 it is 92 %.
-    reset_opacity: float = 0.05
-
-    def __post_init__(self) -> None:
-        # Below 1/255 a Gaussian has no gradient: it must be pruned before it drifts there.
-        if not ALPHA_THRESHOLD < self.prune_opacity < self.reset_opacity < 1.0:
-            raise ValueError(
-                f"not in order: 1/255, prune_opacity {self.prune_opacity}, reset_opacity {self.reset_opacity}, 1"
-            )
+# Less opaque Gaussians are pruned. Above the rasterizer's 1/255, below which a Gaussian has no gradient any more.
+_PRUNE_OPACITY = 0.005
 
 
 class DensityControl:
     """Decides after each iteration which Gaussians exist: grows those with large image position gradients."""
 
-    def __init__(self, options: DensityOptions, schedule: Schedule, extent: float) -> None:
-        """Take the options, the schedule and ``scene_extent`` [m]."""
-        self.options = options
-        self.schedule = schedule
-        self.extent = extent
+    def __init__(self, options: TrainingOptions, extent: float) -> None:
+        """Take the options of the training and ``scene_extent`` [m]."""
+        self.options, self.schedule, self.extent = options, options.schedule, extent
         self._statistics: dict[str, Tensor] = {}
 
     @torch.no_grad()
@@ -148,11 +115,11 @@ class DensityControl:
         # Rows change below: the next interval collects new statistics.
         self._statistics = {}
         # Pruning comes first: it frees room in the budget for growth.
-        keep = gaussians.finite() & (gaussians.opacities >= options.prune_opacity)
+        keep = gaussians.finite() & (gaussians.opacities >= _PRUNE_OPACITY)
         score = statistics["grad"] / statistics["views"].clamp(min=1.0)
         room = options.max_gaussians - int(keep.sum())
         grow = highest(score, keep & (score > options.grow_grad2d), room)
-        clone, split = clone_or_split(gaussians, grow, options.percent_dense * self.extent)
+        clone, split = clone_or_split(gaussians, grow, _PERCENT_DENSE * self.extent)
         children = split_gaussians(gaussians.select(split), generator)
         new = Gaussians.concatenate([gaussians.select(clone), children])
         old_radius = statistics["radius"][keep & ~split]
@@ -160,7 +127,7 @@ class DensityControl:
         radius = torch.cat([old_radius, old_radius.new_zeros(new.count)])
         gaussians = replace_rows(gaussians, optimizer, keep & ~split, new)
         if self.schedule.prunes_large(iteration):
-            large = too_large(gaussians, radius, options.prune_scale * self.extent, options.prune_screen_px)
+            large = too_large(gaussians, radius, _PRUNE_SCALE * self.extent, options.prune_screen_px)
             gaussians = replace_rows(gaussians, optimizer, ~large)
         return gaussians
 

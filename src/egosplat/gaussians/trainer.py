@@ -12,7 +12,7 @@ from torch import Tensor
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.gaussians.corrections import Corrections, applied
-from egosplat.gaussians.density_control import DensityControl, DensityOptions
+from egosplat.gaussians.density_control import DensityControl
 from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.loss import Objective
 from egosplat.gaussians.model import PARAMETERS, Gaussians
@@ -67,7 +67,7 @@ class TrainingState:
         self.gaussians = start.requires_grad_()
         # 3DGS scales only the learning rate of the means, because only means have the unit of the scene.
         self.optimizer = Adam(start, LearningRates(means=options.position_lr * extent))
-        self.density = density_control(options, extent)
+        self.density = DensityControl(options, extent)
         self.objective = objective
         self.corrections = corrections
         # On the CPU: a GPU's generator would draw other numbers from the same seed.
@@ -118,17 +118,6 @@ class TrainingState:
         self.loss_sum = state["loss_sum"]
         for name in _NUMBERS:
             setattr(self, name, state[name])
-
-
-def density_control(options: TrainingOptions, extent: float) -> DensityControl:
-    """Return the density control of a scene of ``extent`` [m]."""
-    limits = DensityOptions(
-        options.max_gaussians,
-        grow_grad2d=options.grow_grad2d,
-        prune_screen_px=options.prune_screen_px,
-        reset_opacity=options.reset_opacity,
-    )
-    return DensityControl(limits, options.schedule, extent)
 
 
 _NUMBERS = ("iteration", "seconds", "bad_records")

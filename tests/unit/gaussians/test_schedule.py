@@ -63,25 +63,6 @@ def test_white_background_reset_at_the_start() -> None:
     assert not Schedule(reset_at_start=True, densify_from=0).resets_opacity(0)
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"densify_from": 16_000},
-        {"densify_until": 40_000},
-        {"densify_every": 0},
-        {"reset_every": 0},
-        {"position_lr_final": 0.0},
-        {"position_lr_steps": 0},
-    ],
-)
-def test_an_inconsistent_schedule_is_rejected(wrong: dict[str, int]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        Schedule(**wrong)
-    for shorten in (scaled, cut):
-        with pytest.raises(ValueError, match="0 iterations"):
-            shorten(STOCK, 0)
-
-
 def test_a_cut_schedule_is_the_beginning_of_the_stock_schedule():
     """EgoLifter's 7,000 iterations: growth until the end, 3DGS's learning rates, resets at 500 and 3,000."""
     begun = cut(replace(STOCK, reset_at_start=True), 7_000)

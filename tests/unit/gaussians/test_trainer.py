@@ -10,6 +10,7 @@ import torch
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.gaussians import loss as objective
+from egosplat.gaussians.density_control import DensityControl
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
@@ -18,7 +19,6 @@ from egosplat.gaussians.schedule import STOCK, TrainingOptions
 from egosplat.gaussians.trainer import (
     TrainingState,
     ViewSets,
-    density_control,
     draw_background,
     record,
     train,
@@ -184,13 +184,13 @@ def test_options_reach_density_control(trained):
     options = replace(
         OPTIONS, iterations=30_000, reset_at_start=True, reset_opacity=0.01, prune_screen_px=20.0
     )
-    found = density_control(options, EXTENT)
+    found = DensityControl(options, EXTENT)
     assert (found.options.reset_opacity, found.options.prune_screen_px) == (0.01, 20.0)
     resets = [i for i in range(1, 30_001) if found.schedule.resets_opacity(i)]
     assert resets == [500, 3_000, 6_000, 9_000, 12_000]
     stock = replace(OPTIONS, iterations=30_000)
     assert not stock.schedule.resets_opacity(500)
-    assert density_control(stock, EXTENT).options.prune_screen_px is None
+    assert DensityControl(stock, EXTENT).options.prune_screen_px is None
     # In training: opacities are lowered where density control begins, and not otherwise.
     short = {"iterations": 5, "evaluate_every": 5}
     begins = replace(OPTIONS, **short).schedule.densify_from
@@ -221,7 +221,7 @@ def test_screen_size_pruning_uses_the_renderer_s_radii(trained):
         background=None,
     )
     limit = float(meta["radii"].max()) - 1
-    density = density_control(replace(OPTIONS, iterations=30_000, prune_screen_px=limit), EXTENT)
+    density = DensityControl(replace(OPTIONS, iterations=30_000, prune_screen_px=limit), EXTENT)
     density.observe(torch.zeros(1, state.gaussians.count, 2), meta["radii"], 24, 24)
     seen_large = (meta["radii"].amax(dim=(0, 2)) > meta["radii"].max() - 1).sum()
     left = density.step(3_100, state.gaussians, state.optimizer, state.generator)
