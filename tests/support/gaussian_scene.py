@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
@@ -83,3 +84,20 @@ def with_moments(gaussians: Gaussians) -> Adam:
     for name, parameter in gaussians.parameters().items():
         parameter.detach().copy_(before[name])
     return optimizer
+
+
+class Stopped(Exception):
+    pass
+
+
+class StoppingCheckpoint(Checkpoint):
+    """Ends training as a kill would, right after the checkpoint of one iteration."""
+
+    def __init__(self, folder: Path, at: int) -> None:
+        super().__init__(folder / "splats.zarr", "key", 1e-9)
+        self.at = at
+
+    def save_if_due(self, state) -> None:
+        super().save_if_due(state)
+        if state()["iteration"] == self.at:
+            raise Stopped

@@ -14,7 +14,8 @@ from egosplat.rasterize.contract import (
     shows_depth,
     shows_expected_depth,
 )
-from egosplat.rasterize.kernels import library, lookups
+from egosplat.rasterize.kernels import library
+from egosplat.rasterize.kernels.lookups import Projected
 from egosplat.rasterize.kernels.raster import Projection, composite, project
 
 
@@ -44,39 +45,13 @@ def rasterization(arguments: Arguments) -> Render:
 
 
 @torch.no_grad()
-def sum_over_pixels(arguments: Arguments, image: Tensor) -> Tensor:
-    """``view.sum_over_pixels`` with the compiled kernels, for one camera; colors are not used. Errors are as above."""
-    return lookups.sum_pixels(_projected(arguments), image.permute(2, 0, 1))
-
-
-@torch.no_grad()
-def sparse_values(arguments: Arguments, values: tuple[Tensor, Tensor, Tensor], channels: int) -> Tensor:
-    """``view.composite_sparse`` with the compiled kernels, for one camera; colors are not used. Errors are as above."""
-    a = arguments
-    return lookups.composite_sparse(_projected(a), values, channels, a.width, a.height)
-
-
-@torch.no_grad()
-def pixel_weights(arguments: Arguments, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """``kernels.lookups.list_weights`` for one camera; colors are not used. Errors are as above."""
-    a = arguments
-    return lookups.list_weights(_projected(a), pixels, a.width, a.height)
-
-
-@torch.no_grad()
-def own_weights(arguments: Arguments, pixels: Tensor) -> Tensor:
-    """``kernels.lookups.own_weights`` for one camera; colors are not used. Errors are as above."""
-    a = arguments
-    return lookups.own_weights(_projected(a), pixels, a.width, a.height)
-
-
-def _projected(a: Arguments) -> lookups.Projected:
-    """The Gaussians in the image of the one camera."""
+def projected(a: Arguments) -> Projected:
+    """The Gaussians in the image of the one camera; colors are not used. Errors are as above."""
     _check_usable(a)
     means2d, conics, depths, seen, _, variances_y, radii = project(
         a.means, a.quats, a.scales, a.opacities, None, None, a.viewmats[0], _projection(a, a.Ks[0])
     )
-    return lookups.Projected(means2d, conics, depths, seen, variances_y, radii)
+    return Projected(means2d, conics, depths, seen, variances_y, radii, a.width, a.height)
 
 
 def _check_usable(a: Arguments) -> None:

@@ -10,6 +10,7 @@ from torch.nn.functional import embedding_bag
 
 from egosplat.rasterize import api, cpu
 from egosplat.rasterize.contract import Arguments, check
+from egosplat.rasterize.kernels import lookups
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +39,9 @@ class View:
     def _backend(self) -> str:
         return api.chosen_backend(self.backend, self.means)
 
-    def _without_values(self, channels: int = 1) -> Arguments:
-        """The checked arguments of what uses no values."""
-        return self._arguments(self.means.new_zeros(1, channels).expand(len(self.means), -1))
+    def _projected(self) -> lookups.Projected:
+        """The Gaussians in the image, for the compiled kernels."""
+        return cpu.projected(self._arguments(self.means.new_zeros(1, 1).expand(len(self.means), -1)))
 
     def _arguments(self, colors: Tensor) -> Arguments:
         """The checked arguments of a backend."""
@@ -95,7 +96,7 @@ def sum_over_pixels(view: View, image: Tensor) -> Tensor:
             f"image is {tuple(image.shape)} {image.dtype} on {image.device}; {size} and channels like means is needed"
         )
     if view._backend == "cpu":
-        return cpu.sum_over_pixels(view._without_values(image.shape[2]), image)
+        return lookups.sum_pixels(view._projected(), image.permute(2, 0, 1))
     # Rendering is linear in the values, so its gradient is the transposed map, at any values.
     values = image.new_zeros(len(view.means), image.shape[2]).requires_grad_()
     with torch.enable_grad():
@@ -127,7 +128,7 @@ def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
         raise ValueError(f"{wanted}: {error}") from error
     if view._backend == "cpu":
         begin, channel = (torch.from_numpy(each).long() for each in (values.indptr, values.indices))
-        return cpu.sparse_values(view._without_values(channels), (begin, channel, value), channels)
+        return lookups.composite_sparse(view._projected(), (begin, channel, value), channels)
     device = view.means.device
     row, channel = (torch.from_numpy(each).to(device).long() for each in values.tocoo().coords)
     # The few values are copied to the device, not the zeros between them.
@@ -180,7 +181,7 @@ def pixel_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     view = view._on_cpu()
     if view.backend == "reference":
         return _reference_lists(view, pixels)
-    return cpu.pixel_weights(view._without_values(), pixels)
+    return lookups.list_weights(view._projected(), pixels)
 
 
 def own_weights(view: View, pixels: Tensor) -> Tensor:
@@ -199,7 +200,7 @@ def own_weights(view: View, pixels: Tensor) -> Tensor:
         raise ValueError(f"pixels are {tuple(pixels.shape)}; ({len(view.means)}, 2) is needed")
     view = view._on_cpu()
     if view.backend != "reference":
-        return cpu.own_weights(view._without_values(), pixels)
+        return lookups.own_weights(view._projected(), pixels)
     inside = ((pixels >= 0) & (pixels < torch.tensor([view.width, view.height]))).all(dim=1).nonzero()[:, 0]
     begin, ids, weights = _reference_lists(view, pixels[inside])
     owner = inside[torch.repeat_interleave(begin.diff())]

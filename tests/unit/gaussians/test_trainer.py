@@ -10,11 +10,10 @@ import torch
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.gaussians import loss as objective
-from egosplat.gaussians.density_control import DensityControl
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import STOCK, TrainingOptions
 from egosplat.gaussians.trainer import (
     TrainingState,
@@ -25,6 +24,7 @@ from egosplat.gaussians.trainer import (
 )
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
+from tests.support.gaussian_scene import Stopped, StoppingCheckpoint
 
 OPTIONS = TrainingOptions(
     render=RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto"),
@@ -88,23 +88,6 @@ def test_results_depend_on_the_seed(trained):
     first, second, other = trained(), trained(), trained(seed=4)
     assert same(first.gaussians, second.gaussians) and first.curves.loss == second.curves.loss
     assert not same(first.gaussians, other.gaussians)
-
-
-class Stopped(Exception):
-    pass
-
-
-class StoppingCheckpoint(Checkpoint):
-    """Ends training as a kill would, right after the checkpoint of one iteration."""
-
-    def __init__(self, folder, at: int) -> None:
-        super().__init__(folder / "splats.zarr", "key", 1e-9)
-        self.at = at
-
-    def save_if_due(self, state) -> None:
-        super().save_if_due(state)
-        if state()["iteration"] == self.at:
-            raise Stopped
 
 
 def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tmp_path):
@@ -180,18 +163,7 @@ def test_options_scale_the_schedule():
 
 
 def test_options_reach_density_control(trained):
-    """EgoLifter's options: a reset at the start, another opacity after a reset, pruning by screen size."""
-    options = replace(
-        OPTIONS, iterations=30_000, reset_at_start=True, reset_opacity=0.01, prune_screen_px=20.0
-    )
-    found = DensityControl(options, EXTENT)
-    assert (found.options.reset_opacity, found.options.prune_screen_px) == (0.01, 20.0)
-    resets = [i for i in range(1, 30_001) if found.schedule.resets_opacity(i)]
-    assert resets == [500, 3_000, 6_000, 9_000, 12_000]
-    stock = replace(OPTIONS, iterations=30_000)
-    assert not stock.schedule.resets_opacity(500)
-    assert DensityControl(stock, EXTENT).options.prune_screen_px is None
-    # In training: opacities are lowered where density control begins, and not otherwise.
+    """Opacities are lowered where density control begins, and not otherwise."""
     short = {"iterations": 5, "evaluate_every": 5}
     begins = replace(OPTIONS, **short).schedule.densify_from
     assert 0 < begins <= 5
@@ -207,23 +179,3 @@ def test_nothing_is_scored_just_after_a_reset(trained):
     every = list(range(begins, 13, begins))
     assert trained(**options).curves.evaluated == every
     assert trained(**options, reset_at_start=True).curves.evaluated == every[1:]
-
-
-def test_screen_size_pruning_uses_the_renderer_s_radii(trained):
-    """Radii come from the renderer; a limit below all of them would leave no visible Gaussian."""
-    state = trained(iterations=12, evaluate_every=12)
-    _, _, meta = render(
-        state.gaussians,
-        Camera(24, 24, 22.0, 22.0, 12.0, 12.0),
-        np.eye(4),
-        RenderSettings(0.1, "black", False, "auto"),
-        sh_degree=0,
-        background=None,
-    )
-    limit = float(meta["radii"].max()) - 1
-    density = DensityControl(replace(OPTIONS, iterations=30_000, prune_screen_px=limit), EXTENT)
-    density.observe(torch.zeros(1, state.gaussians.count, 2), meta["radii"], 24, 24)
-    seen_large = (meta["radii"].amax(dim=(0, 2)) > meta["radii"].max() - 1).sum()
-    left = density.step(3_100, state.gaussians, state.optimizer, state.generator)
-    transparent = int((state.gaussians.opacities < 0.005).sum())
-    assert left.count == state.gaussians.count - int(seen_large) - transparent and int(seen_large) > 0

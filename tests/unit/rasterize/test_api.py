@@ -149,13 +149,6 @@ def test_sums_over_pixels_are_the_gradient_of_a_render_to_the_bit(channels, back
         assert found.any(dim=1).sum() > 50 and not found[-1].any()
 
 
-def test_sums_over_pixels_without_a_visible_gaussian_are_zero():
-    geometry = crowd(5) | {"means": torch.full((5, 3), -1.0)}
-    camera = {"viewmat": gaussians()["viewmats"][0], "K": gaussians()["Ks"][0]}
-    view = View(**geometry, **camera, width=8, height=6)
-    assert not sum_over_pixels(view, torch.ones(6, 8, 2)).any()
-
-
 def test_invalid_arguments_are_reported():
     with pytest.raises(ValueError, match="backend .*'gpu'.* auto"):
         api.rasterization(**gaussians(), backend="gpu")

@@ -43,12 +43,6 @@ def test_valid_shapes_are_accepted(accepted):
     check(Arguments(**arguments(**accepted)))
 
 
-def bad_camera(name: str, row: int, column: int, value: float) -> dict[str, object]:
-    matrices = arguments()[name].clone()
-    matrices[1, row, column] = value
-    return {name: matrices}
-
-
 @pytest.mark.parametrize(
     ("refused", "words"),
     [
@@ -71,19 +65,11 @@ def bad_camera(name: str, row: int, column: int, value: float) -> dict[str, obje
         ({"c": 0}, "at least one camera"),
         ({"viewmats": torch.zeros(2, 3, 4)}, r"viewmats has shape \(2, 3, 4\)"),
         ({"Ks": torch.eye(3)[None]}, r"Ks has shape \(1, 3, 3\)"),
-        (bad_camera("viewmats", 0, 3, math.nan), "not finite"),
-        (bad_camera("Ks", 0, 2, math.inf), "not finite"),
-        (bad_camera("Ks", 1, 1, 0.0), "focal lengths must be positive"),
-        (bad_camera("Ks", 0, 1, 0.5), "skew"),
+        ({"Ks": torch.tensor([[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]]).repeat(2, 1, 1)}, "skew"),
         ({"means": torch.zeros(4, 3).half()}, "float16"),
         ({"quats": torch.zeros(4, 4).double()}, "quats is torch.float64"),
         ({"features": torch.zeros(4, 1, device="meta")}, "features is torch.float32 on meta"),
-        ({"width": 0}, "0 x 6"),
-        ({"near_plane": 0.0}, "near_plane 0.0"),
-        ({"near_plane": math.nan}, "near_plane nan"),
-        ({"far_plane": 0.1}, "far_plane 0.1"),
         ({"radius_clip": -1.0}, "radius_clip -1.0"),
-        ({"eps2d": -0.1}, "eps2d -0.1"),
         ({"render_mode": "RGBD"}, "'RGBD', not one of RGB, D, ED"),
         ({"rasterize_mode": "smooth"}, "'smooth', not one of classic"),
     ],

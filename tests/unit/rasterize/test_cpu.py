@@ -195,20 +195,6 @@ def test_non_finite_gaussians_are_culled(name, value):
         assert (broken[key].grad[7] == 0).all(), key
 
 
-def extreme(**changes: object) -> dict[str, Tensor]:
-    """One Gaussian 2 m ahead; each change replaces one of its values."""
-    values = {
-        "means": [[0.0, 0.0, 2.0]],
-        "quats": [[1.0, 0.0, 0.0, 0.0]],
-        "scales": [[0.1, 0.1, 0.1]],
-        "opacities": [0.8],
-        "colors": [[0.2, 0.5, 0.9]],
-        "viewmats": np.eye(4)[None].tolist(),
-        "Ks": [[[75.0, 0, 33.0], [0, 70.0, 26.0], [0, 0, 1]]],
-    }
-    return {name: torch.tensor(value, dtype=torch.float64) for name, value in (values | changes).items()}
-
-
 def test_without_gaussians_the_background_is_visible():
     rest = ("viewmats", "Ks", "backgrounds")
     values = {name: (value if name in rest else value[:0]).float() for name, value in scene(0).items()}

@@ -16,7 +16,7 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import FITTED, FRAMES, POSES, SCHEMAS, TRAINED, camera_poses
 from egosplat.errors import UserError
 from egosplat.gaussians import training_views
-from egosplat.gaussians.io import STORED, read_gaussians
+from egosplat.gaussians.io import STORED
 from egosplat.splats import stage
 from tests.support.scenes import put
 from tests.support.waiting import wait_for
@@ -100,15 +100,6 @@ def test_masks_that_leave_no_pixel_are_named(scene, pictures, hides):
         stage.run(*paths, options, masks_path=folder / "masks.zarr")
 
 
-def test_the_gaussians_are_restored_from_the_artifact(scene):
-    splats = run(scene())
-    gaussians = read_gaussians(splats)
-    assert gaussians.sh_degree == 1 and gaussians.features.shape == (gaussians.count, 0)
-    for name in STORED:
-        assert torch.equal(getattr(gaussians, name), torch.from_numpy(splats.read(name)))
-    assert bool(gaussians.finite().all())
-
-
 def test_a_killed_run_resumes_to_the_same_gaussians(scene, capsys):
     folder = scene()
     keys = {"iterations": 400, "evaluate_every": 100, "background": "random"}
@@ -166,12 +157,6 @@ def test_training_without_poses_is_an_error(scene):
     with pytest.raises(UserError, match="8 training frames"):
         run(folder)
     assert {path.name for path in folder.iterdir()} == {"frames.zarr", "poses.zarr"}
-
-
-@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
-def test_a_missing_backend_is_an_error(scene):
-    with pytest.raises(UserError, match="backend cuda"):
-        run(scene(), backend="cuda")
 
 
 def test_corrections_are_written_beside_the_scores_without(scene, camera_to_world, pictures):

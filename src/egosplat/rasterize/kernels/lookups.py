@@ -20,11 +20,17 @@ class Projected(NamedTuple):
     opacities: Tensor
     variances_y: Tensor
     radii: Tensor
+    width: int
+    height: int
 
     def arrays(self) -> list[Tensor | None]:
         """Contiguous copies in the kernels' order. Whoever calls a kernel keeps them until it returns."""
         order = (self.means2d, self.conics, self.variances_y, self.opacities, self.depths, self.radii)
         return [*map(plain, order)]
+
+    def sizes(self) -> tuple[int, int, int, int]:
+        """Number of Gaussians, size of the image, number of threads."""
+        return len(self.means2d), self.width, self.height, torch.get_num_threads()
 
 
 def sum_pixels(projected: Projected, image: Tensor) -> Tensor:
@@ -41,9 +47,7 @@ def sum_pixels(projected: Projected, image: Tensor) -> Tensor:
     return sums
 
 
-def composite_sparse(
-    projected: Projected, values: tuple[Tensor, Tensor, Tensor], channels: int, width: int, height: int
-) -> Tensor:
+def composite_sparse(projected: Projected, values: tuple[Tensor, Tensor, Tensor], channels: int) -> Tensor:
     """Composite values of which a Gaussian has few that are not 0, on background 0. Not differentiable.
 
     Args:
@@ -55,16 +59,13 @@ def composite_sparse(
         (X, height, width), what ``kernels.raster.composite`` renders of the dense values.
     """
     begin, channel, value = values
-    render = torch.zeros(channels, height, width)
+    render = torch.zeros(channels, projected.height, projected.width)
     arrays = [*projected.arrays(), *map(plain, (begin.long(), channel.long(), value)), render]
-    sizes = (len(projected.means2d), width, height, torch.get_num_threads())
-    function("sparse_render", 4 * "i" + 10 * "p")(*sizes, *map(address, arrays))
+    function("sparse_render", 4 * "i" + 10 * "p")(*projected.sizes(), *map(address, arrays))
     return render
 
 
-def list_weights(
-    projected: Projected, pixels: Tensor, width: int, height: int
-) -> tuple[Tensor, Tensor, Tensor]:
+def list_weights(projected: Projected, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """List what (P, 2) pixels, column and row inside the image, show, without rendering an image.
 
     Returns:
@@ -74,23 +75,23 @@ def list_weights(
     Raises:
         ValueError: a pixel lies outside the image.
     """
+    width, height = projected.width, projected.height
     if ((pixels < 0) | (pixels >= torch.tensor([width, height]))).any():
         raise ValueError(f"a pixel lies outside the image of {width} x {height}")
     arrays, wanted = projected.arrays(), pixels.to(torch.int32).contiguous()
     begin = torch.zeros(len(wanted) + 1, dtype=torch.int64)
-    sizes = (len(projected.means2d), width, height, torch.get_num_threads())
     kernel = function("pixel_weights", 4 * "i" + 6 * "p" + "ipl" + 3 * "p")
     room = _USUAL * len(wanted)
     while True:
         ids, weights = torch.empty(room, dtype=torch.int64), torch.empty(room)
         results = map(address, (begin, ids, weights))
-        kernel(*sizes, *map(address, arrays), len(wanted), address(wanted), room, *results)
+        kernel(*projected.sizes(), *map(address, arrays), len(wanted), address(wanted), room, *results)
         if (found := int(begin[-1])) <= room:
             return begin, ids[:found], weights[:found]
         room = found
 
 
-def own_weights(projected: Projected, pixels: Tensor, width: int, height: int) -> Tensor:
+def own_weights(projected: Projected, pixels: Tensor) -> Tensor:
     """Find the weight of each Gaussian at one pixel of its own, in a tenth of the time of ``list_weights``.
 
     Args:
@@ -100,9 +101,8 @@ def own_weights(projected: Projected, pixels: Tensor, width: int, height: int) -
         (N,) float32, alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.
     """
     # Numbers beyond int32 must not wrap around into the image.
-    wanted = pixels.clamp(-1, max(width, height)).to(torch.int32).contiguous()
+    wanted = pixels.clamp(-1, max(projected.width, projected.height)).to(torch.int32).contiguous()
     weights = torch.zeros(len(projected.means2d))
     arrays = [*projected.arrays(), wanted, weights]
-    sizes = (len(weights), width, height, torch.get_num_threads())
-    function("own_weights", 4 * "i" + 8 * "p")(*sizes, *map(address, arrays))
+    function("own_weights", 4 * "i" + 8 * "p")(*projected.sizes(), *map(address, arrays))
     return weights

@@ -111,11 +111,3 @@ def test_tiles_list_the_gaussians_that_reach_them():
         touching = ((means2d + radii > low) & (means2d - radii < low + TILE)).all(dim=1) & (radii > 0).all(1)
         assert sorted(found.tolist()) == touching.nonzero().squeeze(1).tolist()
         assert depths[found].diff().ge(0).all()
-
-
-def test_no_gaussians_give_an_empty_image_with_gradients():
-    empty = [torch.zeros(0, *shape, requires_grad=True) for shape in ((2,), (3,), (), (4,))]
-    image, alpha = composite(*empty, torch.zeros(0), torch.zeros(0, 2), 20, 10)
-    assert image.shape == (10, 20, 4) and alpha.shape == (10, 20, 1)
-    assert (image == 0).all() and (alpha == 0).all()
-    (image.sum() + alpha.sum()).backward()
