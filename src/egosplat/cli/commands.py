@@ -3,10 +3,10 @@
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -23,6 +23,9 @@ from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
 from egosplat.progress import name_lines, show_log
+
+if TYPE_CHECKING:
+    from egosplat.models.needed import Needed
 
 # Half of the longest message about a flag [characters]; a value may be a whole file.
 _LONGEST = 500
@@ -160,19 +163,14 @@ def models(
     context: click.Context, configfile: tuple[Path, ...], config: tuple[str, ...], every: bool
 ) -> None:
     """List the checkpoints that the configuration needs: place, license, size, SHA-256, and whether they are there."""
-    from egosplat.doctor.inputs import read_configuration, read_configurations
-    from egosplat.models.needed import catalogue, find_needed, listing
+    from egosplat.models.needed import listing
 
     context.obj = (configfile, config)
     if context.invoked_subcommand:
         return
     options = [word for path in configfile for word in ("--configfile", str(path))]
     options += [word for one in config for word in ("--config", one)]
-    if every:
-        files = catalogue(read_configuration(configfile, config)[0])
-    else:
-        files = find_needed(read_configurations(configfile, config))
-    click.echo(listing(files, options))
+    click.echo(listing(_checkpoints(configfile, config, every), options))
 
 
 @models.command()
@@ -188,17 +186,23 @@ def download(
     NAMES are architectures, as sam2.1_hiera_l. Proxies are those of the environment (https_proxy); HF_ENDPOINT names a
     mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
     """
-    from egosplat.doctor.inputs import read_configuration, read_configurations
-    from egosplat.models.needed import catalogue, find_needed
     from egosplat.models.needed import download as fetch
 
     files, options = (*context.obj[0], *configfile), (*context.obj[1], *config)
-    if names:
-        wanted = catalogue(read_configuration(files, options)[0], names)
-    else:
-        wanted = find_needed(read_configurations(files, options))
-    for line in fetch(wanted):
+    for line in fetch(_checkpoints(files, options, bool(names), names)):
         click.echo(line)
+
+
+def _checkpoints(
+    files: Sequence[Path], options: Sequence[str], catalogued: bool, names: Sequence[str] = ()
+) -> "list[Needed]":
+    """The checkpoints that a configuration needs, or those of the catalogue, all or by name."""
+    from egosplat.doctor.inputs import read_configuration, read_configurations
+    from egosplat.models.needed import catalogue, find_needed
+
+    if catalogued:
+        return catalogue(read_configuration(files, options)[0], names)
+    return find_needed(read_configurations(files, options))
 
 
 def stage_command(stage: str) -> click.Command:

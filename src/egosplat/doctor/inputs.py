@@ -44,8 +44,15 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
         scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
     except UserError as error:
         return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
-    findings += [*scene_model_findings(config, scenes), *recording_findings(config, scenes)]
-    return [*findings, *suitability_findings(scenes)]
+    findings += scene_model_findings(config, scenes)
+    for dataset in sorted({scene.dataset for scene in scenes}):
+        rows = [scene for scene in scenes if scene.dataset == dataset]
+        findings.append(_recordings(dataset, config["data_root"].get(dataset), rows))
+    for scene in scenes:
+        if told := scene_notice(scene):
+            first, _, advice = told.partition(". ")
+            findings.append(Finding(Mark.NOTE, scene.name, first, advice))
+    return findings
 
 
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[Config, list[str]]:
@@ -110,21 +117,6 @@ def scene_model_findings(config: Config, scenes: list[Scene]) -> Iterator[Findin
             yield replace(_model(CLIP, locate_checkpoints(scene.config)), what=f"OpenCLIP, {scene.name}")
 
 
-def recording_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
-    """For each dataset in the table of scenes, which of its recordings exist."""
-    for dataset in sorted({scene.dataset for scene in scenes}):
-        rows = [scene for scene in scenes if scene.dataset == dataset]
-        yield _recordings(dataset, config["data_root"].get(dataset), rows)
-
-
-def suitability_findings(scenes: list[Scene]) -> Iterator[Finding]:
-    """A warning for each real recording that the small checkpoints were not trained for."""
-    for scene in scenes:
-        if notice := scene_notice(scene):
-            first, _, advice = notice.partition(". ")
-            yield Finding(Mark.NOTE, scene.name, first, advice)
-
-
 def _model(model: ModelSpec, config: Config) -> Finding:
     from egosplat.models.weights import read_tensors
 
@@ -166,6 +158,7 @@ def _compute(config: Config) -> Finding:
 
 
 def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
+    """Which recordings of a dataset exist."""
     subject = f"{dataset} recordings"
     if all(scene.synthetic for scene in scenes):
         stand_in = f"data_root.{dataset} is not set: synthetic apartments replace its {len(scenes)} scenes"

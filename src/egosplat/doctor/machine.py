@@ -112,9 +112,6 @@ def _ray_caster() -> Finding:
 
 
 def _memory(meminfo: Path = Path("/proc/meminfo")) -> Finding:
-    if not meminfo.is_file():
-        total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        return Finding(Mark.OK, "memory", f"{total / GIB:.1f} GiB")
     lines = (line.partition(":") for line in meminfo.read_text().splitlines())
     kib = {key: int(rest.split()[0]) for key, _, rest in lines}
     # MemAvailable includes caches that the kernel frees on demand; MemFree does not.

@@ -15,9 +15,6 @@ ALL_FRAMES = "all"
 # Keys of the section camera that the survey can decide; survey.json has its decisions under the same names.
 CAMERA = ("refine_poses", "compensate_exposure")
 
-# All keys whose value the survey can decide.
-BY_SURVEY = ("masking", "track_moving", *CAMERA)
-
 # Artifacts with the masks, by splats.masking.
 _MASKS: dict[str, tuple[str, ...]] = {
     "none": (),

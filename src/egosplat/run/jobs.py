@@ -80,12 +80,6 @@ def path_of(stage: str, job: Job) -> str:
     return artifact_path(stage, job.scene, job.variant)
 
 
-def required_paths(stage: str, job: Job) -> dict[str, str]:
-    """Get the paths of the inputs that a stage always reads, by name; a recording is one folder or video file."""
-    recording = str(job.scene.recording)
-    return {name: recording if name == "recording" else path_of(name, job) for name in STAGES[stage].inputs}
-
-
 def learnt_paths(stage: str, job: Job) -> dict[str, str]:
     """Get the paths of what codes are learnt from, by stage. No survey decides them."""
     return {name: path_of(name, job) for name in dag.learnt_from(stage, job.config)}
@@ -143,7 +137,9 @@ def parameters(stage: str) -> dict[str, Callable[[str, Job], str]]:
 
 def arguments(stage: str, job: Job) -> str:
     """Format the paths of a stage's inputs, and its values from the table of scenes, as flags of its command."""
-    flags = required_paths(stage, job) | learnt_paths(stage, job) | decided_paths(stage, job)
+    recording = str(job.scene.recording)
+    flags = {name: recording if name == "recording" else path_of(name, job) for name in STAGES[stage].inputs}
+    flags |= learnt_paths(stage, job) | decided_paths(stage, job)
     flags |= {name: value for name in STAGES[stage].scene if (value := scene_value(name, job))}
     flags |= {"chunk": job.chunk} if job.chunk else {}
     words = [f"--{name.replace('_', '-')} {shlex.quote(value)}" for name, value in flags.items()]

@@ -54,16 +54,12 @@ class Source:
         format: ``plain`` or ``adt``.
         path: folder or file, as the table of scenes names it.
         about: what it is, in a few words, with the number of its frames.
-        count: number of its frames; None if it is not known before they are read.
         options: keys that suit it, by name in the table of scenes.
-        known: whether it has poses.
     """
 
     format: str
     path: Path
     about: str
-    count: int | None
-    known: bool
     options: dict[str, str] = field(default_factory=dict)
 
 
@@ -142,7 +138,7 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
     assert isinstance(pictures, ImageFolder)
     count = len(pictures.paths)
     about = f"{count} pictures" + ("" if kind is None else f" with poses ({KNOWN_POSES[kind]})")
-    return Source("plain", folder, about, count, kind is not None)
+    return Source("plain", folder, about)
 
 
 def _read_glasses(video: Path) -> Source:
@@ -158,7 +154,7 @@ def _read_glasses(video: Path) -> Source:
             "Aria's machine perception services for this recording, and put its folder mps beside the .vrs"
         )
     about = f"a recording of Aria glasses with poses ({TRAJECTORIES[found]})"
-    return Source("adt", folder, about, None, True, {"poses.trajectory": found})
+    return Source("adt", folder, about, {"poses.trajectory": found})
 
 
 def _read_video(path: Path, known_poses: str) -> Source:
@@ -172,7 +168,7 @@ def _read_video(path: Path, known_poses: str) -> Source:
     known = find_known_poses(path, known_poses) is not None
     about = "a video" + (f" of {count} frames" if count > 0 else "") + (" with poses" if known else "")
     options = {} if known or count <= 0 else {"frames.stride": str(stride_for(count, rate))}
-    return Source("plain", path, about, count if count > 0 else None, known, options)
+    return Source("plain", path, about, options)
 
 
 def stride_for(count: int, rate: float) -> int:

@@ -13,21 +13,21 @@ from tests.unit.run.conftest import pack, write_pictures
 
 
 @pytest.mark.parametrize(
-    "kind, format, count, known, options",
+    "kind, format, about, options",
     [
-        ("video", "plain", 3, False, {"frames.stride": "1"}),
-        ("folder", "plain", 3, False, {}),
-        ("nested folder", "plain", 3, False, {}),
-        ("nerfstudio", "plain", 3, True, {}),
-        ("zip", "plain", 3, False, {}),
-        ("nested zip", "plain", 3, False, {}),
-        ("glasses", "adt", None, True, {"poses.trajectory": "closed_loop"}),
+        ("video", "plain", "a video of 3 frames", {"frames.stride": "1"}),
+        ("folder", "plain", "3 pictures", {}),
+        ("nested folder", "plain", "3 pictures", {}),
+        ("nerfstudio", "plain", "3 pictures with poses", {}),
+        ("zip", "plain", "3 pictures", {}),
+        ("nested zip", "plain", "3 pictures", {}),
+        ("glasses", "adt", "a recording of Aria glasses with poses", {"poses.trajectory": "closed_loop"}),
     ],
 )
-def test_each_kind_of_recording_is_recognized(recording, tmp_path, kind, format, count, known, options):
+def test_each_kind_of_recording_is_recognized(recording, tmp_path, kind, format, about, options):
     given = recording(kind)
     found = read_source(given, tmp_path / "results/recording")
-    assert (found.format, found.count, found.known, found.options) == (format, count, known, options)
+    assert (found.format, found.about.partition(" (")[0], found.options) == (format, about, options)
     assert found.path.is_absolute() and found.path.exists()
     inside = tmp_path / "results" if "zip" in kind else given.parent if format == "adt" else given
     assert found.path == given if kind == "video" else found.path.is_relative_to(inside)
@@ -43,7 +43,7 @@ def test_an_archive_is_unpacked_once_and_anew_if_it_changes(recording, tmp_path)
     (first / "kept").touch()
     assert read_source(archive, tmp_path / "r/recording").path == first and (first / "kept").exists()
     pack(archive, write_pictures(tmp_path / "more", 4))
-    assert read_source(archive, tmp_path / "r/recording").count == 4
+    assert read_source(archive, tmp_path / "r/recording").about == "4 pictures"
     assert not list((tmp_path / "r").glob(".*"))
 
 
