@@ -15,7 +15,7 @@ from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.text import encode_phrases
-from egosplat.query.things import Surface, find_neighbors, make_surface
+from egosplat.query.things import Surface, find_neighbors
 from egosplat.viewing.container import Arrays, Facts, unpack
 from egosplat.viewing.gaussians import STEP
 from egosplat.viewing.html import data_of
@@ -227,6 +227,6 @@ def surface_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Su
     code_share = (arrays["code_share"] / 255).T.astype(np.float32)
     means = means_of(facts, arrays).astype(np.float64)
     seen = np.array(facts["seen_frames"])
-    return make_surface(
+    return Surface(
         means, find_neighbors(means, radii), shares, mean[:, None] * code_share, seen, facts["levels"]
     )

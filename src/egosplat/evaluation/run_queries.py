@@ -15,32 +15,10 @@ from egosplat.frames.recording import Instance
 from egosplat.geometry import Array
 from egosplat.progress import track
 from egosplat.query.answers import ViewMatch
-from egosplat.query.maps import Map
 from egosplat.query.views import Asker
 
 # The value of ``metrics.masks`` that takes these masks.
 CLASSES = "classes"
-
-
-class ClassMap:
-    """The most relevant phrase of each pixel, from one relevancy map after another."""
-
-    def __init__(self) -> None:
-        self._best: Map | None = None
-        self._phrases: list[str] = []
-
-    def add(self, phrase: str, relevancy: Map) -> None:
-        """Compare the (H, W) relevancy of one more phrase, 0 where nothing is visible; of equal ones, the first stays."""
-        if self._best is None:
-            self._best = np.zeros_like(relevancy)
-            self._winner = np.full(relevancy.shape, -1, np.int32)
-        better = relevancy > self._best
-        self._best[better], self._winner[better] = relevancy[better], len(self._phrases)
-        self._phrases.append(phrase)
-
-    def mask(self, phrase: str) -> Mask:
-        """(H, W) bool: where a phrase is the most relevant one."""
-        return self._winner == self._phrases.index(phrase)
 
 
 def count_right(query: Query, mask: Mask, layers: InstanceMap, instances: Sequence[Instance]) -> int:
@@ -127,15 +105,21 @@ def ask_of(evaluation: Evaluation, asker: Asker, masks: str = "threshold") -> As
 
 
 def mask_classes(ask: Ask, classes: Sequence[str]) -> Ask:
-    """Give answers the masks of classes."""
+    """Give answers the masks of classes: the pixels where each is the most relevant one, the first of equal ones."""
 
     def ask_all(frame: int, phrases: Sequence[str]) -> Iterator[ViewMatch]:
-        found, kept = ClassMap(), {}
-        for answer in ask(frame, classes):
-            found.add(answer.phrase, answer.relevancy)
+        # Relevancy is 0 where nothing is visible, which is of no class.
+        best, winner, kept = np.float32(0.0), np.int32(-1), {}
+        for number, answer in enumerate(ask(frame, classes)):
+            better = answer.relevancy > best
+            best, winner = (
+                np.where(better, answer.relevancy, best),
+                np.where(better, np.int32(number), winner),
+            )
             if answer.phrase in phrases:
-                kept[answer.phrase] = answer
+                kept[answer.phrase] = number, answer
         for phrase in phrases:
-            yield replace(kept[phrase], mask=found.mask(phrase), mask_level=kept[phrase].level)
+            number, answer = kept[phrase]
+            yield replace(answer, mask=winner == number, mask_level=answer.level)
 
     return ask_all

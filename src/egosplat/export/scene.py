@@ -141,7 +141,7 @@ def _export_gaussians(folder: Path, output: Path, format: str, chosen: Tensor | 
     rows = torch.arange(gaussians.count) if chosen is None else chosen
     some = gaussians.select(rows)
     if format == "spz":
-        write_spz(output, some, splats.facts["sh_degree_in_use"], antialiased=False)
+        write_spz(output, some, splats.facts["sh_degree_in_use"])
     else:
         columns = geometry_columns(some)
         if codes:

@@ -18,14 +18,11 @@ _BITS = 24
 # Natural logarithms of the least and the largest stored size: a byte holds sixteenths.
 _LOG_SIZES = -10.0, 255 / 16 - 10.0
 
-# Place of the flags in the header, and the flag of Gaussians that were trained with antialiasing.
-_FLAGS, _ANTIALIASED = 14, 1
-
 # Signs of the bases of degree 1 to 3 of spherical harmonics when y and z change theirs.
 TURNED_SH = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
 
 
-def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: bool) -> None:
+def write_spz(path: Path, gaussians: Gaussians, sh_degree: int) -> None:
     """Write Gaussians on the CPU; the file is complete or absent.
 
     The file's axes are those of OpenGL (right, up, back), so y and z change their signs, as in the converters of .ply files.
@@ -33,7 +30,6 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
 
     Args:
         sh_degree: degree of the spherical harmonics in use, 0 to 3.
-        antialiased: whether they were trained with antialiasing.
 
     Raises:
         UserError: gsply is not installed, or the format cannot hold the sizes of the Gaussians.
@@ -73,8 +69,7 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int, antialiased: boo
     with tempfile.TemporaryDirectory() as folder:
         plain = Path(folder) / "plain.spz"
         write(plain, data, version=3, fractional_bits=bits)
-        content = bytearray(gzip.decompress(plain.read_bytes()))
-    content[_FLAGS] |= _ANTIALIASED * antialiased
+        content = gzip.decompress(plain.read_bytes())
     with atomic_file(path) as scratch:
         scratch.write_bytes(gzip.compress(content, mtime=0))
 

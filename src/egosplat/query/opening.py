@@ -8,8 +8,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import LANGUAGE, SCHEMAS
 from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.query.finished_scene import Scene, scene_of
-from egosplat.query.model_defaults import suit_options
-from egosplat.query.options import AskingOptions
+from egosplat.query.options import AskingOptions, suit_options
 from egosplat.query.text import encoded_of
 
 

@@ -1,11 +1,13 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import Field
 
 from egosplat.pipeline.messages import make_options
+from egosplat.pipeline.model_sets import DEFAULTS
 from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text
+from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
@@ -73,6 +75,21 @@ class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
             UserError: a key is unknown or has a forbidden value; names the first one.
         """
         return make_options(type(self), dict(self) | keys, "a query", "query")
+
+
+Asking = TypeVar("Asking", bound=AskingOptions)
+
+
+def suit_options(options: Asking, clip_model: str, **keys: Any) -> Asking:
+    """Give keys of ``query`` that nobody set the defaults of the set of models that made a scene's features.
+
+    Args:
+        clip_model: its OpenCLIP; another one than those of the sets is asked as the published ones.
+        keys: keys that are set, too.
+    """
+    defaults = DEFAULTS.get(clip_model, DEFAULTS[PUBLISHED])["query"]
+    unset = {key: value for key, value in defaults.items() if key not in options.model_fields_set}
+    return options.change_keys(**unset | keys)
 
 
 # LangSplat's protocol, used by the paper.

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -60,7 +61,6 @@ class Surface:
         touching: (N, N) neighbors, see ``find_neighbors``.
         shares: (V, N) float32 share of each view that a Gaussian fills, see ``visible_shares``.
         weight: (N, L) float32 mean of ``shares`` over the views, times the share of the Gaussian with a code.
-        averaging: L matrices, see ``averaging``.
         frame: (V,) int64 frames of the views.
         levels: names of the levels.
     """
@@ -69,9 +69,13 @@ class Surface:
     touching: csr_array
     shares: Floats
     weight: Floats
-    averaging: tuple[csr_array, ...]
     frame: NDArray[np.int64]
     levels: Sequence[str]
+
+    @cached_property
+    def averaging(self) -> tuple[csr_array, ...]:
+        """L matrices, see ``averaging``."""
+        return tuple(averaging(self.touching, level) for level in self.weight.T)
 
 
 def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Mask | None) -> Surface:
@@ -91,20 +95,7 @@ def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, vali
     means = gaussians.means.double().cpu().numpy()
     touching = find_neighbors(means, gaussians.scales.amax(dim=1).double().cpu().numpy())
     weight = shares.mean(axis=0)[:, None] * scene.share.cpu().numpy()
-    return make_surface(means, touching, shares, weight, frame, scene.levels)
-
-
-def make_surface(
-    means: Array,
-    touching: csr_array,
-    shares: Floats,
-    weight: Floats,
-    frame: NDArray[np.int64],
-    levels: Sequence[str],
-) -> Surface:
-    """Average over the neighbors by ``weight``; arguments as the attributes of ``Surface``."""
-    matrices = tuple(averaging(touching, level) for level in weight.T)
-    return Surface(means, touching, shares, weight, matrices, frame, levels)
+    return Surface(means, touching, shares, weight, frame, scene.levels)
 
 
 def ask_scene(

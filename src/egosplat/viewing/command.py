@@ -13,8 +13,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
-from egosplat.query.model_defaults import suit_options
-from egosplat.query.options import AskingOptions
+from egosplat.query.options import AskingOptions, suit_options
 from egosplat.viewing.container import Facts, unpack
 from egosplat.viewing.html import data_of, record_of
 from egosplat.viewing.options import PageOptions, ScenePageOptions

@@ -19,7 +19,7 @@ _SAMPLE, _ROUNDS = 20_000, 10
 Floats = NDArray[np.float32]
 
 
-def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> Arrays:
+def pack_codes(code: Floats, share: Floats, decoder: Decoder) -> Arrays:
     """Replace (N, L, C) codes with (N, L) shares by the nearest of at most ``ENTRIES`` codes a level, and decode these.
 
     Returns:
@@ -33,7 +33,7 @@ def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> 
         used = share[:, level] > 0
         if not used.any():
             continue
-        entries = fit_palette(code[used, level], ENTRIES, seed)
+        entries = fit_palette(code[used, level])
         index[level, used] = vq(code[used, level], entries)[0]
         palette[level, : len(entries)] = decode(torch.from_numpy(entries), decoder).numpy()
     return {
@@ -44,23 +44,23 @@ def pack_codes(code: Floats, share: Floats, decoder: Decoder, seed: int = 0) -> 
     }
 
 
-def fit_palette(rows: Floats, count: int, seed: int) -> Floats:
-    """At most ``count`` float32 K-means centers of (M, C) rows; the distinct rows themselves if there are as few."""
-    rng = np.random.default_rng(seed)
+def fit_palette(rows: Floats) -> Floats:
+    """At most ``ENTRIES`` float32 K-means centers of (M, C) rows; the distinct rows themselves if there are as few."""
+    rng = np.random.default_rng(0)
     sample = rows[rng.permutation(len(rows))[:_SAMPLE]]
-    if len(distinct := np.unique(sample, axis=0)) <= count and len(sample) == len(rows):
+    if len(distinct := np.unique(sample, axis=0)) <= ENTRIES and len(sample) == len(rows):
         return distinct
     with warnings.catch_warnings():
         # A center that loses its last row stays where it is.
         warnings.simplefilter("ignore")
-        return kmeans2(sample, _spread(sample, count, rng), _ROUNDS, minit="matrix")[0].astype(np.float32)
+        return kmeans2(sample, _spread(sample, rng), _ROUNDS, minit="matrix")[0].astype(np.float32)
 
 
-def _spread(rows: Floats, count: int, rng: np.random.Generator) -> Floats:
+def _spread(rows: Floats, rng: np.random.Generator) -> Floats:
     """Rows far from each other, as k-means++ chooses them. SciPy's own takes 40 s for what this does in one."""
     chosen = [rows[rng.integers(len(rows))]]
     distance = ((rows - chosen[0]) ** 2).sum(axis=1)
-    while len(chosen) < count and distance.sum() > 0:
+    while len(chosen) < ENTRIES and distance.sum() > 0:
         chosen.append(rows[rng.choice(len(rows), p=distance / distance.sum())])
         distance = np.minimum(distance, ((rows - chosen[-1]) ** 2).sum(axis=1))
     return np.stack(chosen)

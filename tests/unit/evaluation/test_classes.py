@@ -5,10 +5,11 @@ import pytest
 
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import Query, categories, mask_of
-from egosplat.evaluation.run_queries import ClassMap, count_right, pixel_accuracy
+from egosplat.evaluation.run_queries import count_right, mask_classes, pixel_accuracy
 from egosplat.evaluation.scores import bounding_boxes, score_query
 from egosplat.frames.labels import paint_layers
 from egosplat.frames.recording import Instance
+from egosplat.query.answers import ViewMatch
 
 SIZE = (12, 16)
 INSTANCES = [
@@ -28,12 +29,14 @@ def masks() -> np.ndarray:
 def test_the_most_relevant_class_wins_and_the_first_of_equal_ones():
     one, two = np.zeros(SIZE, np.float32), np.zeros(SIZE, np.float32)
     one[:6], two[:, :8], two[0, 0] = 0.5, 0.5, 0.6
-    found = ClassMap()
-    found.add("one", one), found.add("two", two)
-    assert (found.mask("one") == ((one > 0) & (one >= two))).all() and found.mask("two")[0, 0]
-    assert found.mask("two").sum() == 6 * 8 + 1
+    shown = [
+        ViewMatch(name, 1.0, "whole", None, None, x, None, x > 9) for name, x in (("one", one), ("two", two))
+    ]
+    second, first = (answer.mask for answer in mask_classes(lambda *_: shown, ())(0, ["two", "one"]))
+    assert (first == ((one > 0) & (one >= two))).all() and second[0, 0]
+    assert second.sum() == 6 * 8 + 1
     # Nothing is visible in the last columns of the lower half.
-    assert not (found.mask("one") | found.mask("two"))[6:, 8:].any()
+    assert not (first | second)[6:, 8:].any()
 
 
 def test_the_share_of_right_pixels_is_that_of_equal_rows_of_labels(masks):

@@ -13,13 +13,13 @@ from gsply import plyread
 from gsply.spz import read_spz
 from PIL import Image
 
-from egosplat import cli
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.export.scene import export_scene
 from egosplat.query.opening import open_scene
+from tests.support.commands import run_command
 from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
 
 POSED = [0, 1, 2, 4]
@@ -40,13 +40,7 @@ def export(scene, monkeypatch, capfd):
     """``export(*words)``: exit status, and what it said."""
 
     def call(*words: object) -> tuple[int, str]:
-        monkeypatch.setattr(sys, "argv", ["egosplat", "export", str(scene), *map(str, words)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        return status, capfd.readouterr().err
+        return run_command(monkeypatch, capfd, "export", scene, *words)[::2]
 
     return call
 
@@ -75,14 +69,19 @@ def test_the_answer_to_a_query(scene, export, tmp_path):
     assert len(read_spz(tmp_path / "cup.spz").means) == len(means)
 
 
+def rows_of(path) -> dict[str, list[dict]]:
+    """The rows of each entity, as Rerun reads them."""
+    rows: dict[str, list[dict]] = {}
+    for chunk in pytest.importorskip("rerun.experimental").RrdReader(path).stream().to_chunks():
+        rows.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
+    return rows
+
+
 def test_rerun_reads_its_recording(scene, export, tmp_path):
     """By its own reader: a pose, a picture and instances for each frame, points, and a box for each answer."""
-    reader = pytest.importorskip("rerun.experimental").RrdReader
     status, said = export("--query", "couch, elephant", "--output", tmp_path / "scene.rrd")
     assert status == 0 and "4 frames, 2 answers, 1 carries" in said
-    rows: dict[str, list[dict]] = {}
-    for chunk in reader(tmp_path / "scene.rrd").stream().to_chunks():
-        rows.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
+    rows = rows_of(tmp_path / "scene.rrd")
     placed = {row["frame"]: row for row in rows["/world/camera"] if row.get("frame") is not None}
     found = [np.ravel(placed[frame]["Transform3D:translation"]) for frame in POSED]
     assert sorted(placed) == POSED and np.allclose(found, poses(scene)[:, :3, 3])
@@ -99,12 +98,9 @@ def test_rerun_reads_its_recording(scene, export, tmp_path):
 
 def test_rerun_reads_what_is_carried_over_time(scene, export, tmp_path):
     """A line while a carry lasts, and a point where the thing lies before and after, on both time lines."""
-    reader = pytest.importorskip("rerun.experimental").RrdReader
     status, said = export("--query", "cup, couch", "--output", tmp_path / "scene.rrd")
     assert status == 0, said
-    rows: dict[str, list[dict]] = {}
-    for chunk in reader(tmp_path / "scene.rrd").stream().to_chunks():
-        rows.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
+    rows = rows_of(tmp_path / "scene.rrd")
     assert "/world/places/couch" not in rows, "it was not carried"
     places = {row["frame"]: row["Points3D:positions"] for row in rows["/world/places/cup"]}
     assert sorted(places) == [0, 1, 3] and not places[1]
@@ -199,8 +195,11 @@ def test_nerfstudio_cameras(scene, export, tmp_path):
     rgb = open_artifact(scene / "frames.zarr", FRAMES).row("rgb", 4)
     np.testing.assert_array_equal(np.array(Image.open(tmp_path / "x/images/000004.png")), rgb)
     document = json.loads((tmp_path / "x/transforms.json").read_text())
-    masks = [frame.get("mask_path") for frame in document["frames"]]
-    assert all(name is None or (tmp_path / "x" / name).is_file() for name in masks)
+    assert document["camera_model"] == "PINHOLE" and isinstance(document["w"], int)
+    masks = [frame["mask_path"] for frame in document["frames"] if "mask_path" in frame]
+    # A mask for every frame or for none, as large as its image.
+    assert len(masks) in (0, len(POSED))
+    assert all(Image.open(tmp_path / "x" / name).size == (CAMERA.width, CAMERA.height) for name in masks)
 
 
 def test_colmap_cameras(scene, export, tmp_path):
@@ -236,37 +235,8 @@ def test_what_readers_of_gaussians_check(export, tmp_path):
     assert lines[3] == ["element", "vertex", str(len(values))] and np.isfinite(values).all()
 
 
-def test_what_nerfstudio_checks(export, tmp_path):
-    """A mask for every frame or for none, whole sides, a camera model that it knows, poses in its order of names."""
-    status, said = export("--format", "nerfstudio", "--output", tmp_path / "x")
-    assert status == 0, said
-    document = json.loads((tmp_path / "x/transforms.json").read_text())
-    frames = document["frames"]
-    assert sum("mask_path" in frame for frame in frames) in (0, len(frames))
-    assert isinstance(document["w"], int) and isinstance(document["h"], int)
-    assert document["camera_model"] in {
-        "PINHOLE",
-        "OPENCV",
-        "SIMPLE_PINHOLE",
-        "OPENCV_FISHEYE",
-        "EQUIRECTANGULAR",
-    }
-    assert [frame["file_path"] for frame in frames] == sorted(frame["file_path"] for frame in frames)
-    for frame in frames:
-        image = Image.open(tmp_path / "x" / frame["file_path"])
-        assert image.size == (document["w"], document["h"])
-        if "mask_path" in frame:
-            mask = Image.open(tmp_path / "x" / frame["mask_path"])
-            assert mask.mode == "L" and mask.size == image.size
-        matrix = np.array(frame["transform_matrix"])
-        np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6)
-
-
 @pytest.mark.parametrize("format", ["ply", "spz", "instances", "carries", "nerfstudio", "colmap", "html"])
 def test_without_artifacts_one_line_says_what_is_missing(tmp_path, monkeypatch, capfd, format):
-    monkeypatch.setattr(sys, "argv", ["egosplat", "export", str(tmp_path), "--format", format])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    said = capfd.readouterr().err
-    assert end.value.code == 2 and "lacks" in said and "Traceback" not in said
+    status, _, said = run_command(monkeypatch, capfd, "export", tmp_path, "--format", format)
+    assert status == 2 and "lacks" in said and "Traceback" not in said
     assert not list(tmp_path.iterdir())

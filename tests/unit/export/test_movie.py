@@ -1,14 +1,12 @@
 """``egosplat movie``: a moving picture of the answers."""
 
-import sys
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat import cli
 from egosplat.export.movie import way
 from egosplat.query.opening import open_scene
+from tests.support.commands import run_command
 from tests.support.page_scene import put_histories, put_page_scene
 
 
@@ -26,13 +24,7 @@ def movie(monkeypatch, capfd):
     """``movie(*words)``: exit status, and what it said."""
 
     def call(*words: object) -> tuple[int, str]:
-        monkeypatch.setattr(sys, "argv", ["egosplat", "movie", *map(str, words)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        return status, capfd.readouterr().err
+        return run_command(monkeypatch, capfd, "movie", *words)[::2]
 
     return call
 

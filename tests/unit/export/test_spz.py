@@ -32,7 +32,7 @@ def some(count: int, degree: int, reach: float = 3.0) -> Gaussians:
 def test_another_reader_finds_the_gaussians(tmp_path, degree):
     """Up to the steps of the format: 2^-bits, 1/16 of a logarithm, 1/255 of an opacity, 5 or 4 bits of a coefficient."""
     gaussians = some(200, degree)
-    write_spz(tmp_path / "x.spz", gaussians, degree, antialiased=False)
+    write_spz(tmp_path / "x.spz", gaussians, degree)
     found = read_spz(tmp_path / "x.spz")
     step = 2.0 ** -fractional_bits(gaussians)
     np.testing.assert_allclose(found.means, gaussians.means.numpy() * TURNED, atol=step)
@@ -54,13 +54,13 @@ def test_sizes_that_the_format_cannot_hold_are_an_error(tmp_path, unit):
     gaussians.means.mul_(unit)
     gaussians.log_scales.add_(np.log(unit))
     with pytest.raises(UserError, match="x.spz.*poses.meters_per_unit"):
-        write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
+        write_spz(tmp_path / "x.spz", gaussians, 0)
     assert not any(tmp_path.iterdir())
 
 
 def test_rotations_turn_with_the_axes(tmp_path):
     gaussians = some(50, 0)
-    write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
+    write_spz(tmp_path / "x.spz", gaussians, 0)
     quats = torch.from_numpy(np.array(read_spz(tmp_path / "x.spz").quats))
     axes, turned = (rotation(values) for values in (gaussians.quats, quats))
     # A covariance has no sign of its axes.
@@ -84,18 +84,17 @@ def test_signs_of_spherical_harmonics_are_those_of_the_turned_direction():
     torch.testing.assert_close(after, before * torch.from_numpy(TURNED_SH), check_dtype=False)
 
 
-@pytest.mark.parametrize("antialiased", [False, True])
-def test_the_header_tells_version_and_antialiasing(tmp_path, antialiased):
-    write_spz(tmp_path / "x.spz", some(3, 1), 1, antialiased)
+def test_the_header_tells_version_and_no_antialiasing(tmp_path):
+    write_spz(tmp_path / "x.spz", some(3, 1), 1)
     header = gzip.decompress((tmp_path / "x.spz").read_bytes())[:16]
     assert struct.unpack("<4sIIBBBB", header)[:4] == (b"NGSP", 3, 3, 1)
-    assert header[14] == antialiased
+    assert header[14] == 0
 
 
 @pytest.mark.parametrize("reach", [1e-6, 1.0, 1e6])
 def test_coordinates_use_the_bits_that_a_scene_of_this_size_leaves(tmp_path, reach):
     gaussians = some(300, 0, reach)
-    write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
+    write_spz(tmp_path / "x.spz", gaussians, 0)
     found = read_spz(tmp_path / "x.spz").means
     np.testing.assert_allclose(found, gaussians.means.numpy() * TURNED, atol=max(reach * 1e-6, 2.0**-22))
 
@@ -103,6 +102,6 @@ def test_coordinates_use_the_bits_that_a_scene_of_this_size_leaves(tmp_path, rea
 def test_a_gaussian_far_from_all_others_is_left_out(tmp_path, capfd):
     gaussians = some(2000, 0)
     gaussians.means[7] = 1e9
-    write_spz(tmp_path / "x.spz", gaussians, 0, antialiased=False)
+    write_spz(tmp_path / "x.spz", gaussians, 0)
     assert len(read_spz(tmp_path / "x.spz").means) == 1999
     assert "1 of 2000 Gaussians" in capfd.readouterr().err

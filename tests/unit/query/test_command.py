@@ -1,10 +1,9 @@
 """``egosplat query``: an answer in words and a picture."""
 
-import contextlib
 import json
 import shutil
-import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +12,6 @@ import pytest
 import torch
 from PIL import Image
 
-from egosplat import cli
 from egosplat.artifacts.schemas import length_unit
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.suitability import notice
@@ -22,23 +20,14 @@ from egosplat.query.grades import calibration
 from egosplat.query.grades.calibration import held_keys
 from egosplat.query.opening import open_scene
 from egosplat.query.options import QueryOptions
+from tests.support.commands import run_command
 
 
 @pytest.fixture
 def query(monkeypatch, capfd):
     """``query(*words)``: exit status, what it printed, and what it complained of."""
 
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["egosplat", "query", *map(str, words)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        printed = capfd.readouterr()
-        return status, printed.out, printed.err
-
-    return call
+    return partial(run_command, monkeypatch, capfd, "query")
 
 
 @pytest.fixture
@@ -52,23 +41,6 @@ def fitted(monkeypatch):
         monkeypatch.setattr(calibration, "read_fits", lambda: {digest: row})
 
     return fit
-
-
-@pytest.fixture
-def unscaled(monkeypatch):
-    """A context in which poses say that their scale is arbitrary, as COLMAP's do."""
-
-    @contextlib.contextmanager
-    def pretend():
-        with monkeypatch.context() as patch:
-            patch.setattr(
-                finished_scene,
-                "length_unit",
-                lambda _: length_unit(SimpleNamespace(facts={"notes": {"scale": "arbitrary"}})),
-            )
-            yield
-
-    return pretend
 
 
 def columns(line: str) -> list[str]:
@@ -210,13 +182,12 @@ def test_queries_follow_the_model_of_the_features(word_scene, model, temperature
     assert open_scene(folder, min_score=0.5).options.min_score == 0.5
 
 
-def test_lengths_have_no_meters_without_a_scale(word_scene, query, unscaled):
+def test_lengths_have_no_meters_without_a_scale(word_scene, query, monkeypatch):
     """COLMAP's world has an arbitrary scale."""
-    folder = word_scene()
+    folder, arbitrary = word_scene(), SimpleNamespace(facts={"notes": {"scale": "arbitrary"}})
+    monkeypatch.setattr(finished_scene, "length_unit", lambda _: length_unit(arbitrary))
     for words, column in (((), "center [scene units]"), (("--frame", 1), "position [scene units]")):
-        with unscaled():
-            _, out, _ = query(folder, "cup", *words)
-        assert column in out
+        assert column in query(folder, "cup", *words)[1]
 
 
 def test_many_answers_are_drawn_in_part(word_scene, query):

@@ -26,14 +26,6 @@ def texts() -> Texts:
     return Texts(("a", "b", "c"), unit(3, 6, seed=1), unit(4, 6, seed=2))
 
 
-@pytest.mark.parametrize("temperature, expected", [(10.0, 0.62246), (1.0, 0.51250)])
-def test_relevancy_has_its_known_values(temperature, expected):
-    feature = torch.tensor([1.0, 0.0])
-    query = torch.tensor([[0.30, 0.0]])
-    canonical = torch.tensor([[0.25, 0.0], [0.20, 0.0], [0.22, 0.0], [0.18, 0.0]])
-    assert relevancy(feature, query, canonical, temperature).item() == pytest.approx(expected, abs=5e-6)
-
-
 def test_maps_are_the_relevancy_of_decoded_codes(texts, monkeypatch):
     rng = np.random.default_rng(0)
     decoder = Decoder((3, 5, 16), rng.normal(size=4 * 5 + 6 * 16).astype(np.float32))

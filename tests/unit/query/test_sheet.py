@@ -25,9 +25,3 @@ def test_a_long_refusal_does_not_widen_a_column(tmp_path):
     edges = np.flatnonzero(np.diff(np.r_[0, inked.astype(int), 0]))
     widths = np.sort(edges[1::2] - edges[::2])[-3:]
     assert widths.min() > 0.95 * widths.max() > 0.2 * page.shape[1]
-
-
-def test_a_page_of_rejected_queries_only(tmp_path):
-    draw_answers([REFUSED], "a scene", tmp_path / "page.png")
-    width, height = Image.open(tmp_path / "page.png").size
-    assert width > height

@@ -21,7 +21,6 @@ from egosplat.query.things import (
     ask_scene,
     find_neighbors,
     find_things,
-    make_surface,
     read_surface,
     visible_shares,
 )
@@ -47,9 +46,7 @@ def surface(*patches: np.ndarray, levels: int = 1, shown: np.ndarray | None = No
 def of_points(means, radii, shares, code_share) -> Surface:
     """A surface whose views are frames 0, 10, 20 ... and whose levels have letters."""
     weight, names = shares.mean(axis=0)[:, None] * code_share, "abc"[: code_share.shape[1]]
-    return make_surface(
-        means, find_neighbors(means, radii), shares, weight, 10 * np.arange(len(shares)), names
-    )
+    return Surface(means, find_neighbors(means, radii), shares, weight, 10 * np.arange(len(shares)), names)
 
 
 def relevancy(home: Surface, *values: float, levels: int = 1) -> np.ndarray:
@@ -169,7 +166,7 @@ def test_each_word_finds_its_half(scene, texts, monkeypatch):
 def test_a_scene_without_codes_has_no_answer(scene, texts):
     bare, surface = replace(scene[0], share=torch.zeros_like(scene[0].share)), scene[1]
     weight, rest = 0 * surface.weight, (surface.frame, surface.levels)
-    empty = make_surface(surface.means, surface.touching, surface.shares, weight, *rest)
+    empty = Surface(surface.means, surface.touching, surface.shares, weight, *rest)
     assert list(ask_scene(bare, empty, texts, LANGSPLAT, 3)) == [(), ()]
 
 

@@ -11,8 +11,8 @@ from egosplat.export import movie, rerun_recording
 from egosplat.export.scene import answer_members
 from egosplat.query.command import run
 from egosplat.query.grades.calibration import FOUND, GUESS, NOT_FOUND
-from egosplat.query.model_defaults import suit_options
 from egosplat.query.opening import open_scene
+from egosplat.query.options import suit_options
 from egosplat.viewing.command import open_page, page_options
 from egosplat.viewing.options import PageOptions
 from tests.support.page_scene import contents_of, put_page_scene, write_page

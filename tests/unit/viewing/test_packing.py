@@ -89,10 +89,10 @@ def test_few_codes_are_kept_exactly_and_many_nearly():
     rng = np.random.default_rng(0)
     few = rng.normal(size=(40, 6)).astype(np.float32)
     rows = few[rng.integers(40, size=900)]
-    entries = fit_palette(rows, 512, 0)
+    entries = fit_palette(rows)
     np.testing.assert_array_equal(entries[vq(rows, entries)[0]], rows)
     many = (few[rng.integers(40, size=9000)] + rng.normal(0, 0.05, (9000, 6))).astype(np.float32)
-    entries = fit_palette(many, 512, 0)
+    entries = fit_palette(many)
     assert len(entries) <= 512
     assert np.sqrt(((entries[vq(many, entries)[0]] - many) ** 2).mean()) < 0.05
 
