@@ -109,19 +109,9 @@ def flip(chunk: Path, position: int) -> None:
     chunk.write_bytes(content)
 
 
-@pytest.mark.parametrize(
-    "damage, problem",
-    [
-        (lambda file: cut(file, 0), "only 0 bytes"),
-        (lambda file: cut(file, 60), "only 60 bytes"),
-        (lambda file: cut(file, 3000), "truncated: 3000 bytes"),
-        (lambda file: cut(file, -500), "truncated: "),
-        (lambda file: file.write_text("hello " * 1000), "not a VRS file"),
-    ],
-)
-def test_a_damaged_vrs_file_is_named(scene, refused, damage, problem):
-    damage(scene / "recording/video.vrs")
-    assert f"recording/video.vrs: {problem}" in refused(*frames(scene))
+def test_a_damaged_vrs_file_is_named(scene, refused):
+    cut(scene / "recording/video.vrs", -500)
+    assert "recording/video.vrs: truncated: " in refused(*frames(scene))
 
 
 def test_a_missing_vrs_file_is_named(scene, refused):
@@ -129,18 +119,13 @@ def test_a_missing_vrs_file_is_named(scene, refused):
     assert "scene/recording: has no video.vrs or recording.vrs" in refused(*frames(scene))
 
 
-def test_a_missing_recording_is_named(scene, refused):
-    assert "scene/nowhere: no such folder" in refused(*frames(scene, recording=scene / "nowhere"))
-
-
 def test_a_truncated_segmentation_is_named(scene, refused):
     cut(scene / "recording/segmentations_with_skeleton.vrs", -500)
     assert "segmentations_with_skeleton.vrs: truncated" in refused(*annotations(scene))
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"x": {}}'])
-def test_an_unreadable_table_of_instances_is_named(scene, refused, text):
-    (scene / "recording/instances.json").write_text(text)
+def test_an_unreadable_table_of_instances_is_named(scene, refused):
+    (scene / "recording/instances.json").write_text('{"x": {}}')
     assert "recording/instances.json: " in refused(*annotations(scene))
 
 
@@ -191,13 +176,7 @@ def test_a_device_trajectory_of_a_plain_recording_is_refused(scene, refused, pla
     "files, problem",
     [
         ({"colmap/cameras.bin": "", "colmap/images.bin": ""}, "folder/colmap: has no points3D.bin"),
-        (
-            {"colmap/cameras.txt": "x", "colmap/images.txt": "", "colmap/points3D.txt": ""},
-            "folder/colmap: not a",
-        ),
-        ({"transforms.json": "{}"}, "folder/transforms.json: has no list 'frames'"),
         ({"transforms.json": "{}", "colmap/cameras.bin": ""}, "frames.known_poses=colmap or transforms"),
-        ({"camera.json": '{"width": 64}'}, "folder/camera.json: not an object with the numbers"),
     ],
 )
 def test_bad_known_poses_leave_no_frames(scene, refused, tmp_path, files, problem):

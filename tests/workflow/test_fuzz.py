@@ -127,7 +127,7 @@ def read(tmp_path, text):
 
 
 def test_a_recording_may_hold_what_a_comment_begins_with(tmp_path):
-    text = f"{HEADER}# all mine\n\nmine\ts1\tplain\twalk #1.mp4\tframes.stride=2\n"
+    text = f"{HEADER}# all mine\n\n   \n # mine\n\t\t\nmine\ts1\tplain\twalk #1.mp4\tframes.stride=2\n"
     scene = read(tmp_path, text)["mine", "s1"]
     assert scene.recording == Path("walk #1.mp4") and scene.config["frames"]["stride"] == 2
 
@@ -142,6 +142,15 @@ def test_a_recording_may_hold_what_a_comment_begins_with(tmp_path):
         (f"{HEADER}mine\ts1\tplain\t{'x' * 300}\t\n", "recording = .* 255 bytes"),
         (f"{HEADER}mine\ts1\tplain\t{{x}}.mp4\t\n", "line 2: recording = .* braces"),
         (f"{HEADER}mine\ts1\tplain\tx\tframes.stride=[\n", "line 2: option .* its value cannot be read"),
+        (f"{HEADER}benchmark\ts1\tplain\tx\t\n", "dataset = 'benchmark'"),
+        (f"{HEADER}mine\ts1\tplain\tx \t\n", "recording = 'x ' .*blanks"),
+        (f'{HEADER}mine\ts1\tplain\t"x\t\n', "line 2: "),
+        (f"{HEADER}mine\ts1\tplain\tx\tdata_root.mine=/x\n", "line 2: data_root holds for all scenes"),
+        (
+            f"{HEADER}mine\ts1\tplain\tx\tformats.plain={{frames:{{stride:5}}}}\n",
+            "line 2: formats holds for all",
+        ),
+        ("", "scenes.tsv, line 1: has columns"),
     ],
 )
 def test_an_invalid_row_is_named_with_its_line(tmp_path, text, message):
@@ -175,30 +184,6 @@ def test_the_files_of_a_recording_with_an_odd_name_are_watched(one_scene, tmp_pa
     assert done.returncode == 0, done.stderr
     assert f"{recording}/camera.json" in done.stdout + done.stderr
     assert not list(tmp_path.rglob("canary"))
-
-
-@pytest.mark.parametrize(
-    "row, message",
-    [
-        ("benchmark\ts1\tplain\tx\t", "dataset = 'benchmark'"),
-        ("mine\ts1\tplain\tx \t", "recording = 'x ' .*blanks"),
-        ('mine\ts1\tplain\t"x\t', "line 2: "),
-        ("mine\ts1\tplain\tx\tdata_root.mine=/x", "line 2: data_root holds for all scenes"),
-        ("mine\ts1\tplain\tx\tformats.plain={frames:{stride:5}}", "line 2: formats holds for all scenes"),
-    ],
-)
-def test_a_row_that_would_not_do_what_it_says_is_refused(tmp_path, row, message):
-    with pytest.raises(UserError, match=message):
-        read(tmp_path, f"{HEADER}{row}\n")
-
-
-def test_lines_of_blanks_and_indented_comments_are_no_rows(tmp_path):
-    assert len(read(tmp_path, f"{HEADER}   \n # mine\n\t\t\nmine\ts1\tplain\tx\t\n")) == 1
-
-
-def test_an_empty_table_is_named(tmp_path):
-    with pytest.raises(UserError, match="scenes.tsv, line 1: has columns"):
-        read(tmp_path, "")
 
 
 def test_the_table_may_be_in_the_home_folder(tmp_path, monkeypatch):

@@ -184,6 +184,10 @@ def test_the_schema_for_editors_allows_the_presets_and_refuses_unknown_keys():
         ({"query": {"canonical": [3]}}, "query.canonical.0 = 3 .* string"),
         ({"preset": "drafty"}, "preset = 'drafty' .* draft, balanced, accurate, paper .*'draft'"),
         ({"data_root": {"adt": ""}}, "data_root.adt = '' .* at least 1"),
+        ({"frames.stride": 2}, "'frames.stride'; write frames: {stride: ...}"),
+        ({"max_points": 2}, "did you mean .*splats.max_points"),
+        ({"data_root": {False: "/x"}}, "data_root.* is not allowed"),
+        ({"variants": {"a": None}}, "variants.a = None "),
     ],
 )
 def test_invalid_values_are_named_by_key(user, message):
@@ -307,17 +311,3 @@ def test_on_and_off_may_be_written_as_yaml_reads_them():
     row = config.parse_options("camera.refine_poses=off frames.upright=off", "row 1")
     parsed = config.configure([config.Layer("row 1", row)])
     assert parsed["camera"]["refine_poses"] == "off" and parsed["frames"]["upright"] is False
-
-
-@pytest.mark.parametrize(
-    "values, message",
-    [
-        ({"frames.stride": 2}, "'frames.stride'; write frames: {stride: ...}"),
-        ({"max_points": 2}, "did you mean .*splats.max_points"),
-        ({"data_root": {False: "/x"}}, "data_root.* is not allowed"),
-        ({"variants": {"a": None}}, "variants.a = None "),
-    ],
-)
-def test_a_key_that_cannot_be_is_named_with_what_is_meant(values, message):
-    with pytest.raises(UserError, match=message):
-        config.resolve(values, PRESETS)

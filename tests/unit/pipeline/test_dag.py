@@ -152,12 +152,6 @@ def test_the_survey_decides_what_is_corrected_where_it_is_auto(stage):
     assert decide(by_hand, survey("none")) == by_hand
 
 
-def test_an_explicit_masking_wins_over_the_survey():
-    """Protects the order of precedence."""
-    config = merge(TRACKS, {"splats": {"masking": "initial"}})
-    assert decide(config, survey("refined")) == config
-
-
 @pytest.mark.parametrize(
     "stage, keys, found, expected",
     [

@@ -6,7 +6,7 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, merge, resolve
-from egosplat.pipeline.dag import inputs_of
+from egosplat.pipeline.dag import stages_behind
 from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import (
@@ -170,12 +170,7 @@ OTHERS = [name for name, keys in BASE["variants"].items() if "method" in keys]
 def test_other_methods_never_read_what_moves_and_share_the_geometry_without_masks(name):
     """Nor annotations, which only the scores read."""
     config = variant_config(BASE, name, "adt/scene1")
-    read, todo = set(), ["language"]
-    while todo:
-        for stage in inputs_of(todo.pop(), config):
-            if stage not in read:
-                read.add(stage)
-                todo.append(stage)
+    read = set(stages_behind(["language"], config))
     assert read.isdisjoint({"annotations", "transient", "masks"})
     learnt = (
         {"tiles"}
