@@ -70,17 +70,14 @@ class Commands(click.Group):
         for title, names in {**_GROUPS, "Stages, which the workflow calls": others}.items():
             longest = max(map(len, others))
             with formatter.section(title):
-                for name in names:
-                    room = formatter.width - formatter.current_indent - longest - 2
-                    formatter.write_text(f"{name.ljust(longest)}  {self._about(context, name, room)}")
+                formatter.write_dl([(name.ljust(longest), self._about(name)) for name in names])
 
-    def _about(self, context: click.Context, name: str, width: int) -> str:
+    def _about(self, name: str) -> str:
         """One line about a command."""
+        if name in _BUILT:
+            return _BUILT[name][1]
         stage = name.replace("-", "_")
-        if name in _BUILT or stage in STAGES:
-            return _BUILT[name][1] if name in _BUILT else STAGES[stage].help
-        command = super().get_command(context, name)
-        return command.get_short_help_str(width) if command else ""
+        return STAGES[stage].help if stage in STAGES else self.commands[name].get_short_help_str()
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

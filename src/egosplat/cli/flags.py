@@ -57,39 +57,27 @@ CHUNKS = (
 )
 
 
-class Time(click.ParamType):
-    """A time of a recording in seconds, or in minutes and seconds."""
-
-    name = "min:s"
-
-    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
-        """Convert "1:05" or "65" to 65.0."""
-        minutes, _, seconds = str(value).rpartition(":")
-        try:
-            parts = float(int(minutes or 0)), float(seconds)
-        except (ValueError, OverflowError):
-            parts = -1.0, 0.0
-        found = 60 * parts[0] + parts[1]
-        if min(parts) < 0 or not found < float("inf"):
-            told = f"{str(value)[:40]!r} is no time; give seconds, as 65, or minutes and seconds, as 1:05"
-            self.fail(told, parameter, context)
-        return found
+def parse_time(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
+    """Convert a time of a recording, "1:05" or "65", to 65.0 [s]."""
+    if value is None:
+        return None
+    minutes, _, seconds = value.rpartition(":")
+    try:
+        parts = float(int(minutes or 0)), float(seconds)
+    except (ValueError, OverflowError):
+        parts = -1.0, 0.0
+    time = 60 * parts[0] + parts[1]
+    if min(parts) < 0 or not time < float("inf"):
+        told = f"{value[:40]!r} is no time; give seconds, as 65, or minutes and seconds, as 1:05"
+        raise click.BadParameter(told)
+    return time
 
 
-class Json(click.ParamType):
-    """A JSON value."""
-
-    name = "json"
-
-    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Any:
-        """Parse the value."""
-        try:
-            return json.loads(value)
-        except (ValueError, RecursionError) as error:
-            self.fail(f"is not JSON ({error})", parameter, context)
-
-
-JSON = Json()
+def _parse_json(context: click.Context, parameter: click.Parameter, value: str) -> Any:
+    try:
+        return json.loads(value)
+    except (ValueError, RecursionError) as error:
+        raise click.BadParameter(f"is not JSON ({error})") from None
 
 
 class KeysCommand(click.Command):
@@ -111,13 +99,13 @@ class KeysCommand(click.Command):
         **rest: Any,
     ) -> None:
         self.options, self.own, self.plain = options, own, plain
-        given = {"type": JSON, "default": "{}", "hidden": bool(plain), "help": "Values of keys as JSON."}
+        given = {"callback": _parse_json, "metavar": "JSON", "default": "{}", "hidden": bool(plain)}
         text = f"Value of a key{', see --help-all' if plain else ''}. May be repeated."
         every = "Show all keys with their whole descriptions."
         shows = {"is_flag": True, "is_eager": True, "expose_value": False, "callback": _show_all}
         flags = [
             *map(self._plain_flag, plain),
-            click.Option(["--options", "given"], **given),
+            click.Option(["--options", "given"], help="Values of keys as JSON.", **given),
             click.Option(["--set", "pairs"], multiple=True, metavar="KEY=VALUE", help=text),
             click.Option(["--help-all"], help=every, **shows),
         ]

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import click
 
 from egosplat.cli.collection import without_collection
-from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, Time
+from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, parse_time
 from egosplat.export.formats import FORMATS, check_export
 from egosplat.files import check_output
 from egosplat.pipeline.general_options import GeneralOptions
@@ -89,7 +89,7 @@ def query_command() -> click.Command:
     most = "Largest number of matches listed for the whole scene."
     at = "Tell where carried things were at this time of the recording, as 1:05 or 65 [s]; with --pose, ask the view at it."
     flags = [
-        click.Option(["--at"], type=Time(), help=at),
+        click.Option(["--at"], callback=parse_time, metavar="MIN:S", help=at),
         click.Option(["--frame"], type=click.IntRange(min=0), help=frame),
         click.Option(["--pose"], type=ARTIFACT, help=pose),
         click.Option(["--most"], type=click.IntRange(min=1), default=MOST, show_default=True, help=most),

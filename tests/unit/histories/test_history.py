@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from egosplat import cli
-from egosplat.cli.flags import Time
+from egosplat.cli.flags import parse_time
 from egosplat.errors import UserError
 from egosplat.histories.known import Histories, Rests
 from egosplat.histories.told import Carried, clock, place_at
@@ -362,7 +362,7 @@ def test_things_with_features_of_another_openclip_tell_nothing(tmp_path):
 def test_times_on_the_command_line(given, second):
     """A sign in either part, and what is no number, is an error that shows how a time is given."""
     if second is not None:
-        assert Time().convert(given, None, None) == second
+        assert parse_time(None, None, given) == second
         return
     with pytest.raises(click.BadParameter, match="give seconds, as 65"):
-        Time().convert(given, None, None)
+        parse_time(None, None, given)

@@ -1,10 +1,12 @@
-"""Locks of a killed Snakemake are removed, those of a running one stay."""
+"""Locks of a killed Snakemake are removed, those of a running one stay; and a user always has a name."""
 
+import getpass
+import os
 import subprocess
 import sys
 from pathlib import Path
 
-from egosplat.pipeline.process_guards import clear_stale_locks
+from egosplat.pipeline.process_guards import clear_stale_locks, name_user
 
 HOLD = """
 import sys
@@ -72,3 +74,17 @@ def test_locks_stay_while_jobs_of_the_folder_are_queued(tmp_path, monkeypatch):
     queue.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     assert not clear_stale_locks(tmp_path / "work/.snakemake") and lock.exists()
+
+
+def test_a_user_without_a_name_gets_a_number(monkeypatch):
+    """Snakemake asks for the name when it starts."""
+
+    def unknown() -> str:
+        raise KeyError("getpwuid(): uid not found")
+
+    monkeypatch.setenv("USER", "me")
+    name_user()
+    assert os.environ["USER"] == "me"
+    monkeypatch.setattr(getpass, "getuser", unknown)
+    name_user()
+    assert os.environ["USER"] == str(os.getuid())
