@@ -26,7 +26,7 @@ from egosplat.features.supervision import (
     vanishing,
 )
 from egosplat.language.decoder import decode, decoder_metadata
-from egosplat.language.vectors import unit, usable
+from egosplat.language.vectors import unit
 from egosplat.progress import log
 
 Features = NDArray[np.float32]
@@ -35,16 +35,6 @@ _ROWS_AT_ONCE = 2**14
 
 # Cosine with the original that 95 % of the decoded view features reach where dims is auto.
 _LEAST_COSINE = 0.99
-
-
-@dataclass(frozen=True)
-class _Views:
-    """R views: instance, frame (R,) int32, feature (R, D) float32; ``good`` (R,) bool, views with a feature."""
-
-    instance: NDArray[np.int32]
-    frame: NDArray[np.int32]
-    feature: Features
-    good: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -66,14 +56,12 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     """
     view_features = open_artifact(view_features_path, VIEW_FEATURES)
     record = provenance.begin_from("features", options.as_dict(), [view_features])
-    views, level = _read(view_features), view_features.read("instances/level")
-    known = views.good.nonzero()[0]
-    found = aggregate(
-        views.feature[known], views.instance[known], len(level), options.mad_norm, options.mad_k
-    )
-    result = _aggregated(views, found, options)
+    feature, instance = view_features.read("feature"), view_features.read("instance")
+    level = view_features.read("instances/level")
+    found = aggregate(feature, instance, len(level), options.mad_norm, options.mad_k)
+    result = _aggregated(feature, instance, found, options)
     compressed = fit(
-        result.supervision[known],
+        result.supervision,
         options.compression,
         dims=options.dims,
         epochs=options.epochs,
@@ -81,17 +69,15 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
         least_cosine=_LEAST_COSINE,
     )
     codes, consistent_codes = (compressed.encode(part) for part in (result.supervision, result.consistent))
-    seen = found.views > 0
     # An encoder maps the zero feature to an arbitrary code.
-    codes[~seen[views.instance]] = 0.0
-    consistent_codes[~seen] = 0.0
-    facts = _facts(view_features, views, result, codes, consistent_codes, compressed, level)
+    consistent_codes[found.views == 0] = 0.0
+    facts = _facts(view_features, result, codes, consistent_codes, compressed)
     arrays = {
         "consistent": result.consistent,
         "views": result.views,
         "instances/level": level,
-        "instance": views.instance,
-        "frame": views.frame,
+        "instance": instance,
+        "frame": view_features.read("frame"),
         "inlier": result.inlier,
         "supervision": result.supervision,
         "code": codes,
@@ -105,57 +91,41 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     log(_summary_line(facts, result))
 
 
-def _read(view_features: Artifact) -> _Views:
-    """Read the views. Views without a finite feature are reported and excluded."""
-    feature = view_features.read("feature")
-    good = usable(feature)
-    if lost := int((~good).sum()):
-        log(
-            f"warning: {view_features.path}: {lost} of {len(good)} views are skipped: their features are zero or not finite"
-        )
-    return _Views(view_features.read("instance"), view_features.read("frame"), feature, good)
-
-
-def _aggregated(views: _Views, found: Aggregate, options: FeaturesOptions) -> _Aggregated:
-    known = views.good.nonzero()[0]
-    inlier = np.zeros(len(views.good), bool)
-    inlier[known] = found.inlier
+def _aggregated(
+    feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
+) -> _Aggregated:
     consistent = found.feature
     if options.normalize:
-        consistent = consistent_directions(consistent, views.feature[known], views.instance[known])
+        consistent = consistent_directions(consistent, feature, instance)
     # A view whose cosine is below the midpoint of 1 and that between instances shows another object.
     apart = spread(consistent[found.views > 0]) if options.mismatched_views == "keep_own" else None
     limit = -math.inf if apart is None else (1 + apart) / 2
-    mismatched = np.zeros(len(views.good), bool)
-    supervision = np.empty_like(views.feature)
+    mismatched = np.zeros(len(feature), bool)
+    supervision = np.empty_like(feature)
     for begin in range(0, len(supervision), _ROWS_AT_ONCE):
         part = slice(begin, begin + _ROWS_AT_ONCE)
-        common = consistent[views.instance[part]]
-        # A view without a feature is supervised with the consistent one.
-        own = np.where(views.good[part, None], views.feature[part], common)
-        mismatched[part] = views.good[part] & ((unit(own) * unit(common)).sum(axis=1) < limit)
+        own, common = feature[part].astype(np.float64), consistent[instance[part]]
+        mismatched[part] = (unit(own) * unit(common)).sum(axis=1) < limit
         values = supervise(
-            own, common, inlier[part], mismatched[part], options.supervision, options.outlier_target
+            own, common, found.inlier[part], mismatched[part], options.supervision, options.outlier_target
         )
         if options.normalize:
             # Opposite features cancel; the average then has no direction of its own.
             values = unit(np.where(vanishing(values)[:, None], common, values))
         supervision[part] = values
-    return _Aggregated(consistent.astype(np.float32), supervision, found.views, inlier, mismatched)
+    return _Aggregated(consistent.astype(np.float32), supervision, found.views, found.inlier, mismatched)
 
 
 def _facts(
     view_features: Artifact,
-    views: _Views,
     result: _Aggregated,
     codes: Features,
     consistent_codes: Features,
     compressed: Compression,
-    level: NDArray[np.int8],
 ) -> dict[str, Any]:
-    known, seen = views.good, result.views > 0
-    names = view_features.facts["levels"]
-    cosines = reconstruction(result.supervision[known], codes[known], compressed.decoder)
+    instance, level = view_features.read("instance"), view_features.read("instances/level")
+    seen, names = result.views > 0, view_features.facts["levels"]
+    cosines = reconstruction(result.supervision, codes, compressed.decoder)
     decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
     return {
         "levels": names,
@@ -163,11 +133,10 @@ def _facts(
         "decoder": decoder_metadata(compressed.decoder),
         "need": _need(compressed.need),
         "instances_without_views": int((~seen).sum()),
-        "views_without_feature": int((~known).sum()),
-        "outliers": int((known & ~result.inlier).sum()),
+        "outliers": int((~result.inlier).sum()),
         "slipped": int(result.mismatched.sum()),
-        "reconstruction": summary(cosines, level[views.instance[known]], names),
-        "agreement": agreement(views.feature[known], result.consistent, views.instance[known]),
+        "reconstruction": summary(cosines, level[instance], names),
+        "agreement": agreement(view_features.read("feature"), result.consistent, instance),
         "spread": {"features": spread(result.consistent[seen]), "decoded": spread(decoded)},
     }
 

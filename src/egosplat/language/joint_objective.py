@@ -1,6 +1,5 @@
 """The paper's joint loss: colors and codes of one model, rendered in one pass."""
 
-import torch
 from torch import Tensor
 
 from egosplat.gaussians.loss import L1Ssim, Objective
@@ -43,8 +42,3 @@ class JointLanguage(Objective):
         codes = image[..., 3:].permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         colors = self._colors.loss(image, views, index)
         return colors + self._feature_weight * code_l1(codes, targets, views.weight(index))
-
-
-def initial_codes(count: int, targets: CodeTargets, device: torch.device) -> Tensor:
-    """(N, L * C) zeros: the initial codes of ``count`` Gaussians."""
-    return torch.zeros(count, len(targets.levels) * targets.channels, device=device)

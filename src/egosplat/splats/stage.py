@@ -34,7 +34,7 @@ from egosplat.gaussians.training_views import (
     read_views,
     split_views,
 )
-from egosplat.language.joint_objective import JointLanguage, initial_codes
+from egosplat.language.joint_objective import JointLanguage
 from egosplat.language.targets import CodeTargets
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
@@ -99,7 +99,8 @@ def run(
         targets = CodeTargets(*language_inputs, view_sets.training.device)
         objective = JointLanguage(options.ssim_lambda, options.feature_weight, targets)
         # Codes of all levels are features of the Gaussians, so their gradients reach the geometry, too.
-        start = replace(start, features=initial_codes(start.count, targets, start.means.device))
+        features = start.means.new_zeros(start.count, len(targets.levels) * targets.channels)
+        start = replace(start, features=features)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
     views, near_plane = view_sets.training, options.near_plane

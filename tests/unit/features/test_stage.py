@@ -1,4 +1,4 @@
-"""Stage features aggregates, supervises and compresses, and leaves out broken views."""
+"""Stage features aggregates, supervises and compresses."""
 
 import numpy as np
 import pytest
@@ -122,22 +122,6 @@ def test_spread_is_told_before_and_after_compression(run):
     expected = (seen @ seen.T)[np.triu_indices(3, 1)].mean()
     assert features.facts["spread"]["features"] == pytest.approx(expected, abs=1e-6)
     assert features.facts["spread"]["decoded"] == pytest.approx(expected, abs=1e-6)
-
-
-@pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0])
-def test_views_without_a_finite_feature_are_left_out(run, feature, bad, compression, capsys):
-    feature[1] = bad
-    feature[9] = bad
-    features = run(compression=compression)
-    for name in features.schema.fields:
-        assert np.isfinite(features.read(name)).all(), name
-    assert features.read("views").tolist() == [6, 0, 2, 0]
-    assert not features.read("inlier")[[1, 9]].any()
-    assert "2 of 10 views" in capsys.readouterr().err
-    np.testing.assert_allclose(features.read("supervision")[1], features.read("consistent")[0], atol=1e-6)
-    for name in ("supervision", "code"):
-        assert (features.read(name)[9] == 0).all()
 
 
 @pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
