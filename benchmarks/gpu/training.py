@@ -132,12 +132,8 @@ def of_gsplat(
     stage ``splats`` starts them. Milestones are those of a run of 30,000 iterations, as in the example.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
-    flags = frames.read("train"), frames.read("evaluation"), poses.read("registered")
-    split = split_views(*flags)
     device = training_device(OPTIONS.backend)
-    views, held_out = (
-        read_views(frames, poses, chosen, device) for chosen in (split.training, split.held_out)
-    )
+    views, held_out = (read_views(frames, poses, rows, device) for rows in split_views(frames, poses))
     start = starting_gaussians(
         poses,
         views,

@@ -76,8 +76,7 @@ class Scene:
         self.segments = open_artifact(folder / "segments.zarr", SEGMENTS)
         self.keys = InstancesOptions(source="masks", iterations=iterations)
         kept, _ = kept_frames(frames, survey_of(folder))
-        flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
-        training = split_views(*flags).training
+        training, _ = split_views(frames, poses, kept)
         self.valid = frames.read("valid")
         self.rows = np.flatnonzero(kept & poses.read("registered"))[::FRAME_STEP]
         tracks = MovingTracks(self.segments)

@@ -142,7 +142,7 @@ _BAD_RECORDS = 3
 
 @dataclass(frozen=True)
 class ViewSets:
-    """The views by role; see ``egosplat.gaussians.training_views.Split``."""
+    """The views by role, as ``training_views.split_views`` chooses them."""
 
     training: Views
     held_out: Views

@@ -113,36 +113,23 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
     return static if valid is None else valid * static
 
 
-@dataclass(frozen=True)
-class Split:
-    """Role of each frame; frames with a role have a pose. (F,) bool each, disjoint.
+def split_views(frames: Artifact, poses: Artifact, kept: Mask | None = None) -> tuple[Mask, Mask]:
+    """Choose the frames to train on, among those that are ``kept``, and the held-out ones: evaluation frames outside them.
 
-    Attributes:
-        training: frames to train on.
-        held_out: evaluation frames outside the training frames; they are scored and decide nothing.
-    """
-
-    training: Mask
-    held_out: Mask
-
-
-def split_views(train: Mask, evaluation: Mask, registered: Mask) -> Split:
-    """Assign each frame its role.
-
-    Args:
-        train, evaluation: (F,) bool of frames.zarr.
-        registered: (F,) bool of poses.zarr.
+    Returns:
+        (F,) bool each, frames with a pose. Held-out frames are scored and decide nothing.
 
     Raises:
         UserError: no training frame has a pose.
     """
-    training = train & registered
-    if not training.any():
+    train, registered = frames.read("train"), poses.read("registered")
+    train = train if kept is None else train & kept
+    if not (train & registered).any():
         raise UserError(
             f"none of {int(train.sum())} training frames has a pose; see the log of the stage poses"
         )
     # With frames.holdout false, evaluation frames are trained on: scores on them would not be held out.
-    return Split(training, evaluation & ~train & registered)
+    return train & registered, frames.read("evaluation") & ~train & registered
 
 
 def read_views(

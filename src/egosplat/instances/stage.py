@@ -72,8 +72,7 @@ def run(
     if options.source == TRACKS:
         _write_tracks(output, record, segments)
         return
-    flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
-    training = split_views(*flags).training
+    training, _ = split_views(frames, poses, kept)
     key = provenance.key_of(record)
     if splats is not None:
         gaussians, views, cameras = given_geometry(frames, poses, splats, training, options)

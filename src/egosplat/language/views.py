@@ -87,9 +87,7 @@ def select_code_views(
     Raises:
         UserError: there is none.
     """
-    train = frames.read("train") if kept is None else frames.read("train") & kept
-    flags = train, frames.read("evaluation"), poses.read("registered")
-    rows = np.flatnonzero(split_views(*flags).training)
+    rows = np.flatnonzero(split_views(frames, poses, kept)[0])
     _, height, width, _ = frames.shape("rgb")
     return CodeViews(
         gaussians,

@@ -171,12 +171,9 @@ def _view_sets(
     frames: Artifact, poses: Artifact, kept: Mask, masking: Masking, options: TrainingOptions
 ) -> ViewSets:
     """Read the views by role."""
-    flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
-    split = split_views(*flags)
+    chosen = split_views(frames, poses, kept)
     device = training_device(options.render.backend)
-    training, held_out = (
-        read_views(frames, poses, chosen, device) for chosen in (split.training, split.held_out)
-    )
+    training, held_out = (read_views(frames, poses, rows, device) for rows in chosen)
     view_sets = ViewSets(
         replace(training, transient=masking.frames(training.frame)),
         # Held-out frames are scored on all pixels that show the scene: masks must not make a score better.

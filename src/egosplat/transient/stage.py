@@ -123,8 +123,7 @@ def _view_sets(
     frames: Artifact, poses: Artifact, kept: Mask, resolution: int, device: torch.device
 ) -> ViewSets:
     """Read the training views."""
-    flags = frames.read("train") & kept, frames.read("evaluation"), poses.read("registered")
-    training = split_views(*flags).training
+    training, _ = split_views(frames, poses, kept)
     # The trainer takes two sets; nothing is held out, because the Gaussians are discarded.
     views, none = (
         read_views(frames, poses, chosen, device, resolution=resolution)

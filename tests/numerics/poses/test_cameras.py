@@ -1,5 +1,7 @@
 """Cameras that do not move, that only rotate, too few cameras, and cameras without poses."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -133,11 +135,13 @@ def test_invalid_poses_are_rejected(broken):
 
 @pytest.mark.numerics("two frames, one frame, and no frame with a pose", outside="UserError without any")
 def test_few_frames():
-    two, none = np.ones(2, bool), np.zeros(2, bool)
-    assert split_views(two, none, two).training.sum() == 2
-    assert split_views(two, none, np.array([True, False])).training.sum() == 1
+    flags = {"train": np.ones(2, bool), "evaluation": np.zeros(2, bool), "registered": np.ones(2, bool)}
+    read = SimpleNamespace(read=flags.__getitem__)
+    for count in (2, 1):
+        assert split_views(read, read)[0].sum() == count
+        flags["registered"][count - 1] = False
     with pytest.raises(UserError, match="2 training frames"):
-        split_views(two, none, none)
+        split_views(read, read)
 
 
 @pytest.mark.numerics(

@@ -1,12 +1,12 @@
 """Frames with a pose get one role each, and views hold the chosen frames."""
 
+from types import SimpleNamespace
+
 import numpy as np
-import pytest
 import torch
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
-from egosplat.errors import UserError
 from egosplat.gaussians.training_views import read_views, split_views
 from egosplat.geometry import Camera
 
@@ -22,14 +22,13 @@ def opened(folder):
 
 
 def test_only_frames_with_a_pose_are_used_and_evaluated_frames_are_not_trained_on():
-    split = split_views(mask(6, 0, 1, 2, 5), mask(6, 3, 4, 5), mask(6, 0, 2, 3, 5))
-    assert np.flatnonzero(split.training).tolist() == [0, 2, 5]
-    assert np.flatnonzero(split.held_out).tolist() == [3]  # 4 has no pose, 5 is trained on
-
-
-def test_too_few_views_are_rejected():
-    with pytest.raises(UserError, match="2 training frames"):
-        split_views(mask(3, 0, 1), mask(3, 2), mask(3, 2))
+    flags = {"train": mask(6, 0, 1, 2, 5), "evaluation": mask(6, 3, 4, 5), "registered": mask(6, 0, 2, 3, 5)}
+    read = SimpleNamespace(read=flags.__getitem__)
+    training, held_out = split_views(read, read)
+    assert np.flatnonzero(training).tolist() == [0, 2, 5]
+    assert np.flatnonzero(held_out).tolist() == [3]  # 4 has no pose, 5 is trained on
+    training, held_out = split_views(read, read, mask(6, 0, 1))
+    assert np.flatnonzero(training).tolist() == [0] and np.flatnonzero(held_out).tolist() == [3, 5]
 
 
 def test_views_are_the_chosen_frames(scene, pictures, camera_to_world):
