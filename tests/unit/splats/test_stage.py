@@ -139,13 +139,6 @@ def test_a_checkpoint_of_other_options_is_not_resumed(scene, monkeypatch):
     assert run(folder).digest == expected
 
 
-def test_points_that_no_camera_sees_are_left_out(scene, points):
-    xyz, rgb = points
-    behind = xyz * [1.0, 1.0, -1.0]
-    both = {"points/xyz": np.concatenate([behind, xyz]), "points/rgb": np.concatenate([rgb, rgb])}
-    assert run(scene(**both)).digest == run(scene()).digest
-
-
 def test_without_held_out_frames_there_are_no_scores(scene):
     splats = run(scene(train=np.ones(9, bool)))
     assert splats.shape("held_out/render") == (0, 24, 24, 3) and not len(splats.read("held_out/psnr"))

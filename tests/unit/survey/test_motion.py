@@ -222,12 +222,8 @@ def test_what_moves_in_three_pairs_lasts():
 @pytest.mark.parametrize("step, moves", [(0.0, False), (0.05, True)])
 def test_a_recording_moves_where_an_object_does(room, scene, step, moves):
     trajectory = [room.pose(x=0.08 * frame, yaw=3.0 * frame) for frame in range(6)]
-    folder = scene(
-        trajectory, [room.image(pose, (0.2, -0.4 + step * k)) for k, pose in enumerate(trajectory)]
-    )
-    found = measure_motion(
-        open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
-    )
+    images = [room.image(pose, (0.2, -0.4 + step * k)) for k, pose in enumerate(trajectory)]
+    found = _measured(scene(trajectory, images))
     assert found.pairs.tolist() == [[0, 1], [1, 2], [2, 3], [3, 4], [4, 5]]
     assert found.voting.min() > 0.3 and (found.share > 0.005 if moves else found.share == 0)
 
@@ -240,9 +236,7 @@ def test_without_points_motion_is_the_same_in_any_unit(room, scene):
     for unit in (1.0, 1e-5, 1e5):
         poses = np.stack(trajectory)
         poses[:, :3, 3] *= unit
-        folder = scene(list(poses), images, notes={"scale": "arbitrary"}, **points)
-        artifacts = (folder / "frames.zarr", FRAMES), (folder / "poses.zarr", POSES)
-        found.append(measure_motion(*(open_artifact(*each) for each in artifacts)))
+        found.append(_measured(scene(list(poses), images, notes={"scale": "arbitrary"}, **points)))
     for other in found[1:]:
         assert other.share == pytest.approx(found[0].share, rel=1e-2)
         np.testing.assert_allclose(other.voting, found[0].voting, rtol=1e-2)

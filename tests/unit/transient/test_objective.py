@@ -113,12 +113,3 @@ def test_a_picture_s_own_mask_leaves_pixels_out(views, penalty_unit):
     if penalty_unit == "residual":
         assert float(one.residuals.scale[0]) == pytest.approx(0.01, rel=1e-3)
         assert not one.residuals.stands_out(0).any()
-
-
-def test_the_penalty_is_of_the_pixels_that_a_picture_shows(views):
-    """With every pixel masked, nothing trains H."""
-    views = replace(views, transient=torch.ones(6, 32, 32, dtype=torch.bool))
-    one = make()
-    loss = one.loss(views.picture(0).requires_grad_(), views, 0)
-    loss.backward()
-    assert loss.item() == 0 and not any(weight.grad.any() for weight in one.net.parameters())

@@ -128,11 +128,6 @@ def test_pictures_of_the_sensor_are_turned_upright(scene):
     assert (lying != upright).any()
 
 
-def test_frames_without_poses_are_rejected(scene):
-    with pytest.raises(UserError, match="5 training frames"):
-        run(scene(registered=np.zeros(6, bool)))
-
-
 def test_a_missing_checkpoint_is_named(scene):
     with pytest.raises(UserError, match="transient.encoder_weights: .*nowhere.pt"):
         run(scene(), encoder_weights="nowhere.pt")

@@ -26,7 +26,7 @@ def adam_step(
     number of threads.
 
     Args:
-        param, grad, exp_avg, exp_avg_sq: (N, columns), contiguous.
+        param, grad, exp_avg, exp_avg_sq: (N, columns) float32 on the CPU, contiguous; not checked.
         rates: learning rate of all columns, or (columns,) of each.
         step: number of this step, from 1, for the bias correction.
 
@@ -34,28 +34,11 @@ def adam_step(
         Number of skipped rows.
 
     Raises:
-        ValueError: a tensor is not contiguous float32 on the CPU, shapes do not match, or ``step`` or ``eps``
-            is not positive.
         UserError: the kernels are not built.
     """
-    tensors = {"param": param, "grad": grad, "exp_avg": exp_avg, "exp_avg_sq": exp_avg_sq}
-    for name, tensor in tensors.items():
-        _check(name, tensor, tuple(param.shape))
-    if param.ndim != 2:
-        raise ValueError(f"param: shape {tuple(param.shape)}, not (N, columns)")
-    if step < 1 or eps <= 0:
-        raise ValueError(f"step {step} and eps {eps} must be positive")
     rows, columns = param.shape
     rates = rates if isinstance(rates, Tensor) else torch.full((columns,), rates)
-    _check("rates", rates, (columns,))
     # ``rates`` and the tensors stay referenced until the call returns: the kernel gets addresses only.
-    addresses = map(address, (rates, *tensors.values()))
+    addresses = map(address, (rates, param, grad, exp_avg, exp_avg_sq))
     kernel = function("adam", "liidddl" + 5 * "p", "l")
     return kernel(rows, columns, torch.get_num_threads(), beta1, beta2, eps, step, *addresses)
-
-
-def _check(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:
-    if tuple(tensor.shape) != shape:
-        raise ValueError(f"{name}: shape {tuple(tensor.shape)}, not {shape}")
-    if tensor.dtype != torch.float32 or tensor.device.type != "cpu" or not tensor.is_contiguous():
-        raise ValueError(f"{name}: {tensor.dtype} on {tensor.device}, not contiguous float32 on the CPU")

@@ -103,20 +103,6 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
         assert all(torch.equal(one, other) for one, other in zip(result, results[0], strict=True))
 
 
-def test_mismatched_shapes_are_rejected() -> None:
-    state = tensors(4, 3)
-    with pytest.raises(ValueError, match=r"grad: .*\(3, 3\)"):
-        adam_step(state[0], state[1][:3], *state[2:], 0.01, **OPTIONS, step=1)
-    with pytest.raises(ValueError, match="exp_avg: .* not contiguous"):
-        adam_step(*state[:2], torch.zeros(3, 4).T, state[3], 0.01, **OPTIONS, step=1)
-    with pytest.raises(ValueError, match="not \\(N, columns\\)"):
-        adam_step(*(tensor[0] for tensor in state), 0.01, **OPTIONS, step=1)
-    with pytest.raises(ValueError, match="step 0"):
-        adam_step(*state, 0.01, **OPTIONS, step=0)
-    with pytest.raises(ValueError, match=r"rates: .*\(2,\)"):
-        adam_step(*state, torch.ones(2), **OPTIONS, step=1)
-
-
 def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:
     state = tensors(21, 5)
     state[1].copy_(gradients(21, 5, 0))
