@@ -92,29 +92,22 @@ def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, sp
     """Read the evaluation frames from artifacts that belong together."""
     _, height, width, _ = frames.shape("rgb")
     rendered = {int(frame): row for row, frame in enumerate(splats.read("held_out/frame"))}
+    index, annotated = annotations.read("frame"), annotations.read("annotated")
+    registered, train = poses.read("registered")[index], frames.read("train")[index]
+    flags = np.stack([annotated, registered, train], axis=1).tolist()
     return Evaluation(
         frames_artifact=frames,
         annotations=annotations,
         splats=splats,
-        frames=find_frames(frames, poses, annotations, rendered),
+        frames=[
+            Frame(row, frame, *of_frame, held_out=rendered.get(frame))
+            for row, (frame, of_frame) in enumerate(zip(index.tolist(), flags, strict=True))
+        ],
         instances=instances_of(annotations),
         valid=frames.read("valid"),
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
         camera_to_world=camera_poses(poses, splats),
     )
-
-
-def find_frames(
-    frames: Artifact, poses: Artifact, annotations: Artifact, rendered: Mapping[int, int]
-) -> list[Frame]:
-    """List the evaluation frames; ``rendered`` is the row of each held-out render, by index of its frame."""
-    train, registered = frames.read("train"), poses.read("registered")
-    index, annotated = annotations.read("frame"), annotations.read("annotated")
-    flags = np.stack([annotated, registered[index], train[index]], axis=1).tolist()
-    return [
-        Frame(row, int(frame), *flags_of_frame, held_out=rendered.get(int(frame)))
-        for row, (frame, flags_of_frame) in enumerate(zip(index, flags, strict=True))
-    ]
 
 
 def find_asked_queries(

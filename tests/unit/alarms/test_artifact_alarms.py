@@ -1,19 +1,18 @@
 """Facts and arrays of each kind of artifact raise its alarms, and commands log them."""
 
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from egosplat import cli
 from egosplat.alarms.artifact_alarms import alarms_of, alarms_of_all, log_warnings
 from egosplat.alarms.texts import alarm_line
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice
+from tests.support.commands import run_command
 from tests.support.scenes import put
 
 FIGURES = {"pixels_without_instance": 0.6, "instances_per_frame": 2.0, "frames_per_instance": 2.0}
@@ -166,14 +165,10 @@ def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd,
     written(tmp_path, "instances", arrays, {"levels": ["whole"], "source": "tracks"}, made_from=["frames"])
     probability = (np.arange(8) < moving).astype(np.float16)[None, None, :]
     written(tmp_path, "transient", {"probability": probability}, {}, made_from=["frames"])
-    paths = {
-        "frames": "frames.zarr",
-        "transient": "transient.zarr",
-        "instances": "instances.zarr",
-        "output": "masks.zarr",
-    }
-    flags = [word for flag, name in paths.items() for word in (f"--{flag}", str(tmp_path / name))]
-    monkeypatch.setattr(sys, "argv", ["egosplat", "masks", *flags])
-    cli.main()
-    said = [line for line in capfd.readouterr().err.splitlines() if line.startswith("alarm: ")]
+    paths = {name: tmp_path / f"{name}.zarr" for name in ("frames", "transient", "instances")}
+    paths["output"] = tmp_path / "masks.zarr"
+    flags = [word for flag, path in paths.items() for word in (f"--{flag}", path)]
+    status, _, err = run_command(monkeypatch, capfd, "masks", *flags)
+    assert status == 0, err
+    said = [line for line in err.splitlines() if line.startswith("alarm: ")]
     assert [line.split(": ")[1] for line in said] == keys

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat import cli
 from egosplat.cli.flags import parse_time
 from egosplat.errors import UserError
 from egosplat.histories.known import Histories, Rests
@@ -17,6 +16,7 @@ from egosplat.histories.told import Carried, clock, place_at
 from egosplat.query.histories import find_history
 from egosplat.query.opening import open_scene
 from egosplat.query.text import Texts
+from tests.support.commands import run_command
 from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
 from tests.support.scenes import put
 
@@ -191,13 +191,9 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     assert carried.score > 0.5 and couch.history == () and couch.at(0.0) is None
 
     def table(*words):
-        monkeypatch.setattr(
-            "sys.argv", ["egosplat", "query", str(tmp_path), "cup", "couch", *words, "--overwrite"]
-        )
-        with contextlib.suppress(SystemExit):
-            cli.main()
-        said = capfd.readouterr()
-        return said.out.split("\n\n")[1].splitlines()[:-1] if "\n\n" in said.out else said.err
+        given = ("query", tmp_path, "cup", "couch", *words, "--overwrite")
+        _, out, err = run_command(monkeypatch, capfd, *given)
+        return out.split("\n\n")[1].splitlines()[:-1] if "\n\n" in out else err
 
     assert [re.split(r"\s{2,}", line) for line in table()] == [
         ["carried thing", "carried [min:s]", "from [m]", "to [m]", "frame"],
@@ -337,10 +333,8 @@ def test_without_a_carry_no_time_tells_a_place(tmp_path, monkeypatch, capfd):
     scene = open_scene(tmp_path)
     [cup] = scene.ask("cup")
     assert scene.histories.every == () and cup.history == () and cup.at(0.1) is None
-    monkeypatch.setattr("sys.argv", ["egosplat", "query", str(tmp_path), "cup", "--at", "0", "--overwrite"])
-    with contextlib.suppress(SystemExit):
-        cli.main()
-    assert "nothing of this was carried, as far as is known" in capfd.readouterr().out
+    _, out, _ = run_command(monkeypatch, capfd, "query", tmp_path, "cup", "--at", 0, "--overwrite")
+    assert "nothing of this was carried, as far as is known" in out
 
 
 def test_things_with_features_of_another_openclip_tell_nothing(tmp_path):

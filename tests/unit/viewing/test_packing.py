@@ -8,7 +8,6 @@ import pytest
 import torch
 from scipy.cluster.vq import vq
 
-from egosplat.cli import main
 from egosplat.language.decoder import Decoder
 from egosplat.viewing.container import pack, unpack
 from egosplat.viewing.gaussians import (
@@ -22,6 +21,7 @@ from egosplat.viewing.gaussians import (
     to_bytes,
 )
 from egosplat.viewing.palette import fit_palette, pack_codes
+from tests.support.commands import run_command
 from tests.support.page_scene import (
     TITLE,
     contents_of,
@@ -160,13 +160,10 @@ def test_tracks_have_no_place_in_3d():
     assert pack_instances(tracks, np.zeros((4, 3), np.float32)) == {}
 
 
-def test_a_scene_without_language_gets_one_line(tmp_path, capsys, monkeypatch):
+def test_a_scene_without_language_gets_one_line(tmp_path, capfd, monkeypatch):
     """A scene that is half finished: the command names what lacks, without a traceback."""
     put_page_scene(tmp_path)
     shutil.rmtree(tmp_path / "language.zarr")
-    monkeypatch.setattr("sys.argv", ["egosplat", "page", str(tmp_path)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr().err
-    assert ended.value.code == 2 and "language.zarr" in said and said.count("\n") == 1
+    status, _, said = run_command(monkeypatch, capfd, "page", tmp_path)
+    assert status == 2 and "language.zarr" in said and said.count("\n") == 1
     assert not (tmp_path / "scene.html").exists()
