@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from textwrap import wrap
+from textwrap import TextWrapper
 
 # Width of the page [characters]. Paths and addresses are not broken.
 WIDTH = 110
@@ -45,7 +45,7 @@ def page(findings: Sequence[Finding]) -> str:
 
 def _lines(finding: Finding, mark: int, what: int) -> list[str]:
     head = f"{finding.mark:{mark}}  {finding.what:{what}}  "
-    whole = {"break_long_words": False, "break_on_hyphens": False}
+    wrapper = TextWrapper(WIDTH - len(head), break_long_words=False, break_on_hyphens=False)
     paragraphs = [finding.value, *finding.advice.splitlines()]
-    wrapped = [line for text in paragraphs for line in wrap(text, WIDTH - len(head), **whole) or [""]]
+    wrapped = [line for text in paragraphs for line in wrapper.wrap(text) or [""]]
     return [head + wrapped[0], *(" " * len(head) + line for line in wrapped[1:])]

@@ -10,7 +10,7 @@ from egosplat.errors import UserError, user_message
 from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
-from egosplat.pipeline.config import Config, merge, read_yaml, resolve
+from egosplat.pipeline.config import Config, LayeredConfig, merge, read_yaml, resolve
 from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.recording_origin import recording_origin
@@ -55,7 +55,7 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[Config, list[str]]:
+def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[LayeredConfig, list[str]]:
     """The whole configuration that Snakemake makes of the same options, and its sources.
 
     Args:
@@ -75,7 +75,7 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[C
     return resolve(config, presets_folder()), [*map(str, read), *options]
 
 
-def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[Config]:
+def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[LayeredConfig]:
     """The configuration, and those of the scenes in its table, if the table exists; see ``read_configuration``."""
     config, _ = read_configuration(files, options)
     scenes = read_scenes(config).values() if tables_of(config)[0].is_file() else ()
@@ -93,9 +93,9 @@ def _parsed(option: str) -> Config:
         raise UserError(
             f"--config {option[:80]}: not of the form KEY=VALUE, as in preset=draft or splats.iterations=5"
         )
-    for name in reversed(names):
+    for name in reversed(names[1:]):
         content = {name: content}
-    return content
+    return {names[0]: content}
 
 
 def model_findings(config: Config) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from egosplat.calibration.files import AUTO
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.files import read_user_text, write_text
-from egosplat.pipeline.config import Config
+from egosplat.pipeline.config import LayeredConfig
 from egosplat.pipeline.home import SNAKEFILE, snakefile
 from egosplat.pipeline.scenes import Scene, local_table, read_rows, scene_of_row, tables_of
 from egosplat.pipeline.stages import STAGES
@@ -123,7 +123,7 @@ def split_name(name: str) -> tuple[str, str]:
 
 
 # The local table of scenes, which git ignores, has one row for each recording that was given.
-def put_row(config: Config, row: Mapping[str, str]) -> Scene:
+def put_row(config: LayeredConfig, row: Mapping[str, str]) -> Scene:
     """Write a scene's row into the local table, in place of that of the same recording (UserError)."""
     scene = scene_of_row(dict(row), config, f"{row['dataset']}/{row['scene']}")
     path = local_table(config)
