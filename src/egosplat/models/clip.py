@@ -20,14 +20,12 @@ class Preprocessing:
         image_size: height and width [px].
         mean, std: of each channel (R, G, B), for values from 0 to 1.
         interpolation: of the resizing, ``bicubic`` or ``bilinear``.
-        resize_mode: ``shortest`` (the image is cropped), ``longest`` (padded) or ``squash``.
     """
 
     image_size: tuple[int, int]
     mean: tuple[float, float, float]
     std: tuple[float, float, float]
     interpolation: str
-    resize_mode: str
 
 
 @dataclass(frozen=True)

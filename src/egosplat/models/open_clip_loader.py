@@ -35,11 +35,8 @@ _NO_MODEL = (
 # Keys of a text model that would be downloaded from the Hugging Face hub.
 HUB_KEYS = ("hf_model_name", "hf_tokenizer_name")
 
-# Allowed values of settings.
-_PREPROCESSING = {
-    "interpolation": ("bicubic", "bilinear"),
-    "resize_mode": ("shortest", "longest", "squash"),
-}
+# What crops can be resized by.
+_INTERPOLATIONS = ("bicubic", "bilinear")
 
 
 def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
@@ -157,18 +154,11 @@ def _preprocessing(module: nn.Module, given: dict[str, Any]) -> Preprocessing:
         mean, std = (_three(values[name]) for name in ("mean", "std"))
     except _NO_MODEL as error:
         raise UserError(f"{CLIP_CONFIG}: preprocess_cfg is not in OpenCLIP's format ({error})") from None
-    for name, known in _PREPROCESSING.items():
-        if values[name] not in known:
-            raise UserError(
-                f"{CLIP_CONFIG}: preprocess_cfg.{name} = {values[name]!r}; use one of {', '.join(known)}"
-            )
-    return Preprocessing(
-        image_size=(size, size) if isinstance(size, int) else tuple(size),
-        mean=mean,
-        std=std,
-        interpolation=values["interpolation"],
-        resize_mode=values["resize_mode"],
-    )
+    if (kind := values["interpolation"]) not in _INTERPOLATIONS:
+        raise UserError(
+            f"{CLIP_CONFIG}: preprocess_cfg.interpolation = {kind!r}; use one of {', '.join(_INTERPOLATIONS)}"
+        )
+    return Preprocessing((size, size) if isinstance(size, int) else tuple(size), mean, std, kind)
 
 
 def _three(values: Sequence[float]) -> tuple[float, float, float]:

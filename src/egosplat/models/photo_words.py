@@ -27,7 +27,7 @@ PROMPT = "a photo of a"
 TEMPERATURE = 0.1
 
 # The input of EfficientNet-Lite2, whose values are from -1 to 1.
-INPUT = Preprocessing((260, 260), (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), "bicubic", "squash")
+INPUT = Preprocessing((260, 260), (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), "bicubic")
 
 # Names of classes that are encoded at a time.
 _BATCH = 64

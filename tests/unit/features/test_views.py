@@ -8,7 +8,7 @@ from egosplat.artifacts.schemas import FRAMES, INSTANCES
 from egosplat.features.crops import cut_crops, find_views, spread
 from egosplat.models.clip import Preprocessing
 
-WANTED = Preprocessing((11, 11), (0.5, 0.5, 0.5), (0.2, 0.2, 0.2), "bicubic", "squash")
+WANTED = Preprocessing((11, 11), (0.5, 0.5, 0.5), (0.2, 0.2, 0.2), "bicubic")
 
 ALL = [range(5)]
 

@@ -185,24 +185,6 @@ def options_of(method: str, **changes: object) -> LanguageOptions:
     return LanguageOptions(**keys | changes)
 
 
-@pytest.mark.parametrize("method", [*ITERATIONS])
-def test_each_square_is_answered_with_its_feature(scene, camera_to_world, coded, method):
-    coded = coded(method)
-    gaussians, views, settings = scene.gaussians, scene.views, scene.settings
-    pose = camera_to_world[HELD_OUT]
-    found = render_codes(gaussians, coded.code, coded.share, views.camera, pose, settings)
-    square = square_of(pose, 0.15)
-    for level in range(len(coded.levels)):
-        for side in (0, 1):
-            pixels = torch.from_numpy(square == side)
-            assert bool((found.coverage[level][pixels] > 0.5).all())
-            cosine = decode(found.codes[level][pixels], coded.decoder) @ torch.from_numpy(FEATURE.T)
-            assert float(cosine[:, side].min()) > 0.9, coded.levels[level]
-            assert float(cosine[:, 1 - side].max()) < 0.3
-    # The codebook of quantized has another loss, and comes first.
-    assert coded.curve.loss[-1] < max(coded.curve.loss) and len(coded.stands_in) >= 2
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, method):
     """Each word finds its own square and nothing of the other one. With the words exchanged, the answers are exchanged."""
@@ -210,12 +192,16 @@ def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, meth
     pose = camera_to_world[HELD_OUT]
     # Gaussians reach over the edges of their square.
     shown, inside = square_of(pose, -0.15), square_of(pose, 0.15)
-    found = scene.answers(coded(method), pose, FEATURE)
+    coded = coded(method)
+    found = scene.answers(coded, pose, FEATURE)
     for side, answer in enumerate(found):
         column, row = answer.pixel
         assert shown[row, column] == side and answer.score > 0.9
         assert answer.mask[inside == side].mean() > 0.5 and not answer.mask[inside == 1 - side].any()
-    exchanged = scene.answers(coded(method), pose, FEATURE[::-1].copy())
+    if method in ITERATIONS:
+        # The codebook of quantized has another loss, and comes first.
+        assert coded.curve.loss[-1] < max(coded.curve.loss) and len(coded.stands_in) >= 2
+    exchanged = scene.answers(coded, pose, FEATURE[::-1].copy())
     for answer, before in zip(exchanged, found[::-1], strict=True):
         assert np.allclose(answer.relevancy, before.relevancy, atol=1e-6)
         assert (answer.level, answer.mask_level) == (before.level, before.mask_level)

@@ -54,9 +54,7 @@ def test_pictures_and_texts_become_features(tiny_clip, precision):
 
 def test_preprocessing_comes_from_the_folder_or_open_clip(tiny_clip):
     own = (0.26862954, 0.26130258, 0.27577711)
-    assert load(tiny_clip).preprocessing == Preprocessing(
-        (32, 32), (0.5, 0.4, 0.3), own, "bilinear", "squash"
-    )
+    assert load(tiny_clip).preprocessing == Preprocessing((32, 32), (0.5, 0.4, 0.3), own, "bilinear")
 
 
 def test_the_reduced_vocabulary_is_used(tiny_clip):

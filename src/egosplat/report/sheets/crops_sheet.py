@@ -13,7 +13,7 @@ from egosplat.drawing import empty_grid, plt, split_page
 from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
-from egosplat.language.vectors import unit, usable
+from egosplat.language.vectors import unit
 from egosplat.models.configs import PHOTOS
 from egosplat.report.sheets.sheet import sheet
 
@@ -175,13 +175,10 @@ def _draw_views(
 def _numbers(views: Artifact, features: Artifact, rows: NDArray[np.int64]) -> tuple[dict[int, str], float]:
     """The number above each view of an instance, by row, and the limit above which a view is an outlier."""
     options = features.provenance["options"]
-    feature = views.read("feature")[rows]
-    good = usable(feature)
-    if options["mad_norm"] == "none" or not good.any():
+    if options["mad_norm"] == "none":
         return dict.fromkeys(rows.tolist(), ""), 0.0
-    values, limit = disagreement(feature[good], options["mad_norm"], options["mad_k"])
-    numbers = dict.fromkeys(rows.tolist(), "no feature")
-    return numbers | {int(row): f"{value:.2f}" for row, value in zip(rows[good], values, strict=True)}, limit
+    values, limit = disagreement(views.read("feature")[rows], options["mad_norm"], options["mad_k"])
+    return {int(row): f"{value:.2f}" for row, value in zip(rows, values, strict=True)}, limit
 
 
 def _caption(features: Artifact, table: Table, instance: int, limit: float) -> str:
