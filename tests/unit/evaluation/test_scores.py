@@ -1,7 +1,5 @@
 """The scores of a scene."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -59,24 +57,6 @@ def test_answers_to_other_questions_are_chance():
     found = summarise(scores, OPTIONS)["all"]
     assert found.count == 600 and 0.06 < found.accuracy < 0.14 and found.mean_iou == found.accuracy
     assert found.accuracy_interval.low < 0.1 < found.accuracy_interval.high
-
-
-def test_all_need_not_lie_between_static_and_dynamic():
-    """Mixed categories count once in all, and in both others."""
-    groups = {
-        "static": Result(True, 0.2, 0.0, False),
-        "dynamic": Result(False, 0.1, 0.0, False),
-        "all": Result(True, 0.3, 0.0, False),
-    }
-    found = summarise([QueryScore("book", groups)] * 2, OPTIONS)
-    assert (found["static"].count, found["dynamic"].count, found["all"].count) == (2, 2, 2)
-    assert found["all"].mean_iou > max(found["static"].mean_iou, found["dynamic"].mean_iou)
-
-
-def test_without_queries_there_are_no_scores():
-    for found in summarise([], OPTIONS).values():
-        assert found.count == 0 and math.isnan(found.accuracy) and math.isnan(found.mean_iou)
-        assert math.isnan(found.random_pixel) and found.accuracy_interval is None
 
 
 def test_a_thing_that_is_found_in_ten_frames_is_found_once():

@@ -40,12 +40,6 @@ def test_what_stays_is_not_carried(centers):
     assert found((0, centers)) == []
 
 
-def test_a_thing_that_never_rests_starts_nowhere_and_ends_where_it_is_last_seen():
-    [one] = found((0, way((HERE, 1), (THERE, 1))))
-    assert np.isnan(one.start).all()
-    np.testing.assert_allclose(one.end, THERE, atol=0.15)
-
-
 def test_a_thing_that_is_lost_on_its_way_ends_nowhere():
     """The last step is longer than the thing: nobody sees where it goes."""
     centers = way((HERE, 10), (THERE, 1))[:-2]

@@ -225,7 +225,6 @@ def remove(name: str):
     [
         (remove("language"), ["cup"], "lacks language.zarr. Give the folder of a finished scene"),
         (None, ["cup", "--frame", "9"], "frame 9: there are 4 frames, 0 to 3"),
-        (None, ["cup", "--frame", "3"], "frame 3: has no pose"),
         (None, ["cup", "--frame", "1", "--pose", "x.json"], "frame and pose: give one of them"),
         (None, [" "], "query: is blank"),
         (None, ["cup", "--set", "canonical=[]"], "query.canonical"),

@@ -110,7 +110,6 @@ def test_a_view_has_pixels_and_no_things(work):
     "call, said",
     [
         (lambda scene: scene.ask("cup", frame=3), "frame 3"),
-        (lambda scene: scene.ask("cup", frame=-1), "frame -1"),
         (lambda scene: scene.ask("cup", frame=1, pose=np.eye(4)), "frame and pose"),
         (lambda scene: scene.ask("cup", pose=np.zeros((4, 4))), "pose"),
         (lambda scene: scene.ask("cup", min_scor=0.1), "min_score"),

@@ -33,7 +33,8 @@ def test_a_frame_is_seen_with_the_pose_that_training_refined(word_scene):
 
 
 @pytest.mark.parametrize(
-    "frame, said", [(4, "there are 4 frames, 0 to 3"), (3, "has no pose; the nearest .* is 2")]
+    "frame, said",
+    [(4, "there are 4 frames, 0 to 3"), (-1, "there are 4"), (3, "has no pose; the nearest .* is 2")],
 )
 def test_invalid_frames_are_rejected(recording, frame, said):
     with pytest.raises(UserError, match=f"^frame {frame}: {said}"):
