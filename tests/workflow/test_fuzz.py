@@ -150,6 +150,7 @@ def test_a_recording_may_hold_what_a_comment_begins_with(tmp_path):
             f"{HEADER}mine\ts1\tplain\tx\tformats.plain={{frames:{{stride:5}}}}\n",
             "line 2: formats holds for all",
         ),
+        (f"{HEADER}mine\ts1\tplain\thttps://example.com/a.mp4\t\n", "line 2: recording = .*no URL"),
         ("", "scenes.tsv, line 1: has columns"),
     ],
 )

@@ -1,6 +1,5 @@
 """The DAG follows the decisions of the survey; a rule reruns only if a decision that it uses changes."""
 
-import json
 import re
 import shutil
 from pathlib import Path
@@ -165,13 +164,3 @@ def test_a_variant_whose_keys_reach_the_survey_has_its_own(work):
     assert read_survey(work.folder / own / "survey.json")["motion"]["masking"] == "none"
     assert work.stale(f"{own}/metrics.json", config=variant) == SPLATS_ON
     assert work.stale(METRICS, config=variant) == set()
-
-
-def test_running_the_survey_alone_gives_the_same_result(work):
-    before = read_survey(work.folder / SURVEY)
-    (work.folder / SURVEY).unlink()
-    (work.folder / "more.yaml").write_text(AUTO)
-    done = work.snakemake("more.yaml", "--allowed-rules", "survey", "--", SURVEY)
-    assert done.returncode == 0, done.stdout + done.stderr
-    after = json.loads((work.folder / SURVEY).read_text())
-    assert all(after[part] == before[part] for part in ("motion", "views", "poses"))

@@ -19,10 +19,10 @@ def cpu_seconds() -> float:
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
-def peak_memory_mb(status: Path = Path("/proc/self/status")) -> float:
+def peak_memory_mb() -> float:
     """Peak main memory of this process [MiB]."""
     # On Linux, getrusage starts from the peak of the parent process; VmHWM does not.
-    lines = status.read_text().splitlines() if status.is_file() else []
+    lines = Path("/proc/self/status").read_text().splitlines()
     peaks = (int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
     return next(peaks, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / _KIB
 
@@ -72,8 +72,8 @@ def _used_cuda() -> Any:
 
 
 @functools.cache
-def _processor(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
+def _processor() -> str:
     """Name of the processor, or its architecture if the name is unknown."""
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
     names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(names, platform.machine())

@@ -54,13 +54,6 @@ def test_a_gpu_counts_where_it_was_used(monkeypatch):
     assert usage.peak_gpu_memory_mb() == 3.0 and usage.machine().endswith(", a GPU")
 
 
-def test_a_processor_without_a_name_is_named_by_its_architecture(tmp_path):
-    """ARM machines have no model name in /proc/cpuinfo."""
-    assert usage._processor(tmp_path / "absent")
-    (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: Some CPU\n")
-    assert usage._processor(tmp_path / "cpuinfo") == "Some CPU"
-
-
 def test_the_commit_is_that_of_tracked_files_alone(tmp_path):
     """An installation inside somebody's repository has no commit; a file besides makes a checkout unclean."""
 

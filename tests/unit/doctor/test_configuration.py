@@ -71,15 +71,3 @@ def test_keys_of_a_section_may_be_written_with_a_dot(folder, options, section, k
     """section.key=value is short for section={key: value}."""
     config, _ = read_configuration([], options)
     assert config[section][key] == value and config["run"]["seed"] == 0
-
-
-def test_an_unknown_key_of_a_section_is_named(folder):
-    """A typo comes with the nearest key."""
-    with pytest.raises(UserError, match="'splats.iteration'.* 'iterations'"):
-        read_configuration([], ["splats.iteration=5"])
-
-
-def test_a_missing_file_is_named(folder):
-    """A file of --configfile must exist."""
-    with pytest.raises(UserError, match="none.yaml"):
-        read_configuration([folder / "none.yaml"], [])

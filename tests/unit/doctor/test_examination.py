@@ -3,7 +3,6 @@
 import importlib.util
 import subprocess
 from importlib import metadata
-from pathlib import Path
 
 import pytest
 import torch
@@ -15,8 +14,6 @@ from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import examine
 from egosplat.errors import UserError
 from egosplat.models.configs import PHOTO_WEIGHTS
-from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.options import keys_of
 from egosplat.rasterize import cuda
 from egosplat.rasterize.kernels import compiling, library
 from egosplat_apartments.rays import library as rays
@@ -132,13 +129,6 @@ def test_a_missing_recording_is_an_error_for_rows_of_the_user(folder, monkeypatc
     dataset = row.partition("\t")[0]
     findings = found(*([f"data_root.{dataset}={root}"] if root else []))
     assert findings[f"{dataset} recordings"].mark == mark
-
-
-def test_an_address_is_no_recording(folder):
-    """Recordings are never downloaded."""
-    (folder / "config/scenes.tsv").write_text(HEADER + PLAIN.format("https://example.com/a.mp4") + "\n")
-    finding = found()["scenes"]
-    assert finding.mark == Mark.MISSING and "line 2" in finding.value and "no URL" in finding.value
 
 
 @pytest.mark.parametrize(
@@ -348,11 +338,3 @@ def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, ca
     (folder / "more.yaml").write_text("models: {sam2_checkpoint: /nowhere.pt}")
     status, text = run(monkeypatch, capsys, "--configfile", "more.yaml", "--config", "preset=draft")
     assert status == 1 and "missing  SAM2 " in text and "preset draft" in text
-
-
-def test_the_shipped_presets_are_examined(monkeypatch):
-    """Each preset can be examined in the source tree."""
-    root = Path(__file__).resolve().parents[3]
-    monkeypatch.chdir(root)
-    for preset in keys_of(GeneralOptions)["preset"]["enum"]:
-        assert f"preset {preset}" in found(f"preset={preset}")["configuration"].value

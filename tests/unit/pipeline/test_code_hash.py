@@ -167,12 +167,6 @@ def test_the_sources_of_a_package_that_is_not_reached_do_not_count(package, tmp_
     assert with_sources(package, tmp_path, CPP.replace("2.0f", "2.5f"), **stage) == first
 
 
-def test_kernel_sources_change_the_hash():
-    assert (
-        modules_of("egosplat.rasterize.kernels.library")["egosplat.rasterize.kernels"].parent / "source"
-    ).is_dir()
-
-
 def test_library_versions_change_the_hash():
     assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", libraries=("numpy",))
 
