@@ -1,7 +1,6 @@
 """Stage ``features``: aggregate each instance's consistent feature, form the supervision, compress to codes."""
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +9,11 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.features.aggregation import Aggregate, aggregate
-from egosplat.features.compression import SHARE, Compression, Need, fit
+from egosplat.features.compression import SHARE, Need, fit
 from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
     agreement,
@@ -37,17 +36,6 @@ _ROWS_AT_ONCE = 2**14
 _LEAST_COSINE = 0.99
 
 
-@dataclass(frozen=True)
-class _Aggregated:
-    """``consistent`` (N, D), ``supervision`` (R, D) float32; ``views`` (N,), ``inlier`` and ``mismatched`` (R,)."""
-
-    consistent: Features
-    supervision: Features
-    views: NDArray[np.int32]
-    inlier: NDArray[np.bool_]
-    mismatched: NDArray[np.bool_]
-
-
 def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> None:
     """Write the features of ``view_features``.
 
@@ -59,27 +47,35 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     feature, instance = view_features.read("feature"), view_features.read("instance")
     level = view_features.read("instances/level")
     found = aggregate(feature, instance, len(level), options.mad_norm, options.mad_k)
-    result = _aggregated(feature, instance, found, options)
-    compressed = fit(
-        result.supervision,
-        options.compression,
-        dims=options.dims,
-        epochs=options.epochs,
-        seed=options.seed,
-        least_cosine=_LEAST_COSINE,
-    )
-    codes, consistent_codes = (compressed.encode(part) for part in (result.supervision, result.consistent))
+    consistent, supervision, mismatched = _supervision(feature, instance, found, options)
+    settings = options.compression, options.dims, options.epochs, options.seed
+    compressed = fit(supervision, *settings, least_cosine=_LEAST_COSINE)
+    codes, consistent_codes = (compressed.encode(part) for part in (supervision, consistent))
+    seen, names = found.views > 0, view_features.facts["levels"]
     # An encoder maps the zero feature to an arbitrary code.
-    consistent_codes[found.views == 0] = 0.0
-    facts = _facts(view_features, result, codes, consistent_codes, compressed)
+    consistent_codes[~seen] = 0.0
+    cosines = reconstruction(supervision, codes, compressed.decoder)
+    decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
+    facts = {
+        "levels": names,
+        "clip": view_features.facts["clip"],
+        "decoder": decoder_metadata(compressed.decoder),
+        "need": _need(compressed.need),
+        "instances_without_views": int((~seen).sum()),
+        "outliers": int((~found.inlier).sum()),
+        "slipped": int(mismatched.sum()),
+        "reconstruction": summary(cosines, level[instance], names),
+        "agreement": agreement(feature, consistent, instance),
+        "spread": {"features": spread(consistent[seen]), "decoded": spread(decoded)},
+    }
     arrays = {
-        "consistent": result.consistent,
-        "views": result.views,
+        "consistent": consistent,
+        "views": found.views,
         "instances/level": level,
         "instance": instance,
         "frame": view_features.read("frame"),
-        "inlier": result.inlier,
-        "supervision": result.supervision,
+        "inlier": found.inlier,
+        "supervision": supervision,
         "code": codes,
         "consistent_code": consistent_codes,
         "decoder/values": compressed.decoder.values,
@@ -88,12 +84,13 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
         for name, values in arrays.items():
             artifact.put(name, values)
         artifact.facts = facts
-    log(_summary_line(facts, result))
+    log(_summary_line(facts, found))
 
 
-def _aggregated(
+def _supervision(
     feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
-) -> _Aggregated:
+) -> tuple[Features, Features, NDArray[np.bool_]]:
+    """Return (N, D) consistent features, and the (R, D) supervision and (R,) mismatched flags of the views."""
     consistent = found.feature
     if options.normalize:
         consistent = consistent_directions(consistent, feature, instance)
@@ -113,32 +110,7 @@ def _aggregated(
             # Opposite features cancel; the average then has no direction of its own.
             values = unit(np.where(vanishing(values)[:, None], common, values))
         supervision[part] = values
-    return _Aggregated(consistent.astype(np.float32), supervision, found.views, found.inlier, mismatched)
-
-
-def _facts(
-    view_features: Artifact,
-    result: _Aggregated,
-    codes: Features,
-    consistent_codes: Features,
-    compressed: Compression,
-) -> dict[str, Any]:
-    instance, level = view_features.read("instance"), view_features.read("instances/level")
-    seen, names = result.views > 0, view_features.facts["levels"]
-    cosines = reconstruction(result.supervision, codes, compressed.decoder)
-    decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
-    return {
-        "levels": names,
-        "clip": view_features.facts["clip"],
-        "decoder": decoder_metadata(compressed.decoder),
-        "need": _need(compressed.need),
-        "instances_without_views": int((~seen).sum()),
-        "outliers": int((~result.inlier).sum()),
-        "slipped": int(result.mismatched.sum()),
-        "reconstruction": summary(cosines, level[instance], names),
-        "agreement": agreement(view_features.read("feature"), result.consistent, instance),
-        "spread": {"features": spread(result.consistent[seen]), "decoded": spread(decoded)},
-    }
+    return consistent.astype(np.float32), supervision, mismatched
 
 
 def _need(need: Need | None) -> dict[str, Any] | None:
@@ -148,9 +120,9 @@ def _need(need: Need | None) -> dict[str, Any] | None:
     return {"dims": need.dims, "share_wanted": SHARE, "share": [round(one, 6) for one in need.share.tolist()]}
 
 
-def _summary_line(facts: dict[str, Any], result: _Aggregated) -> str:
+def _summary_line(facts: dict[str, Any], found: Aggregate) -> str:
     cosine, apart = facts["reconstruction"]["mean"], facts["spread"]
-    text = f"{int((result.views > 0).sum())} instances, {len(result.inlier)} views, {facts['outliers']} of them outliers, "
+    text = f"{int((found.views > 0).sum())} instances, {len(found.inlier)} views, {facts['outliers']} of them outliers, "
     text += f"{facts['slipped']} mismatched"
     if cosine is None:
         return text
