@@ -123,10 +123,10 @@ class Adam:
                 moments[name] = _with_zero_rows(moments[name], count)
         self._ever_visible = _with_zero_rows(self._ever_visible, count)
 
-    def reset_moments(self, name: str, index: Tensor | None = None) -> None:
-        """Zero the moments of one parameter, in all rows or at ``index``."""
+    def reset_moments(self, name: str) -> None:
+        """Zero the moments of one parameter."""
         for moments in (self._exp_avg, self._exp_avg_sq):
-            moments[name][slice(None) if index is None else index] = 0.0
+            moments[name].zero_()
 
     def state_dict(self) -> dict[str, Any]:
         """Return copies of the moments and the counters, for ``load_state_dict``."""
@@ -140,15 +140,7 @@ class Adam:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a state from ``state_dict``; the Gaussians of that state must be attached.
-
-        Raises:
-            ValueError: the moments have other shapes than the Gaussians.
-        """
-        for name, parameter in self.gaussians.parameters().items():
-            for moments in (state["exp_avg"], state["exp_avg_sq"]):
-                if moments[name].shape != parameter.shape:
-                    raise ValueError(f"moments of {name}: {moments[name].shape}, not {parameter.shape}")
+        """Restore a state from ``state_dict``; the Gaussians of that state must be attached."""
         device = self.gaussians.means.device
         self._exp_avg = {name: state["exp_avg"][name].to(device, copy=True) for name in PARAMETERS}
         self._exp_avg_sq = {name: state["exp_avg_sq"][name].to(device, copy=True) for name in PARAMETERS}
