@@ -7,11 +7,9 @@ from torch import Tensor
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.writer import Writer
 from egosplat.errors import UserError
-from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.trainer import Curves
-
-STORED = ("means", "quats", "log_scales", "logit_opacities", "sh", "features")
 
 
 def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
@@ -24,13 +22,13 @@ def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
     if not whole.any():
         raise UserError("splats: training left no finite Gaussian; raise run.near_plane")
     kept = gaussians.detach().select(whole)
-    for name in STORED:
+    for name in PARAMETERS:
         artifact.put(name, getattr(kept, name).cpu().numpy())
 
 
 def read_gaussians(artifact: Artifact, prefix: str = "") -> Gaussians:
     """Read the Gaussians of an artifact to the CPU, without gradients; ``prefix`` begins the names of its arrays."""
-    names = [name for name in STORED if name != "features"]
+    names = [name for name in PARAMETERS if name != "features"]
     stored = {name: torch.from_numpy(artifact.read(f"{prefix}{name}")) for name in names}
     # Features are the codes of joint training. Without channels here, no render composites them.
     return Gaussians(**stored, features=torch.zeros(len(stored["means"]), 0))

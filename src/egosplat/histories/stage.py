@@ -26,8 +26,8 @@ from egosplat.artifacts.schemas import (
 )
 from egosplat.artifacts.writer import create
 from egosplat.gaussians.device import training_device
-from egosplat.gaussians.io import STORED, read_exposure, read_gaussians, read_render_settings
-from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.io import read_exposure, read_gaussians, read_render_settings
+from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.geometry import Camera, known_poses
 from egosplat.histories.moves import Carry, find_carries
 from egosplat.histories.options import HistoriesOptions
@@ -217,6 +217,6 @@ def _gaussians(rests: Sequence[Rest], scene: Scenery) -> Columns:
         [*(one.gaussians for one in rests), scene.gaussians.select(torch.arange(0))]
     )
     counts = [one.gaussians.count for one in rests]
-    stored = {name: getattr(every, name).cpu().numpy() for name in STORED if name != "features"}
+    stored = {name: getattr(every, name).cpu().numpy() for name in PARAMETERS if name != "features"}
     owner = np.repeat(np.arange(len(rests), dtype=np.int32), counts)
     return {"rest": owner} | stored

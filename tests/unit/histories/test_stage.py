@@ -12,8 +12,8 @@ import torch
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.gaussians.io import STORED, read_gaussians
-from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.render import render
 from egosplat.histories.options import HistoriesOptions
 from egosplat.histories.stage import _features_of_carries, run
@@ -65,7 +65,7 @@ def made(tmp_path_factory):
         {"levels": ["whole"], "clip": clip},
         made_from=["frames", "instances"],
     )
-    stored = {name: getattr(gaussians, name).numpy() for name in STORED if name != "features"}
+    stored = {name: getattr(gaussians, name).numpy() for name in PARAMETERS if name != "features"}
     about = {"camera": asdict(CAMERA), "sh_degree_in_use": 1, "views": {"training": COUNT}}
     put(folder, "splats", stored, about, options=asdict(SETTINGS), made_from=["frames", "poses"])
     return folder

@@ -16,7 +16,7 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import FITTED, FRAMES, POSES, SCHEMAS, TRAINED, camera_poses
 from egosplat.errors import UserError
 from egosplat.gaussians import training_views
-from egosplat.gaussians.io import STORED
+from egosplat.gaussians.model import PARAMETERS
 from egosplat.splats import stage
 from tests.support.scenes import put
 from tests.support.waiting import wait_for
@@ -171,7 +171,7 @@ def test_corrections_are_written_beside_the_scores_without(scene, camera_to_worl
     other = pictures.copy()
     other[4] //= 2
     again = run(scene(camera_to_world=wrong, rgb=other), "other.zarr", **keys)
-    for name in (*STORED, "curve/loss"):
+    for name in (*PARAMETERS, "curve/loss"):
         np.testing.assert_array_equal(again.read(name), splats.read(name))
     np.testing.assert_array_equal(
         np.delete(camera_poses(poses, again), 4, axis=0), np.delete(found, 4, axis=0)
