@@ -35,7 +35,7 @@ def test_methods_end_in_scores_that_the_tables_place(workdir):
     assert done.returncode == 0, done.stdout + done.stderr
     for name, method in METHODS.items():
         scored = read_scored_scene(workdir.folder / scores[name])
-        assert (scored.method, scored.foreign) == (method, False) and in_a_table(scored)
+        assert scored.method == method and in_a_table(scored)
         assert scored.cost.cpu_min > 0 and scored.stands_in
     assert workdir.stale(*scores.values()) == set()
     codes = f"{VARIANT}/occam/language.zarr"
@@ -60,3 +60,9 @@ def test_an_artifact_that_a_variant_shares_is_named_where_it_is(unchanged):
     said = done.stdout + done.stderr
     message = f"variant network_masks does not change frames.zarr; use {SCENE}/frames.zarr"
     assert message in said and "Traceback" not in said
+
+
+def test_an_unknown_variant_is_reported(unchanged):
+    done = unchanged.snakemake("--dry-run", "--", f"{VARIANT}/nope/splats.zarr")
+    said = done.stdout + done.stderr
+    assert done.returncode != 0 and "no variant 'nope'" in said and "Traceback" not in said
