@@ -54,14 +54,6 @@ def test_a_user_variant_is_made_next_to_the_scene(workdir):
     assert "Nothing to be done" in again.stdout + again.stderr
 
 
-def test_an_artifact_that_a_variant_shares_is_named_where_it_is(unchanged):
-    done = unchanged.snakemake("--dry-run", "--", f"{VARIANT}/network_masks/frames.zarr")
-    assert done.returncode != 0
-    said = done.stdout + done.stderr
-    message = f"variant network_masks does not change frames.zarr; use {SCENE}/frames.zarr"
-    assert message in said and "Traceback" not in said
-
-
 def test_an_unknown_variant_is_reported(unchanged):
     done = unchanged.snakemake("--dry-run", "--", f"{VARIANT}/nope/splats.zarr")
     said = done.stdout + done.stderr

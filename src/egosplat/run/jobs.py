@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.calibration.files import digest_of_recording, is_annotated, source_files
-from egosplat.errors import UserError
 from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.config import Config, stage_sections
