@@ -59,7 +59,7 @@ def configured(stage):
 
 
 def params(stage):
-    """Get the parameters of a stage, for the rule to unpack: words of its command, and what makes it stale."""
+    """Get the parameters of a stage, to unpack in its rule; they are words of its command and what makes it stale."""
     return {
         name: asked(function, stage)
         for name, function in jobs.parameters(stage).items()
