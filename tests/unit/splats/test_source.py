@@ -202,7 +202,7 @@ def test_an_export_comes_back(filmed, trained, tmp_path, make):
     if make == "ply":
         write_ply(path, geometry_columns(trained), "synthetic")
     else:
-        write_spz(path, trained, 3, antialiased=False)
+        write_spz(path, trained, 3)
     splats = run(filmed, path)
     assert splats.facts["source"]["world"] == "the recording's"
     assert splats.read("held_out/psnr")[0] > (50 if make == "ply" else 30)
