@@ -79,9 +79,9 @@ def photographs(one_scene, tmp_path):
 
 @pytest.fixture
 def greedy(photographs):
-    """One whose stage ``frames`` takes 1 GB more than it should, for long enough to be seen."""
+    """One whose stage ``frames`` takes 2 GB, more than it should, for long enough to be seen."""
     return photographs(
-        "    import time\n    taken = b'1' * 1_000_000_000\n    time.sleep(3)\n    del taken\n"
+        "    import time\n    taken = b'1' * 2_000_000_000\n    time.sleep(3)\n    del taken\n"
     )
 
 
