@@ -135,6 +135,7 @@ def test_carries_are_found_and_drawn_in_a_finished_scene(workdir):
     assert workdir.stale(f"{SCENE}/histories.zarr", f"{SCENE}/carries.png") == set()
 
 
+@pytest.mark.slow
 def test_methods_are_drawn_side_by_side(workdir):
     """A column for each of tables.methods, beside EgoSplat's."""
     config = """

@@ -85,16 +85,11 @@ def greedy(photographs):
     )
 
 
-def memory_of(slurm, jobs: list[str]) -> list[int]:
-    """Memory that each job requested [MB]."""
-    return [int(slurm.asked_of(job)["MinMemoryNode"].rstrip("M")) for job in jobs]
-
-
 def test_a_job_that_is_killed_for_memory_is_submitted_again_with_more(slurm, submit, greedy):
     done, jobs = submit(greedy, "--", FRAMES, measured=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert list(map(slurm.end_of, jobs)) == ["FAILED", "COMPLETED"]
-    first, second = memory_of(slurm, jobs)
+    first, second = [int(slurm.asked_of(job)["MinMemoryNode"].rstrip("M")) for job in jobs]
     assert second == 2 * first
 
 

@@ -28,6 +28,7 @@ def test_a_variant_makes_only_what_its_keys_change(unchanged, target, expected):
 METHODS = {"langsplat": "LangSplat", "occam": "Occam's LGS"}
 
 
+@pytest.mark.slow
 def test_methods_end_in_scores_that_the_tables_place(workdir):
     """Without its language.zarr, a method is made again from there on; other methods stay."""
     scores = {name: f"{VARIANT}/{name}/metrics.json" for name in METHODS}

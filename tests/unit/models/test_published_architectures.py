@@ -29,6 +29,8 @@ from egosplat.transient.network import ENCODER as NETWORK_ENCODER
 from egosplat.transient.network import make_network
 from tests.support.scenes import LEVELS, put
 
+pytestmark = pytest.mark.slow
+
 PRESETS = Path(__file__).resolve().parents[3] / "config/presets"
 PRECISIONS = ("float32", "bfloat16")
 SAVE = {"SAM2": save_sam2, "OpenCLIP": save_clip, "timm": save_encoder}
