@@ -49,7 +49,7 @@ ROWS = 60
 # Published, of the codebook: weight of the regulariser's half, weight of the even use of words, learning rate and decay. The rate falls
 # to a tenth over 1,000 passes.
 REGULARISER, _EVEN = 0.5, 1.0
-_RATE, _DECAY, _LAST, _PASSES = 1e-4, 0.01, 0.1, 1000
+_WORD_RATE, _WORD_DECAY, _LAST, _PASSES = 1e-4, 0.01, 0.1, 1000
 
 
 def train_indices(
@@ -212,7 +212,7 @@ class Codebook(nn.Module):
         super().__init__()
         values = (2 * torch.rand(WORDS, channels + components, generator=draw) - 1) / WORDS
         self.words = nn.Parameter(values)
-        self.optimizer = torch.optim.AdamW([self.words], lr=_RATE, weight_decay=_DECAY)
+        self.optimizer = torch.optim.AdamW([self.words], lr=_WORD_RATE, weight_decay=_WORD_DECAY)
         self._sizes = [channels, components]
 
     def likeness(self, features: Tensor) -> Tensor:
@@ -235,7 +235,7 @@ class Codebook(nn.Module):
     def set_rate(self, passes: float) -> None:
         """Set the learning rate after a number of passes over all images."""
         part = min(passes / _PASSES, 1.0)
-        self.optimizer.param_groups[0]["lr"] = _RATE * (1 - (1 - _LAST) * part)
+        self.optimizer.param_groups[0]["lr"] = _WORD_RATE * (1 - (1 - _LAST) * part)
 
 
 def even_use(likeness: Tensor) -> Tensor:
