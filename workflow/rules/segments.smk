@@ -2,7 +2,7 @@
 Masks at three levels, and the instances they show: tracked through the video, or merged in 3D.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: transient.zarr, if moving things are tracked;
-splats.zarr, if masks are prompted by depth or merged on its Gaussians; survey.json. Never annotations.zarr.
+splats.zarr, if masks are merged on its Gaussians; survey.json. Never annotations.zarr.
 OUTPUTS: segments.zarr, instances.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes. Of a
 long recording, segments.{chunk}.chunk, which segments gathers; temporary.
 TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; egosplat's kernels.

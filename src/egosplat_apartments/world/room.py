@@ -147,9 +147,6 @@ def opening_box(room: Room, opening: Opening) -> Array:
     return np.stack([np.minimum(first, last), np.maximum(first, last)])
 
 
-_UP = np.array([0.0, 1.0, 0.0])
-
-
 def block(
     room: Room, wall: int, along: tuple[float, float], heights: tuple[float, float], away: tuple[float, float]
 ) -> Shape:
