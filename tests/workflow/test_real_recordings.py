@@ -56,21 +56,3 @@ def test_real_photographs(workflow, real_data):
     assert poses.read("registered").sum() == 17
     assert notes["reprojection_error_px"] < 1.0, json.dumps(notes)
     assert open_artifact(results / "splats.zarr", SPLATS).read("held_out/psnr").min() > 8.0
-
-
-@pytest.mark.parametrize(
-    "asked, options, told",
-    [
-        (("--", "results/mine/scene/metrics.json"), "", "models.set photos"),
-        ((), "models.set=small", "models.clip_checkpoint"),
-    ],
-)
-def test_the_first_line_of_a_plan_says_what_the_models_know_of_a_real_recording(
-    one_scene, real_data, asked, options, told
-):
-    done = one_scene("plain", real_data("fox"), options).snakemake("--dry-run", *asked)
-    assert done.returncode == 0, done.stderr
-    # Before it, Snakemake only names the profile that it uses.
-    first = next(line for line in done.stderr.splitlines() if not line.startswith("Using "))
-    assert first.startswith("egosplat: mine/scene: ") and told in first
-    assert done.stderr.count("trained on synthetic apartments only") == 1
