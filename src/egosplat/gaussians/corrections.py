@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.gaussians.exposure import simulate_photograph
+from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.initialization import in_picture
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Views
@@ -26,14 +26,13 @@ from egosplat.pipeline.survey_file import read_survey
 POSE, LOG_GAIN, COLUMNS = slice(0, 6), slice(6, 9), 9
 
 # How far a correction can move in one training, all steps added up: an angle [rad], the same as a translation in
-# depths of the scene, so that both move the picture equally far; and a log gain.
-REACH_RAD, REACH_LOG_GAIN = 0.1, 0.5
+# depths of the scene, so that both move the picture equally far; a log gain; the compression of highlights, which all
+# views share, so that most of its steps cancel.
+REACH_RAD, REACH_LOG_GAIN, _REACH_COMPRESSION = 0.1, 0.5, 4.0
 
-# How far the compression of highlights can move. All views share it, and most of their steps cancel.
-_REACH_COMPRESSION = 4.0
-
-# The learning rate falls to this fraction, as that of the Gaussians' centers.
+# The learning rate falls to this fraction, as that of the Gaussians' centers; the mean of the sequence from 1 to there.
 LAST_RATE = 0.01
+_MEAN_RATE = (1.0 - LAST_RATE) / -math.log(LAST_RATE)
 
 # Fewer visits than this do not raise the learning rate any more.
 _LEAST_VISITS = 20
@@ -42,9 +41,6 @@ _BETA1, _BETA2, _EPS = 0.9, 0.99, 1e-15
 
 # Views that measure the depth of the scene.
 _DEPTH_VIEWS = 20
-
-# Below this squared angle [rad²], Taylor series replace quotients of 0 by 0. Their error is below 1e-17.
-_SMALL = 1e-8
 
 Options = TypeVar("Options", bound=CameraOptions)
 
@@ -66,8 +62,8 @@ def make_corrections(
     """The corrections of a training from ``start``, of options after ``resolve_camera``; None if nothing is corrected."""
     if "on" not in (options.refine_poses, options.compensate_exposure):
         return None
-    depth = scene_depth(start.means.double().cpu().numpy(), views, near_plane)
-    return Corrections(options, views, depth, iterations)
+    depths = seen_depths(start.means.double().cpu().numpy(), views, near_plane)
+    return Corrections(options, views, float(np.median(depths)) if len(depths) else 1.0, iterations)
 
 
 class Corrections:
@@ -79,7 +75,7 @@ class Corrections:
     Attributes:
         options: what is ``on`` is optimized; the other columns stay 0.
         values: (V, 9) float64 on the CPU, see ``POSE`` and ``LOG_GAIN``.
-        compression: (1,) float64 of the camera's tone curve, 0 or more, see ``exposed``; one for all views.
+        compression: (1,) float64 of the camera's tone curve, 0 or more, see ``expose``; one for all views.
         steps: (V,) int64 number of steps of each view.
         depth: median depth of the scene [m], the unit of translations.
     """
@@ -90,6 +86,7 @@ class Corrections:
         self._camera_to_world, self._frame = torch.from_numpy(views.camera_to_world), views.frame
         self._iterations = iterations
         self._rates = learning_rates(options, depth, iterations / max(len(views), 1))
+        self._compression_rate = torch.tensor([_REACH_COMPRESSION / (iterations * _MEAN_RATE)])
         self.values = torch.zeros(len(views), COLUMNS, dtype=torch.float64)
         self.compression = torch.zeros(1, dtype=torch.float64)
         self.steps = torch.zeros(len(views), dtype=torch.int64)
@@ -111,7 +108,7 @@ class Corrections:
             return image
         # Copied to a GPU together: each copy waits for it on the way back.
         tone = self._leaf[LOG_GAIN.start :].to(image)
-        return simulate_photograph(image, tone[:-1], picture, tone[-1:])
+        return expose(image, tone[:-1], tone[-1:], picture)
 
     @torch.no_grad()
     def step(self, index: int, iteration: int) -> None:
@@ -124,13 +121,11 @@ class Corrections:
             return
         self.steps[index] += 1
         decay = LAST_RATE ** (iteration / self._iterations)
-        moments, own = self._moments[:, index], gradient[:COLUMNS]
-        adam(self.values[index], moments, own, self._rates * decay, int(self.steps[index]))
-        if self.options.compensate_exposure == "on":
-            rate = torch.tensor([_first_rate(_REACH_COMPRESSION, self._iterations) * decay])
-            shared = self.compression, self._compression_moments
-            adam(*shared, gradient[COLUMNS:], rate, int(self.steps.sum()))
-            self.compression.clamp_(min=0.0)
+        own, shared = gradient[:COLUMNS], gradient[COLUMNS:]
+        adam(self.values[index], self._moments[:, index], own, self._rates * decay, int(self.steps[index]))
+        rate, steps = self._compression_rate * decay, int(self.steps.sum())
+        adam(self.compression, self._compression_moments, shared, rate, steps)
+        self.compression.clamp_(min=0.0)
         trained = self.steps > 0
         self.values[trained] -= self.values[trained].mean(dim=0)
 
@@ -151,38 +146,30 @@ class Corrections:
         themselves better than 0 does: the error of a device's trajectory changes slowly, that of single photographs
         does not.
         """
-        own = self.values[self.steps > 0].numpy()
-        return torch.from_numpy(interpolated(self.trained_frames, own, frames))
+        known, own = self.trained_frames, self.values[self.steps > 0].numpy()
+        result = np.zeros((len(frames), COLUMNS))
+        if len(known):
+            result = np.stack([np.interp(frames, known, column) for column in own.T], axis=1)
+        if not self.smooth:
+            result[~np.isin(frames, known)] = 0.0
+        return torch.from_numpy(result)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Return the state for ``load_state_dict``."""
-        return {
-            "values": self.values,
-            "steps": self.steps,
-            "moments": self._moments,
-            "compression": self.compression,
-            "compression_moments": self._compression_moments,
-        }
+        names = ("values", "steps", "_moments", "compression", "_compression_moments")
+        return {name: getattr(self, name) for name in names}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state from ``state_dict``."""
-        self.values, self.steps, self._moments, self.compression, self._compression_moments = (
-            state[name].cpu() for name in self.state_dict()
-        )
+        for name in self.state_dict():
+            setattr(self, name, state[name].cpu())
 
 
 def learning_rates(options: CameraOptions, depth: float, visits: float) -> Tensor:
     """(9,) learning rates of the first step: they add up to the reach over the ``visits`` of a view; 0 if not optimized."""
     reach = [REACH_RAD * depth] * 3 + [REACH_RAD] * 3 + [REACH_LOG_GAIN] * 3
     used = [options.refine_poses == "on"] * 6 + [options.compensate_exposure == "on"] * 3
-    return torch.tensor(reach) * torch.tensor(used) * _first_rate(1.0, max(visits, _LEAST_VISITS))
-
-
-def _first_rate(reach: float, steps: float) -> float:
-    """First of ``steps`` learning rates that fall to the last rate and add up to ``reach``."""
-    # Mean of a geometric sequence from 1 to the last rate.
-    mean = (1.0 - LAST_RATE) / -math.log(LAST_RATE)
-    return reach / (steps * mean)
+    return torch.tensor(reach) * torch.tensor(used) / (max(visits, _LEAST_VISITS) * _MEAN_RATE)
 
 
 def adam(values: Tensor, moments: Tensor, gradient: Tensor, rates: Tensor, step: int) -> None:
@@ -193,26 +180,11 @@ def adam(values: Tensor, moments: Tensor, gradient: Tensor, rates: Tensor, step:
     values -= rates * first / (second.sqrt() + _EPS)
 
 
-def interpolated(
-    known: NDArray[np.integer], values: NDArray[np.float64], frames: NDArray[np.integer]
-) -> NDArray[np.float64]:
-    """Values (M, C) at ``frames``: known ones as they are, others linear in between, or 0 if that predicts better.
-
-    Args:
-        known: (K,) increasing frames with a value, (K, C); K may be 0.
-    """
-    if not len(known):
-        return np.zeros((len(frames), values.shape[1]))
-    result = np.stack([np.interp(frames, known, column) for column in values.T], axis=1)
-    if not predicts(known, values):
-        result[~np.isin(frames, known)] = 0.0
-    return result
-
-
 def predicts(known: NDArray[np.integer], values: NDArray[np.float64]) -> bool:
     """Whether interpolation between the neighbors of each value is nearer to it than 0 is, in total.
 
-    Columns have equal weight: each is divided by its standard deviation.
+    Args:
+        known: (K,) increasing frames with ``values`` (K, C). Columns have equal weight: each is divided by its mean square.
     """
     if len(known) < 3:
         return False
@@ -237,38 +209,13 @@ def corrected_poses(camera_to_world: NDArray[np.float64], values: Tensor) -> NDA
 
 def corrected(camera_to_world: Tensor, correction: Tensor) -> Tensor:
     """Apply (..., 6) float64 translations [m] and rotation vectors [rad] to (..., 4, 4) poses; zeros keep every bit."""
-    rotation = rotation_of(correction[..., 3:]) @ camera_to_world[..., :3, :3]
+    x, y, z = correction[..., 3:].unbind(-1)
+    zero = torch.zeros_like(x)
+    rows = [torch.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    rotation = torch.linalg.matrix_exp(torch.stack(rows, -2)) @ camera_to_world[..., :3, :3]
     center = camera_to_world[..., :3, 3] + correction[..., :3]
     above = torch.cat([rotation, center[..., None]], dim=-1)
     return torch.cat([above, camera_to_world[..., 3:, :]], dim=-2)
-
-
-def rotation_of(vector: Tensor) -> Tensor:
-    """(..., 3, 3) rotation of (..., 3) vectors [rad], by the formula of Rodrigues; differentiable at 0, too."""
-    squared = (vector * vector).sum(-1)[..., None, None]
-    small = squared < _SMALL
-    # The root has no gradient at 0, and ``where`` alone would pass on its NaN.
-    angle = torch.where(small, 1.0, squared).sqrt()
-    first = torch.where(small, 1.0 - squared / 6.0, angle.sin() / angle)
-    # 1 - cos(a) = 2 sin(a / 2)^2, which keeps its digits for small angles.
-    second = torch.where(small, 0.5 - squared / 24.0, 2.0 * ((angle / 2.0).sin() / angle).square())
-    x, y, z = vector.unbind(-1)
-    zero = torch.zeros_like(x)
-    rows = [torch.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
-    cross = torch.stack(rows, -2)
-    return torch.eye(3, dtype=vector.dtype) + first * cross + second * (cross @ cross)
-
-
-def angle_of(vector: Tensor) -> Tensor:
-    """The angle [rad], 0 to pi, of (..., 3) rotation vectors of any length."""
-    length = torch.linalg.vector_norm(vector, dim=-1)
-    return (length.remainder(2.0 * torch.pi) - torch.pi).abs().neg() + torch.pi
-
-
-def scene_depth(points: NDArray[np.float64], views: Views, near_plane: float) -> float:
-    """Median depth of the points (P, 3) in the views that show them [m]; 1 if none shows any."""
-    depths = seen_depths(points, views, near_plane)
-    return float(np.median(depths)) if len(depths) else 1.0
 
 
 def seen_depths(points: NDArray[np.float64], views: Views, near_plane: float) -> NDArray[np.float64]:

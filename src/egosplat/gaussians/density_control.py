@@ -213,10 +213,7 @@ def replace_rows(
             f"splats: none of {gaussians.count} Gaussians is left to train: all were too transparent, too large "
             "or not finite; check the poses and the masks"
         )
-    optimizer.select(keep)
-    optimizer.append(added)
-    result.requires_grad_()
-    optimizer.attach(result)
+    optimizer.replace_rows(result.requires_grad_(), keep, added)
     return result
 
 

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.gaussians.exposure import apply_exposure
+from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.training_views import Views
@@ -80,7 +80,7 @@ def rendered(
     )
     colors = image[..., :3]
     if views.log_gain is not None:
-        colors = apply_exposure(colors, views.log_gain[index], views.compression)
+        colors = expose(colors, views.log_gain[index], views.compression)
     return colors.clamp(0.0, 1.0)
 
 

@@ -1,7 +1,7 @@
 """Fit the pose and the exposure of photographs outside the training to Gaussians that stay as they are."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -15,7 +15,7 @@ from egosplat.gaussians.corrections import (
     corrected,
     learning_rates,
 )
-from egosplat.gaussians.exposure import SATURATED, simulate_photograph
+from egosplat.gaussians.exposure import SATURATED, expose
 from egosplat.gaussians.loss import l1_ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
@@ -52,62 +52,50 @@ def fit(
         (V, 9) float64, for each view the best of all steps.
     """
     rates = _REACH * learning_rates(corrections.options, corrections.depth, STEPS)
-    views = replace(views, compression=corrections.compression)
-    fitted = torch.zeros_like(guess)
+    gaussians, fitted = gaussians.detach(), torch.zeros_like(guess)
     for index in range(len(views)):
-        photograph = _Photograph(gaussians.detach(), views, index, settings, sh_degree)
+        picture, weight = views.picture(index), views.weight(index)
+        camera_to_world = torch.from_numpy(views.camera_to_world[index])
+
+        def colors(values: Tensor, given: Tensor = camera_to_world) -> Tensor:
+            pose, background = corrected(given, values[POSE]), settings.still_background
+            still = {"sh_degree": sh_degree, "background": background}
+            return render(gaussians, views.camera, pose, settings, **still)[0][..., :3]
+
+        def loss(values: Tensor, picture: Tensor = picture, weight: Tensor | None = weight) -> Tensor:
+            image = expose(colors(values), values[LOG_GAIN], corrections.compression, picture)
+            return l1_ssim(image, picture, weight, _SSIM_LAMBDA)
+
         starts = [torch.zeros_like(guess[index]), guess[index]]
         if corrections.options.compensate_exposure == "on":
-            starts += [photograph.with_best_gain(start) for start in starts]
-        fitted[index] = _lowest(photograph, starts, rates)
+            with torch.no_grad():
+                starts += [with_best_gain(start, colors(start), picture, weight) for start in starts]
+        fitted[index] = _lowest(loss, starts, rates)
     return fitted
 
 
-@dataclass(frozen=True)
-class _Photograph:
-    """One view, and the Gaussians that are compared with it."""
+def with_best_gain(values: Tensor, image: Tensor, picture: Tensor, weight: Tensor | None) -> Tensor:
+    """A correction (9,) with the gains of the least squared error; where nothing measures a gain, it stays.
 
-    gaussians: Gaussians
-    views: Views
-    index: int
-    settings: RenderSettings
-    sh_degree: int
-
-    def render(self, values: Tensor) -> Tensor:
-        """Render (H, W, 3) with the pose of a correction (9,), without its gain."""
-        pose = corrected(torch.from_numpy(self.views.camera_to_world[self.index]), values[POSE])
-        background, degree = self.settings.still_background, self.sh_degree
-        camera, settings = self.views.camera, self.settings
-        image, _, _ = render(self.gaussians, camera, pose, settings, sh_degree=degree, background=background)
-        return image[..., :3]
-
-    def loss(self, values: Tensor) -> Tensor:
-        """Loss of a correction, that of training."""
-        picture, weight = self.views.picture(self.index), self.views.weight(self.index)
-        image = simulate_photograph(self.render(values), values[LOG_GAIN], picture, self.views.compression)
-        return l1_ssim(image, picture, weight, _SSIM_LAMBDA)
-
-    @torch.no_grad()
-    def with_best_gain(self, values: Tensor) -> Tensor:
-        """The correction with the gains of the least squared error; where nothing measures a gain, it stays."""
-        image, picture = self.render(values), self.views.picture(self.index)
-        weight = self.views.weight(self.index)
-        weight = torch.ones_like(image[..., :1]) if weight is None else weight[..., None]
-        weight = weight * (picture < SATURATED)
-        above, below = ((weight * image * other).double().sum(dim=(0, 1)).cpu() for other in (picture, image))
-        log_gain = (above / below).log().clamp(-_MOST_LOG_GAIN, _MOST_LOG_GAIN)
-        return torch.cat([values[POSE], torch.where(log_gain.isnan(), values[LOG_GAIN], log_gain)])
+    Args:
+        image, picture: (H, W, 3) render without a gain and photograph; weight: (H, W), None for ones.
+    """
+    weight = torch.ones_like(image[..., 0]) if weight is None else weight
+    weight = weight[..., None] * (picture < SATURATED)
+    above, below = ((weight * image * other).double().sum(dim=(0, 1)).cpu() for other in (picture, image))
+    log_gain = (above / below).log().clamp(-_MOST_LOG_GAIN, _MOST_LOG_GAIN)
+    return torch.cat([values[POSE], torch.where(log_gain.isnan(), values[LOG_GAIN], log_gain)])
 
 
-def _lowest(photograph: _Photograph, starts: list[Tensor], rates: Tensor) -> Tensor:
+def _lowest(loss_of: Callable[[Tensor], Tensor], starts: list[Tensor], rates: Tensor) -> Tensor:
     """The correction (9,) of the lowest loss in a descent from the best of ``starts``."""
     with torch.no_grad():
-        start = min(starts, key=lambda values: float(photograph.loss(values)))
+        start = min(starts, key=lambda values: float(loss_of(values)))
     values, moments = start.clone(), torch.zeros(2, len(start), dtype=start.dtype)
     best, least = start, math.inf
     for step in range(STEPS):
         leaf = values.clone().requires_grad_()
-        loss = photograph.loss(leaf)
+        loss = loss_of(leaf)
         loss.backward()
         if leaf.grad is None or not bool(leaf.grad.isfinite().all()):
             break

@@ -22,14 +22,10 @@ _WORTH_GATHERING = 0.5
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Learning rates of 3DGS (Kerbl et al. 2023).
+    """Learning rates of 3DGS (Kerbl et al. 2023), of the raw parameters.
 
-    Attributes:
-        means: at the start [m]; later ``Adam.means_lr`` follows the schedule.
-        quats, log_scales, logit_opacities: for the raw parameters.
-        sh_dc: for SH coefficient 0.
-        sh_rest: for the other SH coefficients.
-        features: for the features.
+    ``means`` [m] is that of the start; later ``Adam.means_lr`` follows the schedule. ``sh_dc`` is that of SH coefficient
+    0, ``sh_rest`` that of the others.
     """
 
     means: float
@@ -44,9 +40,8 @@ class LearningRates:
 class Adam:
     """Adam (Kingma & Ba 2015) with one step count for all rows, like ``torch.optim.Adam`` in 3DGS.
 
-    A row is one Gaussian. New rows start with zero moments at the common step count. A row with zero gradient and
-    moments does not change. If any gradient of a row is not finite, the step skips that row and its moments and
-    counts it, so that no NaN reaches the Gaussians.
+    A row is one Gaussian. New rows start with zero moments at the common step count. If any gradient of a row is not
+    finite, the step skips that row and its moments and counts it, so that no NaN reaches the Gaussians.
 
     Attributes:
         gaussians: optimized in place; contiguous float32 leaves.
@@ -56,15 +51,13 @@ class Adam:
     """
 
     def __init__(self, gaussians: Gaussians, learning_rates: LearningRates) -> None:
-        self._exp_avg = {name: torch.zeros_like(p.detach()) for name, p in gaussians.parameters().items()}
-        self._exp_avg_sq = {name: torch.zeros_like(p.detach()) for name, p in gaussians.parameters().items()}
+        zeros = {name: torch.zeros_like(p.detach()) for name, p in gaussians.parameters().items()}
+        self._exp_avg, self._exp_avg_sq = zeros, {name: zero.clone() for name, zero in zeros.items()}
         self._ever_visible = torch.zeros(gaussians.count, dtype=torch.bool, device=gaussians.means.device)
-        self.attach(gaussians)
-        self.learning_rates = learning_rates
+        self._attach(gaussians)
+        self.learning_rates, self.means_lr = learning_rates, learning_rates.means
         self._sh_rates: Tensor | None = None
-        self.means_lr = learning_rates.means
-        self.step_count = 0
-        self.skipped_rows = 0
+        self.step_count = self.skipped_rows = 0
 
     @torch.no_grad()
     def step(self, visible: Tensor | None) -> None:
@@ -77,18 +70,25 @@ class Adam:
         Raises:
             ValueError: ``visible`` has the wrong shape.
         """
-        self._note_visible(visible)
+        if visible is None:
+            self._ever_visible.fill_(True)
+        elif visible.shape != self._ever_visible.shape:
+            raise ValueError(f"visible: shape {tuple(visible.shape)}, not {tuple(self._ever_visible.shape)}")
+        else:
+            self._ever_visible |= visible
         self.step_count += 1
         grads = {name: _gradient_rows(p) for name, p in self.gaussians.parameters().items()}
         broken = broken_rows(list(grads.values()))
         self.skipped_rows += len(broken)
+        parameters = [parameter.detach() for parameter in self.gaussians.parameters().values()]
+        changed = [*parameters, *self._exp_avg.values(), *self._exp_avg_sq.values()]
         # Saved because the step below updates all rows.
-        before = [tensor[broken] for tensor in self._state()]
+        before = [tensor[broken] for tensor in changed]
         rows = self._rows_to_step()
         for name in PARAMETERS:
             self._step_parameter(name, grads[name], rows)
         # Rows are independent: only the broken ones need restoring.
-        for tensor, kept in zip(self._state(), before, strict=True):
+        for tensor, kept in zip(changed, before, strict=True):
             tensor[broken] = kept
 
     def zero_grad(self) -> None:
@@ -96,37 +96,22 @@ class Adam:
         for parameter in self.gaussians.parameters().values():
             parameter.grad = None
 
-    def attach(self, gaussians: Gaussians) -> None:
-        """Continue with other Gaussians, after ``select`` and ``append`` changed the moments accordingly.
+    def replace_rows(self, gaussians: Gaussians, keep: Tensor, added: int) -> None:
+        """Continue with other Gaussians: those at ``keep``, (N,) bool, then ``added`` ones, whose moments start at zero.
 
         Raises:
-            ValueError: the number of moments differs, or a parameter is not contiguous.
+            ValueError: there are more or fewer Gaussians, or a parameter is not contiguous.
         """
-        if gaussians.count != len(self._ever_visible):
-            raise ValueError(f"{gaussians.count} Gaussians for the moments of {len(self._ever_visible)}")
-        for name, parameter in gaussians.parameters().items():
-            if not parameter.is_contiguous():
-                raise ValueError(f"{name} {tuple(parameter.shape)} is not contiguous")
-        self.gaussians = gaussians
-
-    def select(self, index: Tensor) -> None:
-        """Keep the moments of the rows at ``index``, (N,) bool or (M,) int64; ``attach`` must follow."""
         for moments in (self._exp_avg, self._exp_avg_sq):
             for name in PARAMETERS:
-                moments[name] = moments[name][index]
-        self._ever_visible = self._ever_visible[index]
-
-    def append(self, count: int) -> None:
-        """Add ``count`` rows with zero moments at the end; ``attach`` must follow."""
-        for moments in (self._exp_avg, self._exp_avg_sq):
-            for name in PARAMETERS:
-                moments[name] = _with_zero_rows(moments[name], count)
-        self._ever_visible = _with_zero_rows(self._ever_visible, count)
+                moments[name] = _with_zero_rows(moments[name][keep], added)
+        self._ever_visible = _with_zero_rows(self._ever_visible[keep], added)
+        self._attach(gaussians)
 
     def reset_moments(self, name: str) -> None:
         """Zero the moments of one parameter."""
-        for moments in (self._exp_avg, self._exp_avg_sq):
-            moments[name].zero_()
+        self._exp_avg[name].zero_()
+        self._exp_avg_sq[name].zero_()
 
     def state_dict(self) -> dict[str, Any]:
         """Return copies of the moments and the counters, for ``load_state_dict``."""
@@ -148,18 +133,13 @@ class Adam:
         self.means_lr = state["means_lr"]
         self.step_count, self.skipped_rows = state["step_count"], state["skipped_rows"]
 
-    def _note_visible(self, visible: Tensor | None) -> None:
-        if visible is None:
-            self._ever_visible.fill_(True)
-        elif visible.shape != self._ever_visible.shape:
-            raise ValueError(f"visible: shape {tuple(visible.shape)}, not {tuple(self._ever_visible.shape)}")
-        else:
-            self._ever_visible |= visible
-
-    def _state(self) -> list[Tensor]:
-        """Return every tensor that a step changes."""
-        parameters = [parameter.detach() for parameter in self.gaussians.parameters().values()]
-        return [*parameters, *self._exp_avg.values(), *self._exp_avg_sq.values()]
+    def _attach(self, gaussians: Gaussians) -> None:
+        if gaussians.count != len(self._ever_visible):
+            raise ValueError(f"{gaussians.count} Gaussians for the moments of {len(self._ever_visible)}")
+        for name, parameter in gaussians.parameters().items():
+            if not parameter.is_contiguous():
+                raise ValueError(f"{name} {tuple(parameter.shape)} is not contiguous")
+        self.gaussians = gaussians
 
     def _rows_to_step(self) -> Tensor | None:
         """Return the indices of the rows to update, or None to update all rows without gathering."""

@@ -45,10 +45,6 @@ class Schedule:
         """Return the active SH degree: 0 at first, one more after each ``sh_interval``, at most ``highest``."""
         return min(iteration // self.sh_interval, highest)
 
-    def observes(self, iteration: int) -> bool:
-        """Whether density control collects statistics of this iteration: some later one may use them."""
-        return iteration < self.densify_until
-
     def densifies(self, iteration: int) -> bool:
         """Whether density control grows and prunes after this iteration."""
         inside = self.densify_from < iteration < self.densify_until

@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -25,13 +24,12 @@ from egosplat.progress import log, track
 
 @dataclass
 class Curves:
-    """Training curves: one list entry per record or per evaluation.
+    """Training curves.
 
     Attributes:
         iteration, loss, gaussians: of each record: last iteration, mean loss, number of Gaussians.
-        evaluated: iteration of each evaluation.
-        psnr, ssim: means over the held-out views; NaN if there are none.
-        seconds: training time so far; the only numbers that differ between identical runs.
+        evaluated, psnr, ssim: of each evaluation: iteration, means over the held-out views; NaN if there are none.
+        seconds: training time at each evaluation; the only numbers that differ between identical runs.
     """
 
     iteration: list[int] = field(default_factory=list)
@@ -125,11 +123,11 @@ _NUMBERS = ("iteration", "seconds", "bad_records")
 
 def _moved(value: Any, device: torch.device) -> Any:
     """Move all tensors in nested lists and dictionaries to ``device``."""
-    if isinstance(value, torch.Tensor):
-        return value.to(device)
     if isinstance(value, dict):
         return {key: _moved(item, device) for key, item in value.items()}
-    return [_moved(item, device) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return [_moved(item, device) for item in value]
+    return value.to(device) if isinstance(value, Tensor) else value
 
 
 # Iterations per record. Checkpoints are written at records only. On a GPU, reading the loss more often
@@ -151,53 +149,37 @@ class ViewSets:
 def resume_and_train(
     state: TrainingState, view_sets: ViewSets, options: TrainingOptions, checkpoint: Checkpoint
 ) -> None:
-    """Run ``train`` from the checkpoint if there is one. A UserError removes the checkpoint.
+    """Train from the checkpoint, if there is one, until the last iteration; changes ``state``.
 
     Raises:
-        UserError: as ``train``.
+        UserError: training diverges, or no Gaussian is left. It removes the checkpoint: resuming would fail again.
     """
     if (saved := checkpoint.load()) is not None:
         state.load_state_dict(saved)
         log(f"training resumes after iteration {state.iteration}")
-    try:
-        train(state, view_sets, options, checkpoint)
-    except UserError:
-        checkpoint.remove()  # resuming would fail again
-        raise
-
-
-def train(
-    state: TrainingState, view_sets: ViewSets, options: TrainingOptions, checkpoint: Checkpoint
-) -> None:
-    """Train until the last iteration; changes ``state``.
-
-    Raises:
-        UserError: training diverges, or no Gaussian is left.
-    """
     schedule = options.schedule
     started = time.perf_counter() - state.seconds
     rest = range(state.iteration + 1, options.iterations + 1)
-    for iteration in track(rest, "training", unit="iteration"):
-        iterate(state, view_sets.training, options, schedule)
-        last = iteration == options.iterations
-        recorded = iteration % RECORD_EVERY == 0 or last
-        if recorded:
-            record(state)
-        state.seconds = time.perf_counter() - started
-        # Just after a reset, Gaussians are nearly transparent: scores would say nothing.
-        evaluated = iteration % options.evaluate_every == 0 and not schedule.resets_opacity(iteration)
-        if evaluated or last:
-            measure(state, view_sets, options, schedule)
-        if recorded:
-            checkpoint.save_if_due(state.state_dict)
+    try:
+        for iteration in track(rest, "training", unit="iteration"):
+            iterate(state, view_sets.training, options, schedule)
+            last = iteration == options.iterations
+            recorded = iteration % RECORD_EVERY == 0 or last
+            if recorded:
+                record(state)
+            state.seconds = time.perf_counter() - started
+            # Just after a reset, Gaussians are nearly transparent: scores would say nothing.
+            evaluated = iteration % options.evaluate_every == 0 and not schedule.resets_opacity(iteration)
+            if evaluated or last:
+                measure(state, view_sets, options, schedule)
+            if recorded:
+                checkpoint.save_if_due(state.state_dict)
+    except UserError:
+        checkpoint.remove()
+        raise
 
 
-def iterate(
-    state: TrainingState,
-    views: Views,
-    options: TrainingOptions,
-    schedule: Schedule,
-) -> None:
+def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedule: Schedule) -> None:
     """Run one iteration with one of the views; changes ``state`` and adds the loss to ``state.loss_sum``."""
     iteration, corrections = state.iteration + 1, state.corrections
     index = state.next_view(len(views))
@@ -214,7 +196,8 @@ def iterate(
     if corrections is not None:
         image = corrections.exposed(image, views.picture(index))
     loss = state.objective.loss(image, views, index)
-    observed = schedule.observes(iteration)
+    # Density control uses the statistics of this iteration later.
+    observed = iteration < schedule.densify_until
     if observed:
         # Density control needs this gradient; autograd keeps only those of leaves.
         meta["means2d"].retain_grad()
@@ -265,30 +248,19 @@ def record(state: TrainingState) -> None:
 def measure(state: TrainingState, view_sets: ViewSets, options: TrainingOptions, schedule: Schedule) -> None:
     """Evaluate, append the scores to the curves and log them."""
     sh_degree = schedule.sh_degree(state.iteration, state.gaussians.sh_degree)
-    held_out = evaluate(state.gaussians, _corrected(state, view_sets.held_out), options.render, sh_degree)
+    held_out, poses = view_sets.held_out, "as given"
+    if (corrections := state.corrections) is not None:
+        # A fit would take longer than the evaluation, and scores of other poses are other scores.
+        held_out = applied(held_out, corrections.values_at(held_out.frame), corrections.compression)
+        poses = "corrected as the frames before and after"
+    scores = evaluate(state.gaussians, held_out, options.render, sh_degree)
     curves = state.curves
     curves.evaluated.append(state.iteration)
-    curves.psnr.append(held_out.mean_psnr)
-    curves.ssim.append(held_out.mean_ssim)
+    curves.psnr.append(scores.mean_psnr)
+    curves.ssim.append(scores.mean_ssim)
     curves.seconds.append(round(state.seconds, 3))
-    log(_line(state))
-
-
-def _corrected(state: TrainingState, views: Views) -> Views:
-    """Views outside the training, with the corrections of the training views before and after."""
-    if state.corrections is None:
-        return views
-    return applied(views, state.corrections.values_at(views.frame), state.corrections.compression)
-
-
-def _line(state: TrainingState) -> str:
-    curves = state.curves
-    loss = f"loss {curves.loss[-1]:.4f}, " if curves.loss else ""
-    # A fit would take longer than the evaluation, and scores of other poses are other scores.
-    poses = "as given" if state.corrections is None else "corrected as the frames before and after"
-    shown: list[tuple[str, float, Callable[[float], str]]] = [
-        (f"held-out frames {poses}: PSNR", curves.psnr[-1], "{:.2f} dB".format),
-        ("SSIM", curves.ssim[-1], "{:.3f}".format),
-    ]
-    scores = "".join(f"{name} {form(value)}, " for name, value, form in shown if not math.isnan(value))
-    return f"iteration {state.iteration}: {loss}{scores}{state.gaussians.count} Gaussians"
+    told = [f"iteration {state.iteration}: {state.gaussians.count} Gaussians"]
+    told += [f"loss {curves.loss[-1]:.4f}"] if curves.loss else []
+    if not math.isnan(scores.mean_psnr):
+        told += [f"held-out frames {poses}: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"]
+    log(", ".join(told))

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.gaussians.exposure import simulate_photograph
+from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Array, Camera, invert, transform
@@ -106,7 +106,7 @@ class PlaceView:
         if self.log_gain is None:
             return image[..., :3]
         colors = self.colors.to(image)
-        return simulate_photograph(image[..., :3], self.log_gain, colors, scene.compression)
+        return expose(image[..., :3], self.log_gain, scene.compression, colors)
 
 
 @dataclass(frozen=True, eq=False)

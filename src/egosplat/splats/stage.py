@@ -1,10 +1,13 @@
 """Stage ``splats``: train 3D Gaussians on frames with poses."""
 
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
+from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -12,16 +15,35 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.kept_frames import frames_for_gaussians
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS
-from egosplat.artifacts.writer import create
+from egosplat.artifacts.schemas import (
+    AS_GIVEN,
+    FEATURES,
+    FITTED,
+    FRAMES,
+    INSTANCES,
+    INTERPOLATED,
+    POSES,
+    SPLATS,
+    TRAINED,
+)
+from egosplat.artifacts.writer import Writer, create
 from egosplat.calibration.files import source_files
 from egosplat.errors import UserError
-from egosplat.gaussians.corrections import Corrections, make_corrections, resolve_camera
+from egosplat.gaussians.corrections import (
+    LOG_GAIN,
+    Corrections,
+    applied,
+    corrected_poses,
+    make_corrections,
+    resolve_camera,
+)
 from egosplat.gaussians.device import rasterizer_used, training_device
-from egosplat.gaussians.evaluation import Scores
+from egosplat.gaussians.evaluation import Scores, evaluate
+from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.loss import L1Ssim, Objective
+from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import GROW_GRAD2D, TrainingOptions
 from egosplat.gaussians.starting_points import starting_gaussians
@@ -38,7 +60,6 @@ from egosplat.language.joint_objective import JointLanguage
 from egosplat.language.targets import CodeTargets
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
-from egosplat.splats.corrections import put_corrections, put_held_out
 from egosplat.splats.imported import import_gaussians
 from egosplat.splats.options import SplatsOptions
 
@@ -101,11 +122,11 @@ def run(
         # Codes of all levels are features of the Gaussians, so their gradients reach the geometry, too.
         features = start.means.new_zeros(start.count, len(targets.levels) * targets.channels)
         start = replace(start, features=features)
-    checkpoint = Checkpoint(output, provenance.key_of(record))
     extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
     views, near_plane = view_sets.training, options.near_plane
     corrections = make_corrections(options, start, views, near_plane, options.iterations)
     state = TrainingState(start, training, extent, objective, corrections)
+    checkpoint = Checkpoint(output, provenance.key_of(record))
     resume_and_train(state, view_sets, training, checkpoint)
     _write(output, record, state, view_sets, training, poses, masking)
     checkpoint.remove()
@@ -126,15 +147,11 @@ def _import(
     every = np.ones(frames.shape("rgb")[0], bool)
     # What the other program trained on is not known: evaluation frames are rendered, and may be among it.
     view_sets = _view_sets(frames, poses, every, masking, training)
-    held_out, degree = view_sets.held_out, gaussians.sh_degree
+    facts = {"iteration": 0, "skipped_rows": 0, "training_s": 0.0, "history_s": [], "source": source}
+    extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
     with create(output, SPLATS, record) as artifact:
-        scores = put_held_out(artifact, gaussians, held_out, training.render, degree)
-        put_gaussians(artifact, gaussians)
-        put_curves(artifact, Curves())
-        artifact.put("held_out/frame", held_out.frame)
-        extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
-        untrained = {"iteration": 0, "skipped_rows": 0, "training_s": 0.0, "history_s": [], "source": source}
-        artifact.facts = _facts(view_sets, training, extent, degree) | untrained
+        facts |= _facts(view_sets, training, extent, gaussians.sh_degree)
+        scores = _put(artifact, gaussians, Curves(), view_sets.held_out, training, facts)
     log(f"{gaussians.count} Gaussians; evaluation frames{_summary(scores, None)}")
 
 
@@ -180,7 +197,7 @@ def _view_sets(
         replace(held_out, transient=masking.of_the_user().frames(held_out.frame)),
     )
     _check_left(view_sets.training, masking)
-    counts = ", ".join(f"{len(views)} {name}" for name, views in _named(view_sets).items())
+    counts = f"{len(view_sets.training)} training, {len(view_sets.held_out)} held out"
     log(f"frames: {counts}; rendered on {rasterizer_used(options.render.backend, device)}")
     return view_sets
 
@@ -206,13 +223,6 @@ def _has_weight(views: Views) -> bool:
     return any(weight is None or bool(weight.any()) for weight in weights)
 
 
-def _named(view_sets: ViewSets) -> dict[str, Any]:
-    return {
-        "training": view_sets.training,
-        "held out": view_sets.held_out,
-    }
-
-
 def _write(
     output: Path,
     record: Provenance,
@@ -223,29 +233,90 @@ def _write(
     masking: Masking,
 ) -> None:
     """Evaluate and write the Gaussians."""
-    gaussians = state.gaussians
+    gaussians, corrections, held_out = state.gaussians, state.corrections, view_sets.held_out
     sh_degree = options.schedule.sh_degree(state.iteration, gaussians.sh_degree)
-    corrections, held_out = state.corrections, view_sets.held_out
+    facts = _facts(view_sets, options, state.extent, sh_degree) | {
+        "iteration": state.iteration,
+        "skipped_rows": state.optimizer.skipped_rows,
+        "training_s": round(state.seconds, 3),
+        "history_s": state.curves.seconds,
+    }
     with create(output, SPLATS, record) as artifact:
-        facts: dict[str, Any] = {}
         if corrections is not None:
-            held_out, facts = put_corrections(
-                artifact, corrections, gaussians, held_out, options.render, sh_degree, poses, masking
-            )
-        scores = put_held_out(artifact, gaussians, held_out, options.render, sh_degree)
-        put_gaussians(artifact, gaussians)
-        put_curves(artifact, state.curves)
-        artifact.put("held_out/frame", held_out.frame)
-        trained = {
-            "iteration": state.iteration,
-            "skipped_rows": state.optimizer.skipped_rows,
-            "training_s": round(state.seconds, 3),
-            "history_s": state.curves.seconds,
-        }
-        artifact.facts = _facts(view_sets, options, state.extent, sh_degree) | trained | facts
+            given = _put_held_out(artifact, gaussians, held_out, options, sh_degree, "_given")
+            log(f"held out{_summary(given, None)}")
+            # What moves is not in the Gaussians: it must not pull at the pose. The scores count it.
+            unmasked = replace(held_out, transient=masking.frames(held_out.frame))
+            guess = corrections.values_at(held_out.frame)
+            fitted = fit(gaussians, unmasked, guess, corrections, options.render, sh_degree)
+            _put_corrections(artifact, corrections, poses, held_out.frame, fitted)
+            held_out = applied(held_out, fitted, corrections.compression)
+            facts |= {"scene_depth": corrections.depth, "up": poses.read("up").tolist()}
+            facts["highlight_compression"] = float(corrections.compression)
+        scores = _put(artifact, gaussians, state.curves, held_out, options, facts)
     log(
         f"{gaussians.count} Gaussians after {state.iteration} iterations; held out{_summary(scores, corrections)}"
     )
+
+
+def _put_corrections(
+    artifact: Writer,
+    corrections: Corrections,
+    poses: Artifact,
+    held_out: NDArray[np.int64],
+    fitted: torch.Tensor,
+) -> None:
+    """Store the corrections of all frames: trained, (V, 9) ``fitted`` of the frames ``held_out``, and those in between."""
+    registered, camera_to_world = np.flatnonzero(poses.read("registered")), poses.read("camera_to_world")
+    values = torch.zeros(len(camera_to_world), fitted.shape[1], dtype=torch.float64)
+    values[registered] = corrections.values_at(registered)
+    values[held_out] = fitted
+    source = np.full(len(values), AS_GIVEN, np.int8)
+    source[registered] = INTERPOLATED if corrections.smooth else AS_GIVEN
+    source[corrections.trained_frames] = TRAINED
+    source[held_out] = FITTED
+    shift, turn = values[:, :3].numpy(), np.degrees(values[:, 3:6].norm(dim=1).numpy())
+    artifact.put("corrections/camera_to_world", corrected_poses(camera_to_world, values))
+    artifact.put("corrections/source", source)
+    artifact.put("corrections/shift", shift)
+    artifact.put("corrections/turn", turn)
+    artifact.put("corrections/gain", values[:, LOG_GAIN].exp().numpy())
+    moved = 1e3 * np.linalg.norm(shift, axis=1).max()
+    log(f"poses corrected by up to {moved:.1f} mm and {turn.max():.2f} degrees")
+
+
+def _put(
+    artifact: Writer,
+    gaussians: Gaussians,
+    curves: Curves,
+    held_out: Views,
+    options: TrainingOptions,
+    facts: dict[str, Any],
+) -> Scores:
+    """Store Gaussians, curves and facts, and the held-out frames with their scores."""
+    scores = _put_held_out(artifact, gaussians, held_out, options, facts["sh_degree_in_use"])
+    put_gaussians(artifact, gaussians)
+    put_curves(artifact, curves)
+    artifact.put("held_out/frame", held_out.frame)
+    artifact.facts = facts
+    return scores
+
+
+def _put_held_out(
+    artifact: Writer,
+    gaussians: Gaussians,
+    held_out: Views,
+    options: TrainingOptions,
+    sh_degree: int,
+    suffix: str = "",
+) -> Scores:
+    """Render the held-out frames and store the renders and their scores; ``suffix`` ends the names of the arrays."""
+    camera, render = held_out.camera, f"held_out/render{suffix}"
+    artifact.allocate(render, (len(held_out), camera.height, camera.width, 3))
+    scores = evaluate(gaussians, held_out, options.render, sh_degree, partial(artifact.put_row, render))
+    artifact.put(f"held_out/psnr{suffix}", scores.psnr)
+    artifact.put(f"held_out/ssim{suffix}", scores.ssim)
+    return scores
 
 
 def _summary(scores: Scores, corrections: Corrections | None) -> str:
@@ -261,6 +332,6 @@ def _facts(view_sets: ViewSets, options: TrainingOptions, extent: float, sh_degr
         "camera": asdict(views.camera),
         "rasterizer": rasterizer_used(options.render.backend, views.device),
         "extent_m": extent,
-        "views": {name: len(some) for name, some in _named(view_sets).items()},
+        "views": {"training": len(views), "held out": len(view_sets.held_out)},
         "sh_degree_in_use": sh_degree,
     }

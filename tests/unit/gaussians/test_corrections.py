@@ -15,19 +15,17 @@ from egosplat.gaussians.corrections import (
     Corrections,
     applied,
     corrected,
-    interpolated,
     make_corrections,
     predicts,
     resolve_camera,
 )
 from egosplat.gaussians.evaluation import evaluate
-from egosplat.gaussians.exposure import apply_exposure, simulate_photograph
-from egosplat.gaussians.fitting import _Photograph
+from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.schedule import TrainingOptions
-from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train, train
+from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import make_pose
 from egosplat.pipeline.shared_options import CameraOptions
@@ -110,7 +108,7 @@ def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_worl
 
     def held_out(corrections: Corrections | None) -> float:
         state = TrainingState(start.select(torch.arange(start.count)), options, 1.0, L1Ssim(0.2), corrections)
-        train(state, sets, options, Checkpoint(tmp_path / "none.zarr", "", 1e9))
+        resume_and_train(state, sets, options, Checkpoint(tmp_path / "none.zarr", "", 1e9))
         if corrections is None:
             return evaluate(state.gaussians, sets.held_out, SETTINGS, 0).mean_psnr
         guess = corrections.values_at(sets.held_out.frame)
@@ -139,7 +137,7 @@ def test_each_key_changes_its_own_columns(start, pictures, camera_to_world, tmp_
     assert make_corrections(OFF, start, sets.training, 0.1, 60) is None
     corrections = make_corrections(options, start, sets.training, 0.1, 60)
     state = TrainingState(start, OPTIONS, 1.0, L1Ssim(0.2), corrections)
-    train(state, sets, OPTIONS, Checkpoint(tmp_path / "none.zarr", "", 1e9))
+    resume_and_train(state, sets, OPTIONS, Checkpoint(tmp_path / "none.zarr", "", 1e9))
     changed = corrections.values.abs().amax(dim=0) > 0
     expected = torch.zeros(COLUMNS, dtype=torch.bool)
     expected[columns] = True
@@ -172,7 +170,7 @@ def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world
 def test_gains_change_colors_and_not_features():
     """Protects the codes of joint training from the exposure."""
     image = torch.rand(3, 4, 5)
-    found = apply_exposure(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
+    found = expose(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
     torch.testing.assert_close(found[..., :3], image[..., :3] * torch.tensor([2.0, 0.5, 1.0]))
     assert torch.equal(found[..., 3:], image[..., 3:])
 
@@ -182,7 +180,7 @@ def test_highlights_gain_less(start, camera_to_world, pictures):
     ramp = torch.linspace(0.05, 1.0, 64).reshape(8, 8, 1).expand(8, 8, 3)
     truth = torch.tensor([0.4])
     gains = torch.tensor([0.3, -0.3])[:, None].expand(2, 3)
-    photographs = [apply_exposure(ramp, gain, truth) for gain in gains]
+    photographs = [expose(ramp, gain, truth) for gain in gains]
     torch.testing.assert_close(photographs[0][-1, -1], torch.full((3,), math.exp(0.3 * 1.1 / 1.4)))
     views = views_of(pictures, camera_to_world, 0, 1)
     corrections = make_corrections(OFF.change(compensate_exposure="on"), start, views, 0.1, 1500)
@@ -202,7 +200,7 @@ def test_a_saturated_color_asks_for_no_less_light():
     picture = torch.tensor([1.0, 0.99, 0.5]).expand(2, 2, 3)
     for value, expected in ((0.4, [0.8, 0.8, 0.8]), (0.8, [1.0, 0.99, 1.6])):
         image = torch.full((2, 2, 5), value, requires_grad=True)
-        found = simulate_photograph(image, torch.full((3,), math.log(2.0)), picture)
+        found = expose(image, torch.full((3,), math.log(2.0)), None, picture)
         torch.testing.assert_close(found[..., :3], torch.tensor(expected).expand(2, 2, 3))
         assert torch.equal(found[..., 3:], image[..., 3:])
         (gradient,) = torch.autograd.grad(found[..., :3].sum(), image)
@@ -211,7 +209,7 @@ def test_a_saturated_color_asks_for_no_less_light():
         )
 
 
-def _photographed_step_by_step(image, log_gain, picture, compression):
+def _exposed_step_by_step(image, log_gain, compression, picture):
     colors = image[..., :3]
     curve = (1.0 + compression / 4) / (1.0 + compression * colors.clamp_max(10.0) ** 2)
     colors = colors * torch.exp(log_gain * curve)
@@ -230,9 +228,9 @@ def test_gradients_of_the_exposure_are_those_of_its_formula(features):
     weights = torch.rand(image.shape, generator=generator, dtype=torch.float64)
     values = image, torch.tensor([0.0, -0.3, 0.1]).double(), torch.tensor([0.7]).double()
     results = []
-    for function in (simulate_photograph, _photographed_step_by_step):
+    for function in (expose, _exposed_step_by_step):
         image, log_gain, compression = leaves = [value.clone().requires_grad_() for value in values]
-        found = function(image, log_gain, picture, compression)
+        found = function(image, log_gain, compression, picture)
         results.append([found, *torch.autograd.grad((weights * found).sum(), leaves)])
     torch.testing.assert_close(*results)
 
@@ -240,19 +238,21 @@ def test_gradients_of_the_exposure_are_those_of_its_formula(features):
 def test_gains_are_measured_where_nothing_is_saturated(start, camera_to_world, pictures):
     """Protects held-out frames of a window: their gain is that of the rest of the room."""
     views = view_sets(pictures, camera_to_world).training
-    none = torch.zeros(COLUMNS, dtype=torch.float64)
-    view = replace(views, pictures=torch.full_like(views.pictures, 255))
-    assert torch.equal(_Photograph(start, view, 0, SETTINGS, 0).with_best_gain(none), none)
+    none, picture = torch.zeros(COLUMNS, dtype=torch.float64), views.picture(0)
+    assert torch.equal(fitting.with_best_gain(none, picture, torch.ones_like(picture), None), none)
 
 
-def test_corrections_are_interpolated_only_where_they_change_slowly():
+def test_corrections_are_interpolated_only_where_they_change_slowly(start, pictures, camera_to_world):
     """Protects the first guess for frames outside the training: neighbors of a trajectory, nothing of single photographs."""
-    known = np.array([0, 1, 2, 4, 5, 6, 7, 8])
-    slow = np.sin(known / 3.0)[:, None]
-    guess = interpolated(known, slow, np.array([3, 5, 9]))
-    np.testing.assert_allclose(guess[:, 0], [(slow[2, 0] + slow[3, 0]) / 2, slow[4, 0], slow[-1, 0]])
-    fast = np.where(known % 2, 1.0, -1.0)[:, None]
-    assert interpolated(known, fast, np.array([3, 5])).tolist() == [[0.0], [1.0]]
+    known, views = np.array([0, 1, 2, 4, 5, 6, 7, 8]), views_of(pictures, camera_to_world, *range(8))
+    corrections = make_corrections(BOTH, start, replace(views, frame=known), 0.1, 60)
+    slow, fast = np.sin(known / 3.0)[:, None], np.where(known % 2, 1.0, -1.0)[:, None]
+    corrections.steps += 1
+    corrections.values[:, :1] = torch.from_numpy(slow)
+    guess = corrections.values_at(np.array([3, 5, 9]))[:, 0]
+    np.testing.assert_allclose(guess, [(slow[2, 0] + slow[3, 0]) / 2, slow[4, 0], slow[-1, 0]])
+    corrections.values[:, :1] = torch.from_numpy(fast)
+    assert corrections.values_at(np.array([3, 5]))[:, 0].tolist() == [0.0, 1.0]
     assert predicts(known, slow) and not predicts(known, fast) and not predicts(known[:2], slow[:2])
 
 

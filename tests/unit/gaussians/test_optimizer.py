@@ -154,13 +154,8 @@ def test_replacing_rows_moves_their_moments() -> None:
     optimizer.step(None)
     before = optimizer.state_dict()
     keep = torch.tensor([True, False, True, True, False])
-    optimizer.select(keep)
-    optimizer.append(2)
-    with pytest.raises(ValueError, match="3 .*5"):
-        optimizer.attach(gaussians.detach().select(keep))
-    optimizer.attach(
-        Gaussians.concatenate([gaussians.detach().select(keep), make(2).detach()]).requires_grad_()
-    )
+    kept = gaussians.detach().select(keep)
+    optimizer.replace_rows(Gaussians.concatenate([kept, make(2).detach()]).requires_grad_(), keep, 2)
     after = optimizer.state_dict()
     for moments in ("exp_avg", "exp_avg_sq"):
         for name in PARAMETERS:
@@ -196,6 +191,8 @@ def test_no_gaussians_and_no_features() -> None:
 
 
 def test_mismatched_shapes_are_rejected() -> None:
+    with pytest.raises(ValueError, match="2 .*3"):
+        Adam(make(3), RATES).replace_rows(make(2), torch.ones(3, dtype=torch.bool), 0)
     with pytest.raises(ValueError, match="visible"):
         Adam(make(3), RATES).step(torch.ones(2, dtype=torch.bool))
     strided = make(3).detach()

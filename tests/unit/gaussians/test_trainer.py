@@ -17,7 +17,7 @@ from egosplat.gaussians.trainer import (
     TrainingState,
     ViewSets,
     draw_background,
-    train,
+    resume_and_train,
 )
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
@@ -60,7 +60,9 @@ def trained(view_sets, start, tmp_path):
     def run(view_sets: ViewSets = view_sets, checkpoint: Checkpoint | None = None, **changes: object):
         options = replace(OPTIONS, **changes)
         state = TrainingState(start.select(torch.arange(start.count)), options, EXTENT, L1Ssim(0.2))
-        train(state, view_sets, options, checkpoint or Checkpoint(tmp_path / "none.zarr", "", 3600.0))
+        resume_and_train(
+            state, view_sets, options, checkpoint or Checkpoint(tmp_path / "none.zarr", "", 3600.0)
+        )
         return state
 
     return run
@@ -97,7 +99,7 @@ def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tm
     state = TrainingState(start, options, EXTENT, L1Ssim(0.2))
     state.load_state_dict(checkpoint.load())
     assert state.iteration == 40 and not same(state.gaussians, unbroken.gaussians)
-    train(state, view_sets, options, checkpoint)
+    resume_and_train(state, view_sets, options, checkpoint)
     assert same(state.gaussians, unbroken.gaussians)
     assert state.curves.loss == unbroken.curves.loss and state.curves.psnr == unbroken.curves.psnr
 
