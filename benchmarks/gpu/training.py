@@ -16,11 +16,10 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, SPLATS
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.evaluation import evaluate
-from egosplat.gaussians.initialization import scene_extent
+from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import torch_l1_ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
-from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.geometry import invert
 from egosplat.progress import track

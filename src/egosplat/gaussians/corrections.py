@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.gaussians.exposure import expose
-from egosplat.gaussians.initialization import in_picture
+from egosplat.gaussians.initialization import seen_depths
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Views
-from egosplat.geometry import invert, transform
 from egosplat.pipeline.shared_options import CameraOptions
 from egosplat.pipeline.survey_file import read_survey
 
@@ -38,9 +37,6 @@ _MEAN_RATE = (1.0 - LAST_RATE) / -math.log(LAST_RATE)
 _LEAST_VISITS = 20
 
 _BETA1, _BETA2, _EPS = 0.9, 0.99, 1e-15
-
-# Views that measure the depth of the scene.
-_DEPTH_VIEWS = 20
 
 Options = TypeVar("Options", bound=CameraOptions)
 
@@ -216,13 +212,3 @@ def corrected(camera_to_world: Tensor, correction: Tensor) -> Tensor:
     center = camera_to_world[..., :3, 3] + correction[..., :3]
     above = torch.cat([rotation, center[..., None]], dim=-1)
     return torch.cat([above, camera_to_world[..., 3:, :]], dim=-2)
-
-
-def seen_depths(points: NDArray[np.float64], views: Views, near_plane: float) -> NDArray[np.float64]:
-    """(S,) depths of the points (P, 3) in evenly spaced views that show them, at ``near_plane`` or beyond [m]."""
-    chosen = np.unique(np.linspace(0, len(views) - 1, _DEPTH_VIEWS).round().astype(int)) if len(views) else []
-    depths = []
-    for pose in views.camera_to_world[chosen]:
-        local = transform(invert(pose), points)
-        depths.append(local[in_picture(local, views.camera, near_plane=near_plane), 2])
-    return np.concatenate([np.zeros(0), *depths])

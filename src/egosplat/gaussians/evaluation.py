@@ -17,10 +17,7 @@ from egosplat.image_quality import mean_ssim, psnr, ssim_map
 
 @dataclass(frozen=True)
 class Scores:
-    """PSNR [dB] and SSIM of V images, (V,) float64 each.
-
-    A value is NaN if the image has no valid pixel (PSNR) or no valid SSIM window (SSIM).
-    """
+    """PSNR [dB] and SSIM of V images, (V,) float64 each; NaN for an image without a valid pixel, or SSIM window."""
 
     psnr: NDArray[np.float64]
     ssim: NDArray[np.float64]
@@ -61,7 +58,10 @@ def evaluate(
     for index in range(len(views)):
         # Scores are those of the 8-bit image that is stored.
         picture = (rendered(gaussians, views, index, settings, sh_degree) * 255.0).round().to(torch.uint8)
-        scores[index] = _scores(picture, views.pictures[index].to(views.device), views.weight(index))
+        truth, weight = views.pictures[index].to(views.device), views.weight(index)
+        # A predicted M is a probability; scores take a pixel wholly or not at all.
+        valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
+        scores[index] = psnr(picture, truth, valid), mean_ssim(ssim_map(picture, truth, valid), valid)
         show(index, picture.cpu().numpy())
     return Scores(scores[:, 0], scores[:, 1])
 
@@ -70,25 +70,9 @@ def rendered(
     gaussians: Gaussians, views: Views, index: int, settings: RenderSettings, sh_degree: int
 ) -> Tensor:
     """Render a view as an (H, W, 3) float32 image clamped to [0, 1], with the view's gain if it has one."""
-    image, _, _ = render(
-        gaussians,
-        views.camera,
-        views.camera_to_world[index],
-        settings,
-        sh_degree=sh_degree,
-        background=settings.still_background,
-    )
+    pose, background = views.camera_to_world[index], settings.still_background
+    image, _, _ = render(gaussians, views.camera, pose, settings, sh_degree=sh_degree, background=background)
     colors = image[..., :3]
     if views.log_gain is not None:
         colors = expose(colors, views.log_gain[index], views.compression)
     return colors.clamp(0.0, 1.0)
-
-
-def _scores(picture: Tensor, truth: Tensor, weight: Tensor | None) -> tuple[float, float]:
-    """Return PSNR [dB] and SSIM of (H, W, 3) uint8 images.
-
-    Pixels with a weight (H, W) below 0.5 are invalid.
-    """
-    # A predicted M is a probability; scores take a pixel wholly or not at all.
-    valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
-    return psnr(picture, truth, valid), mean_ssim(ssim_map(picture, truth, valid), valid)

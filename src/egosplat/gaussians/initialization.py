@@ -1,18 +1,28 @@
-"""Initialize Gaussians at the points of the poses artifact, or at random points.
+"""Initialize Gaussians at the points of the poses artifact, at image cells that show none, or at random points.
 
-Points are float64 NumPy arrays; the resulting Gaussians are float32 tensors. Random numbers depend on the seed only.
+Trackers find points at corners only. On windows, plain walls and lamps Gaussians grow slowly without points, and unfinished
+geometry looks transient. Points are float64 NumPy arrays, Gaussians float32 tensors; random numbers depend on the seed only.
 """
+
+from collections.abc import Iterable
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import length_unit
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera, invert, transform
+from egosplat.progress import log
+from egosplat.rasterize.contract import FAR_PLANE
 
 Points = NDArray[np.float64]
+Colors = NDArray[np.uint8]
 
 # The constant spherical harmonic 1 / (2 sqrt(pi)): color = SH_C0 * coefficient + 0.5.
 SH_C0 = 0.28209479177387814
@@ -24,14 +34,274 @@ INITIAL_OPACITY = 0.1
 # plane is 0.1. Floor of the squared neighbor distance, as in 3DGS: a Gaussian at a duplicate point is 0.3 mm wide, not 0.
 _LEAST_SQUARED_DISTANCE = 1e-5
 
-# Width of the Gaussian at a lone point, which has no neighbors.
-_LONE_SCALE = 1.0
-
-# Scene extent for a camera that hardly moves.
-_LEAST_EXTENT = 10.0
+# Width of the Gaussian at a lone point, and the scene extent for a camera that hardly moves.
+_LONE_SCALE, _LEAST_EXTENT = 1.0, 10.0
 
 # Largest distance of random points from their camera, in scene extents (gsplat's ``init_extent``).
 _REACH = 3.0
+
+# Number of cells along the longer side of a photograph, about 11 px of 512; smallest side of a cell [px].
+CELLS, _LEAST_CELL = 48, 2.0
+
+# Largest numbers of evenly spaced training views that are searched for empty cells, and that measure depths.
+_DENSIFIED_VIEWS, _DEPTH_VIEWS = 200, 20
+
+# Largest acceptable float32 step of positions, in scene extents: a quarter of a pixel at 2 m distance.
+_COARSEST = 1e-3
+
+
+def starting_gaussians(
+    poses: Artifact,
+    views: Views,
+    *,
+    max_points: int,
+    densify_init: bool,
+    sh_degree: int,
+    near_plane: float,
+    seed: int,
+) -> Gaussians:
+    """Initialize Gaussians at the points visible from training cameras, or at random points if there are none.
+
+    Args:
+        max_points: size of the random subset of the points, or number of random points.
+        densify_init: add points where a view shows none, see ``densify``.
+        sh_degree: degree of the allocated SH coefficients.
+        near_plane: smallest camera z of a visible point [m].
+
+    Returns:
+        Gaussians on the views' device, without features, that do not require gradients.
+
+    Raises:
+        UserError: the scene is too far from the world's origin for float32, or too small or too large for the renderer.
+    """
+    cameras = views.camera_to_world
+    _check_origin(poses, cameras, near_plane)
+    xyz, rgb = poses.read("points/xyz"), poses.read("points/rgb")
+    _check_depths(poses, xyz, views, near_plane)
+    visible = seen(xyz, views.camera, cameras, near_plane=near_plane)
+    log(f"{visible.sum()} of {len(xyz)} points are visible in training views")
+    xyz, rgb = xyz[visible], rgb[visible]
+    if not len(xyz):
+        log(f"no initial points: starting from {max_points} random points")
+        xyz, rgb = random_points(max_points, views.camera, cameras, near_plane=near_plane, seed=seed)
+    elif densify_init:
+        # Points beyond the budget are dropped before, because each view projects all of them.
+        xyz, rgb = _densify(*_subset(xyz, rgb, max_points, seed), views, max_points, near_plane, seed)
+    start = from_points(
+        xyz,
+        rgb,
+        sh_degree=sh_degree,
+        feature_channels=0,
+        max_points=max_points,
+        seed=seed,
+        near_plane=near_plane,
+    )
+    return start.to(views.device)
+
+
+def _check_origin(poses: Artifact, camera_to_world: Points, near_plane: float) -> None:
+    farthest = float(np.abs(camera_to_world[:, :3, 3]).max())
+    # Gaussians are float32: far from the origin, neighboring numbers are too far apart.
+    step = float(np.spacing(np.float32(farthest)))
+    if not step <= _COARSEST * scene_extent(camera_to_world, near_plane):
+        raise UserError(
+            f"{poses.path}: cameras are {farthest:.3g} m from the world's origin, where float32 resolves positions to "
+            f"{step:.2g} m only; move the origin into the scene"
+        )
+
+
+def _check_depths(poses: Artifact, xyz: Points, views: Views, near_plane: float) -> None:
+    """Check that the renderer shows most of the scene: otherwise the world has another unit than the near plane."""
+    depths = seen_depths(xyz, views, 0.0)
+    spread = float(np.ptp(views.camera_to_world[:, :3, 3], axis=0).max())
+    known = poses.facts["notes"].get("source") == "known"
+    depth = float(np.median(depths)) if len(depths) else spread
+    remedies = [f"set run.near_plane={depth / 20:.1g}"] if depth <= FAR_PLANE else []
+    if known:
+        file = poses.facts["notes"]["file"]
+        remedies.insert(0, f"set poses.meters_per_unit to the meters of one unit of {file}")
+    advice = f"To repair it, {', or '.join(remedies) or 'scale the poses and points'}"
+    if len(depths) and np.mean((depths >= near_plane) & (depths <= FAR_PLANE)) < 0.5:
+        raise UserError(
+            f"{poses.path}: the median depth of its points is {depth:.2g}; Gaussians are rendered from run.near_plane = "
+            f"{near_plane:g} to {FAR_PLANE:g} only.\n{advice}"
+        )
+    # Without points, cameras at nearly one place only turn, unless nothing tells the unit.
+    if known and length_unit(poses) != "m" and not len(xyz) and 0 < spread < near_plane:
+        raise UserError(
+            f"{poses.path}: without points, and its cameras lie within {spread:.2g}, less than run.near_plane = "
+            f"{near_plane:g}.\n{advice}"
+        )
+
+
+def _densify(
+    xyz: Points, rgb: Colors, views: Views, max_points: int, near_plane: float, seed: int
+) -> tuple[Points, Colors]:
+    """Add points where views show none, and thin the given points to at least half of ``max_points``."""
+    chosen = np.unique(np.linspace(0, len(views) - 1, _DENSIFIED_VIEWS).round().astype(int))
+    every, colors = densify(
+        xyz,
+        rgb,
+        views.camera,
+        views.camera_to_world[chosen],
+        (views.pictures[view].numpy() for view in chosen),
+        np.ones(views.pictures.shape[1:3], bool) if views.valid is None else views.valid.cpu().numpy() > 0,
+        near_plane=near_plane,
+    )
+    given, added = len(xyz), len(every) - len(xyz)
+    log(f"{added} points added where views show none")
+    # New points get at most half of the budget.
+    kept = _subset(xyz, rgb, max(max_points - added, max_points // 2), seed)
+    new = _subset(every[given:], colors[given:], max_points - len(kept[0]), seed)
+    return np.concatenate([kept[0], new[0]]), np.concatenate([kept[1], new[1]])
+
+
+def _subset(xyz: Points, rgb: Colors, most: int, seed: int) -> tuple[Points, Colors]:
+    chosen = _random_subset(len(xyz), most, seed)
+    return xyz[chosen], rgb[chosen]
+
+
+def _random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
+    """Return sorted indices of at most ``most`` of ``count`` items: all, or a random subset."""
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
+
+
+def densify(
+    xyz: Points,
+    rgb: Colors,
+    camera: Camera,
+    camera_to_world: Points,
+    images: Iterable[NDArray[np.uint8]],
+    valid: NDArray[np.bool_],
+    *,
+    near_plane: float,
+) -> tuple[Points, Colors]:
+    """Add points so that each image cell shows at least one.
+
+    A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell with points, its
+    color that of the photograph. Points added for one photograph count for the next. A photograph that shows no
+    point at all gets none.
+
+    Args:
+        xyz, rgb: (P, 3) float64 world points [m], finite, and (P, 3) uint8.
+        camera_to_world: (V, 4, 4) float64.
+        images: V images (H, W, 3) uint8, read one at a time.
+        valid: (H, W) bool; cells with an invalid middle get no point.
+        near_plane: smallest camera z [m].
+
+    Returns:
+        (P + N, 3) float64 and (P + N, 3) uint8: the given points, then the new ones.
+    """
+    centers = _cell_centers(camera)
+    columns, rows = centers.astype(np.int64).transpose(2, 0, 1)
+    shows = valid[rows, columns]
+    for pose, image in zip(camera_to_world, images, strict=True):
+        depth = _cell_depths(xyz, camera, pose, centers.shape[:2], near_plane)
+        empty = shows & np.isnan(depth)
+        if not empty.any() or np.isnan(depth).all():
+            continue
+        # In the image, not in space: neighboring cells mostly show the same surface.
+        nearest = distance_transform_edt(np.isnan(depth), return_distances=False, return_indices=True)
+        nearest_depth = depth[tuple(nearest)][empty]
+        rays = (centers[empty] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+        local = np.column_stack([rays, np.ones(len(rays))]) * nearest_depth[:, None]
+        xyz = np.concatenate([xyz, transform(pose, local)])
+        rgb = np.concatenate([rgb, image[rows[empty], columns[empty]]])
+    return xyz, rgb
+
+
+def _cell_centers(camera: Camera) -> NDArray[np.float64]:
+    """Return the (R, C, 2) middle of each cell [px], column first."""
+    side = max(max(camera.width, camera.height) / CELLS, _LEAST_CELL)
+    across, down = (max(round(length / side), 1) for length in (camera.width, camera.height))
+    columns = (np.arange(across) + 0.5) * camera.width / across
+    rows = (np.arange(down) + 0.5) * camera.height / down
+    return np.stack(np.meshgrid(columns, rows), axis=-1)
+
+
+def _cell_depths(
+    xyz: Points, camera: Camera, pose: Points, shape: tuple[int, int], near_plane: float
+) -> NDArray[np.float64]:
+    """Return the (R, C) median camera z of the points in each cell [m], NaN for an empty cell."""
+    local = transform(invert(pose), xyz)
+    pixels = camera.project(local)
+    inside = camera.contains(pixels) & (local[:, 2] >= near_plane)
+    size = np.array([camera.width, camera.height]) / shape[::-1]
+    # Rounding may put a pixel at the border into the cell beyond the last one.
+    column, row = np.minimum((pixels[inside] / size).astype(np.int64), np.array(shape[::-1]) - 1).T
+    cell, depth = row * shape[1] + column, local[inside, 2]
+    order = np.lexsort((depth, cell))
+    cell, depth = cell[order], depth[order]
+    occupied, first, count = np.unique(cell, return_index=True, return_counts=True)
+    result = np.full(shape[0] * shape[1], np.nan)
+    # The lower median: depths are sorted within each cell.
+    result[occupied] = depth[first + (count - 1) // 2]
+    return result.reshape(shape)
+
+
+def from_points(
+    xyz: Points,
+    rgb: Colors,
+    *,
+    sh_degree: int,
+    feature_channels: int,
+    max_points: int,
+    seed: int,
+    near_plane: float = 0.1,
+) -> Gaussians:
+    """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS).
+
+    Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1, rotation
+    the identity; features and SH coefficients above degree 0 are zero.
+
+    Args:
+        xyz, rgb: (P, 3) float64 world points [m], duplicates allowed, and (P, 3) uint8.
+        sh_degree: degree of the allocated SH coefficients.
+        feature_channels: F.
+        near_plane: smallest camera z [m], the unit of the least sizes.
+
+    Returns:
+        Gaussians on the CPU that do not require gradients.
+
+    Raises:
+        ValueError: wrong shape or dtype.
+        UserError: no point is finite in float32.
+    """
+    if xyz.ndim != 2 or xyz.shape[1] != 3 or rgb.shape != xyz.shape or rgb.dtype != np.uint8:
+        raise ValueError(f"xyz {xyz.shape} and rgb {rgb.shape} {rgb.dtype} are not (P, 3) and (P, 3) uint8")
+    # Gaussians are float32, so points must be finite in float32. NaN compares as False.
+    kept = np.flatnonzero((np.abs(xyz) <= np.finfo(np.float32).max).all(axis=1))
+    if not len(kept):
+        raise UserError("splats: no finite point to start from; start from random points instead")
+    kept = kept[_random_subset(len(kept), max_points, seed)]
+    points, count = xyz[kept], len(kept)
+    sh = torch.zeros(count, (sh_degree + 1) ** 2, 3)
+    sh[:, 0] = torch.from_numpy((rgb[kept] / 255.0 - 0.5) / SH_C0)
+    log_scales = torch.from_numpy(np.log(neighbor_distance(points, near_plane))).float()
+    return Gaussians(
+        means=torch.from_numpy(points).float(),
+        quats=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
+        log_scales=log_scales[:, None].repeat(1, 3),
+        logit_opacities=torch.full((count,), INITIAL_OPACITY).logit(),
+        sh=sh,
+        features=torch.zeros(count, feature_channels),
+    )
+
+
+def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.float64]:
+    """Return the (P,) float64 RMS distance [m] of each of (P, 3) points to its three nearest neighbors.
+
+    Uses fewer neighbors if there are fewer. A lone point gets the near plane; the minimum is 0.3 % of it.
+    """
+    if len(points) < 2:
+        return np.full(len(points), _LONE_SCALE * near_plane)
+    neighbors = min(3, len(points) - 1)
+    # The nearest match is the point itself or a duplicate of it, at distance zero.
+    distances, _ = cKDTree(points).query(points, k=neighbors + 1)
+    least = _LEAST_SQUARED_DISTANCE * near_plane**2
+    return np.sqrt(np.maximum((distances[:, 1:] ** 2).mean(axis=1), least))
 
 
 def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
@@ -54,100 +324,31 @@ def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
     return max(1.1 * float(distances.max()), _LEAST_EXTENT * near_plane)
 
 
-def from_points(
-    xyz: Points,
-    rgb: NDArray[np.uint8],
-    *,
-    sh_degree: int,
-    feature_channels: int,
-    max_points: int,
-    seed: int,
-    near_plane: float = 0.1,
-) -> Gaussians:
-    """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS).
-
-    Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1, rotation
-    the identity; features and SH coefficients above degree 0 are zero.
-
-    Args:
-        xyz: (P, 3) float64 world points [m]; duplicates are allowed.
-        rgb: (P, 3) uint8.
-        sh_degree: degree of the allocated SH coefficients.
-        feature_channels: F.
-        max_points: at least 1.
-        near_plane: smallest camera z [m], the unit of the least sizes.
-
-    Returns:
-        Gaussians on the CPU that do not require gradients.
-
-    Raises:
-        ValueError: wrong shape or dtype.
-        UserError: no point is finite in float32.
-    """
-    if xyz.ndim != 2 or xyz.shape[1] != 3 or rgb.shape != xyz.shape or rgb.dtype != np.uint8:
-        raise ValueError(f"xyz {xyz.shape} and rgb {rgb.shape} {rgb.dtype} are not (P, 3) and (P, 3) uint8")
-    # Gaussians are float32, so points must be finite in float32. NaN compares as False.
-    kept = np.flatnonzero((np.abs(xyz) <= np.finfo(np.float32).max).all(axis=1))
-    if not len(kept):
-        raise UserError("splats: no finite point to start from; start from random points instead")
-    kept = kept[random_subset(len(kept), max_points, seed)]
-    points, count = xyz[kept], len(kept)
-    sh = torch.zeros(count, (sh_degree + 1) ** 2, 3)
-    sh[:, 0] = torch.from_numpy((rgb[kept] / 255.0 - 0.5) / SH_C0)
-    return Gaussians(
-        means=torch.from_numpy(points).float(),
-        quats=torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
-        log_scales=torch.from_numpy(np.log(neighbor_distance(points, near_plane)))
-        .float()[:, None]
-        .repeat(1, 3),
-        logit_opacities=torch.full((count,), INITIAL_OPACITY).logit(),
-        sh=sh,
-        features=torch.zeros(count, feature_channels),
-    )
-
-
-def random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
-    """Return sorted indices of at most ``most`` of ``count`` items: all, or a random subset."""
-    if count <= most:
-        return np.arange(count)
-    return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
-
-
-def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.float64]:
-    """Return the (P,) float64 RMS distance [m] of each of (P, 3) points to its three nearest neighbors.
-
-    Uses fewer neighbors if there are fewer. A lone point gets the near plane; the minimum is 0.3 % of it.
-    """
-    if len(points) < 2:
-        return np.full(len(points), _LONE_SCALE * near_plane)
-    neighbors = min(3, len(points) - 1)
-    # The nearest match is the point itself or a duplicate of it, at distance zero.
-    distances, _ = cKDTree(points).query(points, k=neighbors + 1)
-    least = _LEAST_SQUARED_DISTANCE * near_plane**2
-    return np.sqrt(np.maximum((distances[:, 1:] ** 2).mean(axis=1), least))
-
-
 def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane: float) -> NDArray[np.bool_]:
-    """Test which points lie in the image of at least one camera. Occlusion is ignored.
-
-    Args:
-        points: (P, 3) float64 world points [m].
-        camera_to_world: (F, 4, 4) float64, registered frames only.
-        near_plane: smallest camera z [m].
+    """Test which (P, 3) world points [m] lie in the image of at least one of (F, 4, 4) cameras, whatever hides them.
 
     Returns:
-        (P,) bool; False for a point that is not finite.
+        (P,) bool; False for a point that is not finite, or nearer than ``near_plane`` [m].
     """
     result = np.zeros(len(points), dtype=bool)
     unseen = np.flatnonzero(np.isfinite(points).all(axis=1))
     for world_to_camera in invert(camera_to_world):
-        local = transform(world_to_camera, points[unseen])
-        inside = in_picture(local, camera, near_plane=near_plane)
+        inside = in_picture(transform(world_to_camera, points[unseen]), camera, near_plane=near_plane)
         result[unseen[inside]] = True
         unseen = unseen[~inside]
         if not len(unseen):
             break
     return result
+
+
+def seen_depths(points: Points, views: Views, near_plane: float) -> NDArray[np.float64]:
+    """(S,) depths of the points (P, 3) in evenly spaced views that show them, at ``near_plane`` or beyond [m]."""
+    chosen = np.unique(np.linspace(0, len(views) - 1, _DEPTH_VIEWS).round().astype(int)) if len(views) else []
+    depths = []
+    for pose in views.camera_to_world[chosen]:
+        local = transform(invert(pose), points)
+        depths.append(local[in_picture(local, views.camera, near_plane=near_plane), 2])
+    return np.concatenate([np.zeros(0), *depths])
 
 
 def in_picture(local: Points, camera: Camera, *, near_plane: float) -> NDArray[np.bool_]:
@@ -157,15 +358,11 @@ def in_picture(local: Points, camera: Camera, *, near_plane: float) -> NDArray[n
 
 def random_points(
     count: int, camera: Camera, camera_to_world: Points, *, near_plane: float, seed: int
-) -> tuple[Points, NDArray[np.uint8]]:
-    """Sample points and colors for a scene without points, uniformly in the viewing volumes.
+) -> tuple[Points, Colors]:
+    """Sample points and colors for a scene without points, uniformly in the viewing volumes of (F, 4, 4) cameras.
 
     Draws a camera, then a point in its frustum between ``near_plane`` and three scene extents. Every point is
     visible, and regions seen by more cameras get more points.
-
-    Args:
-        camera_to_world: (F, 4, 4) float64, registered frames only, F >= 1.
-        near_plane: smallest camera z [m].
 
     Returns:
         (count, 3) float64 world points [m] and (count, 3) uint8 colors, for ``from_points``.

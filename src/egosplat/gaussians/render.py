@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn.functional import pad
 
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera, invert
@@ -45,11 +46,9 @@ class RenderSettings:
 def view_of(
     gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
 ) -> View:
-    """Return what the functions of ``egosplat.rasterize.view`` take.
+    """Return what the functions of ``egosplat.rasterize.view`` take; the background of the settings is not used.
 
-    Args:
-        camera_to_world: (4, 4) float64, OpenCV axes, meters.
-        settings: render settings; the background is not used.
+    ``camera_to_world`` is (4, 4) float64, OpenCV axes, meters.
     """
     device = gaussians.means.device
     return View(
@@ -95,12 +94,14 @@ def render(
     Raises:
         ValueError: see ``egosplat.rasterize.api.rasterization``.
     """
-    device = gaussians.means.device
+    device, channels = gaussians.means.device, gaussians.features.shape[1]
     # Inverted in float64: far from the origin, float32 would lose millimeters.
     world_to_camera = _world_to_camera(camera_to_world).to(torch.float32)
     intrinsics = torch.from_numpy(camera.matrix).to(torch.float32)
     check_cameras(world_to_camera[None], intrinsics[None])
     world_to_camera, intrinsics = world_to_camera.to(device), intrinsics.to(device)
+    # The color, then zeros for the features.
+    backgrounds = None if background is None else pad(background.to(gaussians.means), (0, channels))[None]
     images, alphas, meta = rasterization(
         gaussians.means,
         gaussians.quats,
@@ -114,8 +115,8 @@ def render(
         near_plane=settings.near_plane,
         sh_degree=sh_degree,
         # Colors and features are composited in one pass, by the same weights (docs/method.md#renderer).
-        features=gaussians.features if gaussians.features.shape[1] else None,
-        backgrounds=_backgrounds(background, gaussians) if shows_colors(render_mode) else None,
+        features=gaussians.features if channels else None,
+        backgrounds=backgrounds if shows_colors(render_mode) else None,
         render_mode=render_mode,
         rasterize_mode=settings.rasterize_mode,
         backend=settings.backend,
@@ -131,11 +132,3 @@ def _world_to_camera(camera_to_world: NDArray[np.float64] | Tensor) -> Tensor:
     rotation = camera_to_world[:3, :3].T
     above = torch.cat([rotation, -(rotation @ camera_to_world[:3, 3:])], dim=1)
     return torch.cat([above, camera_to_world[3:]])
-
-
-def _backgrounds(background: Tensor | None, gaussians: Gaussians) -> Tensor | None:
-    """Return the (1, 3 + F) background for the rasterizer: the color, then zeros for the features."""
-    if background is None:
-        return None
-    color = background.to(gaussians.means)
-    return torch.cat([color, color.new_zeros(gaussians.features.shape[1])])[None]

@@ -20,33 +20,25 @@ from egosplat.images import resize_mask, shrink_image, shrunk_size
 IN_MEMORY = 1_610_612_736
 
 
+@dataclass(frozen=True, eq=False)
 class StoredRows:
-    """(V, ...) array of which the first rows are in memory and the others are read at each access.
+    """An array of ``shape`` whose first rows are in memory, ``held``; ``read`` reads the others by position at each access."""
 
-    Attributes:
-        shape: as of a tensor.
-    """
-
-    def __init__(self, held: Tensor, shape: tuple[int, ...], read: Callable[[int], NDArray]) -> None:
-        """Take the ``held`` first rows, the shape of all, and a function that reads a row by its position."""
-        self.shape = shape
-        self._held, self._read = held, read
+    held: Tensor
+    shape: tuple[int, ...]
+    read: Callable[[int], NDArray]
 
     def __getitem__(self, position: int) -> Tensor:
         """One row on the CPU."""
-        if position < len(self._held):
-            return self._held[position]
-        return torch.from_numpy(np.array(self._read(position)))
+        if position < len(self.held):
+            return self.held[position]
+        return torch.from_numpy(np.array(self.read(position)))
 
 
 def stored_rows(
     count: int, shape: tuple[int, ...], dtype: str, read: Callable[[int], NDArray]
 ) -> Tensor | StoredRows:
-    """Return a (count, *shape) CPU tensor, or ``StoredRows`` if it would take more than ``IN_MEMORY`` bytes.
-
-    Args:
-        read: returns the row at a position, with this shape and dtype; it is kept if not all rows fit.
-    """
+    """Return a (count, *shape) CPU tensor of what ``read`` returns, or ``StoredRows`` if it would exceed ``IN_MEMORY``."""
     row_bytes = np.dtype(dtype).itemsize * int(np.prod(shape))
     kept = min(count, IN_MEMORY // max(row_bytes, 1))
     rows = np.empty((kept, *shape), dtype)
@@ -99,12 +91,9 @@ class Views:
 
 
 def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | None:
-    """Return the paper's 1 - M, and 0 outside the lens circle; None for ones.
+    """Return the paper's 1 - M, (H, W) float32, and 0 outside the lens circle ``valid``; None for ones.
 
-    Args:
-        valid: (H, W) float32; None if all pixels are valid.
-        transient: (H, W) bool or floating point, clamped to [0, 1]; None if nothing is masked. A value that is not
-            finite has weight 0.
+    ``transient`` is bool or floating point, clamped to [0, 1]; a value that is not finite has weight 0.
     """
     if transient is None:
         return valid
@@ -114,10 +103,7 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
 
 
 def split_views(frames: Artifact, poses: Artifact, kept: Mask | None = None) -> tuple[Mask, Mask]:
-    """Choose the frames to train on, among those that are ``kept``, and the held-out ones: evaluation frames outside them.
-
-    Returns:
-        (F,) bool each, frames with a pose. Held-out frames are scored and decide nothing.
+    """Choose (F,) bool frames with a pose: to train on, among those ``kept``, and held-out ones, which decide nothing.
 
     Raises:
         UserError: no training frame has a pose.
@@ -135,13 +121,9 @@ def split_views(frames: Artifact, poses: Artifact, kept: Mask | None = None) -> 
 def read_views(
     frames: Artifact, poses: Artifact, chosen: Mask, device: torch.device, *, resolution: int | None = None
 ) -> Views:
-    """Read frames, as many as ``stored_rows`` holds in memory. Only what the frames' own masks leave out is masked.
+    """Read the ``chosen`` (F,) bool frames, all with a pose. Only what the frames' own masks leave out is masked.
 
-    Args:
-        frames, poses: artifacts.
-        chosen: (F,) bool frames to read. All have a pose.
-        device: of the views.
-        resolution: longer side of the views [pixels]; None keeps the size of the frames.
+    ``resolution`` is the longer side of the views [px]; None keeps the size of the frames.
     """
     rows = np.flatnonzero(chosen)
     _, full_height, full_width, _ = frames.shape("rgb")
@@ -186,8 +168,7 @@ class Masking:
     """Probability that a pixel is transient, the paper's M in the weight 1 - M; 1 for pixels that the user masks.
 
     Attributes:
-        artifact: transient or masks artifact; None if nothing is transient.
-        array: name of its (F, H, W) array.
+        artifact, array: transient or masks artifact, None if nothing is transient; name of its (F, H, W) array.
         masked: frames artifact, if masks of single frames came with the recording; else None.
     """
 
@@ -202,16 +183,17 @@ class Masking:
 
     def frames(self, rows: NDArray[np.integer]) -> Tensor | StoredRows | None:
         """Get M of the frames ``rows`` on the CPU: (V, H, W) bool, or float16 in [0, 1]; None if nothing is masked."""
-        found = [(one, name) for one, name in ((self.artifact, self.array), (self.masked, "masked")) if one]
-        if not found:
+        given = ((self.artifact, self.array), (self.masked, "masked"))
+        sources = [(artifact, array) for artifact, array in given if artifact is not None]
+        if not sources:
             return None
-        artifact, array = found[0]
+        artifact, array = sources[0]
         _, height, width = artifact.shape(array)
         dtype = artifact.schema.fields[array].dtype
 
         # Read row by row: most frames may be unused.
         def read(position: int) -> NDArray:
-            values = [one.row(name, rows[position]) for one, name in found]
+            values = [artifact.row(array, rows[position]) for artifact, array in sources]
             return np.maximum.reduce(values, dtype=dtype)
 
         return stored_rows(len(rows), (height, width), dtype, read)
@@ -224,12 +206,7 @@ class Masking:
 def open_masking(
     kind: str, frames: Artifact, *, transient_path: Path | None, masks_path: Path | None
 ) -> Masking:
-    """Open the artifact that a kind of masking needs.
-
-    Args:
-        kind: ``none``, ``initial`` (M of the network) or ``refined`` (M of the instances).
-        frames: the frames to mask.
-        transient_path, masks_path: only the artifact that is needed is opened.
+    """Open the artifact that a kind of masking needs: ``none``, ``initial`` (M of the network) or ``refined`` (M of instances).
 
     Raises:
         UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is missing, unreadable or

@@ -12,13 +12,12 @@ from egosplat.artifacts.schemas import camera_poses
 from egosplat.compute import single_thread
 from egosplat.gaussians.corrections import applied, corrected_poses, make_corrections
 from egosplat.gaussians.device import training_device
-from egosplat.gaussians.initialization import scene_extent
+from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import GROW_GRAD2D, TrainingOptions
-from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import Mask, Views, read_views
 from egosplat.geometry import Camera

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -41,24 +40,14 @@ _MOST, _MIDDLE, _BETTER = 0.5, 0.5, 0.75
 _OLD_APPLIED = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0]]
 
 
-@dataclass(frozen=True)
-class Fit:
-    """How well Gaussians fit a picture, on the pixels that they cover.
+class Fit(NamedTuple):
+    """How well Gaussians fit a picture, on the pixels that they cover: PSNR of the render and of the best single color [dB].
 
-    Attributes:
-        world: where they were taken to be.
-        psnr: of the render [dB]; -inf if they cover too little of every picture.
-        plain: of the best single color [dB].
+    ``psnr`` is -inf if they cover too little of every picture.
     """
 
-    world: str
     psnr: float
     plain: float
-
-    @property
-    def holds(self) -> bool:
-        """Whether they fit."""
-        return self.psnr >= self.plain + _LEAST_GAIN
 
 
 def import_gaussians(
@@ -78,56 +67,49 @@ def import_gaussians(
     """
     gaussians = read_source(files[0])
     log(f"{files[0]}: {gaussians.count} Gaussians, spherical harmonics of degree {gaussians.sh_degree}")
-    views = _compared(frames, poses, device)
-    tried = []
-    for world, matrix in known_worlds(files[1:], poses):
-        placed = moved(gaussians, matrix).to(device)
-        tried.append(fit(placed, views, settings, world))
-        if tried[-1].holds:
-            told = f"PSNR {tried[-1].psnr:.1f} dB, of a single color {tried[-1].plain:.1f} dB"
-            log(f"world: {world}; {told}")
-            return placed, {
-                "file": files[0].name,
-                "world": world,
-                "psnr": tried[-1].psnr,
-                "plain_psnr": tried[-1].plain,
-                "to_world": matrix.tolist(),
-            }
-    raise _no_fit(files, max(tried, key=lambda one: one.psnr - one.plain), tried[0])
-
-
-def _no_fit(files: list[Path], best: Fit, first: Fit) -> UserError:
-    if np.isinf(best.psnr):
-        found = "show nothing in the pictures"
-    else:
-        found = (
-            f"do not fit the pictures: PSNR {first.psnr:.1f} dB, at best {best.psnr:.1f} dB ({best.world}), and a fit "
-            f"needs {best.plain + _LEAST_GAIN:.1f} dB, {_LEAST_GAIN:g} more than a single color"
-        )
-    lacking = (
-        "" if files[1:] else "; for nerfstudio, put the training's dataparser_transforms.json beside the file"
-    )
-    return UserError(
-        f"{files[0]}: its Gaussians {found}.\n"
-        f"Give the folder with the poses that they were trained on as the recording{lacking}"
-    )
-
-
-def _compared(frames: Artifact, poses: Artifact, device: torch.device) -> Views:
     rows = np.flatnonzero(poses.read("registered"))
     chosen = np.zeros(frames.shape("rgb")[0], bool)
     chosen[rows[np.linspace(0, len(rows) - 1, min(_VIEWS, len(rows))).round().astype(int)]] = True
-    return read_views(frames, poses, chosen, device, resolution=_SIDE)
+    views = read_views(frames, poses, chosen, device, resolution=_SIDE)
+    tried = {}
+    for world, matrix in known_worlds(files[1:], poses):
+        placed = moved(gaussians, matrix).to(device)
+        psnr, plain = tried[world] = fit(placed, views, settings)
+        if psnr >= plain + _LEAST_GAIN:
+            log(f"world: {world}; PSNR {psnr:.1f} dB, of a single color {plain:.1f} dB")
+            facts = {"file": files[0].name, "world": world, "psnr": psnr, "plain_psnr": plain}
+            return placed, facts | {"to_world": matrix.tolist()}
+    raise _no_fit(files, tried)
 
 
-def fit(gaussians: Gaussians, views: Views, settings: RenderSettings, world: str) -> Fit:
+def _no_fit(files: list[Path], tried: dict[str, Fit]) -> UserError:
+    first, best = (
+        next(iter(tried.values())),
+        max(tried, key=lambda world: tried[world].psnr - tried[world].plain),
+    )
+    psnr, plain = tried[best]
+    problem = "show nothing in the pictures"
+    if np.isfinite(psnr):
+        problem = (
+            f"do not fit the pictures: PSNR {first.psnr:.1f} dB, at best {psnr:.1f} dB ({best}), and a fit "
+            f"needs {plain + _LEAST_GAIN:.1f} dB, {_LEAST_GAIN:g} more than a single color"
+        )
+    lacking = "; for nerfstudio, put the training's dataparser_transforms.json beside the file"
+    return UserError(
+        f"{files[0]}: its Gaussians {problem}.\n"
+        f"Give the folder with the poses that they were trained on as the recording{'' if files[1:] else lacking}"
+    )
+
+
+def fit(gaussians: Gaussians, views: Views, settings: RenderSettings) -> Fit:
     """Compare renders with the pictures where the Gaussians cover them: an edited scene may show a part alone."""
-    found = [_compare(gaussians, views, settings, index) for index in range(len(views))]
-    shown = sorted((one[:2] for one in found if one[2] >= _LEAST_SHOWN), key=lambda pair: pair[0] - pair[1])
+    compared = [_compare(gaussians, views, settings, index) for index in range(len(views))]
+    shown = [Fit(psnr, plain) for psnr, plain, share in compared if share >= _LEAST_SHOWN]
     if not shown:
-        return Fit(world, -np.inf, 0.0)
-    rank = _MIDDLE if np.mean([one[2] for one in found]) >= _MOST else _BETTER
-    return Fit(world, *shown[int(rank * (len(shown) - 1))])
+        return Fit(-np.inf, 0.0)
+    shown.sort(key=lambda fit: fit.psnr - fit.plain)
+    rank = _MIDDLE if np.mean([share for *_, share in compared]) >= _MOST else _BETTER
+    return shown[int(rank * (len(shown) - 1))]
 
 
 @torch.no_grad()
@@ -161,10 +143,10 @@ def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str,
     notes = poses.facts.get("notes", {})
     unit = np.diag([*[poses.provenance["options"].get("meters_per_unit") or 1.0] * 3, 1.0])
     given = notes.get("applied_transform")
-    applied = [_square(one) for one in ([given] if given else [np.eye(4)[:3].tolist(), _OLD_APPLIED])]
+    applied = [_square(rows) for rows in ([given] if given else [np.eye(4)[:3].tolist(), _OLD_APPLIED])]
     for path in transforms:
-        for one in applied:
-            undone = np.linalg.inv(_nerfstudio(path, one, notes.get("applied_scale", 1.0)))
+        for matrix in applied:
+            undone = np.linalg.inv(_nerfstudio(path, matrix, notes.get("applied_scale", 1.0)))
             yield f"nerfstudio's, undone by {path.name}", compose(unit, undone)
     yield "the recording's", unit
     if not np.array_equal(unit, np.eye(4)):

@@ -40,13 +40,12 @@ from egosplat.gaussians.corrections import (
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores, evaluate
 from egosplat.gaussians.fitting import fit
-from egosplat.gaussians.initialization import scene_extent
+from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.loss import L1Ssim, Objective
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import GROW_GRAD2D, TrainingOptions
-from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import Curves, TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import (
     Mask,

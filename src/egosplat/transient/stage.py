@@ -19,10 +19,9 @@ from egosplat.compute import single_thread
 from egosplat.files import expand_home
 from egosplat.gaussians.corrections import make_corrections, resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
-from egosplat.gaussians.initialization import scene_extent
+from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import TrainingOptions
-from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import Mask, Views, read_views, split_views
 from egosplat.images import shrink_image

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.gaussians.starting_points import CELLS, densify
+from egosplat.gaussians.initialization import CELLS, densify
 from egosplat.geometry import Camera, invert, transform
 
 CAMERA = Camera(96, 48, 60.0, 60.0, 48.0, 24.0)

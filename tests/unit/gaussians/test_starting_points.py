@@ -6,8 +6,8 @@ import torch
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
+from egosplat.gaussians.initialization import starting_gaussians
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.starting_points import starting_gaussians
 from egosplat.gaussians.training_views import read_views
 
 
