@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.language.joint_objective import code_l1
+from egosplat.language.joint import code_l1
 from egosplat.language.lifting import shares
 from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions

@@ -43,12 +43,7 @@ def look_at_centers(
     *,
     median: bool = True,
 ) -> Centers:
-    """Find what a view shows at the centers of the Gaussians in front of the near plane.
-
-    Args:
-        camera_to_world: (4, 4) float64, OpenCV axes, meters.
-        median: whether to find median depths, which take most of the time.
-    """
+    """Find what a view shows at the centers of the Gaussians in front of the near plane; ``median`` takes most of the time."""
     chosen, pixel, depth = project_centers(gaussians, camera, camera_to_world, settings)
     view = view_of(gaussians, camera, camera_to_world, settings)
     own = torch.full((gaussians.count, 2), -1)
@@ -68,9 +63,6 @@ def project_centers(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Find the M Gaussians in front of the near plane whose center lies in a view.
 
-    Args:
-        camera_to_world: (4, 4) float64, OpenCV axes, meters.
-
     Returns:
         (M,) index of each; (M, 2) column and row of the pixel that holds its center; (N,) camera z of all Gaussians [m].
     """
@@ -82,14 +74,11 @@ def project_centers(
 
 
 def median_depths(begin: Tensor, gaussians: Tensor, weights: Tensor, depth: Tensor) -> Tensor:
-    """Depth of the Gaussian at which the transmittance of each pixel falls below 0.5.
+    """(P,) float64 depths at which the transmittance of P pixels falls below 0.5 [m]; NaN where it does not.
 
     Args:
         begin, gaussians, weights: P lists, see ``egosplat.rasterize.view.pixel_lists``.
         depth: (N,) float64 camera z of all Gaussians [m].
-
-    Returns:
-        (P,) float64 [m]; NaN where the transmittance stays at 0.5 or above.
     """
     pixel = torch.repeat_interleave(begin.diff())
     # float64: the sum runs over the lists of all pixels.

@@ -112,13 +112,7 @@ def decode(codes: Tensor, decoder: Decoder) -> Tensor:
 
 
 def apply_layers(codes: Tensor, layers: list[tuple[Tensor, Tensor]], decoder: Decoder) -> Tensor:
-    """Apply a decoder with other weights than its own, without the normalization at the end.
-
-    Args:
-        codes: (..., C).
-        layers: weights and biases of each layer, as ``Decoder.layers``.
-        decoder: says what follows the layers.
-    """
+    """Apply a decoder to (..., C) codes with other ``layers`` than its own, without the normalization at the end."""
     # ReLU stands between layers only: neither the code nor the feature is clamped.
     after, passed = decoder.after or ("relu",) * (len(layers) - 1) + ("none",), []
     values = F.normalize(codes, dim=-1) if decoder.unit_input else codes
@@ -137,12 +131,8 @@ def _used(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     After a ReLU, nearly half of the channels are 0 for all codes of a part of a picture. On a GPU it would have to wait for
     their number, and training would have to record the choice.
     """
-    if (
-        torch.is_grad_enabled()
-        or values.device.type != "cpu"
-        or values.shape[-1] < _WIDE
-        or not values.numel()
-    ):
+    narrow = values.shape[-1] < _WIDE or not values.numel()
+    if narrow or values.device.type != "cpu" or torch.is_grad_enabled():
         return values, weights
     rows = values.flatten(0, -2)
     used = ((rows.amax(0) != 0) | (rows.amin(0) != 0)).nonzero()[:, 0]

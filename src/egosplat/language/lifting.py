@@ -24,12 +24,9 @@ class Lifted:
 
 
 def lift(views: CodeViews) -> Lifted:
-    """Average codes over all views: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
+    """Average codes over all views, at least one: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
 
     w is alpha times transmittance times 1 - M. A Gaussian that no view shows has share 0.
-
-    Args:
-        views: at least one view.
     """
     assert views.targets is not None
     sums = seen = None
@@ -42,8 +39,10 @@ def lift(views: CodeViews) -> Lifted:
         seen = targets
     assert sums is not None and seen is not None
     levels, channels = seen.codes.shape[:2]
-    code, known, all_ = sums.split([levels * channels, levels, 1], dim=1)
-    return _means(code.unflatten(1, (levels, channels)), known, all_)
+    code, known, shown = sums.split([levels * channels, levels, 1], dim=1)
+    # 0 where the weight is negligible.
+    mean = code.unflatten(1, (levels, channels)) / known.clamp(min=_LEAST_WEIGHT)[..., None]
+    return Lifted(torch.where((known > _LEAST_WEIGHT)[..., None], mean, 0.0), labeled_share(known, shown))
 
 
 def _pixels(targets: Targets, weight: Tensor | None) -> Tensor:
@@ -75,22 +74,10 @@ def evaluate_everywhere(views: CodeViews) -> Callable[[int], Tensor]:
     return lambda _: torch.ones(shape, dtype=torch.bool, device=views.device)
 
 
-def _means(code: Tensor, known: Tensor, seen: Tensor) -> Lifted:
-    """Divide sums by sums of weights; 0 where the weight is negligible."""
-    labeled = known > _LEAST_WEIGHT
-    mean = torch.where(labeled[..., None], code / known.clamp(min=_LEAST_WEIGHT)[..., None], 0.0)
-    return Lifted(mean, labeled_share(known, seen))
-
-
 def labeled_share(known: Tensor, seen: Tensor) -> Tensor:
-    """Share of what Gaussians show that has a code; 0 where the weight is negligible.
+    """(N, L) share in [0, 1] of what Gaussians show that has a code; 0 where the weight is negligible.
 
-    Args:
-        known: (N, L) compositing weight in the pixels with a code [px].
-        seen: (N, 1) weight in all pixels [px].
-
-    Returns:
-        (N, L) in [0, 1].
+    ``known`` (N, L) and ``seen`` (N, 1) are compositing weights in the pixels with a code, and in all pixels [px].
     """
     # Above 1 by rounding only.
     share = (known / seen.clamp(min=_LEAST_WEIGHT)).clamp(max=1.0)

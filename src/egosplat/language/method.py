@@ -48,8 +48,7 @@ class Coded:
 
 def open_code_targets(learnt_from: Sequence[Artifact], frames: Artifact, device: device) -> CodeTargets:
     """Open the codes of instances as targets; raises as ``CodeTargets``."""
-    instances, features = learnt_from
-    return CodeTargets(instances, features, device)
+    return CodeTargets(*learnt_from, device)
 
 
 @dataclass(frozen=True)

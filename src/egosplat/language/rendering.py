@@ -18,11 +18,9 @@ _LEAST_COVERAGE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class RenderedCodes:
-    """Code image at L levels.
+    """Code image at L levels: (L, H, W, C) float32 weighted means, 0 where the coverage is 0.
 
-    Attributes:
-        codes: (L, H, W, C) float32, weighted means of the Gaussians' codes; 0 where the coverage is 0.
-        coverage: (L, H, W) float32 in [0, 1], accumulated compositing weight times share.
+    ``coverage`` is (L, H, W) float32 in [0, 1], accumulated compositing weight times share.
     """
 
     codes: Tensor
@@ -37,13 +35,7 @@ def render_codes(
     camera_to_world: NDArray[np.float64],
     settings: RenderSettings,
 ) -> RenderedCodes:
-    """Render the codes of Gaussians.
-
-    Args:
-        gaussians: the scene, on any device.
-        code, share: (N, L, C) and (N, L) of language.zarr, on the same device.
-        camera, camera_to_world, settings: as in ``egosplat.gaussians.render.view_of``.
-    """
+    """Render (N, L, C) codes and (N, L) shares of language.zarr; other arguments as of ``gaussians.render.view_of``."""
     count, levels, channels = code.shape
     # A Gaussian counts by compositing weight times share: without labeled pixels it has no influence.
     values = torch.cat([(code * share[..., None]).reshape(count, -1), share], dim=1)

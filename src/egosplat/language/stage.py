@@ -86,17 +86,12 @@ def run(
     if given := splats.facts.get("source"):
         geometry = f"geometry of {given['file']}"
     stands_in = [*method.list_stand_ins(options.segmenter), *coded.stands_in, geometry]
-    _write(
-        output,
-        record,
-        coded,
-        {"method": name, "decoded": coded.decoded, "views": len(views), "stands_in": stands_in},
-    )
+    facts = {"method": name, "decoded": coded.decoded, "views": len(views), "stands_in": stands_in}
+    _write(output, record, coded, facts)
     checkpoint.remove()
 
 
 def _opened(path: Path | None, schema: Schema, method: str) -> Artifact:
-    """Open what the method learns from."""
     if path is None:
         raise UserError(f"codes by method {method} need the {schema.name} artifact: give --{schema.name}")
     return open_artifact(path, schema)

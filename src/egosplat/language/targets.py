@@ -61,10 +61,10 @@ class CodeTargets:
 
     def uncompressed(self) -> "CodeTargets":
         """Return the same targets as features instead of codes, for methods that learn a compression of their own."""
-        found = copy(self)
-        found._codes = np.concatenate([self._features.read("supervision"), self._features.read("consistent")])
-        found.channels = found._codes.shape[1]
-        return found
+        other = copy(self)
+        other._codes = np.concatenate([self._features.read("supervision"), self._features.read("consistent")])
+        other.channels = other._codes.shape[1]
+        return other
 
     @property
     def rows(self) -> NDArray[np.float32]:
@@ -89,21 +89,16 @@ class CodeTargets:
         return Targets(codes.unflatten(2, labels.shape[1:]), known.unflatten(1, labels.shape[1:]))
 
     def at(self, frame: int, pixels: NDArray[np.int64]) -> Targets:
-        """Return the targets of some pixels of a frame, codes (L, C, P) and known (L, P).
-
-        Args:
-            pixels: (P, 2) column and row.
-        """
+        """Return the targets of (P, 2) pixels of a frame, column and row: codes (L, C, P) and known (L, P)."""
         codes, known = self.of_labels(frame, self.labels(frame)[:, pixels[:, 1], pixels[:, 0]])
         return Targets(codes.movedim(-1, 1), known)
 
     def rows_at(self, frame: int, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the (L, P) row of ``code_rows`` that is the target at some pixels of a frame, -1 for none.
+        """Return the (L, P) row of ``code_rows`` that is the target at the pixels of ``at``, -1 for none.
 
-        Arguments as of ``at``. It is the view's row, or the instance's where it has no view in the frame.
+        It is the view's row, or the instance's where it has no view in the frame.
         """
-        found = self.labels(frame)[:, pixels[:, 1], pixels[:, 0]].cpu().numpy()
-        return self._rows_in(frame)[found]
+        return self._rows_in(frame)[self.labels(frame)[:, pixels[:, 1], pixels[:, 0]].cpu().numpy()]
 
     def labels(self, frame: int) -> Tensor:
         """(L, H, W) int64 instance of each pixel of a frame, -1 for none."""

@@ -25,11 +25,8 @@ class CodeViews:
 
     Attributes:
         gaussians: they require no gradients.
-        settings: of rendering.
-        frame: (V,) int64 index of each in frames.zarr.
-        camera_to_world: (V, 4, 4) float64, OpenCV axes, meters.
+        frame, camera_to_world, valid: see ``egosplat.gaussians.training_views.Views``.
         targets: returns the targets of a frame; None for a method that learns from tiles.
-        valid: see ``egosplat.gaussians.training_views.Views``.
         masking: transient pixels of each frame.
     """
 
@@ -61,8 +58,8 @@ class CodeViews:
 
     def weight(self, index: int) -> Tensor | None:
         """Return the (H, W) float32 weight of each pixel, the paper's 1 - M inside the lens circle; None for ones."""
-        found = self.masking.frames(self.frame[index : index + 1])
-        return pixel_weight(self.valid, None if found is None else found[0].to(self.device))
+        transient = self.masking.frames(self.frame[index : index + 1])
+        return pixel_weight(self.valid, None if transient is None else transient[0].to(self.device))
 
     def weight_at(self, index: int, pixels: NDArray[np.int64]) -> NDArray[np.float32]:
         """Return the (P,) weights of (P, 2) pixels, column and row."""

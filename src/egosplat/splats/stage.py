@@ -55,7 +55,7 @@ from egosplat.gaussians.training_views import (
     read_views,
     split_views,
 )
-from egosplat.language.joint_objective import JointLanguage
+from egosplat.language.joint import JointLanguage
 from egosplat.language.targets import CodeTargets
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log

@@ -13,7 +13,7 @@ from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import LearningRates
 from egosplat.gaussians.training_views import pixel_weight
-from egosplat.language.joint_objective import code_l1
+from egosplat.language.joint import code_l1
 from egosplat.language.targets import Targets
 from egosplat.splats import stage
 

@@ -6,7 +6,7 @@ import torch
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.gaussians.training_views import Masking
-from egosplat.language.joint_objective import code_l1
+from egosplat.language.joint import code_l1
 from egosplat.language.options import LanguageOptions
 from egosplat.language.targets import CodeTargets, Targets
 from egosplat.language.views import select_code_views
