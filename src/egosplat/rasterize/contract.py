@@ -173,3 +173,19 @@ def _color_channels(colors: Tensor, n: int, sh_degree: int | None) -> int:
             f"with K one of {counts[sh_degree:]}"
         )
     return 3
+
+
+def usable_gaussians(quats: Tensor, *values: Tensor) -> Tensor:
+    """(N,) bool: Gaussians with only finite numbers in (N, ...) ``values`` and a quaternion (N, 4) of nonzero length."""
+    norms = torch.linalg.vector_norm(quats.detach(), dim=-1)
+    usable = (norms > 0) & norms.isfinite()
+    for value in values:
+        usable = usable & value.detach()[..., None].isfinite().flatten(1).all(dim=-1)
+    return usable
+
+
+def camera_centers(viewmats: Tensor) -> Tensor:
+    """(C, 4, 4) world_to_camera -> (C, 3) centers in the world; differentiable. The last row is ignored."""
+    # A general inverse instead of the transpose: its gradients by the pose hold for any matrix.
+    # ``solve_ex`` does not read its error flag, for which the CPU would wait for a GPU.
+    return torch.linalg.solve_ex(viewmats[:, :3, :3], -viewmats[:, :3, 3]).result

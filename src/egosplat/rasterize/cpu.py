@@ -16,7 +16,7 @@ from egosplat.rasterize.contract import (
 )
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.kernels.lookups import Projected
-from egosplat.rasterize.kernels.raster import Projection, composite, project
+from egosplat.rasterize.kernels.raster import composite, project
 
 
 def rasterization(arguments: Arguments) -> Render:
@@ -28,10 +28,7 @@ def rasterization(arguments: Arguments) -> Render:
     a = arguments
     _check_usable(a)
     sh, extra = _sources(a)
-    projected = [
-        project(a.means, a.quats, a.scales, a.opacities, sh, extra, viewmat, _projection(a, K))
-        for viewmat, K in zip(a.viewmats, a.Ks, strict=True)
-    ]
+    projected = [project(a, camera, sh, extra) for camera in range(len(a.viewmats))]
     means2d, conics, depths, seen, _, _, radii = (_batch(each) for each in zip(*projected, strict=True))
     images = [
         # Centers come from the batch, because density control reads the batch's gradient.
@@ -48,9 +45,7 @@ def rasterization(arguments: Arguments) -> Render:
 def projected(a: Arguments) -> Projected:
     """The Gaussians in the image of the one camera; colors are not used. Errors are as above."""
     _check_usable(a)
-    means2d, conics, depths, seen, _, variances_y, radii = project(
-        a.means, a.quats, a.scales, a.opacities, None, None, a.viewmats[0], _projection(a, a.Ks[0])
-    )
+    means2d, conics, depths, seen, _, variances_y, radii = project(a, 0, None, None)
     return Projected(means2d, conics, depths, seen, variances_y, radii, a.width, a.height)
 
 
@@ -61,21 +56,6 @@ def _check_usable(a: Arguments) -> None:
         raise UserError(
             f"backend cpu renders float32 on the CPU, not {a.means.dtype} on {a.means.device}: use reference"
         )
-
-
-def _projection(a: Arguments, K: Tensor) -> Projection:
-    return Projection(
-        a.width,
-        a.height,
-        (K[0, 0].item(), K[1, 1].item(), K[0, 2].item(), K[1, 2].item()),
-        a.near_plane,
-        a.far_plane,
-        a.radius_clip,
-        a.eps2d,
-        a.antialiased,
-        0 if a.sh_degree is None or not shows_colors(a.render_mode) else (a.sh_degree + 1) ** 2,
-        shows_depth(a.render_mode),
-    )
 
 
 def _sources(a: Arguments) -> tuple[Tensor | None, Tensor | None]:

@@ -15,8 +15,14 @@ import torch
 from torch import Tensor
 
 from egosplat.errors import UserError
-from egosplat.rasterize.channels import camera_centers, usable_gaussians
-from egosplat.rasterize.contract import Arguments, Render, shows_colors, shows_depth
+from egosplat.rasterize.contract import (
+    Arguments,
+    Render,
+    camera_centers,
+    shows_colors,
+    shows_depth,
+    usable_gaussians,
+)
 from egosplat.rasterize.reference import rasterizer as reference
 
 # gsplat 1.6 changed the arguments for spherical harmonics and limits alpha to 0.99 instead of 0.999.

@@ -5,66 +5,36 @@ Images are planar, (channels, height, width), as the kernels write them.
 
 import ctypes
 import weakref
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from egosplat.rasterize.contract import Arguments, shows_depth
 from egosplat.rasterize.kernels.library import address, function, plain
 
 
-@dataclass(frozen=True)
-class Projection:
-    """Settings of the projection into one image.
-
-    Attributes:
-        width, height: image size [px].
-        intrinsics: fx, fy, cx, cy [px].
-        near_plane, far_plane: Gaussians with camera z outside this range are culled [m].
-        radius_clip: Gaussians with both radii at most this are culled [px].
-        eps2d: added to both variances in the image [px²].
-        antialiased: whether to lower opacities to compensate for the blur of ``eps2d``.
-        coefficients: number of spherical harmonics to evaluate; 0 without color.
-        depth: whether to append camera z as the last channel.
-    """
-
-    width: int
-    height: int
-    intrinsics: tuple[float, float, float, float]
-    near_plane: float
-    far_plane: float
-    radius_clip: float
-    eps2d: float
-    antialiased: bool
-    coefficients: int
-    depth: bool
-
-
 def project(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    sh: Tensor | None,
-    features: Tensor | None,
-    viewmat: Tensor,
-    settings: Projection,
+    a: Arguments, camera: int, sh: Tensor | None, features: Tensor | None
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Project Gaussians into one image and evaluate their channels for this view.
+    """Project Gaussians into the image of one of the cameras and evaluate their channels for this view.
 
     Args:
-        means: (N, 3) [m]; quats: (N, 4) wxyz; scales: (N, 3) [m]; opacities: (N,).
-        sh: (N, K, 3), required if ``settings.coefficients`` is not 0.
-        features: (N, F) or None.
-        viewmat: (4, 4) world_to_camera.
+        sh: (N, K, 3), to evaluate up to ``a.sh_degree``; features: (N, F) channels to keep; each may be None.
 
     Returns:
         means2d (N, 2), conics (N, 3), depths (N,), opacities (N,), channels (N, X), variances_y (N,) and radii
         (N, 2) int32; all 0 where culled. The X channels are color, features and depth, those that exist.
     """
-    return _Project.apply(means, quats, scales, opacities, sh, features, viewmat, settings)
+    stored, kept = (0 if each is None else each.shape[1] for each in (sh, features))
+    coefficients = (a.sh_degree + 1) ** 2 if sh is not None and a.sh_degree is not None else 0
+    flags = int(shows_depth(a.render_mode)), a.width, a.height, int(a.antialiased)
+    layout = (len(a.means), stored, coefficients, kept, *flags)
+    intrinsics = a.Ks[camera][[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+    settings = (*intrinsics, a.near_plane, a.far_plane, a.radius_clip, a.eps2d)
+    gaussians = (a.means, a.quats, a.scales, a.opacities, sh, features)
+    return _Project.apply(*gaussians, a.viewmats[camera], layout, settings)
 
 
 def composite(
@@ -100,14 +70,16 @@ def composite(
 class _Project(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, ...]:
-        *tensors, settings = arguments
+        *tensors, layout, settings = arguments
         means, quats, scales, opacities, sh, features, viewmat = (plain(tensor) for tensor in tensors)
-        layout = _layout(means, sh, features, settings)
-        count, channels = len(means), 3 * bool(settings.coefficients) + layout[3] + settings.depth
+        count, _, coefficients, kept, depth, *_ = layout
+        channels = 3 * bool(coefficients) + kept + depth
         sizes = ((count, 2), (count, 3), (count,), (count,), (count, channels))
         outputs = [torch.empty(size) for size in sizes]
         variances_y, radii = torch.empty(count), torch.empty(count, 2, dtype=torch.int32)
-        camera = _camera(viewmat, settings)
+        pose = viewmat.double()
+        numbers = (*pose[:3, :3].flatten().tolist(), *pose[:3, 3].tolist(), *settings)
+        camera = (ctypes.c_double * len(numbers))(*numbers)
         inputs = (means, quats, scales, opacities, sh, features)
         kernel = function("project_forward", 9 * "i" + "c" + 13 * "p")
         arrays = (*inputs, *outputs, variances_y, radii)
@@ -133,7 +105,11 @@ class _Project(torch.autograd.Function):
         arrays = (means, quats, scales, opacities, sh, radii, channels, *given, *results, pose)
         kernel = function("project_backward", 9 * "i" + "c" + 19 * "p")
         kernel(*ctx.layout, torch.get_num_threads(), ctx.camera, *map(address, arrays))
-        return (*results, None if pose is None else _pose_gradient(pose), None)
+        if pose is None:
+            return (*results, None, None, None)
+        v_viewmat = torch.zeros(4, 4)
+        v_viewmat[:3, :3], v_viewmat[:3, 3] = pose[:9].reshape(3, 3), pose[9:]
+        return (*results, v_viewmat, None, None)
 
 
 class _Composite(torch.autograd.Function):
@@ -177,25 +153,3 @@ class _Raster:
     def __init__(self, handle: int) -> None:
         self.handle = handle
         weakref.finalize(self, function("raster_free", "p"), handle)
-
-
-def _layout(
-    means: Tensor, sh: Tensor | None, features: Tensor | None, settings: Projection
-) -> tuple[int, ...]:
-    stored = 0 if sh is None else sh.shape[1]
-    feature_count = 0 if features is None else features.shape[1]
-    size = (len(means), stored, settings.coefficients, feature_count, int(settings.depth))
-    return (*size, settings.width, settings.height, int(settings.antialiased))
-
-
-def _camera(viewmat: Tensor, settings: Projection) -> ctypes.Array:
-    pose = viewmat.double()
-    limits = (settings.near_plane, settings.far_plane, settings.radius_clip, settings.eps2d)
-    numbers = (*pose[:3, :3].flatten().tolist(), *pose[:3, 3].tolist(), *settings.intrinsics, *limits)
-    return (ctypes.c_double * len(numbers))(*numbers)
-
-
-def _pose_gradient(pose: Tensor) -> Tensor:
-    gradient = torch.zeros(4, 4)
-    gradient[:3, :3], gradient[:3, 3] = pose[:9].reshape(3, 3), pose[9:]
-    return gradient

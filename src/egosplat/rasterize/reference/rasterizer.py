@@ -5,14 +5,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from egosplat.rasterize.channels import camera_centers, finish, stack_channels, usable_gaussians
 from egosplat.rasterize.contract import (
     ALPHA_THRESHOLD,
     MAX_ALPHA,
+    MIN_DEPTH_ALPHA,
     MIN_TRANSMITTANCE,
     Arguments,
     Render,
+    camera_centers,
     shows_colors,
+    shows_depth,
+    shows_expected_depth,
+    usable_gaussians,
 )
 from egosplat.rasterize.reference.projection import Projected, project
 from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
@@ -54,7 +58,7 @@ def rasterization(arguments: Arguments) -> Render:
             meta["means2d"][index],
             meta["conics"][index],
             meta["opacities"][index],
-            stack_channels(seen_colors[index], a.features, meta["depths"][index], a.render_mode),
+            _stack_channels(seen_colors[index], a.features, meta["depths"][index], a.render_mode),
             meta["depths"][index],
             meta["radii"][index],
             a.width,
@@ -64,7 +68,7 @@ def rasterization(arguments: Arguments) -> Render:
     ]
     composited, alpha = (torch.stack(parts) for parts in zip(*images, strict=True))
     meta |= {"width": a.width, "height": a.height, "n_cameras": len(a.viewmats)}
-    return finish(composited, alpha, a.backgrounds, a.render_mode), alpha, meta
+    return _finish(composited, alpha, a.backgrounds, a.render_mode), alpha, meta
 
 
 def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, radii: Tensor) -> Tensor:
@@ -83,6 +87,28 @@ def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, r
     dirs = means.index_select(0, rows) - center
     colors = (spherical_harmonics(sh_degree, dirs, coeffs.index_select(0, rows)) + 0.5).clamp(min=0.0)
     return colors.new_zeros(len(means), 3).index_copy(0, rows, colors)
+
+
+def _stack_channels(colors: Tensor, features: Tensor | None, depths: Tensor, render_mode: str) -> Tensor:
+    """Stack the (N, X) channels that the mode composites: colors (N, D), features (N, F) or None, depths (N,)."""
+    parts = []
+    if shows_colors(render_mode):
+        parts.append(colors)
+        parts += [] if features is None else [features]
+    if shows_depth(render_mode):
+        parts.append(depths[..., None])
+    return torch.cat(parts, dim=-1)
+
+
+def _finish(composited: Tensor, alpha: Tensor, backgrounds: Tensor | None, render_mode: str) -> Tensor:
+    """Blend (C, H, W, X) channels with the backgrounds, (C, D + F); convert accumulated to expected depth if needed."""
+    depth_channels = int(shows_depth(render_mode))
+    colors, depth = composited.split([composited.shape[-1] - depth_channels, depth_channels], dim=-1)
+    if backgrounds is not None and shows_colors(render_mode):
+        colors = colors + (1.0 - alpha) * backgrounds[:, None, None, :]
+    if shows_expected_depth(render_mode):
+        depth = depth / alpha.clamp(min=MIN_DEPTH_ALPHA)
+    return torch.cat([colors, depth], dim=-1)
 
 
 def _stack(projections: list[Projected]) -> dict[str, Any]:
