@@ -13,7 +13,7 @@ import click
 import pandas as pd
 
 from benchmarks.common import ROOT
-from egosplat.artifacts import usage
+from egosplat.artifacts import provenance
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.scored_scenes import ScoredScene, check_protocol, read_scored_scene
@@ -205,7 +205,7 @@ def head() -> str:
     Raises:
         UserError: it is none.
     """
-    found = usage.checkout()
+    found = provenance.checkout()
     if found["commit"] is None or not found["clean"]:
         raise UserError(
             f"{ROOT}: is no clean checkout; commit, or take a worktree of its own: git worktree add PATH"

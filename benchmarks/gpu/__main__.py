@@ -14,7 +14,7 @@ import torch
 
 from benchmarks.common import command
 from benchmarks.gpu import agreement, main_job, paper_memory, training
-from egosplat.artifacts import usage
+from egosplat.artifacts import provenance
 from egosplat.rasterize.cuda import load_gsplat
 
 PARTS = ("agreement", "main-job", "training", "paper-memory")
@@ -30,7 +30,7 @@ def main(folder: Path, parts: Sequence[str]) -> None:
     gsplat = load_gsplat()
     torch.zeros(1, device="cuda")  # so that the machine's line names the GPU
     click.echo(
-        f"# A GPU\n\nBy `python -m benchmarks.gpu`, on {usage.machine()}, gsplat {gsplat.__version__}."
+        f"# A GPU\n\nBy `python -m benchmarks.gpu`, on {provenance.machine()}, gsplat {gsplat.__version__}."
     )
     if "agreement" in parts:
         click.echo(f"\n## Agreement with the reference in float64\n\n{agreement.table(torch.device('cuda'))}")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.common import command, markdown, scene_folders, survey_of, time_call
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import read_truth
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, SEGMENTS
 from egosplat.gaussians.training_views import split_views

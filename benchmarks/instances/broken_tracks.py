@@ -24,7 +24,7 @@ from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import Truth, read_truth
 from benchmarks.true_instances.__main__ import PRESETS, run, score, write_instances
 from egosplat.artifacts import provenance
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, POSES, SEGMENTS
 from egosplat.artifacts.writer import create

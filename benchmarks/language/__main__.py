@@ -20,9 +20,9 @@ from torch import Tensor
 
 from benchmarks.common import command, markdown, output_of, scene_folders, time_call
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.provenance import peak_memory_mb
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS, camera_poses
-from egosplat.artifacts.usage import peak_memory_mb
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings

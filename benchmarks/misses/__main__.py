@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, scene_folders, survey_of
 from benchmarks.transient.truth import read_truth
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS

@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from benchmarks.common import MIB, command, markdown, output_of, time_call
 from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.small_sam2.segmenters import image_predictor
-from egosplat.artifacts.usage import machine, peak_memory_mb
+from egosplat.artifacts.provenance import machine, peak_memory_mb
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import load_sam2
 

@@ -13,7 +13,7 @@ import torch
 from benchmarks.rasterizer import iteration, passes
 from benchmarks.rasterizer.scenes import SCENES
 from benchmarks.rasterizer.timing import Turn, start_worker, summary, take_turns
-from egosplat.artifacts.usage import machine
+from egosplat.artifacts.provenance import machine
 from egosplat.errors import UserError
 from egosplat.progress import log, track
 from egosplat.rasterize.kernels import library

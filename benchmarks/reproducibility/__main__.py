@@ -17,7 +17,7 @@ from benchmarks.common import command, markdown, output_of
 from benchmarks.reproducibility.chain import INPUTS, file_of, run_chain
 from benchmarks.reproducibility.comparing import Difference, differences
 from benchmarks.reproducibility.limits import LIMITS, REFERENCE, Limit, choices
-from egosplat.artifacts import usage
+from egosplat.artifacts import provenance
 from egosplat.progress import log
 
 
@@ -82,7 +82,7 @@ def page(work: Path) -> str:
     stages = [[f"`{stage}`", *(cell(one[stage]) for one in found.values())] for stage in INPUTS]
     text = Path(__file__).with_name("reading.md").read_text().strip()
     places = {
-        "MACHINE": usage.machine(),
+        "MACHINE": provenance.machine(),
         "STAGES": markdown(["made by", *found], stages, words=1 + len(found)),
         "SCORES": markdown(
             ["", "queries hit", "mIoU", "static PSNR"], [scores(work, one) for one in (REFERENCE, LIMITS[-1])]

@@ -14,7 +14,7 @@ import psutil
 import yaml
 
 from benchmarks.common import ROOT
-from egosplat.artifacts.check import check_tree
+from egosplat.artifacts.lineage import check_tree
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.stages import PIPELINE, STAGES

@@ -16,7 +16,7 @@ import pandas as pd
 from benchmarks.common import command, markdown, time_call
 from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.small_sam2.worlds import LEVELS, world_folders
-from egosplat.artifacts.usage import peak_memory_mb
+from egosplat.artifacts.provenance import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
 from egosplat.segments.classical.segmenter import segment_video

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from benchmarks.common import command, markdown, output_of
-from egosplat.artifacts.usage import peak_memory_mb
+from egosplat.artifacts.provenance import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
 from egosplat.segments.instances import Video

@@ -26,7 +26,7 @@ def checkout(tmp_path, monkeypatch):
 
     def be(clean: bool | None = True) -> None:
         found = {"commit": None if clean is None else COMMIT, "clean": clean}
-        monkeypatch.setattr(rows.usage, "checkout", lambda: found)
+        monkeypatch.setattr(rows.provenance, "checkout", lambda: found)
 
     for module in (ledger, rows):
         monkeypatch.setattr(module, "LEDGER", tmp_path / "entries")

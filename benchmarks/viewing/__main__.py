@@ -13,7 +13,7 @@ import click
 from benchmarks.common import command
 from benchmarks.viewing import pages
 from benchmarks.viewing.multiplied import multiply
-from egosplat.artifacts import usage
+from egosplat.artifacts import provenance
 from egosplat.pipeline.config import defaults
 from egosplat.pipeline.scene_folder import title_of
 
@@ -35,7 +35,7 @@ def main(scene: Path) -> None:
         rows = [pages.measured(scene, folder / f"{most}.html", most, WORDS) for most in SIZES]
         many = multiply(scene, folder / "results" / "many" / "scene", COPIES)
         rows.append(pages.measured(many, folder / "many.html", SIZES[-1], WORDS))
-    click.echo(f"{title_of(scene)}, {usage.machine()}\n\n{pages.table(rows)}")
+    click.echo(f"{title_of(scene)}, {provenance.machine()}\n\n{pages.table(rows)}")
 
 
 if __name__ == "__main__":

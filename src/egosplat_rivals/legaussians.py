@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.tiles import TILES
+from egosplat.artifacts.schemas import TILES
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.language.lifting import evaluate_everywhere, shares

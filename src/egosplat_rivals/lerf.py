@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.tiles import TILES
+from egosplat.artifacts.schemas import TILES
 from egosplat.geometry import invert
 from egosplat.language.centers import median_depths
 from egosplat.language.decoder import Decoder

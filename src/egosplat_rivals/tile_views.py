@@ -9,7 +9,7 @@ from torch import Tensor
 
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.tiles import scale_name
+from egosplat.artifacts.schemas import TILE_SCALES
 from egosplat.errors import UserError
 from egosplat.gaussians.training_views import StoredRows, stored_rows
 from egosplat_rivals.tiles import Scale, at_pixels
@@ -32,9 +32,9 @@ class TileViews:
         self._path = tiles.path
         self._row = {int(frame): row for row, frame in enumerate(tiles.read("frame"))}
         self.scales = [Scale(**one) for one in tiles.facts["scales"]]
-        self.channels = tiles.shape(scale_name(0))[-1]
+        self.channels = tiles.shape(TILE_SCALES[0])[-1]
         self.components = tiles.shape("regulariser")[-1] if tiles.has("regulariser") else 0
-        names = [*map(scale_name, range(len(self.scales))), *(["regulariser"] if self.components else [])]
+        names = [*TILE_SCALES, *(["regulariser"] if self.components else [])]
         self._rows = {name: _rows_of(tiles, name) for name in names}
         found = "SAM2's encoder" if self.components else "no regulariser"
         self.stands_in = f"{found} in place of DINO"
@@ -48,7 +48,7 @@ class TileViews:
 
     def read(self, frame: int, number: int) -> Tensor:
         """(rows, columns, D) float16 features of a frame's tiles of one scale."""
-        return self._rows[scale_name(number)][self._row[frame]]
+        return self._rows[TILE_SCALES[number]][self._row[frame]]
 
     def between(self, frame: int, pixels: Tensor, scale: Tensor, part: Tensor) -> Tensor:
         """Interpolate between the tiles of a (P,) int64 scale and the next, (P,) ``part`` of 0 to 1, at (P, 2) columns and rows.

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.checkpoint import Work, lie_within
+from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import FRAMES, lies_on_its_side
-from egosplat.artifacts.tiles import TILES, scale_name
-from egosplat.artifacts.work import Work, lie_within
+from egosplat.artifacts.schemas import FRAMES, TILE_SCALES, TILES, lies_on_its_side
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
@@ -126,9 +125,9 @@ def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> Non
     begin = 0
     for number, scale in enumerate(scales):
         end, shape = begin + scale.rows * scale.columns, (scale.rows, scale.columns, done[0].shape[1])
-        artifact.allocate(scale_name(number), (len(done), *shape))
+        artifact.allocate(TILE_SCALES[number], (len(done), *shape))
         for view, tiles in enumerate(done):
-            artifact.put_row(scale_name(number), view, tiles[begin:end].reshape(shape))
+            artifact.put_row(TILE_SCALES[number], view, tiles[begin:end].reshape(shape))
         begin = end
 
 

@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from benchmarks.robustness.scene import remove
-from egosplat.artifacts.check import check_tree
+from egosplat.artifacts.lineage import check_tree
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.tiles import TILES as TILES_SCHEMA
+from egosplat.artifacts.schemas import TILES as TILES_SCHEMA
 from egosplat_rivals import tiles_stage
 from egosplat_rivals.options import TilesOptions
 from tests.support.local_slurm import UNDER_WAY

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.artifacts.check import check_tree
+from egosplat.artifacts.lineage import check_tree
 from egosplat.cli import main
 
 SCENE = Path("results/adt/scene1")

@@ -9,7 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from egosplat.artifacts.check import check_tree
+from egosplat.artifacts.lineage import check_tree
 from tests.support.waiting import wait_for
 
 SCENE = Path("results/adt/scene1")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from benchmarks.robustness.scene import remove
-from egosplat.artifacts.check import check_tree
+from egosplat.artifacts.lineage import check_tree
 
 ROOT = Path(__file__).parents[2]
 SCENE = Path("results/adt/scene1")

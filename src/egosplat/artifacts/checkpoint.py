@@ -1,27 +1,31 @@
-"""Checkpoints of a long stage: a killed stage continues from the last one."""
+"""Checkpoints of a long stage, which a killed one continues from, and the work of jobs that treat frames apart."""
 
 import hashlib
 import io
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
+from egosplat.artifacts.provenance import Provenance, key_of
+from egosplat.errors import UserError
 from egosplat.files import atomic_file
-from egosplat.progress import log
+from egosplat.pipeline.chunks import split_frames
+from egosplat.progress import log, track
 
 # Tensors, numbers, texts, and lists and dictionaries of them.
 State = dict[str, Any]
 
-_DIGEST_BYTES = 32
+Chunks = list[range]
 
-# Wall time between two checkpoints [s]: a killed stage loses a minute.
+# Wall time between two checkpoints [s]: a killed stage loses a minute. A write that takes longer than ``SLOW_S`` is waited
+# for as many times longer, so that checkpoints take a twentieth of the time at most.
 EVERY_S = 60.0
-
-# A write that takes longer [s] is waited for as many times longer, so that checkpoints take a twentieth of the time at most.
 SLOW_S = EVERY_S / 20
 
 
@@ -58,7 +62,7 @@ class Checkpoint:
             return None
 
     def save_if_due(self, state: Callable[[], State]) -> None:
-        """Write ``state()`` if the last checkpoint is ``every_s`` old, see also ``SLOW_S``. A failed write is only logged."""
+        """Write ``state()`` if the last checkpoint is ``every_s`` old. A failed write is only logged."""
         begun = time.monotonic()
         if begun - self._saved < self._wait_s:
             return
@@ -79,7 +83,7 @@ class Checkpoint:
 def read_state(file: Path, key: str) -> State:
     """Read a state with tensors on the CPU (UnusableState: damaged, or of another key)."""
     content = file.read_bytes()
-    digest, body = content[:_DIGEST_BYTES], memoryview(content)[_DIGEST_BYTES:]
+    digest, body = content[:32], memoryview(content)[32:]
     if hashlib.sha256(body).digest() != digest:
         raise UnusableState("is damaged")
     # ``weights_only``: a state is data, and must not run code.
@@ -98,3 +102,90 @@ def write_state(file: Path, key: str, state: State) -> None:
     with atomic_file(file) as scratch, scratch.open("wb") as out:
         out.write(hashlib.sha256(body).digest())
         out.write(body)
+
+
+class Work:
+    """The work of a stage that treats frames apart: of one job, or of a job for each chunk and one that gathers.
+
+    A killed job resumes. ``costs`` are time and memory of the jobs whose results are gathered.
+    """
+
+    def __init__(
+        self,
+        output: Path,
+        made: Provenance,
+        frames: int,
+        chunk: int | None = None,
+        gather: Sequence[Path] = (),
+        more: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Set up for a recording of a number of frames; UserError if it has no such chunk.
+
+        Args:
+            made: what decides the results, with ``more``; see ``provenance.key_of``.
+            chunk: number from 1 of the chunk to work on, whose results are the output; None for all.
+            gather: outputs of the jobs of all chunks, in order, instead of any work.
+        """
+        self._chunks = split_frames(frames)
+        if chunk is not None and chunk > len(self._chunks):
+            raise UserError(f"--chunk {chunk}: the recording has {len(self._chunks)}, of {frames} frames")
+        self._output, self._made, self._chunk, self._gather = output, made, chunk, gather
+        self._key = key_of(made, more)
+        self._checkpoint = Checkpoint(output, self._key)
+        self.costs: list[dict[str, Any]] = []
+
+    def results(
+        self,
+        plan: Callable[[Chunks], Sequence[Any]],
+        do: Callable[[Any], Iterable[Any]],
+        what: str,
+        unit: str = "frame",
+    ) -> list[Any] | None:
+        """Do the work; None if it is that of a chunk, whose results are written.
+
+        Args:
+            plan: gets chunks of frames, and returns the units of work on them.
+            do: gets units, and yields the result of each: tensors, numbers, texts, and lists and dictionaries of them.
+            what, unit: as in ``track``.
+
+        Raises:
+            UserError: what is to be gathered is damaged, of another run, or not all of it.
+        """
+        if self._gather:
+            return self._gathered()
+        units = plan(self._chunks if self._chunk is None else [self._chunks[self._chunk - 1]])
+        done: list[Any] = (self._checkpoint.load() or {"done": []})["done"]
+        if done:
+            log(f"{what} resumes after {len(done)} of {len(units)} {unit}s")
+        for result in track(do(units[len(done) :]), what, len(units) - len(done), unit):
+            done.append(result)
+            self._checkpoint.save_if_due(lambda: {"done": done})
+        if self._chunk is None:
+            return done
+        write_state(self._output, self._key, {"chunk": self._chunk, "done": done, "cost": self._made.cost()})
+        self.finish()
+        return None
+
+    def finish(self) -> None:
+        """Remove the checkpoint; to be called when the output is written."""
+        self._checkpoint.remove()
+
+    def _gathered(self) -> list[Any]:
+        states = []
+        for path in self._gather:
+            try:
+                states.append(read_state(path, self._key))
+            except OSError as error:
+                raise UserError(f"--gather {path}: {error.strerror}; run the job of this chunk") from None
+            except UnusableState as error:
+                raise UserError(f"{path}: {error}; remove it, and run the same again") from None
+        numbers, count = [state["chunk"] for state in states], len(self._chunks)
+        if numbers != [*range(1, count + 1)]:
+            raise UserError(f"--gather: chunks {numbers} are given; all {count} are needed, in order")
+        self.costs = [state["cost"] for state in states]
+        return [result for state in states for result in state["done"]]
+
+
+def lie_within(frames: NDArray[np.integer], chunks: Chunks) -> NDArray[np.bool_]:
+    """(N,) which frames lie in chunks that follow each other."""
+    return (frames >= chunks[0].start) & (frames < chunks[-1].stop)

@@ -1,23 +1,24 @@
-"""Checks that artifacts belong together: each was made from the ones that it is used with."""
+"""Artifacts belong together: each was made from those that it is used with, and a survey chooses among its own frames."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from egosplat.artifacts.integrity import rebuild_command
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
+from egosplat.pipeline.survey_file import frames_of_gaussians, read_survey
 
 
 def check_made_from(made: Artifact, *sources: Artifact, axes: Sequence[str] = ()) -> None:
-    """Check that an artifact was made from ``sources``.
+    """Check that an artifact was made from ``sources``; UserError if a digest or a size differs.
 
     Args:
         made: the artifact. Sources whose file name its provenance does not record are compared by ``axes`` alone.
         sources: what it is used with.
         axes: names of axes, as the schemas declare them, that have one size in ``made`` and in every source.
-
-    Raises:
-        UserError: a digest or a size differs.
     """
     inputs = made.provenance["inputs"]
     for source in sources:
@@ -35,12 +36,32 @@ def check_inputs(path: Path, inputs: Mapping[str, str], sources: Sequence[Artifa
 
 def made_from_another(path: Path, source: Path) -> UserError:
     """The error for a result that was made from another artifact than ``source``."""
-    return UserError(
-        f"{path}: was made from another {source.name} than {source}. Rebuild it: {rebuild_command(path)}"
-    )
+    wrong = f"was made from another {source.name} than {source}"
+    return UserError(f"{path}: {wrong}. Rebuild it: {rebuild_command(path)}")
 
 
 def _size(artifact: Artifact, axis: str) -> int:
     fields = artifact.schema.fields.items()
     name, position = next((name, field.dims.index(axis)) for name, field in fields if axis in field.dims)
     return artifact.shape(name)[position]
+
+
+def kept_frames(
+    frames: Artifact, survey_path: Path | None, masking: str | None = None
+) -> tuple[NDArray[np.bool_], dict[str, str]]:
+    """The (F,) bool frames to train on, and ``{"kept_frames": digest}`` for the provenance; all, and {}, without a survey.
+
+    They are those that add views. Gaussians of a static scene without masks take every frame: ``masking``, the value of
+    ``splats.masking``, asks for theirs. UserError if the survey cannot be read, or is of other frames.
+    """
+    chosen = None
+    if survey_path is not None:
+        survey = read_survey(survey_path)
+        check_inputs(survey_path, survey["provenance"]["inputs"], [frames])
+        views = survey["views"]["kept"], survey["views"]["digest"]
+        chosen = views if masking is None else frames_of_gaussians(survey, masking)
+    kept = np.full(frames.shape("rgb")[0], chosen is None)
+    if chosen is None:
+        return kept, {}
+    kept[chosen[0]] = True
+    return kept, {"kept_frames": chosen[1]}

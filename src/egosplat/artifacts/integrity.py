@@ -11,8 +11,7 @@ from egosplat.artifacts.schema import Schema
 from egosplat.errors import UserError, is_system_error
 from egosplat.pipeline.home import make_command
 
-# An artifact's path, for messages.
-EXAMPLE = "results/adt/scene1/frames.zarr"
+_ADVICE = "Give an artifact of egosplat, such as results/adt/scene1/frames.zarr"
 
 # Where the workflow puts artifacts and JSON files.
 _RESULT = re.compile(r"(^|/)results/[a-z0-9_]+/[A-Za-z0-9_-]+/(variants/[A-Za-z0-9_-]+/)?\w+\.(zarr|json)$")
@@ -49,10 +48,8 @@ def check_replaceable(path: Path, schema: Schema) -> None:
     if kind is None:
         raise ArtifactError(f"{path}: is there already and is no artifact of egosplat; give another --output")
     if kind != schema.name:
-        raise ArtifactError(
-            f"{path}: is there already and holds {kind!r}; give another --output, or remove it first: "
-            f"{_removal(path)}"
-        )
+        advice = f"give another --output, or remove it first: {_removal(path)}"
+        raise ArtifactError(f"{path}: is there already and holds {kind!r}; {advice}")
 
 
 def _kind(metadata: Path) -> str | None:
@@ -71,14 +68,13 @@ def damaged(path: Path, what: str) -> ArtifactError:
     # A message must not tell a user to remove what egosplat did not write, by its metadata or its place.
     if _is_result(path) or _kind(path / "zarr.json") is not None:
         return ArtifactError(f"{path}: {what}. It is damaged. Rebuild it: {rebuild_command(path)}")
-    return ArtifactError(f"{path}: {what}. Give an artifact of egosplat, such as {EXAMPLE}")
+    return ArtifactError(f"{path}: {what}. {_ADVICE}")
 
 
 def absent(path: Path) -> ArtifactError:
     """The error for an artifact that is not there."""
-    if not _is_result(path):
-        return ArtifactError(f"{path}: does not exist. Give an artifact of egosplat, such as {EXAMPLE}")
-    return ArtifactError(f"{path}: does not exist. Make it: {make_command(path)}")
+    advice = f"Make it: {make_command(path)}" if _is_result(path) else _ADVICE
+    return ArtifactError(f"{path}: does not exist. {advice}")
 
 
 def rebuild_command(path: Path) -> str:

@@ -1,14 +1,21 @@
-"""Find all artifacts that an artifact was made from, back to the recording, and those of a scene or variant from its folder alone."""
+"""Find all artifacts that an artifact was made from, and those of a scene or variant from its folder; verify a whole folder."""
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.reader import Artifact, open_any, recorded_digest
+from egosplat.artifacts.consistency import check_made_from, made_from_another
+from egosplat.artifacts.integrity import rebuild_command
+from egosplat.artifacts.reader import Artifact, open_any, recorded_digest, verify
 from egosplat.artifacts.schemas import SCHEMAS
+from egosplat.errors import UserError, user_message
 from egosplat.pipeline.home import shared_with
 from egosplat.pipeline.validation import read_document
+
+# The schema of each JSON file of results.
+DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey"}
 
 
 @dataclass(frozen=True)
@@ -27,7 +34,7 @@ class Lineage:
 def lineage(artifacts: Sequence[Artifact]) -> Lineage:
     """Find the inputs of artifacts by digest, where variants share them; UserError if two differ or one is damaged."""
     own = [artifact.path.parent for artifact in artifacts]
-    folders = list(dict.fromkeys([*own, *(place for folder in own for place in shared_with(folder))]))
+    folders = dict.fromkeys([*own, *(shared for folder in own for shared in shared_with(folder))])
     found = {artifact.path.name: artifact for artifact in artifacts}
     lost: set[str] = set()
     todo = list(artifacts)
@@ -36,10 +43,7 @@ def lineage(artifacts: Sequence[Artifact]) -> Lineage:
         for name, digest in artifact.provenance["inputs"].items():
             if name in found:
                 check_made_from(artifact, found[name])
-                continue
-            paths = (folder / name for folder in folders)
-            path = next((one for one in paths if one.exists() and recorded_digest(one) == digest), None)
-            if path is None:
+            elif (path := _with_digest(folders, name, digest)) is None:
                 lost.add(name)
             else:
                 found[name] = open_any(path, SCHEMAS)
@@ -47,29 +51,23 @@ def lineage(artifacts: Sequence[Artifact]) -> Lineage:
     return Lineage(dict(sorted(found.items())), tuple(sorted(lost)))
 
 
+def _with_digest(folders: Iterable[Path], name: str, digest: str) -> Path | None:
+    """The first artifact of a name and a digest in folders."""
+    paths = (folder / name for folder in folders)
+    return next((path for path in paths if path.exists() and recorded_digest(path) == digest), None)
+
+
 def locate(folder: Path, *names: str) -> list[Path]:
     """The path of each artifact of a scene or variant, which shares artifacts with its scene and other variants.
 
-    Where the artifact is not there, it is in ``folder``.
-
-    Raises:
-        UserError: an artifact or metrics.json of the variant is damaged, or its artifacts do not belong together.
+    One that is nowhere would be in ``folder``. UserError if an artifact or metrics.json of the variant is damaged, or its
+    artifacts do not belong together.
     """
-    found: dict[str, Path] = {}
+    found: Mapping[str, Artifact] = {}
     if folder.parent.name == "variants" and (own := _own(folder)):
-        found = {name: artifact.path for name, artifact in lineage(own).found.items()}
-    return [found.get(f"{name}.zarr", folder / f"{name}.zarr") for name in names]
-
-
-def open_histories(folder: Path, splats: Artifact) -> Artifact | None:
-    """Open histories.zarr of a scene or variant; None if none was made from these Gaussians.
-
-    Raises:
-        UserError: one is damaged.
-    """
-    paths = (place / "histories.zarr" for place in (folder, *shared_with(folder)))
-    made = (open_any(path, SCHEMAS) for path in paths if path.exists())
-    return next((one for one in made if one.provenance["inputs"][splats.path.name] == splats.digest), None)
+        found = lineage(own).found
+    paths = {file: artifact.path for file, artifact in found.items()}
+    return [paths.get(f"{name}.zarr", folder / f"{name}.zarr") for name in names]
 
 
 def _own(folder: Path) -> list[Artifact]:
@@ -78,8 +76,57 @@ def _own(folder: Path) -> list[Artifact]:
     scores = folder / "metrics.json"
     if all(artifact.schema.name != "language" for artifact in own) and scores.exists():
         digest = read_document(scores, "metrics")["provenance"]["inputs"]["language.zarr"]
-        places = (place / "language.zarr" for place in shared_with(folder))
-        own += [
-            open_any(path, SCHEMAS) for path in places if path.exists() and recorded_digest(path) == digest
-        ][:1]
+        codes = _with_digest(shared_with(folder), "language.zarr", digest)
+        own += [] if codes is None else [open_any(codes, SCHEMAS)]
     return own
+
+
+def open_histories(folder: Path, splats: Artifact) -> Artifact | None:
+    """Open histories.zarr of a scene or variant; None if none was made from these Gaussians; UserError if it is damaged."""
+    paths = (place / "histories.zarr" for place in (folder, *shared_with(folder)))
+    made = (open_any(path, SCHEMAS) for path in paths if path.exists())
+    return next((one for one in made if one.provenance["inputs"][splats.path.name] == splats.digest), None)
+
+
+def check_tree(folder: Path, say: Callable[[str], object]) -> dict[Path, str]:
+    """Verify ``*.zarr`` and files of ``DOCUMENTS`` at or below a folder: the problem of each, empty if it is sound.
+
+    Bytes match the digest, a JSON file its schema, and an input in the same folder the digest of the provenance.
+
+    Raises:
+        UserError: the folder holds no artifact.
+    """
+    paths = [folder] if _is_result(folder) else sorted(filter(_is_result, folder.rglob("*")))
+    if not paths:
+        raise UserError(f"{folder}: holds no artifact. Give a folder of results, such as results/adt/scene1")
+    problems = {}
+    for path in paths:
+        problems[path] = problem = _problem(path)
+        say(f"{'NOT OK ' if problem else 'ok     '} {problem or path}")
+    return problems
+
+
+def _is_result(path: Path) -> bool:
+    return path.suffix == ".zarr" or path.name in DOCUMENTS
+
+
+def _problem(path: Path) -> str:
+    try:
+        inputs = _provenance(path)["inputs"]
+    except (UserError, OSError) as error:
+        return user_message(error) or f"{path}: {error}"
+    for name, digest in inputs.items():
+        # A damaged input has its own line in the report.
+        with contextlib.suppress(UserError, OSError):
+            if recorded_digest(path.parent / name) != digest:
+                return str(made_from_another(path, path.parent / name))
+    return ""
+
+
+def _provenance(path: Path) -> dict[str, Any]:
+    """Provenance of an artifact or JSON file after its verification."""
+    if path.suffix == ".zarr":
+        return verify(path, SCHEMAS).provenance
+    if not path.is_file():
+        raise UserError(f"{path}: is no regular file. Rebuild it: {rebuild_command(path)}")
+    return read_document(path, DOCUMENTS[path.name])["provenance"]

@@ -1,21 +1,24 @@
-"""Provenance of artifacts: recorded by each stage, and shown in the tables."""
+"""Provenance of artifacts: how each was made, by which code, on which machine, in how much time and memory."""
 
+import functools
 import hashlib
 import json
+import os
+import platform
+import resource
+import subprocess
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import egosplat
-from egosplat.artifacts import usage
+from egosplat.artifacts.reader import Artifact
 from egosplat.pipeline.code_hash import library_version
 from egosplat.pipeline.stages import STAGES, code_of
-
-if TYPE_CHECKING:
-    from egosplat.artifacts.reader import Artifact
 
 # Attributes of ``Provenance`` of which only ``cost`` tells.
 _CLOCKS = ("started", "started_cpu", "gathered")
@@ -33,8 +36,7 @@ class Provenance:
         code: content hash of the code that the stage executes.
         versions: versions of egosplat, Python and the libraries of the stage.
         created: UTC time at the start of the stage.
-        started: time on the monotonic clock at the start [s].
-        started_cpu: processor time that the process had used at the start [s].
+        started, started_cpu: monotonic clock, and processor time of the process, at the start [s].
         gathered: costs of the jobs whose results the stage gathers.
     """
 
@@ -53,20 +55,22 @@ class Provenance:
     def record(self) -> dict[str, Any]:
         """Plain JSON values, with the machine, the commit, times and peak memory as of now."""
         values = {key: value for key, value in asdict(self).items() if key not in _CLOCKS}
-        return values | {"machine": usage.machine()} | usage.checkout() | self.cost()
+        return values | {"machine": machine()} | checkout() | self.cost()
 
     def cost(self) -> dict[str, float | None]:
         """Time and peak memory as of now, with those of gathered jobs."""
         now = {
             "wall_s": time.perf_counter() - self.started,
-            "cpu_s": usage.cpu_seconds() - self.started_cpu,
-            "peak_memory_mb": usage.peak_memory_mb(),
-            "peak_gpu_memory_mb": usage.peak_gpu_memory_mb(),
+            "cpu_s": cpu_seconds() - self.started_cpu,
+            "peak_memory_mb": peak_memory_mb(),
+            "peak_gpu_memory_mb": peak_gpu_memory_mb(),
         }
-        jobs = [now, *self.gathered]
-        known = {name: [job[name] for job in jobs if job[name] is not None] for name in now}
-        joined = {name: max if name.startswith("peak") else sum for name in now}
-        return {name: round(joined[name](few), 3) if few else None for name, few in known.items()}
+        joined: dict[str, float | None] = {}
+        for name in now:
+            values = [job[name] for job in (now, *self.gathered)]
+            known = [value for value in values if value is not None]
+            joined[name] = round((max if name.startswith("peak") else sum)(known), 3) if known else None
+        return joined
 
 
 def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
@@ -77,9 +81,9 @@ def key_of(made: Provenance, more: Mapping[str, Any] | None = None) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def joint_origin(*origins: str) -> str:
-    """``synthetic`` if one of the origins is, else ``real``."""
-    return "synthetic" if "synthetic" in origins else "real"
+def joint_origin(artifacts: Iterable[Artifact]) -> str:
+    """``synthetic`` if one of the artifacts is, else ``real``."""
+    return "synthetic" if any(artifact.origin == "synthetic" for artifact in artifacts) else "real"
 
 
 def begin(
@@ -92,11 +96,9 @@ def begin(
 ) -> Provenance:
     """Start the provenance of an artifact, and its clocks; arguments as the attributes of ``Provenance``.
 
-    Args:
-        chosen: the value by which the stage chooses its module, if it chooses one.
+    ``chosen`` is the value by which the stage chooses its module, if it chooses one.
     """
     versions = {"egosplat": egosplat.__version__, "python": sys.version.split()[0]}
-    versions |= {name: library_version(name) for name in STAGES[stage].libraries}
     return Provenance(
         stage=stage,
         options=dict(sorted(options.items())),
@@ -104,22 +106,80 @@ def begin(
         inputs=dict(sorted((inputs or {}).items())),
         models=dict(sorted((models or {}).items())),
         code=code_of(stage, chosen),
-        versions=versions,
+        versions=versions | {name: library_version(name) for name in STAGES[stage].libraries},
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         started=time.perf_counter(),
-        started_cpu=usage.cpu_seconds(),
+        started_cpu=cpu_seconds(),
     )
 
 
 def begin_from(
     stage: str,
     options: Mapping[str, Any],
-    used: "Iterable[Artifact]",
+    used: Iterable[Artifact],
     models: Mapping[str, str] | None = None,
     chosen: str | None = None,
 ) -> Provenance:
     """Start the provenance of an artifact whose inputs are the artifacts ``used``; otherwise as ``begin``."""
     used = list(used)
-    origin = joint_origin(*(artifact.origin for artifact in used))
     inputs = {artifact.path.name: artifact.digest for artifact in used}
-    return begin(stage, options, origin, inputs, models, chosen)
+    return begin(stage, options, joint_origin(used), inputs, models, chosen)
+
+
+def cpu_seconds() -> float:
+    """Processor time of all threads of this process and of its finished child processes [s]."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+def peak_memory_mb() -> float:
+    """Peak main memory of this process [MiB]."""
+    # On Linux, getrusage starts from the peak of the parent process; VmHWM does not.
+    peak = _first_value(Path("/proc/self/status"), "VmHWM")
+    return float(peak.split()[0] if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 2**10
+
+
+def peak_gpu_memory_mb() -> float | None:
+    """Peak memory of PyTorch on its GPUs [MiB]; None if it used none."""
+    if (cuda := _used_cuda()) is None:
+        return None
+    return sum(cuda.max_memory_allocated(index) for index in range(cuda.device_count())) / 2**20
+
+
+def machine() -> str:
+    """The processor, the cores that this process may use, and the GPU that PyTorch used, as one line."""
+    processor = _first_value(Path("/proc/cpuinfo"), "model name") or platform.machine()
+    cores, cuda = len(os.sched_getaffinity(0)), _used_cuda()
+    gpu = "" if cuda is None else f", {cuda.get_device_name()}"
+    return f"{processor}, {cores} core{'s' if cores > 1 else ''}{gpu}"
+
+
+@functools.cache
+def checkout(folder: Path = Path(__file__).parent) -> dict[str, Any]:
+    """The commit of the code in a folder, and whether all is as committed; both None outside a checkout or without git."""
+    # An environment inside another repository is no checkout of egosplat: that repository does not track these files.
+    if not _git(folder, "ls-files"):
+        return {"commit": None, "clean": None}
+    return {"commit": _git(folder, "rev-parse", "HEAD"), "clean": _git(folder, "status", "--porcelain") == ""}
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """What git says of a folder; None if it cannot."""
+    try:
+        done = subprocess.run(["git", *words], check=False, cwd=folder, capture_output=True, text=True)
+    except OSError:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _used_cuda() -> Any:
+    """``torch.cuda`` if this process has used it, else None."""
+    # An import would take seconds in a stage that does not use it.
+    torch = sys.modules.get("torch")
+    return torch.cuda if torch is not None and torch.cuda.is_initialized() else None
+
+
+def _first_value(file: Path, key: str) -> str:
+    """What the first line with a key says in a file of the kernel; empty if none has it."""
+    lines = (line.partition(":") for line in file.read_text().splitlines())
+    return next((value.strip() for name, _, value in lines if name.strip() == key), "")

@@ -22,9 +22,9 @@ class _Attributes(dict[str, Any]):
 
     def __init__(self, values: Mapping[str, Any], path: Path) -> None:
         self.path = path
-        super().__init__(
-            (key, _Attributes(value, path) if isinstance(value, dict) else value)
-            for key, value in values.items()
+        super().__init__(values)
+        self.update(
+            (key, _Attributes(value, path)) for key, value in values.items() if isinstance(value, dict)
         )
 
     def __missing__(self, key: str) -> Any:
@@ -32,41 +32,22 @@ class _Attributes(dict[str, Any]):
 
 
 class Artifact:
-    """A checked, read-only artifact; made by ``open_artifact`` or ``open_any``."""
+    """A checked, read-only artifact; made by ``open_artifact`` or ``open_any``.
 
-    def __init__(
-        self,
-        path: Path,
-        schema: Schema,
-        group: zarr.Group,
-        attributes: dict[str, Any],
-        axes: Mapping[str, int],
-    ) -> None:
-        self.path = path
-        self.schema = schema
-        self._group = group
-        self._attributes = attributes
-        self._sizes = sizes_of(axes, self.facts)
+    Attributes:
+        facts: small results that are not arrays.
+        digest: SHA-256 over the stored arrays.
+        provenance: stage, options, inputs, versions, origin, time and memory of its making.
+        origin: ``real`` or ``synthetic``.
+    """
 
-    @property
-    def facts(self) -> dict[str, Any]:
-        """Small results that are not arrays."""
-        return self._attributes["facts"]
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 over the stored arrays."""
-        return self._attributes["digest"]
-
-    @property
-    def provenance(self) -> dict[str, Any]:
-        """Stage, options, inputs, versions, origin, time and memory of its making."""
-        return self._attributes["provenance"]
-
-    @property
-    def origin(self) -> str:
-        """``real`` or ``synthetic``."""
-        return self.provenance["origin"]
+    def __init__(self, path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> None:
+        self.path, self.schema, self._group = path, schema, group
+        self.facts: dict[str, Any] = attributes["facts"]
+        self.digest: str = attributes["digest"]
+        self.provenance: dict[str, Any] = attributes["provenance"]
+        self.origin: str = self.provenance["origin"]
+        self._sizes = sizes_of(_check_arrays(path, schema, group), self.facts)
 
     @property
     def arrays(self) -> list[str]:
@@ -117,20 +98,16 @@ class Artifact:
         where = f"array {name!r}" + ("" if array.nchunks == 1 else f", chunk {first // array.chunks[0]}")
 
         def tell(error: Exception) -> ArtifactError:
-            return damaged(self.path, f"{where} cannot be read ({_reason(error)})")
+            # The bytes of a checksum do not help a user.
+            reason = str(error).partition("\n")[0] or type(error).__name__
+            reason = "its checksum does not match" if "checksum" in reason else reason
+            return damaged(self.path, f"{where} cannot be read ({reason})")
 
         with reraise_as(tell, (ValueError, RuntimeError, OSError, KeyError)):
             values = np.asarray(array[selection])
         if fault := self.schema.fields[name].values.find_fault(values, self._sizes):
             raise damaged(self.path, f"{where} {fault}")
         return values
-
-
-def _reason(error: Exception) -> str:
-    """A library's error in a few words."""
-    # The bytes of a checksum do not help a user.
-    text = str(error).partition("\n")[0]
-    return "its checksum does not match" if "checksum" in text else text or type(error).__name__
 
 
 def open_artifact(path: Path, schema: Schema) -> Artifact:
@@ -140,33 +117,18 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
         ArtifactError: it is absent, of another kind or version, or damaged; the message says how to rebuild it.
         OSError, MemoryError, RuntimeError: a system error, see ``egosplat.errors``.
     """
-    return _checked_artifact(path, schema, *_open(path))
-
-
-def _checked_artifact(path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> Artifact:
-    found = attributes.get("schema")
-    if found != schema.name:
-        raise ArtifactError(f"{path}: holds {found!r}, not {schema.name!r}. Give the {schema.name} artifact.")
-    version = attributes["format_version"]
-    if version != schema.version:
-        newer = isinstance(version, int) and version > schema.version
-        hint = "Update egosplat" if newer else f"Rebuild it: {rebuild_command(path)}"
-        raise ArtifactError(
-            f"{path}: has format version {version}, this is version {schema.version}. {hint}."
-        )
-    axes = _check_arrays(path, schema, group)
-    return Artifact(path, schema, group, attributes, axes)
+    group, attributes = _open(path)
+    if (kind := attributes.get("schema")) != schema.name:
+        raise ArtifactError(f"{path}: holds {kind!r}, not {schema.name!r}. Give the {schema.name} artifact.")
+    return _of_version(path, schema, group, attributes)
 
 
 def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
     """Open an artifact of any kind in ``schemas``; ArtifactError as ``open_artifact``, or for another kind."""
     group, attributes = _open(path)
-    schema = schemas.get(attributes.get("schema", ""))
-    if schema is None:
-        raise ArtifactError(
-            f"{path}: holds {attributes.get('schema')!r}, a kind that this egosplat does not know."
-        )
-    return _checked_artifact(path, schema, group, attributes)
+    if (kind := attributes.get("schema", "")) not in schemas:
+        raise ArtifactError(f"{path}: holds {kind!r}, a kind that this egosplat does not know.")
+    return _of_version(path, schemas[kind], group, attributes)
 
 
 def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
@@ -178,7 +140,8 @@ def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
     artifact = open_any(path, schemas)
     changed = digest_of(path) != artifact.digest
     for name in artifact.arrays:  # raises with the name of the damaged chunk
-        if changed or artifact.schema.fields[name].values.limits(artifact.schema.fields[name].dtype):
+        declared = artifact.schema.fields[name]
+        if changed or declared.values.limits(declared.dtype):
             artifact.check(name)
     if changed:
         raise damaged(path, "its files are not those that were written (digest differs)")
@@ -196,9 +159,8 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
 
     def tell(error: Exception) -> ArtifactError:
         if isinstance(error, KeyError):
-            return ArtifactError(
-                f"{path}: is a Zarr group that egosplat did not write. Give an artifact of egosplat"
-            )
+            what = "is a Zarr group that egosplat did not write. Give an artifact of egosplat"
+            return ArtifactError(f"{path}: {what}")
         return damaged(path, f"is no readable Zarr group ({type(error).__name__})")
 
     with reraise_as(tell):
@@ -207,6 +169,16 @@ def _open(path: Path) -> tuple[zarr.Group, dict[str, Any]]:
     if not isinstance(attributes, dict) or attributes.get("seal") != seal(attributes):
         raise damaged(path, "its attributes were changed after it was written")
     return group, _Attributes(attributes, path)
+
+
+def _of_version(path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> Artifact:
+    version = attributes["format_version"]
+    if version != schema.version:
+        newer = isinstance(version, int) and version > schema.version
+        hint = "Update egosplat" if newer else f"Rebuild it: {rebuild_command(path)}"
+        told = f"has format version {version}, this is version {schema.version}. {hint}."
+        raise ArtifactError(f"{path}: {told}")
+    return Artifact(path, schema, group, attributes)
 
 
 def _check_arrays(path: Path, schema: Schema, group: zarr.Group) -> dict[str, int]:

@@ -1,9 +1,11 @@
 """Describe the arrays of an artifact, and which numbers each may hold: its writer and its reader check it."""
 
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from textwrap import dedent
 from typing import Any
 
 import numpy as np
@@ -36,18 +38,15 @@ class Values:
         return self != ANY and (np.dtype(dtype).kind == "f" or self != FINITE)
 
     def find_fault(self, values: NDArray[Any], sizes: Mapping[str, int]) -> str:
-        """What is wrong with ``values``; empty if nothing is.
-
-        Args:
-            sizes: of the artifact's axes and lists. Indices along another axis have no upper limit.
-        """
+        """What is wrong with ``values``; empty if nothing is. Indices along an axis not in ``sizes`` have no upper limit."""
         if not values.size or not self.limits(values.dtype):
             return ""
         most = self.most if self.below is None else min(self.most, sizes.get(self.below, math.inf) - 1)
         if not self._are_within(values, most):
             numbers = values.astype(np.float64)
             bad = ~((numbers >= self.least) & (numbers <= most)) & ~(self.nan & np.isnan(numbers))
-            return _told(f"must be {self._range(most)}", bad, values)
+            count = f"{np.sum(bad):,} of {bad.size:,} numbers are not"
+            return f"must be {self._range(most)}, and {count}, such as {values[bad][0]:g}"
         if self.form is not None and not (good := self.form[1](values)).all():
             return f"must be {self.form[0]}, and {np.sum(~good):,} of {np.size(good):,} are not"
         return ""
@@ -66,17 +65,11 @@ class Values:
         return f"{told}, or NaN" if self.nan else told
 
 
-def _told(rule: str, bad: NDArray[np.bool_], values: NDArray[Any]) -> str:
-    first = values[np.unravel_index(bad.argmax(), bad.shape)]
-    return f"{rule}, and {np.sum(bad):,} of {bad.size:,} numbers are not, such as {first:g}"
-
-
 def _is_pinhole(matrix: NDArray[Any]) -> NDArray[np.bool_]:
     """() bool: focal lengths are positive, without skew."""
-    expected = np.array(
-        [[matrix[0, 0], 0.0, matrix[0, 2]], [0.0, matrix[1, 1], matrix[1, 2]], [0.0, 0.0, 1.0]]
-    )
-    return np.asarray((matrix == expected).all() and min(matrix[0, 0], matrix[1, 1]) > 0)
+    fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    expected = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    return np.asarray((matrix == expected).all() and min(fx, fy) > 0)
 
 
 def _is_rigid_or_nan(poses: NDArray[Any]) -> NDArray[np.bool_]:
@@ -87,27 +80,23 @@ def _is_unit(vectors: NDArray[Any]) -> NDArray[np.bool_]:
     return np.abs(np.linalg.norm(vectors, axis=-1) - 1.0) <= 1e-6
 
 
-def index_of(axis: str) -> Values:
-    """Indices along an axis of the same artifact, or of a list among its facts."""
-    return Values(least=0, below=axis)
-
-
-def index_or_none(axis: str) -> Values:
-    """As ``index_of``, and -1 for none."""
-    return Values(least=-1, below=axis)
-
-
-FINITE = Values()
-FINITE_OR_UNKNOWN = Values(nan=True)
+FINITE, SHARE = Values(), Values(least=0, most=1)
 # For features that the next stage skips with a warning, losses of skipped steps, and the PSNR of equal pictures.
 ANY = Values(least=-np.inf, most=np.inf, nan=True)
-COUNT = Values(least=0)
-SHARE = Values(least=0, most=1)
-SHARE_OR_UNKNOWN = Values(least=0, most=1, nan=True)
-SCALE_OR_UNKNOWN = Values(least=0, nan=True)
-PINHOLE = Values(form=("a pinhole matrix with positive focal lengths", _is_pinhole))
-POSES_OR_UNKNOWN = Values(nan=True, form=("rigid motions, or NaN throughout", _is_rigid_or_nan))
-UNIT_VECTOR = Values(form=("a unit vector", _is_unit))
+
+# The words for them in a table.
+_KINDS = {
+    "any": ANY,
+    "finite or nan": Values(nan=True),
+    "count": Values(least=0),
+    "count or -1": Values(least=-1),
+    "share": SHARE,
+    "share or nan": Values(least=0, most=1, nan=True),
+    "scale or nan": Values(least=0, nan=True),
+    "pinhole": Values(form=("a pinhole matrix with positive focal lengths", _is_pinhole)),
+    "poses or nan": Values(nan=True, form=("rigid motions, or NaN throughout", _is_rigid_or_nan)),
+    "unit vector": Values(form=("a unit vector", _is_unit)),
+}
 
 
 @dataclass(frozen=True)
@@ -119,8 +108,8 @@ class Field:
             Axes with the same name have the same size within an artifact.
         unit: physical unit, or what the numbers count.
         values: the numbers that it may hold.
-        by_row: number of rows (indices of the first axis) in a chunk: ``True`` (one) for arrays that are read frame by
-            frame, a number that gives chunks of a few MB for many short rows, ``False`` for all rows.
+        by_row: number of rows (indices of the first axis) in a chunk: 1 for arrays that are read frame by frame, a number
+            that gives chunks of a few MB for many short rows, 0 for all rows.
         optional: whether an artifact may lack it.
     """
 
@@ -128,7 +117,7 @@ class Field:
     unit: str
     about: str
     values: Values = FINITE
-    by_row: int = False
+    by_row: int = 0
     optional: bool = False
 
     @property
@@ -146,7 +135,38 @@ class Schema:
 
     name: str
     version: int
-    fields: Mapping[str, Field] = field(default_factory=dict)
+    fields: Mapping[str, Field]
+
+
+def table(text: str) -> Schema:
+    """Read a schema from a table.
+
+    The first line has name and version, each other one an array: ``name | type and axes, rules | unit | about``, and what is
+    indented below it continues it. A rule is a kind of values, ``index of AXIS``, ``-1 or index of AXIS``,
+    ``from N to N``, ``by row``, ``by N rows`` or ``optional``, as in ``Values`` and ``Field``.
+    """
+    first, *rows = re.sub(r"\n +", " ", dedent(text).strip()).splitlines()
+    name, _, version = first.split()
+    cells = ([cell.strip() for cell in row.split(" | ")] for row in rows)
+    return Schema(name.strip(","), int(version), {row[0]: _read_field(*row[1:]) for row in cells})
+
+
+def _read_field(array: str, unit: str, about: str) -> Field:
+    array, *rules = array.split(", ")
+    settings: dict[str, Any] = {}
+    for rule in rules:
+        match rule.split():
+            case ["optional"]:
+                settings["optional"] = True
+            case ["by", *words]:
+                settings["by_row"] = int(words[0]) if len(words) > 1 else 1
+            case [*none, "index", "of", axis]:
+                settings["values"] = Values(least=-1 if none else 0, below=axis)
+            case ["from", least, "to", most]:
+                settings["values"] = Values(least=int(least), most=int(most))
+            case _:
+                settings["values"] = _KINDS[rule]
+    return Field(array, unit, about, **settings)
 
 
 def check_shape(declared: Field, shape: tuple[int, ...], sizes: dict[str, int], name: str) -> None:

@@ -22,9 +22,7 @@ class Writer:
     """The arrays of an artifact that is being written; from ``create``."""
 
     def __init__(self, path: Path, group: zarr.Group, schema: Schema) -> None:
-        self._path = path
-        self._group = group
-        self._schema = schema
+        self._path, self._group, self._schema = path, group, schema
         self._sizes: dict[str, int] = {}
         self._arrays: dict[str, zarr.Array] = {}
         self._rows_missing: dict[str, set[int]] = {}
@@ -33,12 +31,7 @@ class Writer:
         """Small results that are not arrays; plain JSON values."""
 
     def put(self, name: str, values: NDArray[Any]) -> None:
-        """Store a whole array.
-
-        Raises:
-            ValueError: the shape or element type differs from the schema.
-            ArtifactError: the schema does not allow a number.
-        """
+        """Store a whole array; ValueError for another shape or element type, ArtifactError if a number is not allowed."""
         values = np.asarray(values)
         if values.dtype != np.dtype(self._declared(name).dtype):
             raise ValueError(f"{name}: {values.dtype} given, {self._declared(name).dtype} declared")
@@ -49,16 +42,14 @@ class Writer:
     def allocate(self, name: str, shape: tuple[int, ...]) -> None:
         """Create an array whose rows ``put_row`` writes."""
         self._create(name, shape)
-        # A row that is never written would read as zeros.
         self._rows_missing[name] = set(range(shape[0]))
 
     def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
         """Store row ``index`` of an allocated array; shape and element type must match exactly. Raises as ``put``."""
         array = self._arrays[name]
         if values.shape != array.shape[1:] or values.dtype != array.dtype:
-            raise ValueError(
-                f"{name}[{index}]: {values.dtype} {values.shape} given, {array.dtype} {array.shape[1:]} expected"
-            )
+            expected = f"{array.dtype} {array.shape[1:]} expected"
+            raise ValueError(f"{name}[{index}]: {values.dtype} {values.shape} given, {expected}")
         self._check(name, values)
         array[index] = values
         self._rows_missing[name].discard(index)
@@ -66,8 +57,7 @@ class Writer:
     def finish(self) -> None:
         """Check that every declared array and row was written, and indices against the sizes that are known now."""
         needed = {name for name, declared in self._schema.fields.items() if not declared.optional}
-        missing = sorted(needed - set(self._arrays))
-        if missing:
+        if missing := sorted(needed - set(self._arrays)):
             raise ValueError(f"artifact {self._schema.name}: never written: {', '.join(missing)}")
         for name, rows in self._rows_missing.items():
             if rows:
@@ -86,10 +76,8 @@ class Writer:
 
     def _raise(self, name: str, fault: str) -> None:
         if fault:
-            raise ArtifactError(
-                f"{self._path}: is not written: array {name!r} {fault}. An input may be broken: egosplat check "
-                f"{shlex.quote(str(self._path.parent))}"
-            )
+            advice = f"An input may be broken: egosplat check {shlex.quote(str(self._path.parent))}"
+            raise ArtifactError(f"{self._path}: is not written: array {name!r} {fault}. {advice}")
 
     def _declared(self, name: str) -> Field:
         if name not in self._schema.fields:
@@ -120,9 +108,7 @@ class Writer:
 def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Writer]:
     """Write an artifact; it appears at ``path`` when the block ends without error.
 
-    Args:
-        path: the folder to write. An artifact of the same kind is replaced at that moment.
-        provenance: its provenance; time and memory are recorded at the end of the block.
+    An artifact of the same kind is replaced at that moment; time and memory of ``provenance`` are recorded there.
 
     Raises:
         ArtifactError: something else is at ``path``, or the schema does not allow a number.
@@ -133,18 +119,14 @@ def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Write
         writer = Writer(path, zarr.open_group(scratch, mode="a"), schema)
         yield writer
         writer.finish()
-        _write_attributes(scratch, schema, provenance, writer.facts)
-
-
-def _write_attributes(scratch: Path, schema: Schema, provenance: Provenance, facts: dict[str, Any]) -> None:
-    attributes = {
-        "schema": schema.name,
-        "format_version": schema.version,
-        "digest": digest_of(scratch),
-        "provenance": provenance.record(),
-        "facts": facts,
-    }
-    # A round trip through JSON, so that the seal covers exactly what a reader gets.
-    attributes = json.loads(json.dumps(attributes, allow_nan=False))
-    attributes["seal"] = seal(attributes)
-    zarr.open_group(scratch, mode="a").attrs.put({"egosplat": attributes})
+        attributes = {
+            "schema": schema.name,
+            "format_version": schema.version,
+            "digest": digest_of(scratch),
+            "provenance": provenance.record(),
+            "facts": writer.facts,
+        }
+        # A round trip through JSON, so that the seal covers exactly what a reader gets.
+        attributes = json.loads(json.dumps(attributes, allow_nan=False))
+        attributes["seal"] = seal(attributes)
+        zarr.open_group(scratch, mode="a").attrs.put({"egosplat": attributes})

@@ -94,7 +94,7 @@ def cli() -> None:
 @click.argument("folders", nargs=-1, required=True, type=ARTIFACT)
 def check(folders: tuple[Path, ...]) -> None:
     """Verify all artifacts and JSON files below FOLDERS: checksums, schemas, and the artifacts they were made from."""
-    from egosplat.artifacts.check import check_tree
+    from egosplat.artifacts.lineage import check_tree
 
     found = [problem for folder in folders for problem in check_tree(folder, click.echo).values()]
     if problems := len(list(filter(None, found))):

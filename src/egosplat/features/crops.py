@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
+from egosplat.artifacts.checkpoint import lie_within
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import lies_on_its_side
-from egosplat.artifacts.work import lie_within
 from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.progress import track

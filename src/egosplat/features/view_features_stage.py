@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts import provenance
+from egosplat.artifacts.checkpoint import Chunks, Work
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, VIEW_FEATURES, lies_on_its_side
-from egosplat.artifacts.work import Chunks, Work
 from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.features.crops import (

@@ -8,8 +8,7 @@ import torch
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.consistency import check_made_from, kept_frames
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schema import Schema

@@ -53,7 +53,7 @@ def notice_of_artifacts(artifacts: "Iterable[Artifact]") -> str | None:
             checkpoints[CLIP.checkpoint_key] = artifact.facts["clip"]["checkpoint"]
     # Aria glasses alone have a device frame.
     aria = any(artifact.facts.get("device_from_camera") is not None for artifact in artifacts)
-    return notice(joint_origin(*(artifact.origin for artifact in artifacts)), checkpoints, aria=aria)
+    return notice(joint_origin(artifacts), checkpoints, aria=aria)
 
 
 def configured_checkpoints(config: Mapping[str, Any]) -> dict[str, str]:

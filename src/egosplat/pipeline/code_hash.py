@@ -25,7 +25,7 @@ NEUTRAL = {
     *(
         f"egosplat.{name}"
         for names in (
-            "alarms.texts artifacts.consistency artifacts.provenance artifacts.usage errors files progress pipeline",
+            "alarms.texts artifacts.provenance errors files progress pipeline",
             "pipeline.code_hash pipeline.home pipeline.messages pipeline.options pipeline.parsed_modules",
             "pipeline.process_guards pipeline.shared_options pipeline.source_hash pipeline.stage pipeline.stages",
             "pipeline.strict_yaml pipeline.validation",

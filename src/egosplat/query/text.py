@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FEATURES
-from egosplat.artifacts.tiles import TILES
+from egosplat.artifacts.schemas import FEATURES, TILES
 from egosplat.errors import UserError
 from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip

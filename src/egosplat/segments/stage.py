@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
-from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.checkpoint import Checkpoint, Work, lie_within
+from egosplat.artifacts.consistency import check_made_from, kept_frames
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, SEGMENTS, TRANSIENT, shown_pixels
-from egosplat.artifacts.work import Work, lie_within
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.kept_frames import frames_for_gaussians
+from egosplat.artifacts.consistency import check_made_from, kept_frames
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import (
@@ -95,7 +94,7 @@ def run(
         _import(output, frames, poses, options, source_files(options.source))
         return
     options = resolve_camera(options, survey_path)
-    kept, by_survey = frames_for_gaussians(frames, survey_path, options.masking)
+    kept, by_survey = kept_frames(frames, survey_path, options.masking)
     masking = open_masking(options.masking, frames, transient_path=transient_path, masks_path=masks_path)
     language_inputs = (
         _open_language_inputs(instances_path, features_path) if options.language == "joint" else ()

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.consistency import check_made_from, kept_frames
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, TRANSIENT, lies_on_its_side
 from egosplat.artifacts.writer import Writer, create

@@ -109,7 +109,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     calibration = scene.grading(options).calibration
     keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
     return {
-        "origin": joint_origin(*(artifact.origin for artifact in scene.given)),
+        "origin": joint_origin(scene.given),
         "recording": scene.artifact("frames").facts["recording"],
         "checkpoints": [f"OpenCLIP {clip['model']}, {clip['checkpoint']}"],
         "trained_count": scene.gaussians.count,

@@ -9,7 +9,7 @@ from PIL import Image
 
 from egosplat import files, open_scene
 from egosplat.artifacts import provenance
-from egosplat.artifacts.check import check_tree
+from egosplat.artifacts.lineage import check_tree
 from tests.support.chain import run_all
 
 FRAMES = 8

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.artifacts.check import check_tree
 from egosplat.artifacts.integrity import ArtifactError, seal
+from egosplat.artifacts.lineage import check_tree
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schema import Field, Schema

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.check import DOCUMENTS, check_tree
+from egosplat.artifacts.lineage import DOCUMENTS, check_tree
 from egosplat.errors import UserError
 from tests.support.scenes import put
 

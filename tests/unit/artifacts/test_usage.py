@@ -5,7 +5,7 @@ import sys
 import threading
 import types
 
-from egosplat.artifacts import usage
+from egosplat.artifacts import provenance
 from egosplat.artifacts.provenance import begin, key_of
 
 WORK_S = 0.1
@@ -20,21 +20,21 @@ while time.thread_time() < {WORK_S}:
 
 def test_time_of_threads_and_children_counts():
     """COLMAP and Snakemake's children compute in other processes and threads."""
-    start = usage.cpu_seconds()
+    start = provenance.cpu_seconds()
     thread = threading.Thread(target=exec, args=(WORK,))
     thread.start()
     thread.join()
-    after_thread = usage.cpu_seconds()
+    after_thread = provenance.cpu_seconds()
     subprocess.run([sys.executable, "-c", WORK], check=True)
     assert after_thread - start >= WORK_S
-    assert usage.cpu_seconds() - after_thread >= WORK_S
+    assert provenance.cpu_seconds() - after_thread >= WORK_S
 
 
 def test_memory_grows_by_what_is_held():
     """The peak is that of the process itself, in MiB."""
     code = (
-        "from egosplat.artifacts import usage; before = usage.peak_memory_mb(); held = b'x' * (100 * 2**20);"
-        "print(usage.peak_memory_mb() - before)"
+        "from egosplat.artifacts import provenance; before = provenance.peak_memory_mb(); held = b'x' * (100 * 2**20);"
+        "print(provenance.peak_memory_mb() - before)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert 90 < float(done.stdout) < 120
@@ -43,7 +43,7 @@ def test_memory_grows_by_what_is_held():
 def test_a_gpu_counts_where_it_was_used(monkeypatch):
     """Memory of all GPUs is summed; a process without PyTorch has none."""
     monkeypatch.setitem(sys.modules, "torch", None)
-    assert usage.peak_gpu_memory_mb() is None and "core" in usage.machine()
+    assert provenance.peak_gpu_memory_mb() is None and "core" in provenance.machine()
     cuda = types.SimpleNamespace(
         is_initialized=lambda: True,
         device_count=lambda: 2,
@@ -51,7 +51,7 @@ def test_a_gpu_counts_where_it_was_used(monkeypatch):
         get_device_name=lambda: "a GPU",
     )
     monkeypatch.setitem(sys.modules, "torch", types.SimpleNamespace(cuda=cuda))
-    assert usage.peak_gpu_memory_mb() == 3.0 and usage.machine().endswith(", a GPU")
+    assert provenance.peak_gpu_memory_mb() == 3.0 and provenance.machine().endswith(", a GPU")
 
 
 def test_the_commit_is_that_of_tracked_files_alone(tmp_path):
@@ -62,7 +62,7 @@ def test_the_commit_is_that_of_tracked_files_alone(tmp_path):
         return subprocess.check_output(["git", *own, *words], cwd=tmp_path, text=True).strip()
 
     def checkout(folder: str) -> dict:
-        return usage.checkout.__wrapped__(tmp_path / folder)
+        return provenance.checkout.__wrapped__(tmp_path / folder)
 
     nothing = {"commit": None, "clean": None}
     for folder in ("src", "installed"):
@@ -84,7 +84,7 @@ def test_a_commit_is_recorded_and_decides_nothing(monkeypatch):
     """A stage with another commit has the same key, so training goes on from its checkpoint."""
     found = []
     for commit in ("c0de", "beef"):
-        monkeypatch.setattr(usage, "checkout", lambda commit=commit: {"commit": commit, "clean": True})
+        monkeypatch.setattr(provenance, "checkout", lambda commit=commit: {"commit": commit, "clean": True})
         made = begin("survey", {}, "synthetic")
         found.append((made.record()["commit"], made.code, key_of(made)))
     assert [commit for commit, _, _ in found] == ["c0de", "beef"] and found[0][1:] == found[1][1:]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
+from egosplat.artifacts.checkpoint import Work
 from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.work import Work
 from egosplat.errors import UserError
 from egosplat.pipeline.chunks import split_frames
 

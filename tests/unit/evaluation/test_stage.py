@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from egosplat.artifacts import usage
-from egosplat.artifacts.check import check_tree
+from egosplat.artifacts import provenance
+from egosplat.artifacts.lineage import check_tree
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, LANGUAGE, SPLATS
 from egosplat.errors import UserError
@@ -289,7 +289,7 @@ def test_provenance_names_inputs_options_and_versions(usual):
 def test_what_was_measured_with_what_is_told(word_scene, scored, monkeypatch):
     """Neither recording, seeds, camera, preset nor commit could be told from a metrics.json."""
     folder, commits = word_scene(), []
-    monkeypatch.setattr(usage, "checkout", lambda: {"commit": "c0de", "clean": False})
+    monkeypatch.setattr(provenance, "checkout", lambda: {"commit": "c0de", "clean": False})
     for told in ({}, {"preset": "draft", "world_seed": 7, "camera": "real"}):
         found = scored(folder, told=told)
         assert found["recording"] == {

@@ -10,8 +10,7 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES
-from egosplat.artifacts.tiles import TILES, scale_name
+from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, TILE_SCALES, TILES
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
@@ -126,7 +125,7 @@ def put_tiles(folder, camera_to_world: np.ndarray) -> None:
         at = scale.first + 0.5 + scale.stride * np.arange(scale.columns)
         x = (at - SIZE / 2) / CAMERA.fx * 2.0 + camera_to_world[trained, None, 0, 3]
         rows = FEATURE[(x > 0).astype(int)][:, None].repeat(scale.rows, axis=1)
-        arrays[scale_name(number)] = rows.astype(np.float16)
+        arrays[TILE_SCALES[number]] = rows.astype(np.float16)
     side = np.where(np.arange(6) < 3, -1.0, 1.0).astype(np.float16)
     arrays["regulariser"] = np.tile(side[:, None], (len(trained), 6, 1, 2))
     facts = {"scales": [asdict(scale) for scale in scales], "clip": {"small": True}}

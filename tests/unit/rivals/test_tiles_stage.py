@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from egosplat.artifacts.reader import verify
-from egosplat.artifacts.schemas import SCHEMAS
-from egosplat.artifacts.tiles import SCALES, scale_name
+from egosplat.artifacts.schemas import SCHEMAS, TILE_SCALES
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
 from egosplat.models.open_clip_loader import load_open_clip
@@ -37,7 +36,7 @@ def test_each_tile_is_openclip_s_feature_of_what_it_shows(scene, run, clip_keys)
     tiles, frames = run(folder), verify(folder / "frames.zarr", SCHEMAS)
     assert tiles.read("frame").tolist() == [0, 1, 2, 3] and not tiles.has("regulariser")
     scales = pyramid(SIZE, SIZE)
-    assert tiles.facts["scales"] == [asdict(scale) for scale in scales] and len(scales) == SCALES
+    assert tiles.facts["scales"] == [asdict(scale) for scale in scales] and len(scales) == len(TILE_SCALES)
     assert set(tiles.provenance["models"]) == {"clip_checkpoint"}
     clip = load_open_clip(*clip_keys.values())
     scale = scales[6]  # of 20 px, with a stride of 10
@@ -46,7 +45,7 @@ def test_each_tile_is_openclip_s_feature_of_what_it_shows(scene, run, clip_keys)
     wanted = encode(clip, picture[None])[0]
     # The padding is 10 px: row 2 and column 1 begin at 10 and 0.
     assert (scale.kernel, scale.stride) == (20, 10)
-    np.testing.assert_allclose(tiles.read(scale_name(6))[2, 2, 1], wanted, atol=2e-3)
+    np.testing.assert_allclose(tiles.read(TILE_SCALES[6])[2, 2, 1], wanted, atol=2e-3)
 
 
 def test_tiles_beyond_the_border_are_black():
@@ -79,8 +78,7 @@ def test_batches_and_kills_change_nothing(scene, run, monkeypatch):
     resumed = run(folder, "resumed.zarr")
     assert len(calls) == 3 + 2, "two frames were encoded before the kill"
     assert resumed.digest == whole.digest
-    for number in range(SCALES):
-        name = scale_name(number)
+    for name in TILE_SCALES:
         np.testing.assert_allclose(other.read(name), whole.read(name), atol=2e-3)
 
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.checkpoint import Checkpoint, Work
 from egosplat.artifacts.provenance import begin
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import SEGMENTS
-from egosplat.artifacts.work import Work
 from egosplat.compute import choose_compute
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import Sam2

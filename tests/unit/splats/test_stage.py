@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.kept_frames import frames_for_gaussians
+from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import FITTED, FRAMES, POSES, SCHEMAS, TRAINED, camera_poses
 from egosplat.errors import UserError
@@ -78,7 +78,7 @@ def test_masked_training_uses_kept_frames_even_if_static(scene, survey_that_keep
     survey = survey_that_keeps(folder, [0, 2, 4, 6, 8], static=True)
     frames = open_artifact(folder / "frames.zarr", FRAMES)
     for masking, number in (("none", 9), ("initial", 5), ("refined", 5)):
-        assert frames_for_gaussians(frames, survey, masking)[0].sum() == number
+        assert kept_frames(frames, survey, masking)[0].sum() == number
 
 
 def test_masking_auto_needs_the_survey(scene):

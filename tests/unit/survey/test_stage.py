@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from egosplat.artifacts.kept_frames import kept_frames
+from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import open_artifact, recorded_digest
 from egosplat.artifacts.schemas import FRAMES
 from egosplat.errors import UserError
