@@ -26,7 +26,6 @@ from egosplat.transient.masks_stage import (
     looks_static,
     refined_mask,
     transient_instances,
-    without_static_pixels,
 )
 
 KEYS = defaults()["masks"]
@@ -94,7 +93,7 @@ class Scene:
 
     def _masks(self, labels: list[Labels], chosen: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
         return [
-            without_static_pixels(refined_mask(some, chosen), probability, KEYS["pixel_probability"])
+            refined_mask(some, chosen) & (probability >= KEYS["pixel_probability"])
             for some, probability in zip(labels, self.probability, strict=True)
         ]
 

@@ -1,7 +1,7 @@
 """Stage ``masks``: select the transient instances (the paper's set D) and mask their pixels in each frame."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,46 +44,10 @@ def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]
     return (outstanding.scores < least) & (outstanding.pixels > 0)
 
 
-def stands_still(
-    tracks: NDArray[np.bool_], masks: NDArray[np.integer], static: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """(N,) the instances that stand still: merged of several masks, which cover the same surfaces, or a ``static`` track.
-
-    Args:
-        tracks: which instances are tracks.
-        masks: number of masks that the others are merged of.
-    """
-    return np.where(tracks, static, masks >= _MASKS_THAT_HOLD)
-
-
 def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(H, W) union of the transient instances in one frame, from (L, H, W) labels and the (N,) set."""
     # Label -1 indexes the appended last entry: pixels without an instance are not transient.
     return np.append(transient, False)[labels].any(axis=0)
-
-
-def without_static_pixels(
-    mask: NDArray[np.bool_], probability: NDArray[np.floating], least: float
-) -> NDArray[np.bool_]:
-    """(H, W) mask of one frame without the pixels whose (H, W) probability is below ``least``."""
-    # ``not <``: a probability that is not finite leaves the pixel masked.
-    return mask & ~(probability < least)
-
-
-def reason_to_withhold(
-    probability: float, transient: NDArray[np.bool_], pixels: NDArray[np.int64], max_share: float
-) -> str | None:
-    """Why nothing should be masked, or None.
-
-    Args:
-        probability: mean over the training frames.
-        transient, pixels: (N,) the set D, and number of pixels of each instance.
-        max_share: above this probability, or this share of the instances with a pixel, nothing is masked.
-    """
-    if probability > max_share:
-        return BY_NETWORK
-    seen = int((pixels > 0).sum())
-    return BY_INSTANCES if seen and int(transient.sum()) > max_share * seen else None
 
 
 def run(
@@ -94,32 +58,47 @@ def run(
     Raises:
         UserError: the inputs do not belong together.
     """
-    frames = open_artifact(frames_path, FRAMES)
-    transient, instances = open_artifact(transient_path, TRANSIENT), open_artifact(instances_path, INSTANCES)
+    inputs = _Inputs(
+        open_artifact(frames_path, FRAMES),
+        open_artifact(transient_path, TRANSIENT),
+        open_artifact(instances_path, INSTANCES),
+    )
+    frames, transient, instances = inputs
     for artifact in (transient, instances):
         check_made_from(artifact, frames, axes=("frame", "height", "width"))
-    record = provenance.begin_from("masks", options.as_dict(), (frames, transient, instances))
+    record = provenance.begin_from("masks", options.as_dict(), inputs)
     names = instances.facts["levels"]
     levels = set(range(len(names))) if options.level == "all" else {names.index(options.level)}
     # Training frames alone decide: evaluation frames must not influence training.
     rows = np.flatnonzero(frames.read("train"))
-    found = _find(frames, transient, instances, rows)
+    by_probability, outstanding, mean_probability = _score(inputs, rows)
     level, tracks = instances.read("instances/level"), is_track(instances)
-    scores, pixels = found.by_probability.scores, found.by_probability.pixels
+    scores, pixels = by_probability.scores, by_probability.pixels
     called = transient_instances(scores, pixels, level, options.threshold, levels)
-    chosen, facts = _choose(found, called, np.isin(level, sorted(levels)), options)
+    static = looks_static(outstanding, options.stands_out)
+    chosen, seen = called & ~static, int((pixels > 0)[np.isin(level, sorted(levels))].sum())
+    withheld, many = None, int(chosen.sum())
+    if mean_probability > options.max_share:
+        withheld = BY_NETWORK
+    elif seen and many > options.max_share * seen:
+        withheld = BY_INSTANCES
+    if withheld:
+        log(
+            f"nothing is masked: {many} of {seen} instances would be transient, "
+            f"and the mean probability is {mean_probability:.2f}"
+        )
     # Masks that are merged cover the same surfaces in several views: they stand still.
-    chosen &= tracks
+    chosen &= tracks & (withheld is None)
     regions = RegionMasks({}, {})
-    if options.sure_probability is not None and not facts["withheld"]:
-        static = called & looks_static(found.outstanding, options.stands_out)
-        still = stands_still(tracks, instances.read("instances/masks"), static)
-        regions = _find_regions(frames, transient, instances, still, called, rows, options.sure_probability)
+    if options.sure_probability is not None and not withheld:
+        merged = instances.read("instances/masks") >= _MASKS_THAT_HOLD
+        still = np.where(tracks, called & static, merged)
+        regions = _find_regions(inputs, still, called, rows, options.sure_probability)
     with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", scores.astype(np.float32))
-        artifact.put("instances/stands_out", found.outstanding.scores.astype(np.float32))
+        artifact.put("instances/stands_out", outstanding.scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
-        share, by_regions = _put_refined(artifact, frames, transient, instances, chosen, regions, options)
+        share, by_regions = _put_refined(artifact, inputs, chosen, regions, options)
         artifact.facts = {
             "threshold": options.threshold,
             "level": options.level,
@@ -127,7 +106,12 @@ def run(
             "transient": int(chosen.sum()),
             "masked_share": share,
             "masked_by_regions": by_regions,
-            **facts,
+            "instances": len(chosen),
+            "seen": seen,
+            "empty": int((pixels == 0).sum()),
+            "mean_probability": mean_probability,
+            "withheld": withheld,
+            "withheld_instances": many if withheld else 0,
         }
     log(
         f"{int(chosen.sum())} of {len(chosen)} instances are transient: {share:.1%} of all pixels are masked, "
@@ -135,66 +119,36 @@ def run(
     )
 
 
-class _Found(NamedTuple):
-    """What the training frames say of the instances: their mean probability, and the share that stands out."""
+class _Inputs(NamedTuple):
+    frames: Artifact
+    transient: Artifact
+    instances: Artifact
 
-    by_probability: InstanceScores
-    outstanding: InstanceScores
-    mean_probability: float
-
-
-def _labels(frames: Artifact, instances: Artifact, frame: int) -> NDArray[np.int32]:
-    """(L, H, W) instances of a frame; -1 where its own mask leaves the pixel out: it says nothing of an instance."""
-    labels = instances.row("labels", frame)
-    return np.where(shown_pixels(frames, frame, labels >= 0), labels, np.int32(-1))
+    def labels(self, frame: int) -> NDArray[np.int32]:
+        """(L, H, W) instances of a frame; -1 where its own mask leaves the pixel out: it says nothing of an instance."""
+        labels = self.instances.row("labels", frame)
+        return np.where(shown_pixels(self.frames, frame, labels >= 0), labels, np.int32(-1))
 
 
-def _find(frames: Artifact, transient: Artifact, instances: Artifact, rows: NDArray[np.int64]) -> _Found:
-    """Score the instances on the frames ``rows``."""
+def _score(inputs: _Inputs, rows: NDArray[np.int64]) -> tuple[InstanceScores, InstanceScores, float]:
+    """Score the instances on the frames ``rows``: by probability, and by what stands out; and the mean probability."""
+    frames, transient, instances = inputs
     count = instances.shape("instances/level")[0]
     by_probability, outstanding, total = InstanceScores(count), InstanceScores(count), 0.0
     measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
     for frame in track(rows, "scoring instances", total=len(rows)):
-        labels, probability = _labels(frames, instances, frame), transient.row("probability", frame)
+        labels, probability = inputs.labels(frame), transient.row("probability", frame)
         by_probability.add(labels, probability)
         shown = shown_pixels(frames, frame, np.ones(probability.shape, bool))
         values = probability.astype(np.float64)
         total += float((values if shown.all() else np.where(shown, values, 0.0)).mean())
         if measured[frame]:
             outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
-    return _Found(by_probability, outstanding, total / max(len(rows), 1))
-
-
-def _choose(
-    found: _Found, called: NDArray[np.bool_], asked_for: NDArray[np.bool_], options: MasksOptions
-) -> tuple[NDArray[np.bool_], dict[str, Any]]:
-    """(N,) the ``called`` instances that look transient, none if masks are withheld; and facts that say why."""
-    pixels = found.by_probability.pixels
-    chosen = called & ~looks_static(found.outstanding, options.stands_out)
-    asked = np.where(asked_for, pixels, 0)
-    withheld = reason_to_withhold(found.mean_probability, chosen, asked, options.max_share)
-    many, seen = int(chosen.sum()), int((asked > 0).sum())
-    facts = {
-        "instances": len(chosen),
-        "seen": seen,
-        "empty": int((pixels == 0).sum()),
-        "mean_probability": found.mean_probability,
-        "withheld": withheld,
-        "withheld_instances": many if withheld else 0,
-    }
-    if withheld:
-        log(
-            f"nothing is masked: {many} of {seen} instances would be transient, "
-            f"and the mean probability is {found.mean_probability:.2f}"
-        )
-        chosen = np.zeros_like(chosen)
-    return chosen, facts
+    return by_probability, outstanding, total / max(len(rows), 1)
 
 
 def _find_regions(
-    frames: Artifact,
-    transient: Artifact,
-    instances: Artifact,
+    inputs: _Inputs,
     still: NDArray[np.bool_],
     called: NDArray[np.bool_],
     rows: NDArray[np.int64],
@@ -206,13 +160,13 @@ def _find_regions(
         still: (N,) instances that stand still.
         called: (N,) instances that the network calls transient; where it errs about one, it is not sure of anything.
     """
+    frames, transient, _ = inputs
     measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
     regions = {}
     for frame in track(rows.tolist(), "finding regions", total=len(rows)):
-        labels = _labels(frames, instances, frame)
+        labels = inputs.labels(frame)
         sure = (transient.row("probability", frame) >= sure_probability) & compared
-        sure = shown_pixels(frames, frame, sure)
-        sure &= ~refined_mask(labels, still & called)
+        sure = shown_pixels(frames, frame, sure) & ~refined_mask(labels, still & called)
         outstanding = transient.row("stands_out", frame) if measured[frame] else None
         regions[frame] = find_regions(sure, refined_mask(labels, still), outstanding)
     return lasting_masks(regions, regions)
@@ -220,27 +174,23 @@ def _find_regions(
 
 def _put_refined(
     artifact: Writer,
-    frames: Artifact,
-    transient: Artifact,
-    instances: Artifact,
+    inputs: _Inputs,
     chosen: NDArray[np.bool_],
     regions: RegionMasks,
     options: MasksOptions,
 ) -> tuple[float, float]:
     """Write the masks of all frames; returns the share of all pixels that are masked, and that regions alone mask."""
-    count, height, width = transient.shape("probability")
+    count, height, width = inputs.transient.shape("probability")
     artifact.allocate("refined", (count, height, width))
     masked, by_instances = 0, 0
     for frame in track(range(count), "writing masks"):
-        probability = transient.row("probability", frame)
-        mask = refined_mask(_labels(frames, instances, frame), chosen)
-        mask = without_static_pixels(mask, probability, options.pixel_probability)
+        probability = inputs.transient.row("probability", frame)
+        marked = probability >= options.pixel_probability
+        mask = refined_mask(inputs.labels(frame), chosen) & marked
         by_instances += int(mask.sum())
         if options.sure_probability is not None:
-            sure, marked = (
-                probability >= one for one in (options.sure_probability, options.pixel_probability)
-            )
-            mask |= shown_pixels(frames, frame, regions.mask(frame, sure, marked))
+            sure = probability >= options.sure_probability
+            mask |= shown_pixels(inputs.frames, frame, regions.mask(frame, sure, marked))
         masked += int(mask.sum())
         artifact.put_row("refined", frame, mask)
     every = max(count * height * width, 1)

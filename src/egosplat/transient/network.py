@@ -37,11 +37,9 @@ class TransientNet(nn.Module):
     """H, initialized from torch's global random generator."""
 
     def __init__(self, input_size: int, sideways: bool) -> None:
-        """Build the layers with random weights.
+        """Build the layers with random weights, for a square input of ``input_size`` [px], a multiple of 32.
 
-        Args:
-            input_size: side of the square network input [px], a multiple of 32.
-            sideways: images lie on their side, as from Aria's sensor, and are turned upright for the network.
+        ``sideways`` images lie on their side, as from Aria's sensor, and are turned upright for the network.
         """
         super().__init__()
         self._input_size = input_size
@@ -54,14 +52,9 @@ class TransientNet(nn.Module):
             self.register_buffer(f"_{name}", torch.tensor(values)[:, None, None], persistent=False)
 
     def forward(self, picture: Tensor, height: int, width: int) -> Tensor:
-        """Return the probability that a pixel is transient.
+        """Return the (height, width) float32 probability that a pixel is transient.
 
-        Args:
-            picture: (H, W, 3) float32 sRGB, clamped to [0, 1]; a value that is not finite counts as 0.
-            height, width: size of the result, independent of the input's.
-
-        Returns:
-            (height, width) float32 in [0, 1].
+        ``picture`` is (H, W, 3) float32 sRGB, clamped to [0, 1]; a value that is not finite counts as 0.
         """
         batch = picture.nan_to_num(0.0, 0.0, 0.0).clamp(0.0, 1.0).permute(2, 0, 1)[None]
         batch = _resized((batch - self._mean) / self._std, self._input_size, self._input_size)
@@ -79,19 +72,12 @@ class Decoder(nn.Module):
     """Upsample features from coarse to fine, and concatenate the encoder's features at each size."""
 
     def __init__(self, features: Sequence[int], widths: Sequence[int]) -> None:
-        """Build one block per size.
-
-        Args:
-            features: channels of the encoder's features, finest first.
-            widths: channels of the decoder's blocks, coarsest first.
-        """
+        """Build one block per size, from the channels of the features, finest first, and its own, coarsest first."""
         super().__init__()
         *skips, coarsest = features
-        inputs = [coarsest, *widths[:-1]]
-        joined = [*reversed(skips), 0]
-        self.blocks = nn.ModuleList(
-            _block(below + skip, width) for below, skip, width in zip(inputs, joined, widths, strict=True)
-        )
+        inputs, joined = [coarsest, *widths[:-1]], [*reversed(skips), 0]
+        sizes = zip(inputs, joined, widths, strict=True)
+        self.blocks = nn.ModuleList(_block(below + skip, width) for below, skip, width in sizes)
 
     def forward(self, features: Sequence[Tensor]) -> Tensor:
         """Map features (1, C_i, S / 2^i, S / 2^i), finest (i = 1) first, to (1, widths[-1], S, S)."""

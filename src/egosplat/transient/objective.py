@@ -55,7 +55,10 @@ class InitialObjective(Objective):
         self._iteration += 1
         # Pixels that the frame's own mask leaves out have no weight.
         shown = views.weight(index)
-        self._measure(image.detach() - picture, shown, index, len(views))
+        in_residuals, penalty = self._options.penalty_unit == "residual", self._options.transient_penalty
+        if in_residuals and (self._warming_up or not self.residuals.has(index)):
+            squared = factor * (image.detach() - picture).square().mean(-1)
+            self.residuals.measure(index, len(views), squared, shown)
         if self._warming_up:
             return factor * l2(image, picture, shown)
         probability = self.net(picture, *picture.shape[:2])
@@ -68,7 +71,8 @@ class InitialObjective(Objective):
         told = probability if own is None else probability.masked_fill(own, 0.0)
         # For a constant residual e of a pixel, the optimum is M = 0 if e < penalty, else 1
         # (docs/method.md#transient-loss). H only approaches it, depending on learning rate and iterations.
-        return factor * l2(image, picture, weight) + self._penalty(index) * told.mean()
+        unit = self.residuals.unit(index) if in_residuals else 1.0
+        return factor * l2(image, picture, weight) + penalty * unit * told.mean()
 
     def step(self) -> None:
         """Update H, except during warm-up and if a gradient is not finite."""
@@ -85,15 +89,6 @@ class InitialObjective(Objective):
         ends = np.array([0, *iterations])
         means = self._probability.cpu().double().numpy()
         return np.array([means[a:b].mean() for a, b in pairwise(ends)])
-
-    def _measure(self, difference: Tensor, shown: Tensor | None, index: int, views: int) -> None:
-        if self._in_residuals and (self._warming_up or not self.residuals.has(index)):
-            squared = CHANNELS[self._options.residual] * difference.square().mean(-1)
-            self.residuals.measure(index, views, squared, shown)
-
-    def _penalty(self, index: int) -> Tensor | float:
-        penalty = self._options.transient_penalty
-        return penalty * self.residuals.unit(index) if self._in_residuals else penalty
 
     def state_dict(self) -> dict[str, Any]:
         """Return H, its optimizer, the residuals, the curve and the iteration, for ``load_state_dict``."""
@@ -116,10 +111,6 @@ class InitialObjective(Objective):
     @property
     def _warming_up(self) -> bool:
         return self._iteration <= self._warmup
-
-    @property
-    def _in_residuals(self) -> bool:
-        return self._options.penalty_unit == "residual"
 
 
 class ResidualScale:

@@ -22,7 +22,7 @@ from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
-from egosplat.gaussians.training_views import Mask, Views, read_views, split_views
+from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
@@ -58,8 +58,14 @@ def run(
     net = make_network(options.input_size, lies_on_its_side(frames), weights, options.seed)
     models = {} if weights is None else {"encoder_weights": content_hash(weights)[:16]}
     record = provenance.begin_from("transient", options.as_dict() | by_survey, (frames, poses), models)
-    view_sets = _view_sets(frames, poses, kept, options.resolution, training_device(options.backend))
-    views = view_sets.training
+    training, _ = split_views(frames, poses, kept)
+    device = training_device(options.backend)
+    # The trainer takes two sets; nothing is held out, because the Gaussians are discarded.
+    views, none = (
+        read_views(frames, poses, chosen, device, resolution=options.resolution)
+        for chosen in (training, np.zeros_like(training))
+    )
+    log(f"{len(views)} training views of {views.camera.width} x {views.camera.height} pixels")
     start = starting_gaussians(
         poses,
         views,
@@ -70,17 +76,18 @@ def run(
         seed=options.seed,
     )
     objective = InitialObjective(net, options, views.device)
-    training = training_options(options)
-    near_plane = options.near_plane
+    schedule, near_plane = training_options(options), options.near_plane
     extent = scene_extent(views.camera_to_world, near_plane)
     corrections = make_corrections(options, start, views, near_plane, options.iterations)
-    state = TrainingState(start, training, extent, objective, corrections)
+    state = TrainingState(start, schedule, extent, objective, corrections)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
-        resume_and_train(state, view_sets, training, checkpoint)
+        resume_and_train(state, ViewSets(views, held_out=none), schedule, checkpoint)
     with create(output, TRANSIENT, record) as artifact:
-        _put_curves(artifact, state, objective)
+        artifact.put("curve/iteration", np.array(state.curves.iteration, np.int64))
+        artifact.put("curve/loss", np.array(state.curves.loss, np.float64))
+        artifact.put("curve/probability", objective.mean_probability(state.curves.iteration))
         tensors = _put_weights(artifact, net)
         mean = _put_probability(artifact, frames, net, options, views.device)
         scale = _put_residuals(artifact, frames, views, objective, options.transient_penalty)
@@ -117,28 +124,6 @@ def training_options(options: TransientOptions) -> TrainingOptions:
     )
 
 
-def _view_sets(
-    frames: Artifact, poses: Artifact, kept: Mask, resolution: int, device: torch.device
-) -> ViewSets:
-    """Read the training views."""
-    training, _ = split_views(frames, poses, kept)
-    # The trainer takes two sets; nothing is held out, because the Gaussians are discarded.
-    views, none = (
-        read_views(frames, poses, chosen, device, resolution=resolution)
-        for chosen in (training, np.zeros_like(training))
-    )
-    camera = views.camera
-    log(f"{len(views)} training views of {camera.width} x {camera.height} pixels")
-    return ViewSets(views, held_out=none)
-
-
-def _put_curves(artifact: Writer, state: TrainingState, objective: InitialObjective) -> None:
-    curves = state.curves
-    artifact.put("curve/iteration", np.array(curves.iteration, np.int64))
-    artifact.put("curve/loss", np.array(curves.loss, np.float64))
-    artifact.put("curve/probability", objective.mean_probability(curves.iteration))
-
-
 def _put_weights(artifact: Writer, net: TransientNet) -> list[list[Any]]:
     """Store the network with its running statistics; returns name and shape of each tensor, in order."""
     tensors = {name: tensor for name, tensor in net.state_dict().items() if tensor.is_floating_point()}
@@ -150,11 +135,7 @@ def _put_weights(artifact: Writer, net: TransientNet) -> list[list[Any]]:
 def _put_residuals(
     artifact: Writer, frames: Artifact, views: Views, objective: InitialObjective, penalty: float
 ) -> float | None:
-    """Store the residuals of the views, enlarged to the frames.
-
-    Returns:
-        The median over the views; None if nothing was measured.
-    """
+    """Store the residuals of the views, enlarged to the frames; returns their median, None if nothing was measured."""
     count, height, width, _ = frames.shape("rgb")
 
     def enlarged(small: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -162,21 +143,17 @@ def _put_residuals(
         return cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
 
     residuals = objective.residuals
-    inside = np.ones((views.camera.height, views.camera.width), bool)
-    if views.valid is not None:
-        inside = (views.valid > 0).cpu().numpy()
+    size = (views.camera.height, views.camera.width)
+    inside = np.ones(size, bool) if views.valid is None else (views.valid > 0).cpu().numpy()
     scale = np.full(count, np.nan, np.float32)
     scale[views.frame[: len(residuals.scale)]] = residuals.scale.cpu().numpy()
-    shown = {frame: view for view, frame in enumerate(views.frame.tolist()) if view < len(residuals.scale)}
     artifact.put("residual_scale", scale)
     artifact.put("compared", enlarged(inside))
     artifact.allocate("stands_out", (count, height, width))
+    shown = {frame: view for view, frame in enumerate(views.frame[: len(residuals.scale)].tolist())}
+    nothing = np.zeros((height, width), bool)
     for frame in range(count):
-        row = (
-            enlarged(residuals.stands_out(shown[frame]))
-            if frame in shown
-            else np.zeros((height, width), bool)
-        )
+        row = enlarged(residuals.stands_out(shown[frame])) if frame in shown else nothing
         artifact.put_row("stands_out", frame, row)
     if np.isnan(scale).all():
         return None
@@ -195,11 +172,7 @@ def _put_probability(
     options: TransientOptions,
     device: torch.device,
 ) -> float:
-    """Predict every frame and store the probabilities.
-
-    Returns:
-        The mean over all frames of the mean over all pixels that a frame's own mask leaves.
-    """
+    """Predict every frame and store the probabilities; returns the mean over frames of what their own masks leave."""
     # In mode train, prediction changes the running statistics; they are stored already.
     net.train(options.batch_norm == "train")
     count, height, width, _ = frames.shape("rgb")
@@ -209,16 +182,11 @@ def _put_probability(
         picture = shrink_image(frames.row("rgb", frame), options.resolution)
         # Predicted at the working size and enlarged to the frame: the network was trained at that size.
         probability = net(torch.from_numpy(picture).to(device).float() / 255.0, height, width).cpu()
-        total += _mean_of_shown(probability, frames, frame)
+        shown = probability
+        if frames.has("masked"):
+            shown = probability[torch.from_numpy(~frames.row("masked", frame))]
+        total += float(shown.mean()) if shown.numel() else 0.0
         artifact.put_row("probability", frame, probability.numpy().astype(np.float16))
     mean = total / max(count, 1)
     log(f"pixels that move, by the network: {mean:.1%}")
     return mean
-
-
-def _mean_of_shown(probability: torch.Tensor, frames: Artifact, frame: int) -> float:
-    """Mean over the pixels that a frame's own mask leaves; 0 if it leaves none."""
-    if not frames.has("masked"):
-        return float(probability.mean())
-    shown = torch.from_numpy(~frames.row("masked", frame))
-    return float(probability[shown].mean()) if shown.any() else 0.0
