@@ -6,13 +6,7 @@ from dataclasses import dataclass
 from scipy import stats
 
 from egosplat.errors import UserError
-from egosplat.evaluation.intervals import (
-    RESAMPLING,
-    Clusters,
-    cluster,
-    clustered_interval,
-    mean_of_scenes,
-)
+from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene
 from egosplat_rivals.tables.paper_tables import average_chance
 

@@ -18,8 +18,8 @@ from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query
-from egosplat.evaluation.run_queries import ask_of, run_queries
 from egosplat.evaluation.scored_scenes import read_scored_scene
+from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.method import Coded
@@ -71,7 +71,7 @@ def rows(folder: Path) -> Iterator[tuple[object, ...]]:
             begun, evaluation = time.process_time(), asked.evaluation
             ask = ask_of(evaluation, Asker(scene, asked.asker.texts, asked.options))
             answers = run_queries(asked.queries, ask, evaluation.annotations, evaluation.valid, asked.options)
-            found = [answer.score.groups["all"] for answer in answers]
+            found = [answer.groups["all"] for answer in answers]
             spent = time.process_time() - begun
             scores = (f"{100 * np.mean([getattr(one, key) for one in found]):.1f}" for key in ("hit", "iou"))
             yield title_of(folder), name, rendered, len(found), *scores, f"{spent:.1f}"

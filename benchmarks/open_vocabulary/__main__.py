@@ -22,15 +22,8 @@ from benchmarks.open_vocabulary.phrases import KINDS, LEFT_OUT_PAIR, NAME
 from benchmarks.open_vocabulary.questions import TARGETS, TOLD_APART
 from benchmarks.scores import METHOD, Paired, accuracy_difference, differences, format_score
 from egosplat.doctor.inputs import read_configuration
-from egosplat.evaluation.intervals import (
-    RESAMPLING,
-    Clusters,
-    cluster,
-    clustered_interval,
-    mean_of_scenes,
-    scaled,
-)
-from egosplat.evaluation.scored_scenes import VALIDATION, Cell
+from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
+from egosplat.evaluation.scored_scenes import VALIDATION, Cell, percent_bounds
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.progress import log
@@ -67,7 +60,7 @@ def score(scenes: Scenes, name: str) -> Cell:
     clusters = values(scenes, name)
     return Cell(
         percent=100 * mean_of_scenes(clusters),
-        interval=scaled(clustered_interval(clusters, RESAMPLING), 100),
+        interval=percent_bounds(clustered_interval(clusters, RESAMPLING)),
         categories=sum(len(one.counts) for one in clusters),
     )
 

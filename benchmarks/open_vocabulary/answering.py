@@ -8,8 +8,7 @@ from benchmarks.open_vocabulary.questions import Question, find_questions
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.run_queries import ask_of, run_queries
-from egosplat.evaluation.scores import Result
+from egosplat.evaluation.scores import Result, ask_of, run_queries
 from egosplat.pipeline.config import Config, stage_values
 from egosplat.report.sheets.queries_asking import evaluation_of, open_scored
 
@@ -43,7 +42,7 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
     asker = scene.asker(sorted({query.category for query in queries}))
     ask = ask_of(evaluation, asker)
     answers = run_queries(queries, ask, evaluation.annotations, evaluation.valid, options)
-    return [Answered(of_query[id(one.query)], one.score.groups["all"]) for one in answers]
+    return [Answered(of_query[id(one.query)], one.groups["all"]) for one in answers]
 
 
 def _questions(evaluation: Evaluation, config: Config, options: MetricsOptions) -> list[Question]:

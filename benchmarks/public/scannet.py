@@ -79,7 +79,7 @@ def score(truth: Labels, found: Labels) -> Score:
     if not len(truth):
         raise UserError("no vertex has a label of the classes that are asked")
     masks = [(found == one, truth == one) for one in np.unique(truth)]
-    ious = [iou(answer, own, None) for answer, own in masks]
+    ious = [iou(answer, own, np.ones_like(own)) for answer, own in masks]
     accuracies = [answer[own].mean() for answer, own in masks]
     return Score(float(np.mean(ious)), float(np.mean(accuracies)))
 

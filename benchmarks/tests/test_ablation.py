@@ -37,6 +37,7 @@ def answered(*found: tuple[str, bool, float], decibels: float = 20.0, name: str 
         "middle_pixel": 0.15,
     }
     document = {
+        "origin": "synthetic",
         "scores": dict.fromkeys(("all", "static", "dynamic"), score),
         "queries": rows,
         "rendering": {group: {"psnr": decibels} for group in ("all", "static")},
@@ -46,7 +47,7 @@ def answered(*found: tuple[str, bool, float], decibels: float = 20.0, name: str 
         "counts": {},
         **SETUP,
     }
-    return ScoredScene(Path("metrics.json"), "adt", name, "full", None, "synthetic", (), document)
+    return ScoredScene(Path("metrics.json"), "adt", name, "full", None, (), document)
 
 
 def test_settings_are_compared_query_by_query():

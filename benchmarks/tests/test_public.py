@@ -19,12 +19,13 @@ def scored(kind: str, scene: str, iou: float, **options: object) -> ScoredScene:
     made = {key: value for keys in protocol.values() for key, value in keys.items()}
     score = {"accuracy": 0.5, "accuracy_interval": None, "mean_iou": iou, "mean_iou_interval": None}
     document = {
+        "origin": "real",
         "recording": {"kind": kind},
         "provenance": {"options": made},
         "artifacts": {"frames.zarr": {"options": frames}},
         "scores": {"all": score | {"count": 3, "categories": 2}},
     }
-    return ScoredScene(Path(), kind, scene, "full", None, "real", (), document)
+    return ScoredScene(Path(), kind, scene, "full", None, (), document)
 
 
 def test_the_page_has_the_tables_as_they_are_printed():

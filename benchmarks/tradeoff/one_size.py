@@ -16,8 +16,7 @@ from benchmarks.common import command, markdown, scene_folders
 from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import SCHEMAS, shown_pixels
-from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
-from egosplat.evaluation.rendering import regions
+from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation, regions
 from egosplat.image_quality import psnr
 from egosplat.images import resize_image
 from egosplat.pipeline.variants import variant_folder

@@ -9,7 +9,6 @@ from matplotlib.figure import SubFigure
 
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
 from egosplat.evaluation.scored_scenes import read_scored_scene
-from egosplat.evaluation.series import OWN
 from egosplat.report.sheets.queries_asking import (
     ScoredQuery,
     ShownQuery,
@@ -20,6 +19,7 @@ from egosplat.report.sheets.queries_asking import (
     scored_queries,
     scoring_options,
 )
+from egosplat_rivals.series import OWN
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4

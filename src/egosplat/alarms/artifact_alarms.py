@@ -1,7 +1,8 @@
 """Compute the alarms of artifacts, and log them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,13 +45,13 @@ def find_alarm(key: str, figures: statistics.Figures, causes: str = "") -> list[
     return [Alarm(key, value | counts | others | made_with)]
 
 
-def find_chance_alarm(lowest: float | None, chance: float) -> list[Alarm]:
-    """An alarm if the accuracy's lower bound is not above the best answer that ignores the scene."""
-    return (
-        [Alarm("metrics.chance", {"value": lowest, "limit": chance})]
-        if lowest is not None and lowest <= chance
-        else []
-    )
+def find_chance_alarm(score: Mapping[str, Any]) -> list[Alarm]:
+    """An alarm if the accuracy's lower bound is not above the best answer that ignores the scene; from a group of scores."""
+    lowest = score["accuracy_interval"] and score["accuracy_interval"][0]
+    chance = max(score["random_pixel"], score["middle_pixel"])
+    if lowest is None or lowest > chance:
+        return []
+    return [Alarm("metrics.chance", {"value": lowest, "limit": chance})]
 
 
 def _causes(key: str, artifact: Artifact) -> str:

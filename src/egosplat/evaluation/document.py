@@ -9,14 +9,10 @@ from typing import Any
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact
-from egosplat.evaluation.evaluation_frames import Frame
+from egosplat.evaluation.evaluation_frames import Evaluation, RegionScore, summarise_rendering
 from egosplat.evaluation.intervals import RESAMPLING
-from egosplat.evaluation.queries import Mask
-from egosplat.evaluation.rendering import RegionScore, summarise_rendering
-from egosplat.evaluation.run_queries import CLASSES, AnsweredQuery, pixel_accuracy
-from egosplat.evaluation.scores import summarise
+from egosplat.evaluation.scores import AnsweredQuery, pixel_accuracy, summarise
 from egosplat.files import write_json
-from egosplat.frames.recording import Instance
 from egosplat.models.configs import SMALL
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
@@ -45,20 +41,13 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def provenance_entries(
-    run: Provenance,
-    made_from: Lineage,
-    seed: int | None,
-    preset: str | None,
-    world_seed: int | None,
-    camera: str | None,
-) -> dict[str, Any]:
+def provenance_entries(run: Provenance, made_from: Lineage, told: Mapping[str, Any]) -> dict[str, Any]:
     """The entries on what was measured, with which preset, seed and code, and on what it was made from.
 
     Args:
-        world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
+        told: ``preset``, and ``world_seed`` and ``camera`` of a synthetic apartment; None where there is none.
     """
-    frames, record = made_from.found["frames.zarr"], run.record()
+    frames, splats, record = made_from.found["frames.zarr"], made_from.found["splats.zarr"], run.record()
     times = frames.read("timestamp_ns")
     return {
         "recording": {
@@ -67,91 +56,67 @@ def provenance_entries(
             "hash": frames.digest,
             "frames": len(times),
             "seconds": round(float(times[-1] - times[0]) * 1e-9, 3),
-            "seed": world_seed,
-            "camera": camera,
+            "seed": told["world_seed"],
+            "camera": told["camera"],
         },
-        "seed": seed,
-        "preset": preset,
+        "seed": splats.provenance["options"]["seed"],
+        "preset": told["preset"],
         "commit": record["commit"],
         "clean": record["clean"],
         "format_version": FORMAT_VERSION,
         "origin": run.origin,
         "provenance": record,
         "models": models_used(made_from),
-        "artifacts": _artifact_entries(made_from),
+        "artifacts": {name: _artifact_entry(artifact) for name, artifact in made_from.found.items()}
+        | dict.fromkeys(made_from.lost),
         "total": _total_cost(made_from, record),
     }
 
 
 def answer_entries(
     answered: Sequence[AnsweredQuery],
-    frames: Sequence[Frame],
+    evaluation: Evaluation,
     rendering: Sequence[Mapping[str, RegionScore]],
-    instances: Sequence[Instance],
-    valid: Mask,
     masks: str,
 ) -> dict[str, Any]:
-    """The entries of queries and evaluation frames with their scores, and with masks of classes of the pixels."""
-    scores = summarise([one.score for one in answered], RESAMPLING)
+    """The entries of queries and evaluation frames with their scores, and with ``metrics.masks`` classes of the pixels."""
+    groups = [entry.groups for entry in answered]
     entries = {
-        "scores": {name: asdict(score) for name, score in scores.items()},
-        "queries": [_query_entry(one, instances) for one in answered],
-        "frames": _frame_entries(frames, answered, rendering),
+        "scores": summarise([entry.query.category for entry in answered], groups, RESAMPLING),
+        "queries": [_query_entry(entry, evaluation) for entry in answered],
+        "frames": [
+            {
+                "frame": frame.index,
+                "annotated": frame.annotated,
+                "registered": frame.registered,
+                "trained_on": frame.trained_on,
+                "queries": sum(entry.query.frame == frame.index for entry in answered),
+                "rendering": {name: asdict(score) for name, score in rendered.items()},
+            }
+            for frame, rendered in zip(evaluation.frames, rendering, strict=True)
+        ],
         "rendering": summarise_rendering(rendering),
     }
-    if masks == CLASSES:
-        counted = [one for one in answered if one.right_pixels is not None]
-        asked, right = [one.query.frame for one in counted], [one.right_pixels or 0 for one in counted]
-        entries["pixel_accuracy"] = pixel_accuracy(asked, right, int(valid.sum()))
+    if masks == "classes":
+        entries["pixel_accuracy"] = pixel_accuracy(answered, int(evaluation.valid.sum()))
     return entries
 
 
-def _query_entry(answered: AnsweredQuery, instances: Sequence[Instance]) -> dict[str, Any]:
+def _query_entry(answered: AnsweredQuery, evaluation: Evaluation) -> dict[str, Any]:
     """The entry of a query, with instances by name."""
-    query, score = answered.query, answered.score
-    return {
-        "frame": query.frame,
-        "category": query.category,
-        "relevancy": answered.relevancy,
-        "level": answered.level,
-        "pixel": answered.pixel,
-        "position": None if answered.position is None else answered.position.tolist(),
-        "mask_level": answered.mask_level,
-        "mask_pixels": answered.mask_pixels,
-        "groups": {
-            name: asdict(score.groups[name]) | {"instances": [instances[index].name for index in members]}
-            for name, members in query.instances.items()
-        },
+    query, instances = answered.query, evaluation.instances
+    groups = {
+        name: asdict(result) | {"instances": [instances[index].name for index in query.instances[name]]}
+        for name, result in answered.groups.items()
     }
+    return {"frame": query.frame, "category": query.category, **answered.answer, "groups": groups}
 
 
-def _frame_entries(
-    frames: Sequence[Frame], answered: Sequence[AnsweredQuery], rendering: Sequence[Mapping[str, RegionScore]]
-) -> list[dict[str, Any]]:
-    """The entries of the evaluation frames, with their numbers of queries and rendering scores by group."""
-    return [
-        {
-            "frame": frame.index,
-            "annotated": frame.annotated,
-            "registered": frame.registered,
-            "trained_on": frame.trained_on,
-            "queries": sum(one.query.frame == frame.index for one in answered),
-            "rendering": {name: asdict(score) for name, score in scores.items()},
-        }
-        for frame, scores in zip(frames, rendering, strict=True)
-    ]
-
-
-_MIB = 2**20
-
-
-def _artifact_entries(made_from: Lineage) -> dict[str, dict[str, Any] | None]:
-    """Provenance, digest and size on disk [MiB] of each artifact, by file name; None for a lost artifact.
-
-    A trained artifact also has its total training time [s], without interruptions.
-    """
-    known = {name: artifact.provenance | _measured(artifact) for name, artifact in made_from.found.items()}
-    return known | dict.fromkeys(made_from.lost)
+def _artifact_entry(artifact: Artifact) -> dict[str, Any]:
+    """Provenance, digest and size on disk [MiB]; of a trained artifact also the time of all runs of its training [s]."""
+    size = sum(file.stat().st_size for file in artifact.path.rglob("*") if file.is_file())
+    trained = {name: artifact.facts[name] for name in ("training_s",) if name in artifact.facts}
+    return artifact.provenance | {"digest": artifact.digest, "disk_mb": round(size / 2**20, 3)} | trained
 
 
 def _total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
@@ -176,11 +141,3 @@ def models_used(made_from: Lineage) -> dict[str, dict[str, Any]]:
         for artifact in made_from.found.values()
         for key, content in sorted(artifact.provenance["models"].items())
     }
-
-
-def _measured(artifact: Artifact) -> dict[str, Any]:
-    size = sum(file.stat().st_size for file in artifact.path.rglob("*") if file.is_file())
-    measured = {"digest": artifact.digest, "disk_mb": round(size / _MIB, 3)}
-    if "training_s" in artifact.facts:
-        measured["training_s"] = artifact.facts["training_s"]
-    return measured

@@ -1,9 +1,12 @@
-"""The evaluation frames of a scene: their annotations, cameras and renders."""
+"""The evaluation frames of a scene: their annotations and cameras, and PSNR and SSIM of their renders, as in EgoLifter."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import (
@@ -16,13 +19,24 @@ from egosplat.artifacts.schemas import (
     shown_pixels,
 )
 from egosplat.evaluation.options import ScoringOptions
-from egosplat.evaluation.queries import InstanceMap, Mask, Query, find_queries, instances_of, read_map
-from egosplat.evaluation.rendering import Picture, RegionScore, region_scores, regions
+from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, find_queries, instances_of, read_map
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array, Camera
+from egosplat.image_quality import mean_ssim, psnr, ssim_map
+
+Picture = NDArray[np.uint8]
 
 # Schemas of a scene that is scored, without what OpenCLIP encoded.
 SCORED = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
+
+
+@dataclass(frozen=True)
+class RegionScore:
+    """PSNR [dB], infinite for equal images, and mean SSIM of one region of an image; NaN without a pixel with a value."""
+
+    pixels: int
+    psnr: float
+    ssim: float
 
 
 @dataclass(frozen=True)
@@ -91,17 +105,16 @@ class Evaluation:
 def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, splats: Artifact) -> Evaluation:
     """Read the evaluation frames from artifacts that belong together."""
     _, height, width, _ = frames.shape("rgb")
-    rendered = {int(frame): row for row, frame in enumerate(splats.read("held_out/frame"))}
-    index, annotated = annotations.read("frame"), annotations.read("annotated")
-    registered, train = poses.read("registered")[index], frames.read("train")[index]
-    flags = np.stack([annotated, registered, train], axis=1).tolist()
+    held_out = {frame: row for row, frame in enumerate(splats.read("held_out/frame").tolist())}
+    index = annotations.read("frame")
+    flags = annotations.read("annotated"), poses.read("registered")[index], frames.read("train")[index]
+    rows = zip(index.tolist(), np.stack(flags, axis=1).tolist(), strict=True)
     return Evaluation(
         frames_artifact=frames,
         annotations=annotations,
         splats=splats,
         frames=[
-            Frame(row, frame, *of_frame, held_out=rendered.get(frame))
-            for row, (frame, of_frame) in enumerate(zip(index.tolist(), flags, strict=True))
+            Frame(row, frame, *given, held_out=held_out.get(frame)) for row, (frame, given) in enumerate(rows)
         ],
         instances=instances_of(annotations),
         valid=frames.read("valid"),
@@ -119,16 +132,39 @@ def find_asked_queries(
     return [query for query in find_queries(annotations, valid, options) if query.row in asked]
 
 
-def count_frames(
-    frames: Artifact, evaluated: Sequence[Frame], instances: Sequence[Instance]
-) -> dict[str, int]:
-    """Numbers of frames and annotated instances, for ``counts`` of ``metrics.json``."""
+def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str, dict[str, float]]:
+    """Number of images with a pixel, mean PSNR and mean SSIM of each of ``GROUPS``, as in ``metrics.json``; NaN without any."""
+    summary = {}
+    for name in GROUPS:
+        # An image without a dynamic pixel has no score for that group.
+        seen = [groups[name] for groups in scores if name in groups and groups[name].pixels]
+        ssims = [score.ssim for score in seen if not math.isnan(score.ssim)]
+        means = {"psnr": _mean([score.psnr for score in seen]), "ssim": _mean(ssims)}
+        summary[name] = {"frames": len(seen)} | means
+    return summary
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else math.nan
+
+
+def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mask) -> dict[str, Mask]:
+    """The (H, W) bool valid pixels of each group; those without annotation, -1 in the int32 map, are static."""
+    # Index -1 selects the last entry.
+    is_dynamic = np.array([*(instance.motion_type == "dynamic" for instance in instances), False])
+    dynamic = is_dynamic[instance_map] & valid
+    return {"static": valid & ~dynamic, "dynamic": dynamic, "all": valid}
+
+
+def region_scores(
+    render: Picture, photograph: Picture, valid: Mask, groups: Mapping[str, Mask]
+) -> dict[str, RegionScore]:
+    """PSNR and SSIM of groups of valid pixels in (H, W, 3) uint8 images, see ``egosplat.image_quality``."""
+    image, target = torch.from_numpy(render), torch.from_numpy(photograph)
+    # SSIM compares windows of 11 x 11 pixels, so it also depends on pixels just outside a region.
+    ssim = ssim_map(image, target, torch.from_numpy(valid))
+    masks = {name: torch.from_numpy(mask) for name, mask in groups.items()}
     return {
-        "frames": frames.shape("rgb")[0],
-        "evaluation_frames": len(evaluated),
-        "evaluation_frames_annotated": sum(frame.annotated for frame in evaluated),
-        "evaluation_frames_asked": sum(frame.asked for frame in evaluated),
-        "evaluation_frames_trained_on": sum(frame.trained_on for frame in evaluated),
-        "evaluation_frames_without_pose": sum(not frame.registered for frame in evaluated),
-        "annotated_instances": len(instances),
+        name: RegionScore(int(mask.sum()), psnr(image, target, mask), mean_ssim(ssim, mask))
+        for name, mask in masks.items()
     }

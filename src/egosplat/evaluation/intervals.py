@@ -42,25 +42,22 @@ class Clusters:
     @property
     def mean(self) -> float:
         """Mean over the queries; NaN without queries."""
-        count = self.counts.sum()
-        return float(self.totals.sum() / count) if count else float("nan")
+        return float(self.totals.sum() / self.counts.sum()) if len(self.counts) else math.nan
 
 
 def cluster(values: Sequence[float], categories: Sequence[str]) -> Clusters:
     """Sum the values of a scene's queries by category."""
     # Queries of one category in one scene show one thing from several frames, so they hit or miss together. The
     # bootstrap resamples categories, never queries.
-    _, number = np.unique(np.asarray(categories, np.str_), return_inverse=True)
-    return Clusters(
-        np.bincount(number, weights=np.asarray(values, np.float64)).astype(np.float64),
-        np.bincount(number).astype(np.float64),
-    )
+    _, index = np.unique(np.asarray(categories, np.str_), return_inverse=True)
+    totals = np.bincount(index, weights=np.asarray(values, np.float64))
+    return Clusters(totals.astype(np.float64), np.bincount(index).astype(np.float64))
 
 
 def mean_of_scenes(scenes: Sequence[Clusters]) -> float:
     """Plain mean of the scenes' means, as in the paper's tables, without scenes that have no queries."""
     means = [scene.mean for scene in scenes if len(scene.counts)]
-    return math.fsum(means) / len(means) if means else float("nan")
+    return math.fsum(means) / len(means) if means else math.nan
 
 
 def clustered_interval(
@@ -69,28 +66,21 @@ def clustered_interval(
     """Confidence interval of ``mean_of_scenes`` for other categories and other scenes.
 
     It is an expanded percentile interval of the bootstrap. It is too narrow for few scenes that differ from each other;
-    benchmarks/intervals/README.md measures by how much.
-
-    Args:
-        least, most: bounds of a value, such as -1 and 1 for a difference of hits.
-
-    Returns:
-        None with fewer than two categories: one category says nothing about others.
+    benchmarks/intervals/README.md measures by how much. ``least`` and ``most`` bound a value, such as -1 and 1 for a
+    difference of hits. None with fewer than two categories: one category says nothing about others.
     """
     scenes = [scene for scene in scenes if len(scene.counts)]
-    means = np.concatenate([scene.totals / scene.counts for scene in scenes]) if scenes else np.zeros(0)
+    means = np.concatenate([np.zeros(0), *(scene.totals / scene.counts for scene in scenes)])
     if len(means) < 2:
         return None
-    # Resampling equal means gives no spread.
+    # Resampling equal means gives no spread: Wilson's interval of 0 in K bounds the share of categories that could
+    # differ, each by as much as is possible.
     if np.ptp(means) <= _SAME:
-        return _interval_without_spread(float(means[0]), len(means), options.confidence, least, most)
+        value = float(means[0])
+        others = stats.binomtest(0, len(means)).proportion_ci(options.confidence, method="wilson").high
+        return Interval(value - others * (value - least), value + others * (most - value))
     low, high = _bounds(scenes, len(means), options)
     return Interval(max(low, least), min(high, most))
-
-
-def scaled(bounds: Sequence[float] | None, factor: float) -> tuple[float, float] | None:
-    """Multiply a pair of bounds by a factor."""
-    return None if bounds is None else (factor * bounds[0], factor * bounds[1])
 
 
 def _bounds(scenes: Sequence[Clusters], clusters: int, options: IntervalOptions) -> tuple[float, float]:
@@ -114,16 +104,8 @@ def _resampled(scenes: Sequence[Clusters], options: IntervalOptions) -> NDArray[
     # A single scene is drawn always, so its interval covers other categories only.
     drawn = rng.integers(len(scenes), size=shape) if len(scenes) > 1 else np.zeros(shape, np.int64)
     means = np.empty(shape)
-    for number, scene in enumerate(scenes):
-        places = drawn == number
-        chosen = rng.integers(len(scene.counts), size=(np.count_nonzero(places), len(scene.counts)))
-        means[places] = scene.totals[chosen].sum(axis=1) / scene.counts[chosen].sum(axis=1)
+    for index, scene in enumerate(scenes):
+        here = drawn == index
+        chosen = rng.integers(len(scene.counts), size=(np.count_nonzero(here), len(scene.counts)))
+        means[here] = scene.totals[chosen].sum(axis=1) / scene.counts[chosen].sum(axis=1)
     return means.mean(axis=1)
-
-
-def _interval_without_spread(
-    value: float, clusters: int, confidence: float, least: float, most: float
-) -> Interval:
-    # Wilson's interval of 0 in K bounds the share of categories that could differ, each by as much as is possible.
-    others = stats.binomtest(0, clusters).proportion_ci(confidence, method="wilson").high
-    return Interval(value - others * (value - least), value + others * (most - value))

@@ -1,7 +1,7 @@
 """Query the whole scene for present and for absent things, and score which queries are answered."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import cv2
@@ -10,14 +10,13 @@ import torch
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from egosplat.evaluation.evaluation_frames import Evaluation, Frame
+from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
 from egosplat.gaussians.render import view_of
-from egosplat.geometry import Camera
 from egosplat.query.answers import Thing
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades.calibration import FOUND, GUESS, Evidence
+from egosplat.query.grades.calibration import FOUND, GUESS
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.rasterize.view import composite
 
@@ -28,91 +27,73 @@ LABEL_SIDE = 256
 LEAST_PIXELS = 4.0
 
 
-@dataclass(frozen=True)
-class PresenceQuery:
-    """One query of the whole scene.
-
-    Attributes:
-        present: whether the recording shows such a thing.
-        score, evidence: of the best thing; 0 and None without any.
-        grade, probability: see ``egosplat.query.grades.calibration``.
-        untaught: whether the model was not trained on one of its words.
-        right: whether most of the best thing belongs to the category; None for absent phrases, without any thing, and
-            if no evaluation frame shows the thing.
-    """
-
-    phrase: str
-    present: bool
-    score: float
-    grade: str
-    probability: float | None
-    evidence: Evidence | None
-    untaught: bool
-    right: bool | None
-
-    @property
-    def answered(self) -> bool:
-        """Whether something is found, not merely guessed."""
-        return self.grade == FOUND
-
-
 def presence_phrases(
     queries: Sequence[Query], instances: Sequence[Instance], negatives: Sequence[str]
 ) -> tuple[list[str], list[str]]:
     """The sorted categories of the queries, and the negatives that are no category of the recording, in their order."""
     known = {instance.category for instance in instances}
-    return sorted({query.category for query in queries}), [one for one in negatives if one not in known]
+    return sorted({query.category for query in queries}), [
+        phrase for phrase in negatives if phrase not in known
+    ]
 
 
 def ask_presence(
     present: Sequence[str], absent: Sequence[str], evaluation: Evaluation, scene: Scene
-) -> list[PresenceQuery]:
-    """Query the whole scene for present and for absent things, see ``presence_phrases``."""
+) -> list[dict[str, Any]]:
+    """Query the whole scene for present and for absent things, see ``presence_phrases``: an entry of ``metrics.json`` each."""
     if not (phrases := [*present, *absent]):
         return []
     answers = scene.ask(*phrases, most=1)
-    best = {one.phrase: one.candidates[0] for one in answers[: len(present)] if one.candidates}
+    best = {answer.phrase: answer.candidates[0] for answer in answers[: len(present)] if answer.candidates}
     shares, names = annotated_shares(scene.trained, list(best.values()), evaluation)
     right = {phrase: is_right(row, names, phrase) for phrase, row in zip(best, shares, strict=True)}
-    return [
-        PresenceQuery(
-            phrase=answer.phrase,
-            present=number < len(present),
-            score=answer.score,
-            grade=answer.grade,
-            probability=answer.probability,
-            evidence=next(iter(scene.evidence(answer.phrase, answer.candidates)), None),
-            untaught=bool(answer.untaught),
-            right=right.get(answer.phrase) if number < len(present) else None,
+    entries = []
+    for index, answer in enumerate(answers):
+        evidence = [*scene.evidence(answer.phrase, answer.candidates)]
+        entries.append(
+            {
+                "phrase": answer.phrase,
+                "present": index < len(present),
+                "score": answer.score,
+                "grade": answer.grade,
+                # Something is found, not merely guessed.
+                "answered": answer.grade == FOUND,
+                "probability": answer.probability,
+                "evidence": asdict(evidence[0]) if evidence else None,
+                "untaught": bool(answer.untaught),
+                "right": right.get(answer.phrase) if index < len(present) else None,
+            }
         )
-        for number, answer in enumerate(answers)
-    ]
+    return entries
 
 
-def presence_entry(queries: Sequence[PresenceQuery], min_score: float) -> dict[str, Any]:
-    """The entry ``presence`` of ``metrics.json``."""
-    present, absent = ([one for one in queries if one.present is value] for value in (True, False))
+def presence_entry(queries: Sequence[Mapping[str, Any]], min_score: float) -> dict[str, Any]:
+    """The entry ``presence`` of ``metrics.json``, from ``ask_presence``."""
+    present = [query for query in queries if query["present"]]
+    absent = [query for query in queries if not query["present"]]
     # Untaught words are refused at any score, so their scores say nothing about the limit.
-    taught = [one.score for one in absent if not one.untaught]
-    guessed = [one for one in queries if one.grade == GUESS]
+    taught = [query["score"] for query in absent if not query["untaught"]]
+    found, guesses = (
+        [query["right"] for query in present if query["grade"] == grade] for grade in (FOUND, GUESS)
+    )
     return {
         "min_score": min_score,
-        "separation": separation([one.score for one in present], taught),
+        "separation": separation([query["score"] for query in present], taught),
         "present": {
             "asked": len(present),
-            "answered": sum(one.answered for one in present),
-            "right": sum(one.answered and one.right is True for one in present),
-            "unverified": sum(one.answered and one.right is None for one in present),
-            "guessed": sum(one.present for one in guessed),
-            "guessed_right": sum(one.right is True for one in guessed),
+            "answered": len(found),
+            "right": found.count(True),
+            "unverified": found.count(None),
+            "guessed": len(guesses),
+            "guessed_right": guesses.count(True),
         },
         "absent": {
             "asked": len(absent),
-            "answered": sum(one.answered for one in absent),
-            "untaught": sum(one.untaught for one in absent),
-            "guessed": sum(not one.present for one in guessed),
+            "answered": sum(query["answered"] for query in absent),
+            "untaught": sum(query["untaught"] for query in absent),
+            "guessed": sum(query["grade"] == GUESS for query in absent),
         },
-        "queries": [asdict(one) | {"answered": one.answered} for one in queries],
+        "queries": [*queries],
     }
 
 
@@ -124,7 +105,7 @@ def annotated_shares(
     Returns:
         (T, C + 1) float64 pixels, the last column without annotation; names of the C categories.
     """
-    names = sorted({one.category for one in evaluation.instances})
+    names = sorted({instance.category for instance in evaluation.instances})
     total = np.zeros((len(things), len(names) + 1))
     if not things:
         return total, names
@@ -134,14 +115,22 @@ def annotated_shares(
     for column, thing in enumerate(things):
         members[torch.from_numpy(thing.members), column] = 1.0
     members = members.to(scene.code.device)
+    # Pixels of people do not count: people are masked in training, so the Gaussians do not show them.
+    columns = [
+        -1 if instance.instance_type == "human" else names.index(instance.category)
+        for instance in evaluation.instances
+    ]
+    lookup = np.array([*columns, len(names)], np.int16)
     # Frames without an annotation would count all their pixels as no category.
-    for frame in (one for one in evaluation.frames if one.asked):
-        category = _category_map(evaluation, frame, names, camera)
+    for frame in filter(lambda frame: frame.asked, evaluation.frames):
+        full = np.where(evaluation.valid, lookup[evaluation.map_of(frame)], np.int16(-1))
+        category = cv2.resize(full, (camera.width, camera.height), interpolation=cv2.INTER_NEAREST_EXACT)
+        label = category.ravel().astype(np.int64)
         pose = evaluation.camera_to_world[frame.index]
         with torch.inference_mode():
             filled, _ = composite(view_of(scene.gaussians, camera, pose, scene.settings), members)
-        pixels, counted = filled.cpu().numpy().reshape(-1, len(things)), category.ravel() >= 0
-        onehot = np.eye(len(names) + 1)[category.ravel()[counted]]
+        pixels, counted = filled.cpu().numpy().reshape(-1, len(things)), label >= 0
+        onehot = np.eye(len(names) + 1)[label[counted]]
         total += pixels[counted].T.astype(np.float64) @ onehot
     return total, names
 
@@ -160,17 +149,3 @@ def separation(present: Sequence[float], absent: Sequence[float]) -> float:
         return float("nan")
     ranks = rankdata(np.concatenate([present, absent]))[: len(present)]
     return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
-
-
-def _category_map(
-    evaluation: Evaluation, frame: Frame, names: Sequence[str], camera: Camera
-) -> NDArray[np.int64]:
-    """(h, w) int64 category at each pixel center of a smaller camera; C for none, -1 for people and invalid pixels."""
-    # Pixels of people do not count: people are masked in training, so the Gaussians do not show them.
-    index = [
-        -1 if one.instance_type == "human" else names.index(one.category) for one in evaluation.instances
-    ]
-    lookup = np.array([*index, len(names)], np.int16)
-    full = np.where(evaluation.valid, lookup[evaluation.map_of(frame)], np.int16(-1))
-    size = camera.width, camera.height
-    return cv2.resize(full, size, interpolation=cv2.INTER_NEAREST_EXACT).astype(np.int64)

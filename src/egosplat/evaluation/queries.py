@@ -67,7 +67,7 @@ def phrases_to_ask(
 ) -> list[str]:
     """The phrases that answers to queries take, in alphabetical order: all categories of a recording for masks of classes."""
     if options.masks == "classes":
-        return sorted({one.category for one in instances if _is_asked(one, options)})
+        return sorted({instance.category for instance in instances if _is_asked(instance, options)})
     return sorted({query.category for query in queries})
 
 
@@ -77,14 +77,12 @@ def instances_of(annotations: Artifact) -> list[Instance]:
 
 
 def categories(
-    instance_map: InstanceMap, instances: Sequence[Instance], options: ScoringOptions
+    layers: InstanceMap, instances: Sequence[Instance], options: ScoringOptions
 ) -> Iterator[tuple[str, dict[str, tuple[int, ...]]]]:
     """The categories to query in one frame, in alphabetical order, with their instances by group.
 
-    Args:
-        instance_map: (..., H, W) int32 index into the instances, -1 for none; see ``read_layers``.
+    ``layers`` are (L, H, W) int32 indices into the instances, -1 for none, see ``read_layers``.
     """
-    layers = instance_map.reshape(-1, *instance_map.shape[-2:])
     # An instance that others cover is whole in one layer, and in part in the first.
     area = np.max([np.bincount(layer[layer >= 0], minlength=len(instances)) for layer in layers], axis=0)
     # A share of the whole image, not of its valid pixels.
@@ -94,17 +92,15 @@ def categories(
         if _is_asked(instances[index], options):
             seen.setdefault(instances[index].category, []).append(index)
     for category, members in sorted(seen.items()):
-        by_motion = {
-            motion: [index for index in members if instances[index].motion_type == motion]
-            for motion in GROUPS[:2]
-        }
-        # The limit holds for each group by itself: a category may count in "all" and in none of the others.
-        groups = by_motion | {"all": members}
-        large = {name: tuple(own) for name, own in groups.items() if own and area[own].sum() >= least}
-        if large:
-            yield category, large
+        groups = {}
+        for group in GROUPS:
+            own = [index for index in members if group in ("all", instances[index].motion_type)]
+            # The limit holds for each group by itself: a category may count in "all" and in none of the others.
+            if own and area[own].sum() >= least:
+                groups[group] = tuple(own)
+        if groups:
+            yield category, groups
 
 
 def _is_asked(instance: Instance, options: ScoringOptions) -> bool:
-    person = instance.instance_type == "human"
-    return instance.category not in options.excluded and (options.people or not person)
+    return instance.category not in options.excluded and (options.people or instance.instance_type != "human")

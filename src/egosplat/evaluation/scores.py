@@ -1,13 +1,33 @@
-"""Score single queries, and the groups static, dynamic and all of a scene."""
+"""Answer the evaluation queries frame by frame, and score them, alone and in the groups static, dynamic and all."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.evaluation.intervals import Interval, IntervalOptions, cluster, clustered_interval
-from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, mask_of
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import seconds_of
+from egosplat.evaluation.evaluation_frames import Evaluation
+from egosplat.evaluation.intervals import IntervalOptions, cluster, clustered_interval
+from egosplat.evaluation.options import ScoringOptions
+from egosplat.evaluation.queries import (
+    GROUPS,
+    InstanceMap,
+    Mask,
+    Query,
+    instances_of,
+    mask_of,
+    read_layers,
+)
+from egosplat.frames.recording import Instance
+from egosplat.progress import track
+from egosplat.query.answers import ViewMatch
+from egosplat.query.views import Asker
+
+# Answers phrases in a frame, in order.
+Ask = Callable[[int, Sequence[str]], Iterable[ViewMatch]]
 
 
 @dataclass(frozen=True)
@@ -25,139 +45,178 @@ class Result:
     middle_hit: bool
 
 
-@dataclass(frozen=True)
-class QueryScore:
-    """Scores of one query, by the groups in which it counts; intervals resample categories."""
-
-    category: str
-    groups: Mapping[str, Result]
-
-
-@dataclass(frozen=True)
-class GroupScore:
-    """Scores of all queries of a group; NaN without queries.
-
-    Attributes:
-        count: number of queries, pairs of a frame and a category.
-        accuracy: share of queries that hit, 0..1.
-        accuracy_interval: see ``clustered_interval``; None with fewer than two categories.
-        mean_iou: plain mean over queries, as in LangSplat (docs/method.md#mean-iou), 0..1.
-        mean_iou_interval: as ``accuracy_interval``.
-        random_pixel, middle_pixel: accuracy of a random valid pixel and of the middle pixel (chance level).
-    """
-
-    count: int
-    categories: int
-    accuracy: float
-    accuracy_interval: Interval | None
-    mean_iou: float
-    mean_iou_interval: Interval | None
-    random_pixel: float
-    middle_pixel: float
-
-
 def score_query(
     query: Query,
     pixel: tuple[int, int] | None,
     mask: Mask,
-    instance_map: InstanceMap,
-    valid: Mask | None,
+    layers: InstanceMap,
+    valid: Mask,
     hit_region: str,
-) -> QueryScore:
+) -> dict[str, Result]:
     """Score one answer against the instances of each group.
 
     Args:
         pixel, mask: column and row, and (H, W) bool, see ``egosplat.query.answers.ViewMatch``.
-        instance_map: (..., H, W) int32 of the query's frame, see ``read_layers``.
-        valid: (H, W) bool pixels that show the scene, or None for all.
+        layers: (..., H, W) int32 of the query's frame, see ``read_layers``.
+        valid: (H, W) bool pixels that show the scene.
         hit_region: see ``target_area``.
     """
-
-    def result(members: Sequence[int]) -> Result:
-        area = target_area(instance_map, members, hit_region)
-        return Result(
-            hit=is_hit(pixel, area),
-            iou=iou(mask, mask_of(instance_map, members), valid),
-            random_hit=random_hit(area, valid),
-            middle_hit=middle_hit(area),
+    results = {}
+    for name, members in query.instances.items():
+        area = target_area(layers, members, hit_region)
+        height, width = area.shape
+        results[name] = Result(
+            hit=pixel is not None and bool(area[pixel[1], pixel[0]]),
+            iou=iou(mask, mask_of(layers, members), valid),
+            random_hit=float(area[valid].mean()),
+            middle_hit=bool(area[height // 2, width // 2]),
         )
+    return results
 
-    return QueryScore(query.category, {name: result(members) for name, members in query.instances.items()})
 
-
-def iou(predicted: Mask, target: Mask, valid: Mask | None) -> float:
-    """Intersection over union of two masks, 0..1.
-
-    Args:
-        predicted, target: (H, W) bool; the target has at least one valid pixel.
-        valid: (H, W) bool pixels that count, or None for all.
+def iou(predicted: Mask, target: Mask, valid: Mask) -> float:
+    """Intersection over union of two (H, W) bool masks over the valid pixels, 0..1.
 
     Raises:
-        ValueError: shapes differ, or the target is empty.
+        ValueError: the target has no valid pixel. Queries are made from visible instances, so it is of another frame.
     """
-    if predicted.shape != target.shape:
-        raise ValueError(f"the shapes of two masks differ: {predicted.shape} and {target.shape}")
-    if valid is not None:
-        predicted, target = predicted & valid, target & valid
-    # Queries are made from visible instances; an empty target means that another frame's map was given.
+    predicted, target = predicted & valid, target & valid
     if not target.any():
         raise ValueError("a query without a visible instance has no IoU")
     return float((predicted & target).sum() / (predicted | target).sum())
 
 
-def summarise(scores: Sequence[QueryScore], options: IntervalOptions) -> dict[str, GroupScore]:
-    """Scores of each of ``GROUPS``."""
-    return {name: _summary([one for one in scores if name in one.groups], name, options) for name in GROUPS}
+def summarise(
+    categories: Sequence[str], scores: Sequence[Mapping[str, Result]], options: IntervalOptions
+) -> dict[str, dict[str, Any]]:
+    """The entry ``scores`` of ``metrics.json``: of each of ``GROUPS``, from the category of each query and its ``score_query``.
+
+    ``accuracy`` is the share of queries that hit, ``mean_iou`` a plain mean over queries, as in LangSplat
+    (docs/method.md#mean-iou); both with a ``clustered_interval``, and NaN without queries. ``random_pixel`` and
+    ``middle_pixel`` are the accuracy of a random valid pixel and of the middle one (chance level).
+    """
+    summary = {}
+    for name in GROUPS:
+        asked = [category for category, score in zip(categories, scores, strict=True) if name in score]
+        results = [score[name] for score in scores if name in score]
+        hits = cluster([result.hit for result in results], asked)
+        ious = cluster([result.iou for result in results], asked)
+        summary[name] = {
+            "count": len(results),
+            "categories": len(hits.counts),
+            "accuracy": hits.mean,
+            "accuracy_interval": clustered_interval([hits], options),
+            "mean_iou": ious.mean,
+            "mean_iou_interval": clustered_interval([ious], options),
+            "random_pixel": cluster([result.random_hit for result in results], asked).mean,
+            "middle_pixel": cluster([result.middle_hit for result in results], asked).mean,
+        }
+    return summary
 
 
-def _summary(scores: Sequence[QueryScore], group: str, options: IntervalOptions) -> GroupScore:
-    results, categories = [one.groups[group] for one in scores], [one.category for one in scores]
-    hits = cluster([one.hit for one in results], categories)
-    ious = cluster([one.iou for one in results], categories)
-    return GroupScore(
-        count=len(scores),
-        categories=len(hits.counts),
-        accuracy=hits.mean,
-        accuracy_interval=clustered_interval([hits], options),
-        mean_iou=ious.mean,
-        mean_iou_interval=clustered_interval([ious], options),
-        random_pixel=cluster([one.random_hit for one in results], categories).mean,
-        middle_pixel=cluster([one.middle_hit for one in results], categories).mean,
-    )
-
-
-def target_area(instance_map: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:
+def target_area(layers: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:
     """(H, W) bool pixels of a (..., H, W) int32 map that hit any of the instances, by ``metrics.hit_region``."""
     if hit_region == "mask":
-        return mask_of(instance_map, instances)
-    area = np.zeros(instance_map.shape[-2:], np.bool_)
-    for x0, y0, x1, y1 in bounding_boxes(instance_map, instances):
+        return mask_of(layers, instances)
+    area = np.zeros(layers.shape[-2:], np.bool_)
+    for x0, y0, x1, y1 in bounding_boxes(layers, instances):
         # The last column and row belong to the box.
         area[y0 : y1 + 1, x0 : x1 + 1] = True
     return area
 
 
-def is_hit(pixel: tuple[int, int] | None, area: Mask) -> bool:
-    """Whether a pixel, column and row, lies in the (H, W) area; False without one."""
-    return pixel is not None and bool(area[pixel[1], pixel[0]])
-
-
-def random_hit(area: Mask, valid: Mask | None) -> float:
-    """Probability that a random one of the (H, W) bool valid pixels, None for all, hits an (H, W) area, 0..1."""
-    return float((area if valid is None else area[valid]).mean())
-
-
-def middle_hit(area: Mask) -> bool:
-    """Whether the middle pixel of the image, (W // 2, H // 2), hits."""
-    height, width = area.shape
-    return bool(area[height // 2, width // 2])
-
-
-def bounding_boxes(instance_map: InstanceMap, instances: Sequence[int]) -> NDArray[np.int64]:
+def bounding_boxes(layers: InstanceMap, instances: Sequence[int]) -> NDArray[np.int64]:
     """(B, 4) int64 boxes of the visible instances: first column and row, last column and row [px], all inside."""
     boxes = []
     for instance in instances:
-        rows, columns = np.nonzero(mask_of(instance_map, [instance]))
+        rows, columns = np.nonzero(mask_of(layers, [instance]))
         if len(rows):
             boxes.append((columns.min(), rows.min(), columns.max(), rows.max()))
     return np.array(boxes, np.int64).reshape(-1, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class AnsweredQuery:
+    """A query with its scores by group and its answer, without the answer's maps.
+
+    Attributes:
+        right_pixels: see ``count_right``; None unless masks are those of classes.
+        answer: what ``metrics.json`` tells of the answer.
+    """
+
+    query: Query
+    groups: Mapping[str, Result]
+    right_pixels: int | None
+    answer: dict[str, Any]
+
+
+def run_queries(
+    queries: Iterable[Query], ask: Ask, annotations: Artifact, valid: Mask, options: ScoringOptions
+) -> Iterator[AnsweredQuery]:
+    """Answer and score queries, frame by frame, because a frame is rendered once for all its queries."""
+    instances, by_frame = instances_of(annotations), {}
+    for query in queries:
+        by_frame.setdefault(query.frame, []).append(query)
+    for frame, in_frame in track(list(by_frame.items()), "queries"):
+        layers = read_layers(annotations, in_frame[0].row, valid)
+        answers = ask(frame, [query.category for query in in_frame])
+        for query, answer in zip(in_frame, answers, strict=True):
+            classes = options.masks == "classes"
+            yield AnsweredQuery(
+                query,
+                score_query(query, answer.pixel, answer.mask, layers, valid, options.hit_region),
+                count_right(query, answer.mask, layers, instances) if classes else None,
+                {
+                    "relevancy": answer.score,
+                    "level": answer.level,
+                    "pixel": answer.pixel,
+                    "position": None if answer.position is None else answer.position.tolist(),
+                    "mask_level": answer.mask_level,
+                    "mask_pixels": int(answer.mask.sum()),
+                },
+            )
+
+
+def ask_of(evaluation: Evaluation, asker: Asker, masks: str = "threshold") -> Ask:
+    """Ask a scene at the time of a frame, with the masks of ``metrics.masks``; the asker has the texts of ``phrases_to_ask``."""
+    seconds = seconds_of(evaluation.frames_artifact)
+
+    def ask(frame: int, phrases: Sequence[str]) -> Iterator[ViewMatch]:
+        view = evaluation.camera, evaluation.camera_to_world[frame], evaluation.valid
+        return asker.ask(phrases, *view, float(seconds[frame]))
+
+    return mask_classes(ask, asker.texts.phrases) if masks == "classes" else ask
+
+
+def mask_classes(ask: Ask, classes: Sequence[str]) -> Ask:
+    """Give answers the masks of classes: the pixels where each is the most relevant one, the first of equal ones."""
+
+    def ask_all(frame: int, phrases: Sequence[str]) -> Iterator[ViewMatch]:
+        # Relevancy is 0 where nothing is visible, which is of no class.
+        best, winner, kept = np.float32(0.0), np.int32(-1), {}
+        for index, answer in enumerate(ask(frame, classes)):
+            winner = np.where(answer.relevancy > best, np.int32(index), winner)
+            best = np.where(answer.relevancy > best, answer.relevancy, best)
+            if answer.phrase in phrases:
+                kept[answer.phrase] = index, answer
+        for phrase in phrases:
+            index, answer = kept[phrase]
+            yield replace(answer, mask=winner == index, mask_level=answer.level)
+
+    return ask_all
+
+
+def count_right(query: Query, mask: Mask, layers: InstanceMap, instances: Sequence[Instance]) -> int:
+    """Number of pixels of a query's mask that are labeled with its category and no other."""
+    same = np.array([instance.category == query.category for instance in instances])
+    own, others = (mask_of(layers, np.flatnonzero(members).tolist()) for members in (same, ~same))
+    return int((mask & own & ~others).sum())
+
+
+def pixel_accuracy(answered: Sequence[AnsweredQuery], pixels: int) -> float | None:
+    """Share of the pixels that show the scene whose class is right, mean over frames, 0..1; None without queries.
+
+    Pixels without a label count as wrong, as in 3D-OVS.
+    """
+    frames = {entry.query.frame for entry in answered}
+    return sum(entry.right_pixels or 0 for entry in answered) / pixels / len(frames) if frames else None

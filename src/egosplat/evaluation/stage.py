@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from egosplat.alarms.artifact_alarms import alarms_of_all, find_chance_alarm
-from egosplat.alarms.table import Alarm
 from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts import provenance
 from egosplat.artifacts.lineage import Lineage
@@ -19,17 +18,16 @@ from egosplat.evaluation.evaluation_frames import (
     SCORED,
     Evaluation,
     Frame,
-    count_frames,
+    RegionScore,
     find_asked_queries,
     read_evaluation,
+    summarise_rendering,
 )
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS, phrases_to_ask
-from egosplat.evaluation.rendering import RegionScore, summarise_rendering
-from egosplat.evaluation.run_queries import ask_of, run_queries
-from egosplat.histories.known import Rests
+from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
@@ -59,7 +57,7 @@ def run(
 
     Args:
         method: name of the published method that the codes stand for; None for EgoSplat.
-        preset, world_seed, camera: as in ``provenance_entries``.
+        world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
         features_path: required unless the codes were learnt from tiles.
         tiles_path: required if they were.
         histories_path: what lies somewhere for a while; each frame is asked and rendered at its own time then.
@@ -73,26 +71,23 @@ def run(
     encoded = open_encoded(features_path, tiles_path)
     tracked = () if histories_path is None else (open_artifact(histories_path, HISTORIES),)
     scene = scene_of([*artifacts, encoded, *tracked], options)
-    made_from = scene.made_from
+    made_from, used = scene.made_from, list(scene.made_from.found.values())
     keys = options.as_dict() | asdict(RESAMPLING)
-    models = {key: used["hash"] for key, used in models_used(made_from).items() if key in keys}
-    record = provenance.begin_from("metrics", keys, made_from.found.values(), models)
+    models = {key: model["hash"] for key, model in models_used(made_from).items() if key in keys}
+    record = provenance.begin_from("metrics", keys, used, models)
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
-    asker = scene.asker(phrases_to_ask(queries, evaluation.instances, options))
-    ask = ask_of(evaluation, asker, options.masks)
+    ask = ask_of(
+        evaluation, scene.asker(phrases_to_ask(queries, evaluation.instances, options)), options.masks
+    )
     answered = list(run_queries(queries, ask, annotations, evaluation.valid, options))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
-    presence_queries = ask_presence(*phrases, evaluation, scene)
-    presence = presence_entry(presence_queries, options.min_score)
-    about = evaluation.instances, evaluation.valid, options.masks
-    rendering = without_time = [evaluation.rendering_of(frame) for frame in evaluation.frames]
-    if scene.rests is not None:
-        rendering = list(_scores_in_time(evaluation, scene, scene.rests, without_time))
-    answers = answer_entries(answered, evaluation.frames, rendering, *about)
-    scores, used = answers["scores"], list(made_from.found.values())
-    notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *_alarms(scores["all"])]
-    seed = splats.provenance["options"]["seed"]
+    presence = presence_entry(ask_presence(*phrases, evaluation, scene), options.min_score)
+    without_time = [evaluation.rendering_of(frame) for frame in evaluation.frames]
+    rendering = list(_scores_in_time(evaluation, scene, without_time))
+    answers = answer_entries(answered, evaluation, rendering, options.masks)
+    overall = answers["scores"]["all"]
+    notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *find_chance_alarm(overall)]
     document = {
         "scene": title,
         **({} if method is None else {"method": method}),
@@ -103,7 +98,9 @@ def run(
         "presence": presence,
         "length_unit": length_unit(poses),
         **answers,
-        **provenance_entries(record, made_from, seed, preset, world_seed, camera),
+        **provenance_entries(
+            record, made_from, {"preset": preset, "world_seed": world_seed, "camera": camera}
+        ),
     }
     if splats.has("held_out/render_given"):
         given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
@@ -111,22 +108,19 @@ def run(
     if scene.rests is not None:
         document["rendering_without_time"] = summarise_rendering(without_time)
     write_metrics(output, document)
-    _log_scores(evaluation.frames, scores)
-    if document.get("pixel_accuracy") is not None:
-        log(f"pixels with the right class: {document['pixel_accuracy']:.1%}")
-    _log_presence(presence)
-    for line in warning_lines(notice, alarms):
+    for line in (*_score_lines(evaluation.frames, document), *warning_lines(notice, alarms)):
         log(line)
 
 
 def _scores_in_time(
-    evaluation: Evaluation, scene: Scene, rests: Rests, stored: Sequence[Mapping[str, RegionScore]]
+    evaluation: Evaluation, scene: Scene, without_time: Sequence[Mapping[str, RegionScore]]
 ) -> Iterator[Mapping[str, RegionScore]]:
-    """Scores of each frame's render at its own time (docs/method.md#own-time); where nothing rests then, the ``stored`` ones."""
-    for frame, score in zip(evaluation.frames, stored, strict=True):
-        place = frame.index, evaluation.camera_to_world[frame.index], float(scene.seconds[frame.index])
-        lacks = frame.held_out is None
-        picture = None if lacks else held_out_at(scene.trained, rests, evaluation.splats, *place)
+    """Scores of each frame's render at its own time (docs/method.md#own-time); where nothing rests then, those without time."""
+    for frame, score in zip(evaluation.frames, without_time, strict=True):
+        picture = None
+        if scene.rests is not None and frame.held_out is not None:
+            moment = frame.index, evaluation.camera_to_world[frame.index], float(scene.seconds[frame.index])
+            picture = held_out_at(scene.trained, scene.rests, evaluation.splats, *moment)
         yield score if picture is None else evaluation.rendering_of(frame, picture)
 
 
@@ -135,11 +129,18 @@ def _counts(
 ) -> dict[str, Any]:
     """Counts of frames, Gaussians, and of instances and their views where codes were learnt from them."""
     # Without masks, the lineage has no masks artifact.
-    masks = next((one for one in made_from.found.values() if one.schema.name == MASKS.name), None)
-    with_code = (language.read("share") > 0).sum(axis=0)
-    counts = count_frames(evaluation.frames_artifact, evaluation.frames, evaluation.instances) | {
+    masks = [artifact for artifact in made_from.found.values() if artifact.schema.name == MASKS.name]
+    frames, with_code = evaluation.frames, (language.read("share") > 0).sum(axis=0)
+    counts = {
+        "frames": evaluation.frames_artifact.shape("rgb")[0],
+        "evaluation_frames": len(frames),
+        "evaluation_frames_annotated": sum(frame.annotated for frame in frames),
+        "evaluation_frames_asked": sum(frame.asked for frame in frames),
+        "evaluation_frames_trained_on": sum(frame.trained_on for frame in frames),
+        "evaluation_frames_without_pose": sum(not frame.registered for frame in frames),
+        "annotated_instances": len(evaluation.instances),
         "training_frames": evaluation.splats.facts["views"]["training"],
-        "transient_instances": None if masks is None else masks.facts["transient"],
+        "transient_instances": masks[0].facts["transient"] if masks else None,
         "gaussians": evaluation.splats.shape("means")[0],
         "gaussians_with_code": dict(zip(language.facts["levels"], with_code.tolist(), strict=True)),
         "code_channels": language.shape("code")[2],
@@ -152,35 +153,25 @@ def _counts(
     return counts
 
 
-def _alarms(score: Mapping[str, Any]) -> list[Alarm]:
-    interval = score["accuracy_interval"]
-    return find_chance_alarm(interval and interval.low, max(score["random_pixel"], score["middle_pixel"]))
-
-
-def _log_scores(frames: Sequence[Frame], scores: Mapping[str, Mapping[str, Any]]) -> None:
+def _score_lines(frames: Sequence[Frame], document: Mapping[str, Any]) -> Iterator[str]:
     if trained_on := sum(frame.trained_on for frame in frames):
-        log(
-            f"warning: {trained_on} of {len(frames)} evaluation frames are training frames; their renders are not scored"
-        )
+        yield f"warning: {trained_on} of {len(frames)} evaluation frames are training frames; their renders are not scored"
     if lost := sum(frame.annotated and not frame.registered for frame in frames):
-        log(f"warning: {lost} annotated frames have no pose and are not queried")
+        yield f"warning: {lost} annotated frames have no pose and are not queried"
     for name in GROUPS:
-        score = scores[name]
+        score = document["scores"][name]
         values = (
             f"accuracy {score['accuracy']:.1%} (chance: a random pixel {score['random_pixel']:.1%}, the middle of the image "
             f"{score['middle_pixel']:.1%}), mIoU {score['mean_iou']:.1%}"
         )
-        log(f"{name}: {score['count']} queries, {values if score['count'] else 'no scores'}")
-
-
-def _log_presence(presence: Mapping[str, Any]) -> None:
-    present, absent = presence["present"], presence["absent"]
+        yield f"{name}: {score['count']} queries, {values if score['count'] else 'no scores'}"
+    if document.get("pixel_accuracy") is not None:
+        yield f"pixels with the right class: {document['pixel_accuracy']:.1%}"
+    present, absent = document["presence"]["present"], document["presence"]["absent"]
     if present["asked"]:
-        log(
+        yield (
             f"whole scene: of {present['asked']} present things {present['answered']} are found, {present['right']} of them "
             f"rightly, and {present['guessed']} guessed, {present['guessed_right']} rightly"
         )
     if absent["asked"]:
-        log(
-            f"whole scene: of {absent['asked']} absent things {absent['answered']} are found, {absent['guessed']} guessed"
-        )
+        yield f"whole scene: of {absent['asked']} absent things {absent['answered']} are found, {absent['guessed']} guessed"

@@ -10,7 +10,7 @@ import pandas as pd
 
 from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.scored_scenes import FULL, VALIDATION, ScoredScene
-from egosplat.evaluation.series import OWN
+from egosplat_rivals.series import OWN
 from egosplat_rivals.tables.table import AVERAGE, Layout, Note
 
 METRICS = ("accuracy", "mean_iou")

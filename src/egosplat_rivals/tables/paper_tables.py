@@ -1,15 +1,15 @@
 """Build the paper's five tables: printed numbers, and measured numbers below."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, replace
+from dataclasses import replace
 from itertools import chain, product
 from string import ascii_lowercase
 
-from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes, scaled
-from egosplat.evaluation.scored_scenes import CHANCE, FULL, VALIDATION, Cell, Cost, ScoredScene
-from egosplat.evaluation.series import APARTMENTS, NAMES, OWN, VALIDATION_APARTMENTS, Series
+from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes
+from egosplat.evaluation.scored_scenes import CHANCE, FULL, VALIDATION, Cell, ScoredScene, percent_bounds
+from egosplat_rivals.series import APARTMENTS, NAMES, OWN, VALIDATION_APARTMENTS, Series
 from egosplat_rivals.tables.paper_numbers import LAYOUTS, find_notes, find_printed, scenes_of
-from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
+from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Cost, Layout, Note, Row, blocks
 
 INTERVALS = (
     "Intervals are for other categories, and for averages also for other scenes. Categories are resampled, not queries, "
@@ -134,16 +134,27 @@ def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) ->
         checkpoints=series.checkpoints,
         variant=series.first.variant,
         notice=series.notice,
-        cost=_mean_cost([scene.cost for scene in scenes.values()]),
-        stands_in=tuple(dict.fromkeys(text for scene in scenes.values() for text in scene.stands_in)),
+        cost=_mean_cost(list(scenes.values())),
+        stands_in=tuple(dict.fromkeys(text for scene in scenes.values() for text in stands_in(scene))),
     )
 
 
-def _mean_cost(costs: Sequence[Cost | None]) -> Cost | None:
-    """The mean of the costs of scenes; None if one is not known."""
-    if not costs or None in costs:
-        return None
-    return Cost(*(sum(values) / len(costs) for values in zip(*map(astuple, costs), strict=True)))
+def stands_in(scene: ScoredScene) -> Sequence[str]:
+    """Sentences on what replaces a part of another method; none for EgoSplat."""
+    return () if scene.method is None else scene.document.get("stands_in", ())
+
+
+def _mean_cost(scenes: Sequence[ScoredScene]) -> Cost | None:
+    """The mean of what the making of the codes took, from the frames on; None if an artifact is lost."""
+    costs = []
+    for scene in scenes:
+        artifacts = scene.document["artifacts"]
+        made = [entry for name, entry in artifacts.items() if name != "annotations.zarr"]
+        if not made or None in made:
+            return None
+        memory_gib = max(entry["peak_memory_mb"] for entry in made) / 1024
+        costs.append((sum(entry["cpu_s"] for entry in made) / 60, memory_gib))
+    return Cost(*(sum(values) / len(costs) for values in zip(*costs, strict=True))) if costs else None
 
 
 def _cell(place: str, score: str, group: str, scenes: Mapping[str, ScoredScene]) -> Cell:
@@ -205,7 +216,7 @@ def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
     values = list(scored.values())
     return Cell(
         percent=100 * mean_of_scenes(values),
-        interval=scaled(clustered_interval(values, RESAMPLING), 100),
+        interval=percent_bounds(clustered_interval(values, RESAMPLING)),
         queries=int(sum(scene.counts.sum() for scene in values)),
         categories=sum(len(scene.counts) for scene in values),
         scenes=tuple(scored),

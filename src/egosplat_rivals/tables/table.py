@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from egosplat.evaluation.scored_scenes import CHANCE, Cell, Cost
+from egosplat.evaluation.scored_scenes import CHANCE, Cell
 
 # Kinds of rows: printed in the paper, measured on recordings, measured on synthetic apartments.
 PRINTED, REAL, SYNTHETIC = "printed", "real", "synthetic"
@@ -20,6 +20,14 @@ class Note:
     text: str
     cells: tuple[tuple[str, str, str, str], ...] = ()
     mark: str = ""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """CPU time of all threads [min] and the largest memory [GiB] that a scene takes, from its frames to its codes."""
+
+    cpu_min: float
+    memory_gib: float
 
 
 @dataclass(frozen=True)

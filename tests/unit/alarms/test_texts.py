@@ -37,8 +37,12 @@ def test_infinite_psnr_raises_no_alarm_and_nan_does():
 
 
 def test_an_accuracy_whose_interval_reaches_chance_raises_an_alarm():
-    assert find_chance_alarm(0.151, 0.15) == find_chance_alarm(None, 0.15) == []
-    assert [alarm.key for alarm in find_chance_alarm(0.15, 0.15)] == ["metrics.chance"]
+    chance = {"random_pixel": 0.15, "middle_pixel": 0.1}
+    raised = [
+        find_chance_alarm(chance | {"accuracy_interval": interval})
+        for interval in ((0.151, 1), None, (0.15, 1))
+    ]
+    assert [[alarm.key for alarm in alarms] for alarms in raised] == [[], [], ["metrics.chance"]]
 
 
 def test_agreement_is_relative_to_the_spread_between_instances():

@@ -1,12 +1,20 @@
 """Masks of classes, and instances that overlap."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import Query, categories, mask_of
-from egosplat.evaluation.run_queries import count_right, mask_classes, pixel_accuracy
-from egosplat.evaluation.scores import bounding_boxes, score_query
+from egosplat.evaluation.scores import (
+    AnsweredQuery,
+    bounding_boxes,
+    count_right,
+    mask_classes,
+    pixel_accuracy,
+    score_query,
+)
 from egosplat.frames.labels import paint_layers
 from egosplat.frames.recording import Instance
 from egosplat.query.answers import ViewMatch
@@ -47,10 +55,12 @@ def test_the_share_of_right_pixels_is_that_of_equal_rows_of_labels(masks):
     right = [count_right(one, winner == one.instances["all"][0], layers, INSTANCES) for one in queries]
     predicted = np.stack([winner == index for index in range(3)])
     expected = (predicted == masks).all(axis=0).mean()
-    assert pixel_accuracy([0, 0, 0], right, winner.size) == pytest.approx(expected) and 0 < expected < 1
+    answered = [AnsweredQuery(*given, {}) for given in zip(queries, [{}] * 3, right, strict=True)]
+    assert pixel_accuracy(answered, winner.size) == pytest.approx(expected) and 0 < expected < 1
     # The mean over two frames, of which one has nothing right.
-    assert pixel_accuracy([0, 0, 0, 1], [*right, 0], winner.size) == pytest.approx(expected / 2)
-    assert pixel_accuracy([], [], 9) is None
+    answered.append(AnsweredQuery(replace(queries[0], frame=1), {}, 0, {}))
+    assert pixel_accuracy(answered, winner.size) == pytest.approx(expected / 2)
+    assert pixel_accuracy([], 9) is None
 
 
 def queries_of(layers: np.ndarray) -> list[Query]:
@@ -67,7 +77,9 @@ def test_what_others_cover_is_scored_whole(masks):
             [columns.min(), rows.min(), columns.max(), rows.max()]
         ]
         assert (mask_of(layers, [index]) == masks[index]).all()
-        score = score_query(query, (columns[0], rows[0]), masks[index], layers, None, "mask").groups["all"]
+        score = score_query(query, (columns[0], rows[0]), masks[index], layers, np.ones(SIZE, bool), "mask")[
+            "all"
+        ]
         assert score.hit and score.iou == 1.0
         # The first layer alone has the sign, and parts of the box and the wall.
         assert (mask_of(layers[0], [index]) == masks[index]).all() == (index == 1)
@@ -77,4 +89,4 @@ def test_the_smallest_area_is_that_of_the_whole_instance(masks):
     layers = paint_layers(enumerate(masks), SIZE)
     options = ScoringOptions(min_area=36 / (12 * 16), excluded=())
     assert [name for name, _ in categories(layers, INSTANCES, options)] == ["box", "wall"]
-    assert [name for name, _ in categories(layers[0], INSTANCES, options)] == ["wall"]
+    assert [name for name, _ in categories(layers[:1], INSTANCES, options)] == ["wall"]

@@ -1,12 +1,13 @@
-"""The scores of a scene."""
+"""Scores of queries and of a scene."""
 
 import numpy as np
 import pytest
+import torch
 
 from egosplat.evaluation.intervals import IntervalOptions
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import Query, categories
-from egosplat.evaluation.scores import QueryScore, Result, score_query, summarise
+from egosplat.evaluation.scores import Result, bounding_boxes, iou, score_query, summarise
 
 OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
 
@@ -15,7 +16,7 @@ OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
 def queries(instance_map, instances) -> list[Query]:
     """Book (static and dynamic), dining chair, person."""
     asked = ScoringOptions(min_area=0.0, excluded=("shelter",), people=True)
-    return [Query(0, 10, name, groups) for name, groups in categories(instance_map, instances, asked)]
+    return [Query(0, 10, name, groups) for name, groups in categories(instance_map[None], instances, asked)]
 
 
 def answer(instance_map: np.ndarray, query: Query) -> tuple[tuple[int, int], np.ndarray]:
@@ -25,58 +26,151 @@ def answer(instance_map: np.ndarray, query: Query) -> tuple[tuple[int, int], np.
     return (columns[0], rows[0]), mask
 
 
+def summary(queries, answers, layers, target="box", valid=None):
+    valid = np.ones(layers.shape[1:], bool) if valid is None else valid
+    scores = [
+        score_query(query, *given, layers, valid, target)
+        for query, given in zip(queries, answers, strict=True)
+    ]
+    return summarise([query.category for query in queries], scores, OPTIONS)
+
+
 @pytest.mark.parametrize("target", ["box", "mask"])
 def test_perfect_answers_have_perfect_scores(instance_map, queries, target):
-    scores = [score_query(one, *answer(instance_map, one), instance_map, None, target) for one in queries]
-    found = summarise(scores, OPTIONS)
-    assert [found[name].count for name in ("static", "dynamic", "all")] == [2, 2, 3]
-    assert (found["all"].accuracy, found["all"].mean_iou) == (1.0, 1.0)
-    assert found["all"].categories == 3
-    assert found["all"].accuracy_interval.low < 0.6 and found["all"].mean_iou_interval.high == 1.0
+    answers = [answer(instance_map, query) for query in queries]
+    found = summary(queries, answers, instance_map[None], target)
+    assert [found[name]["count"] for name in ("static", "dynamic", "all")] == [2, 2, 3]
+    score = found["all"]
+    assert (score["accuracy"], score["mean_iou"], score["categories"]) == (1.0, 1.0, 3)
+    assert score["accuracy_interval"][0] < 0.6 and score["mean_iou_interval"][1] == 1.0
     # Of the books the static one is hit, and the mask of both is larger than that of either.
-    assert found["static"].accuracy == 1.0 and found["dynamic"].accuracy == 0.5
-    assert found["static"].mean_iou == pytest.approx((24 / 84 + 1) / 2)
-    assert found["dynamic"].mean_iou == pytest.approx((60 / 84 + 1) / 2)
+    assert found["static"]["accuracy"] == 1.0 and found["dynamic"]["accuracy"] == 0.5
+    assert found["static"]["mean_iou"] == pytest.approx((24 / 84 + 1) / 2)
+    assert found["dynamic"]["mean_iou"] == pytest.approx((60 / 84 + 1) / 2)
 
 
 def test_no_answers_score_zero(instance_map, queries):
     nothing = None, np.zeros(instance_map.shape, bool)
-    found = summarise([score_query(one, *nothing, instance_map, None, "box") for one in queries], OPTIONS)
-    assert (found["all"].accuracy, found["all"].mean_iou, found["all"].count) == (0.0, 0.0, 3)
+    found = summary(queries, [nothing] * 3, instance_map[None])["all"]
+    assert (found["accuracy"], found["mean_iou"], found["count"]) == (0.0, 0.0, 3)
 
 
 def test_answers_to_other_questions_are_chance():
     """On ten equal stripes an answer to a random one of ten questions is right in a tenth of the cases."""
     stripes = np.repeat(np.arange(10, dtype=np.int32), 4)[None].repeat(8, axis=0)
-    rng, scores = np.random.default_rng(0), []
+    rng, queries, answers = np.random.default_rng(0), [], []
     for frame in range(60):
         for own, other in enumerate(rng.permutation(10)):
-            query = Query(frame, frame, str(own), {"static": (own,), "all": (own,)})
-            given = (4 * other + 1, 5), stripes == other
-            scores.append(score_query(query, *given, stripes, None, "box"))
-    found = summarise(scores, OPTIONS)["all"]
-    assert found.count == 600 and 0.06 < found.accuracy < 0.14 and found.mean_iou == found.accuracy
-    assert found.accuracy_interval.low < 0.1 < found.accuracy_interval.high
+            queries.append(Query(frame, frame, str(own), {"static": (own,), "all": (own,)}))
+            answers.append(((4 * other + 1, 5), stripes == other))
+    found = summary(queries, answers, stripes[None])["all"]
+    assert (
+        found["count"] == 600 and 0.06 < found["accuracy"] < 0.14 and found["mean_iou"] == found["accuracy"]
+    )
+    assert found["accuracy_interval"][0] < 0.1 < found["accuracy_interval"][1]
 
 
 def test_a_thing_that_is_found_in_ten_frames_is_found_once():
     """Two categories in ten frames each: twenty queries leave the doubt of two things, not of twenty."""
-    found = Result(True, 0.5, 0.1, False)
-    scores = [QueryScore(name, {"all": found}) for name in ("couch", "cup") for _ in range(10)]
-    score = summarise(scores, OPTIONS)["all"]
-    assert (score.count, score.categories) == (20, 2)
-    assert score.accuracy_interval.low < 0.35
-    assert summarise(scores[:10], OPTIONS)["all"].accuracy_interval is None
+    scores = [{"all": Result(True, 0.5, 0.1, False)}] * 20
+    score = summarise(["couch", "cup"] * 10, scores, OPTIONS)["all"]
+    assert (score["count"], score["categories"]) == (20, 2) and score["accuracy_interval"][0] < 0.35
+    assert summarise(["couch"] * 10, scores[:10], OPTIONS)["all"]["accuracy_interval"] is None
 
 
 def test_chance_stands_beside_the_accuracy(instance_map, queries):
     """Whatever is answered: a random pixel, and the middle of the picture, of all frames together."""
     valid = np.ones(instance_map.shape, bool)
     valid[:, :4] = False
-    scores = [score_query(one, *answer(instance_map, one), instance_map, valid, "box") for one in queries[:1]]
-    scores += [score_query(queries[-1], *answer(instance_map, queries[0]), instance_map, valid, "box")]
-    found = summarise(scores, OPTIONS)["all"]
+    asked, given = [queries[0], queries[-1]], answer(instance_map, queries[0])
+    found = summary(asked, [given, given], instance_map[None], valid=valid)["all"]
     books, person = 84 / 1080, 50 / 1080
-    assert found.random_pixel == pytest.approx((books + person) / 2)
+    assert found["random_pixel"] == pytest.approx((books + person) / 2)
     # The middle, (20, 15), is in the box of the moving book.
-    assert found.middle_pixel == 0.5
+    assert found["middle_pixel"] == 0.5
+
+
+@pytest.fixture
+def ring() -> np.ndarray:
+    """(1, 20, 20) int32: instance 0 is a ring whose middle is instance 1; 2 is one pixel."""
+    labels = np.full((1, 20, 20), -1, np.int32)
+    labels[0, 4:13, 6:15] = 0
+    labels[0, 7:10, 9:12] = 1
+    labels[0, 19, 0] = 2
+    return labels
+
+
+def test_boxes_hold_their_first_and_last_pixel(ring):
+    assert bounding_boxes(ring, (0, 2)).tolist() == [[6, 4, 14, 12], [0, 19, 0, 19]]
+    assert bounding_boxes(ring, (5,)).shape == (0, 4)
+
+
+def scored(ring, members, target, pixel=None, valid=None):
+    valid = np.ones((20, 20), bool) if valid is None else valid
+    query = Query(0, 0, "thing", {"all": members})
+    return score_query(query, pixel, ring[0] == members[0], ring, valid, target)["all"]
+
+
+@pytest.mark.parametrize(
+    "members, pixel, box, mask",
+    [
+        ((0,), (6, 4), True, True),
+        ((0,), (14, 12), True, True),
+        ((0,), (15, 12), False, False),
+        ((0,), (5, 4), False, False),
+        ((0,), (10, 8), True, False),
+        ((0, 2), (0, 19), True, True),
+        ((0, 1), (0, 19), False, False),
+        ((0, 1, 2), None, False, False),
+        # Between two instances is in the box of neither.
+        ((0, 2), (3, 16), False, False),
+    ],
+)
+def test_a_pixel_hits_the_box_or_the_mask_of_any_instance(ring, members, pixel, box, mask):
+    assert scored(ring, members, "box", pixel).hit is box
+    assert scored(ring, members, "mask", pixel).hit is mask
+
+
+def test_chance_is_the_share_of_valid_pixels_that_hit_and_the_middle_of_the_picture(ring):
+    """The ring's box has 9x9 pixels, its mask nine fewer; overlapping boxes count once; pixel (10, 10) is the middle."""
+    box, mask = (scored(ring, (0, 1), target) for target in ("box", "mask"))
+    assert box.random_hit == 81 / 400 == mask.random_hit and mask.middle_hit
+    assert scored(ring, (0,), "mask").random_hit == 72 / 400
+    left = np.arange(400).reshape(20, 20) % 20 < 8
+    assert scored(ring, (0, 1), "box", valid=left).random_hit == 9 * 2 / (20 * 8)
+    assert [scored(ring, (member,), "box").middle_hit for member in (0, 1, 2)] == [True, False, False]
+
+
+def square(x0: int, y0: int, size: int) -> np.ndarray:
+    mask = np.zeros((20, 20), bool)
+    mask[y0 : y0 + size, x0 : x0 + size] = True
+    return mask
+
+
+@pytest.mark.parametrize(
+    "predicted, valid, expected",
+    [
+        (square(2, 2, 4), 20, 1.0),
+        (square(10, 10, 4), 20, 0.0),
+        (square(4, 2, 4), 20, 8 / 24),
+        (square(2, 2, 0), 20, 0.0),
+        (square(0, 0, 20), 7, 16 / 49),
+        (square(0, 0, 20), 6, 16 / 36),
+    ],
+)
+def test_iou_agrees_with_a_hand_computed_value(predicted, valid, expected):
+    assert iou(predicted, square(2, 2, 4), square(0, 0, valid)) == pytest.approx(expected)
+
+
+def test_iou_agrees_with_torchmetrics():
+    from torchmetrics.functional.classification import binary_jaccard_index
+
+    first, second = np.random.default_rng(0).random((2, 20, 20)) > 0.4
+    expected = binary_jaccard_index(torch.from_numpy(first).int(), torch.from_numpy(second).int())
+    assert iou(first, second, square(0, 0, 20)) == pytest.approx(float(expected), abs=1e-6)
+
+
+@pytest.mark.parametrize("target, valid", [(square(2, 2, 0), 20), (square(12, 12, 4), 10)])
+def test_undefined_iou_is_rejected(target, valid):
+    with pytest.raises(ValueError, match="visible"):
+        iou(square(2, 2, 4), target, square(0, 0, valid))

@@ -18,7 +18,7 @@ from egosplat.evaluation import stage
 from egosplat.evaluation.document import finite, write_metrics
 from egosplat.evaluation.evaluation_frames import SCORED, read_evaluation
 from egosplat.evaluation.queries import GROUPS
-from egosplat.evaluation.run_queries import ask_of
+from egosplat.evaluation.scores import ask_of
 from egosplat.models.suitability import notice
 from egosplat.pipeline.validation import Draft202012Validator, ValidationError, schema
 from egosplat.query import finished_scene

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.evaluation.rendering import region_scores
+from egosplat.evaluation.evaluation_frames import region_scores
 from egosplat.gaussians.evaluation import evaluate, rendered
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views

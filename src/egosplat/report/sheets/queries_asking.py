@@ -15,9 +15,8 @@ from egosplat.artifacts.schemas import ANNOTATIONS, SPLATS
 from egosplat.evaluation.evaluation_frames import Evaluation, read_evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, read_layers
-from egosplat.evaluation.run_queries import ask_of
 from egosplat.evaluation.scored_scenes import ScoredScene
-from egosplat.evaluation.scores import bounding_boxes
+from egosplat.evaluation.scores import ask_of, bounding_boxes
 from egosplat.query.answers import ViewMatch
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.opening import open_artifacts

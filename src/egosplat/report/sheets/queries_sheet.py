@@ -26,7 +26,6 @@ from egosplat.drawing import (
 )
 from egosplat.evaluation.evaluation_frames import SCORED
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
-from egosplat.evaluation.series import find_series
 from egosplat.query.finished_scene import scene_of
 from egosplat.query.text import open_encoded
 from egosplat.report.sheets.queries_asking import (
@@ -90,7 +89,7 @@ def run(
 
 def summary(scored: ScoredScene) -> str:
     """Scores of all queries with data and checkpoints; on the second line, a legend of the page."""
-    about = f"origin {scored.origin}, {find_series([scored])[0].checkpoints}"
+    about = f"origin {scored.origin}, {scored.checkpoints}"
     if not scored.document["scores"]["all"]["count"]:
         return f"no queries; {about}"
     accuracy, mean_iou = (scored.cell(name, "all") for name in ("accuracy", "mean_iou"))
@@ -104,7 +103,7 @@ def summary(scored: ScoredScene) -> str:
 
 def _hits_boxes(scored: ScoredScene) -> bool:
     """Whether the boxes of instances had to be hit, not their pixels."""
-    return scored.protocol["hit_region"] == "box"
+    return scored.document["provenance"]["options"]["hit_region"] == "box"
 
 
 def _percent(score: Cell) -> str:

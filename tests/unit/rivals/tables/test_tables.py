@@ -136,7 +136,7 @@ def scored(name: str, hits: dict[str, list[bool]], chance: float | None = 0.05) 
         "queries": rows,
         "scores": {"all": {"random_pixel": chance, "middle_pixel": chance}},
     }
-    return ScoredScene(Path(name), "adt", name, "full", None, "synthetic", (), document)
+    return ScoredScene(Path(name), "adt", name, "full", None, (), document)
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from egosplat.errors import UserError
-from egosplat.evaluation.scored_scenes import Model, ScoredScene
+from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.models.suitability import BRIEF
 
 # Names of the datasets in the paper.
@@ -16,6 +16,9 @@ VALIDATION_APARTMENTS = "validation apartments"
 
 # Name of egosplat's own rows.
 OWN = "EgoSplat"
+
+# Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
+PROTOCOL = ("min_area", "excluded", "people", "hit_region", "masks")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +60,7 @@ class Series:
     @property
     def about(self) -> str:
         """Data and checkpoints."""
-        parts = (self.data, self.checkpoints, BRIEF if self.notice else "")
-        return ", ".join(filter(None, parts))
+        return ", ".join(filter(None, (self.data, self.checkpoints, BRIEF if self.notice else "")))
 
     @property
     def label(self) -> str:
@@ -73,35 +75,33 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
     Raises:
         UserError: two files have scores of one scene in one series.
     """
-    found: dict[tuple, dict[str, ScoredScene]] = {}
+    groups: dict[tuple, dict[str, ScoredScene]] = {}
     # Scores of different data, variants or models must not be averaged.
-    for one in scenes:
-        key = (one.dataset, one.variant, one.origin, one.validation, one.method, one.models)
-        other = found.setdefault(key, {}).setdefault(one.scene, one)
-        if other is not one:
-            raise UserError(f"{one.path} and {other.path}: are scores of the same scene; give one of them")
-    names = _checkpoint_names({models for *_, models in found})
-    series = [
-        Series(next(iter(own.values())), names[models], dict(sorted(own.items())))
-        for (*_, models), own in found.items()
-    ]
-    return sorted(series, key=lambda one: (not one.own, one.method, one.first.variant, one.checkpoints))
+    for scene in scenes:
+        key = (scene.dataset, scene.variant, scene.origin, scene.validation, scene.method, scene.models)
+        other = groups.setdefault(key, {}).setdefault(scene.scene, scene)
+        if other is not scene:
+            raise UserError(f"{scene.path} and {other.path}: are scores of the same scene; give one of them")
+    # Sets of models with equal names get the beginning of the hashes.
+    names = Counter({scene.models: scene.checkpoints for scene in scenes}.values())
+    series = []
+    for group in groups.values():
+        first, scenes_by_name = next(iter(group.values())), dict(sorted(group.items()))
+        hashes = "/".join(model.hash[:8] for model in first.models)
+        checkpoints = f"{first.checkpoints} {hashes}" if names[first.checkpoints] > 1 else first.checkpoints
+        series.append(Series(first, checkpoints, scenes_by_name))
+    return sorted(series, key=lambda row: (not row.own, row.method, row.first.variant, row.checkpoints))
 
 
-def _checkpoint_names(kinds: set[tuple[Model, ...]]) -> dict[tuple[Model, ...], str]:
-    """Names of sets of models; equal names get the beginning of the hashes."""
-    plain = {models: _checkpoints(models) for models in kinds}
-    times = Counter(plain.values())
-    return {
-        models: f"{name} {'/'.join(model.hash[:8] for model in models)}" if times[name] > 1 else name
-        for models, name in plain.items()
-    }
-
-
-def _checkpoints(models: Sequence[Model]) -> str:
-    if not models:
-        return ""
-    if all(model.small for model in models):
-        return "small checkpoints"
-    parts = (f"{model.key.removesuffix('_checkpoint')} {model.checkpoint}" for model in models)
-    return f"checkpoints {', '.join(parts)}"
+def check_protocol(scenes: Sequence[ScoredScene]) -> None:
+    """Raise UserError unless all scenes of a dataset were scored with one protocol."""
+    first: dict[str, ScoredScene] = {}
+    for scene in scenes:
+        other = first.setdefault(scene.dataset, scene)
+        for key in PROTOCOL:
+            mine, theirs = (each.document["provenance"]["options"].get(key) for each in (scene, other))
+            if mine != theirs:
+                raise UserError(
+                    f"{scene.path}: was scored with metrics.{key} = {mine!r}, {other.path} with {theirs!r}.\n"
+                    "Numbers in one table need the same value; rebuild one of them"
+                )
