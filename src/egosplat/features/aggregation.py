@@ -71,10 +71,7 @@ def aggregate(
 
 
 def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, Bools]:
-    """Average the inlier views of G instances with V views each; see the module for norm and k.
-
-    Args:
-        views: (G, V, D) finite.
+    """Average the inlier views of G instances with V views each, (G, V, D) finite; see the module for norm and k.
 
     Returns:
         (G, D) float64 and (G, V) bool inliers.
@@ -92,10 +89,7 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
 
 
 def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, float]:
-    """Return the number that decides whether each view of one instance is an inlier, and its limit.
-
-    Args:
-        views: (V, D) finite, at least one.
+    """Return the number that decides whether each view of one instance, (V, D) finite, is an inlier, and its limit.
 
     Returns:
         (V,) float64 and the largest value of an inlier. ``element``: fraction of channels in which the view is an

@@ -59,12 +59,7 @@ class Autoencoder(nn.Module):
 def fit_autoencoder(
     features: Features, dims: int, epochs: int, seed: int
 ) -> tuple[Callable[[Features], Features], Decoder]:
-    """Train on all rows; equal rows and seed give equal weights.
-
-    Args:
-        features: (R, D) float32; zero rows are allowed.
-        dims: C.
-        epochs: passes over the rows.
+    """Train codes of ``dims`` channels on (R, D) float32 rows, zeros allowed; equal rows and seed give equal weights.
 
     Returns:
         The encoder as a function of (R, D) float32 rows, and the decoder.

@@ -23,11 +23,9 @@ _COSINES_AT_ONCE = 2**12
 
 @dataclass(frozen=True)
 class Need:
-    """Number of code channels that features need.
+    """Fewest code channels with which a fraction ``SHARE`` of the rows is reconstructed.
 
-    Attributes:
-        dims: smallest number with which a fraction ``SHARE`` of the rows is reconstructed.
-        share: (D,) fraction of the rows reconstructed with 1, 2, ... channels; 1 if there are no rows.
+    ``share`` is the (D,) fraction of the rows reconstructed with 1, 2, ... channels; 1 if there are no rows.
     """
 
     dims: int

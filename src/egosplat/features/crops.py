@@ -1,6 +1,6 @@
 """Find the views of instances, cut their crops and encode them with OpenCLIP (docs/method.md#crops)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -20,63 +20,96 @@ from egosplat.progress import track
 
 Pixels = NDArray[np.uint8]
 Labels = NDArray[np.int32]
+Ints = NDArray[np.int32]
 
 # OpenCLIP's preprocessing uses PIL's resampling, which smooths when it shrinks an image; OpenCV's does not.
 RESAMPLING = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.BILINEAR}
 
 
 @dataclass(frozen=True)
-class Regions:
-    """The K instances visible in a frame.
+class InstanceViews:
+    """R views: instances that frames show.
 
     Attributes:
-        instance: (K,) int32, ascending.
-        area: (K,) int32 pixels.
-        box: (K, 4) int32 x0, y0, x1, y1 [px], exclusive ends.
+        table: (R, 7) int32, with the columns ``instance``, ``frame``, ``area`` [px], and ``box``: x0, y0, x1, y1 [px] with
+            exclusive ends.
     """
 
-    instance: NDArray[np.int32]
-    area: NDArray[np.int32]
-    box: NDArray[np.int32]
+    table: Ints
 
-    def chosen(self, which: NDArray[np.bool_]) -> "Regions":
-        """Select regions by a mask."""
-        return Regions(self.instance[which], self.area[which], self.box[which])
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @property
+    def instance(self) -> Ints:
+        """(R,)."""
+        return self.table[:, 0]
+
+    @property
+    def frame(self) -> Ints:
+        """(R,)."""
+        return self.table[:, 1]
+
+    @property
+    def area(self) -> Ints:
+        """(R,) [px]."""
+        return self.table[:, 2]
+
+    @property
+    def box(self) -> Ints:
+        """(R, 4) [px]."""
+        return self.table[:, 3:]
+
+    def chosen(self, which: NDArray | slice) -> "InstanceViews":
+        """Select views by a mask or row indices."""
+        return InstanceViews(self.table[which])
+
+    @property
+    def by_frame(self) -> NDArray[np.int64]:
+        """(R,) row order by frame, then instance: the order of encoding."""
+        return np.lexsort((self.instance, self.frame))
+
+    @property
+    def by_instance(self) -> NDArray[np.int64]:
+        """(R,) row order by instance, then frame: the order of the artifact."""
+        return np.lexsort((self.frame, self.instance))
 
 
-def find_regions(labels: Labels, count: int) -> Regions:
-    """Find area and bounding box of each instance in a frame.
+def join_views(parts: Sequence[InstanceViews]) -> InstanceViews:
+    """Concatenate views."""
+    return InstanceViews(np.concatenate([np.zeros((0, 7), np.int32), *(views.table for views in parts)]))
+
+
+def find_regions(labels: Labels, count: int, frame: int = 0) -> InstanceViews:
+    """Find the instances that a frame shows, in ascending order.
 
     Args:
         labels: (L, H, W) int32 instance at each level, -1 for none; an instance belongs to one level.
         count: number of instances; labels are below it.
     """
-    area = np.bincount(labels.ravel() + 1, minlength=count + 1)[1:]
-    box = np.zeros((count, 4), np.int32)
+    table = np.zeros((count, 7), np.int32)
+    table[:, 0], table[:, 1] = np.arange(count), frame
+    table[:, 2] = np.bincount(labels.ravel() + 1, minlength=count + 1)[1:]
     for level in labels:
         # find_objects ignores label 0, which is "no instance" here.
-        for instance, found in enumerate(ndimage.find_objects(level + 1)):
-            if found is not None:
-                rows, columns = found
-                box[instance] = columns.start, rows.start, columns.stop, rows.stop
-    seen = np.flatnonzero(area)
-    return Regions(seen.astype(np.int32), area[seen].astype(np.int32), box[seen])
+        for instance, place in enumerate(ndimage.find_objects(level + 1)):
+            if place is not None:
+                rows, columns = place
+                table[instance, 3:] = columns.start, rows.start, columns.stop, rows.stop
+    return InstanceViews(table[table[:, 2] > 0])
 
 
 def cut_crop(
     rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32], *, hull: bool = False
 ) -> Pixels:
-    """Cut the square around an instance's bounding box, black outside its mask.
+    """Cut the square around an instance's bounding box, black outside its mask, or outside the convex hull of it.
 
     Args:
-        rgb: (H, W, 3) uint8.
-        labels: (H, W) at the instance's level.
+        rgb, labels: (H, W, 3) uint8, and (H, W) at the instance's level.
         box: (4,) x0, y0, x1, y1 [px].
-        hull: black outside the convex hull of the mask instead.
 
     Returns:
-        (S, S, 3) uint8, S the longer side of the box. The box is centered, half a pixel up or left if the sides
-        differ by an odd number.
+        (S, S, 3) uint8, see ``pad_square``.
     """
     x0, y0, x1, y1 = (int(value) for value in box)
     # Black outside the mask, as in LangSplat: the crop is S_i ⊙ I of the paper.
@@ -105,23 +138,14 @@ def fill_hull(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def resize(crop: Pixels, size: tuple[int, int], interpolation: str) -> Pixels:
-    """Resize a square crop to the model's input, with the resampling of OpenCLIP's preprocessing.
-
-    Args:
-        crop: (S, S, 3) uint8.
-        size: height and width [px].
-        interpolation: ``bicubic`` or ``bilinear``.
-    """
+    """Resize an (S, S, 3) crop to height and width [px], with a resampling of OpenCLIP's: ``bicubic`` or ``bilinear``."""
     if crop.shape[:2] == size:
         return crop
     return np.asarray(Image.fromarray(crop).resize((size[1], size[0]), RESAMPLING[interpolation]))
 
 
 def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Encode a batch of crops.
-
-    Args:
-        crops: (B, H, W, 3) uint8 at the model's size, B >= 1.
+    """Encode (B, H, W, 3) uint8 crops at the model's size, B >= 1.
 
     Returns:
         (B, D) float32 of unit norm; NaN for a crop whose feature is zero or not finite.
@@ -143,56 +167,6 @@ def channels(clip: OpenClip) -> int:
     return encode(clip, np.zeros((1, *clip.preprocessing.image_size, 3), np.uint8)).shape[1]
 
 
-Ints = NDArray[np.int32]
-
-
-@dataclass(frozen=True)
-class InstanceViews:
-    """R views.
-
-    Attributes:
-        instance, frame, area: (R,) int32.
-        box: (R, 4) int32 x0, y0, x1, y1 [px].
-    """
-
-    instance: Ints
-    frame: Ints
-    area: Ints
-    box: Ints
-
-    def __len__(self) -> int:
-        return len(self.instance)
-
-    @staticmethod
-    def of_table(table: Ints) -> "InstanceViews":
-        """Take the columns of a ``table``."""
-        return InstanceViews(table[:, 0], table[:, 1], table[:, 2], table[:, 3:])
-
-    @property
-    def table(self) -> Ints:
-        """(R, 7) int32: instance, frame, area and box."""
-        return np.column_stack([self.instance, self.frame, self.area, self.box])
-
-    def chosen(self, which: NDArray | slice) -> "InstanceViews":
-        """Select views by a mask or row indices."""
-        return InstanceViews(self.instance[which], self.frame[which], self.area[which], self.box[which])
-
-    @property
-    def by_frame(self) -> NDArray[np.int64]:
-        """(R,) row order by frame, then instance: the order of encoding."""
-        return np.lexsort((self.instance, self.frame))
-
-    @property
-    def by_instance(self) -> NDArray[np.int64]:
-        """(R,) row order by instance, then frame: the order of the artifact."""
-        return np.lexsort((self.frame, self.instance))
-
-
-def join_views(parts: list[InstanceViews]) -> InstanceViews:
-    """Concatenate views."""
-    return InstanceViews.of_table(np.concatenate([np.zeros((0, 7), np.int32), *(one.table for one in parts)]))
-
-
 def find_views(
     frames: Artifact, instances: Artifact, min_area: float, max_views: int | None, chunks: list[range]
 ) -> InstanceViews:
@@ -211,10 +185,8 @@ def find_views(
     trained = np.flatnonzero(frames.read("train"))
     found = []
     for frame in track(trained[lie_within(trained, chunks)], "finding instances"):
-        regions = find_regions(instances.row("labels", frame), count)
-        regions = regions.chosen(regions.area >= least)
-        at = np.full_like(regions.instance, frame)
-        found.append(InstanceViews(regions.instance, at, regions.area, regions.box))
+        shown = find_regions(instances.row("labels", frame), count, int(frame))
+        found.append(shown.chosen(shown.area >= least))
     views = join_views(found)
     views = views.chosen(views.by_instance)
     return views if max_views is None else views.chosen(spread(views.instance, max_views))
@@ -231,12 +203,7 @@ def split_batches(views: InstanceViews, chunks: list[range], size: int) -> list[
 
 
 def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
-    """(R,) bool: at most ``most`` evenly spaced rows per instance, always including the first.
-
-    Args:
-        instance: (R,) sorted.
-        most: at least 1.
-    """
+    """(R,) bool: at most ``most`` evenly spaced rows per sorted instance (R,), always including the first."""
     _, first, counts = np.unique(instance, return_index=True, return_counts=True)
     place = np.arange(len(instance)) - np.repeat(first, counts)
     total = np.repeat(np.maximum(counts, most), counts)
@@ -247,12 +214,7 @@ def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
 def cut_crops(
     frames: Artifact, instances: Artifact, views: InstanceViews, wanted: Preprocessing, *, hull: bool
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the upright (H, W, 3) uint8 crop of each view at the model's size; holds one frame at a time.
-
-    Args:
-        views: in the order ``by_frame``.
-        hull: as in ``cut_crop``.
-    """
+    """Yield the upright (H, W, 3) uint8 crop of each view, ``by_frame``, at the model's size; holds one frame at a time."""
     level = instances.read("instances/level")
     turned = lies_on_its_side(frames)
     at = -1

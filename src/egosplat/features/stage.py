@@ -13,7 +13,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.features.aggregation import Aggregate, aggregate
-from egosplat.features.compression import SHARE, Need, fit
+from egosplat.features.compression import SHARE, fit
 from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
     agreement,
@@ -56,11 +56,16 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     consistent_codes[~seen] = 0.0
     cosines = reconstruction(supervision, codes, compressed.decoder)
     decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
+    # Why codes have their length, if it was ``auto``, with the share of views per length.
+    need = None
+    if compressed.need is not None:
+        share = [round(one, 6) for one in compressed.need.share.tolist()]
+        need = {"dims": compressed.need.dims, "share_wanted": SHARE, "share": share}
     facts = {
         "levels": names,
         "clip": view_features.facts["clip"],
         "decoder": decoder_metadata(compressed.decoder),
-        "need": _need(compressed.need),
+        "need": need,
         "instances_without_views": int((~seen).sum()),
         "outliers": int((~found.inlier).sum()),
         "slipped": int(mismatched.sum()),
@@ -111,13 +116,6 @@ def _supervision(
             values = unit(np.where(vanishing(values)[:, None], common, values))
         supervision[part] = values
     return consistent.astype(np.float32), supervision, mismatched
-
-
-def _need(need: Need | None) -> dict[str, Any] | None:
-    """Return why codes have their length, if it was ``auto``, with the share of views per length."""
-    if need is None:
-        return None
-    return {"dims": need.dims, "share_wanted": SHARE, "share": [round(one, 6) for one in need.share.tolist()]}
 
 
 def _summary_line(facts: dict[str, Any], found: Aggregate) -> str:

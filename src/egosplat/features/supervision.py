@@ -39,13 +39,7 @@ def supervise(
 
 
 def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.integer]) -> Floats:
-    """Normalize (N, D) consistent features.
-
-    Args:
-        consistent: (N, D) float64.
-        own: (R, D) features of the views.
-        instance: (R,) instance of each view, sorted.
-    """
+    """Normalize (N, D) float64 consistent features of the (R, D) ``own`` ones of views, sorted by ``instance`` (R,)."""
     owners, first = np.unique(instance, return_index=True)
     directions = unit(consistent)
     # Views may cancel, as two opposite ones do. The instance then takes its first view's direction.
@@ -76,13 +70,7 @@ def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDA
 
 
 def agreement(views: Features, consistent: Features, instance: NDArray[np.integer]) -> float | None:
-    """Mean cosine of each view's feature with its instance's consistent feature; None without views.
-
-    Args:
-        views: (R, D).
-        consistent: (N, D).
-        instance: (R,) instance of each view.
-    """
+    """Mean cosine of (R, D) features of views with the (N, D) consistent ones of their ``instance`` (R,); None without views."""
     total = 0.0
     for begin in range(0, len(views), _ROWS_AT_ONCE):
         part = slice(begin, begin + _ROWS_AT_ONCE)
@@ -104,12 +92,7 @@ def spread(features: Features) -> float | None:
 
 
 def summary(cosines: NDArray[np.float64], level: NDArray[np.integer], names: Sequence[str]) -> dict[str, Any]:
-    """Mean and lowest cosine over all rows, and per level.
-
-    Args:
-        cosines: (R,).
-        level: (R,) index into ``names``.
-    """
+    """Mean and lowest of (R,) cosines, over all rows and by ``level`` (R,), an index into ``names``."""
     by_level = {name: _figures(cosines[level == number]) for number, name in enumerate(names)}
     return {**_figures(cosines), "by_level": by_level}
 

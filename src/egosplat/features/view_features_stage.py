@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -14,7 +13,6 @@ from torch import Tensor
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Chunks, Work
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, VIEW_FEATURES, lies_on_its_side
 from egosplat.artifacts.writer import create
@@ -90,21 +88,25 @@ def run(
     check_made_from(instances, frames, axes=("frame", "height", "width"))
     used = (options.clip_model, options.clip_checkpoint)
     inputs = _Inputs(frames, instances, load_open_clip(*used, options.device, options.precision), options)
-    model = _model_facts(inputs.clip, *used)
-    record = provenance.begin_from(
-        "view_features",
-        options.as_dict(),
-        (frames, instances),
-        {CLIP.checkpoint_key: model["hash"]},
-    )
+    # Equal descriptions mean equal features.
+    model = {
+        "model": options.clip_model,
+        "checkpoint": options.clip_checkpoint,
+        "hash": model_hash(CLIP, dict(zip((CLIP.config_key, CLIP.checkpoint_key), used, strict=True))),
+        "small": options.clip_checkpoint == SMALL,
+        "device": inputs.clip.compute.device.type,
+        "dtype": str(inputs.clip.compute.dtype).removeprefix("torch."),
+    }
+    models = {CLIP.checkpoint_key: model["hash"]}
+    record = provenance.begin_from("view_features", options.as_dict(), (frames, instances), models)
     # The key holds the device and the precision, too: their features differ in the last bits.
     work = Work(output, record, frames.shape("rgb")[0], chunk, gather, model)
     found = work.results(inputs.find_batches, inputs.encode_batches, "encoding crops", unit="step")
     if found is None:
         return
-    views = join_views([InstanceViews.of_table(one["views"].numpy()) for one in found])
+    views = join_views([InstanceViews(part["views"].numpy()) for part in found])
     empty = np.zeros((0, 0 if found else channels(inputs.clip)), np.float32)
-    features = np.concatenate([one["features"].numpy() for one in found] or [empty])
+    features = np.concatenate([part["features"].numpy() for part in found] or [empty])
     good = _checked(features, options.clip_checkpoint)
     facts = {
         "levels": instances.facts["levels"],
@@ -113,23 +115,16 @@ def run(
         "turned": lies_on_its_side(frames),
     }
     order = np.flatnonzero(good)[views.chosen(good).by_instance]
-    record = replace(record, gathered=work.costs)
-    _write(output, record, views.chosen(order), features[order], instances.read("instances/level"), facts)
+    stored, record = views.chosen(order), replace(record, gathered=work.costs)
+    with create(output, VIEW_FEATURES, record) as artifact:
+        for name in ("instance", "frame", "area", "box"):
+            artifact.put(name, np.ascontiguousarray(getattr(stored, name)))
+        artifact.put("feature", features[order])
+        artifact.put("instances/level", instances.read("instances/level"))
+        artifact.facts = facts
     work.finish()
     seen, count = len(np.unique(views.instance[good])), instances.shape("instances/level")[0]
     log(f"{len(order)} views of {seen} of {count} instances")
-
-
-def _model_facts(clip: OpenClip, model: str, checkpoint: str) -> dict[str, Any]:
-    """Describe the model: equal descriptions mean equal features."""
-    return {
-        "model": model,
-        "checkpoint": checkpoint,
-        "hash": model_hash(CLIP, {CLIP.config_key: model, CLIP.checkpoint_key: checkpoint}),
-        "small": checkpoint == SMALL,
-        "device": clip.compute.device.type,
-        "dtype": str(clip.compute.dtype).removeprefix("torch."),
-    }
 
 
 def _checked(features: Features, checkpoint: str) -> NDArray[np.bool_]:
@@ -143,19 +138,3 @@ def _checked(features: Features, checkpoint: str) -> NDArray[np.bool_]:
     if lost := int((~good).sum()):
         log(f"warning: {lost} of {len(good)} views are skipped: the model gives no finite feature for them")
     return good
-
-
-def _write(
-    output: Path,
-    record: Provenance,
-    views: InstanceViews,
-    features: Features,
-    level: NDArray[np.int8],
-    facts: dict[str, Any],
-) -> None:
-    with create(output, VIEW_FEATURES, record) as artifact:
-        for name in ("instance", "frame", "area", "box"):
-            artifact.put(name, getattr(views, name))
-        artifact.put("feature", features)
-        artifact.put("instances/level", level)
-        artifact.facts = facts
