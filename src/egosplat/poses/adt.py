@@ -1,8 +1,7 @@
 """Poses of an Aria Digital Twin (ADT) recording, from its MPS trajectory or its ground truth.
 
 ADT publishes the MPS output aligned with the ground truth ("ADT Data Format", Aligning Ground Truth and MPS Data). The
-semi-dense points are a gzipped table with the columns ``uid``, ``graph_uid``, ``px_world``, ``py_world``, ``pz_world`` [m], ``inv_dist_std``
-[1/m] and ``dist_std`` [m] (projectaria_tools, "MPS output - Semi-dense point cloud").
+semi-dense points are a gzipped table (projectaria_tools, "MPS output - Semi-dense point cloud").
 """
 
 import gzip
@@ -16,16 +15,10 @@ from numpy.typing import NDArray
 
 from egosplat.calibration.files import MPS_FOLDER, POINTS, TRAJECTORIES, find_points
 from egosplat.errors import UserError
-from egosplat.geometry import Camera, is_rigid
+from egosplat.geometry import Camera
 from egosplat.poses.options import PosesOptions
-from egosplat.poses.result import Poses, mean_camera_up, unregistered
-from egosplat.poses.trajectory import (
-    MAX_POSITION_M,
-    InterpolatedPoses,
-    Trajectory,
-    interpolate_trajectory,
-    read_trajectory,
-)
+from egosplat.poses.result import Poses, mean_camera_up
+from egosplat.poses.trajectory import MAX_POSITION_M, interpolate_trajectory, read_trajectory
 from egosplat.progress import log, track
 
 # Longest gap in the device's trajectory that is interpolated [ms]: one missing row of ground truth, which has one every
@@ -34,6 +27,16 @@ MAX_GAP_MS = 50.0
 
 # A head looks down by less than this on average; beyond it, the frames are probably not upright.
 MAX_TILT_DEG = 60.0
+
+# The cameras that observe the points are monochrome, so the file has no colors.
+GRAY = 128
+
+_POSITION = ["px_world", "py_world", "pz_world"]
+_COLUMNS = [*_POSITION, "inv_dist_std", "dist_std"]
+# EgoLifter's limits of a point's standard deviations: of the inverse distance [1/m], and of the distance [m].
+MAX_INV_DIST_STD, MAX_DIST_STD_M = 0.001, 0.15
+# The file is read in blocks, so that memory holds the kept points and one block.
+_ROWS_PER_BLOCK = 1_000_000
 
 
 def adt_poses(
@@ -59,45 +62,36 @@ def adt_poses(
     Raises:
         UserError: a file is missing or damaged, no frame lies within the trajectory, or (closed loop) no point is usable.
     """
-    if not is_rigid(device_from_camera):
-        raise ValueError("device_from_camera is not a rigid motion")
     path = folder / TRAJECTORIES[options.trajectory]
     if not path.is_file():
-        raise UserError(_missing_message(folder, options.trajectory))
-    rows = read_trajectory(path)
+        others = [key for key, other in TRAJECTORIES.items() if (folder / other).is_file()]
+        advice = [f", or set poses.trajectory={key}, which is there" for key in others]
+        raise UserError(f"{path} is missing: download it{''.join(advice)}")
+    trajectory = read_trajectory(path)
     # EgoLifter takes the nearest row instead (docs/method.md#trajectory).
-    device = interpolate_trajectory(rows, exposure_middle_ns, max_gap_ms)
-    if not device.known.any():
-        raise UserError(_no_pose_message(rows, exposure_middle_ns, device, max_gap_ms))
-    camera_to_world = unregistered(len(device.known))
+    world_from_device, notes = interpolate_trajectory(trajectory, exposure_middle_ns, max_gap_ms)
+    if not notes["registered"]:
+        first, last = trajectory.timestamp_ns[[0, -1]] * 1e-9
+        raise UserError(
+            f"{path} covers {first:.3f} s to {last:.3f} s, and no frame from {exposure_middle_ns.min() * 1e-9:.3f} s to "
+            f"{exposure_middle_ns.max() * 1e-9:.3f} s lies between rows up to {max_gap_ms:g} ms apart: are both of the same "
+            "recording? If so, download it again, or set poses.trajectory to the other"
+        )
     # Both trajectories are in ADT's scene frame, which ADT publishes already aligned: no alignment is needed here.
-    camera_to_world[device.known] = device.poses[device.known] @ device_from_camera
+    camera_to_world = world_from_device @ device_from_camera
     points, point_notes = _points(folder, options)
-    tilt = _angle_deg(rows.up, mean_camera_up(camera_to_world[device.known]))
+    up = mean_camera_up(camera_to_world[np.isfinite(camera_to_world).all(axis=(1, 2))])
+    tilt = _angle_deg(trajectory.up, up)
     if tilt > MAX_TILT_DEG:
         log(f"{path}: up is {tilt:.0f} degrees from up in the frames: are the frames upright?")
-    notes = {
+    notes |= {
         "trajectory": options.trajectory,
-        "frames": len(device.known),
-        "registered": int(device.known.sum()),
-        "frames_outside_trajectory": device.outside,
-        "frames_in_gaps": device.in_gaps,
-        "largest_gap_bridged_ms": device.largest_gap_ms,
         "up_against_pictures_deg": tilt,
         "scale": "meters",
         **point_notes,
     }
     colors = np.full(points.shape, GRAY, np.uint8)
-    return Poses(camera_to_world, device.known, camera, points, colors, rows.up, notes).check()
-
-
-def _missing_message(folder: Path, trajectory: str) -> str:
-    """The error of a missing trajectory; it advises the other one if that exists."""
-    missing = f"{folder / TRAJECTORIES[trajectory]} is missing"
-    ((other, path),) = (item for item in TRAJECTORIES.items() if item[0] != trajectory)
-    if (folder / path).is_file():
-        return f"{missing}: download it, or set poses.trajectory={other}, which is there"
-    return f"{missing}, and so is {path}: download it"
+    return Poses(camera_to_world, camera, points, colors, trajectory.up, notes)
 
 
 def _angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
@@ -114,42 +108,14 @@ def _points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], d
         return np.empty((0, 3)), {"points": 0, "points_missing": "the recording has no semi-dense points"}
     points, read, rejected = read_semidense_points(path)
     notes = {"points": len(points), "points_read": read, "points_rejected": rejected}
-    if not len(points) and required:
+    if len(points):
+        return points, notes
+    if required:
         raise UserError(
             f"{path}: none of {read} points passes inv_dist_std < {MAX_INV_DIST_STD} and dist_std < {MAX_DIST_STD_M}: "
             "process the recording again, or set poses.trajectory to ground_truth"
         )
-    return points, notes if len(points) else notes | {
-        "points_missing": "no semi-dense point passes the filter"
-    }
-
-
-def _no_pose_message(
-    rows: Trajectory, frame_ns: NDArray[np.int64], device: InterpolatedPoses, max_gap_ms: float
-) -> str:
-    if len(frame_ns) == 0:
-        return f"{rows.path}: there is no frame to find a pose for"
-    if device.in_gaps:
-        return (
-            f"{rows.path}: every frame lies between rows more than {max_gap_ms:g} ms apart, too far to interpolate: "
-            "download the file again, or choose the other trajectory with poses.trajectory"
-        )
-    first, last = (time * 1e-9 for time in (rows.timestamp_ns[0], rows.timestamp_ns[-1]))
-    return (
-        f"{rows.path} covers {first:.3f} s to {last:.3f} s, but the frames lie from"
-        f" {frame_ns.min() * 1e-9:.3f} s to {frame_ns.max() * 1e-9:.3f} s: are both of the same recording?"
-    )
-
-
-# The cameras that observe the points are monochrome, so the file has no colors.
-GRAY = 128
-
-_POSITION = ["px_world", "py_world", "pz_world"]
-_COLUMNS = [*_POSITION, "inv_dist_std", "dist_std"]
-# EgoLifter's limits of a point's standard deviations: of the inverse distance [1/m], and of the distance [m].
-MAX_INV_DIST_STD, MAX_DIST_STD_M = 0.001, 0.15
-# The file is read in blocks, so that memory holds the kept points and one block.
-_ROWS_PER_BLOCK = 1_000_000
+    return points, notes | {"points_missing": "no semi-dense point passes the filter"}
 
 
 def read_semidense_points(path: Path) -> tuple[NDArray[np.float64], int, dict[str, int]]:
@@ -159,7 +125,7 @@ def read_semidense_points(path: Path) -> tuple[NDArray[np.float64], int, dict[st
         (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.
     """
     rejected: dict[str, int] = dict.fromkeys(("not_finite", "too_far", "inv_dist_std", "dist_std"), 0)
-    kept, read = [], 0
+    kept, read = [np.empty((0, 3))], 0
     try:
         with pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64, chunksize=_ROWS_PER_BLOCK) as blocks:
             for block in track(blocks, f"reading {path.name}", unit="block"):
@@ -172,8 +138,7 @@ def read_semidense_points(path: Path) -> tuple[NDArray[np.float64], int, dict[st
                 }
                 kept.append(position[~np.logical_or.reduce(list(failed.values()))])
                 read += len(block)
-                for name, mask in failed.items():
-                    rejected[name] += int(mask.sum())
-    except (ValueError, pd.errors.ParserError, gzip.BadGzipFile, EOFError, zlib.error) as error:
+                rejected = {name: count + int(failed[name].sum()) for name, count in rejected.items()}
+    except (ValueError, gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise UserError(f"{path} is not a readable MPS point cloud ({error}); download it again") from error
-    return np.concatenate([np.empty((0, 3)), *kept]), read, rejected
+    return np.concatenate(kept), read, rejected

@@ -2,17 +2,15 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from egosplat.calibration.contents import Contents
 from egosplat.calibration.files import accept_advice, known_poses_path
-from egosplat.calibration.gsplat_world import gsplat_world
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
-from egosplat.geometry import Camera
+from egosplat.geometry import Camera, compose, make_pose, rotate, transform
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import (
     MAX_REPROJECTION_ERROR_PX,
@@ -20,9 +18,11 @@ from egosplat.poses.result import (
     Poses,
     find_parallax,
     mean_camera_up,
-    unregistered,
 )
 from egosplat.progress import format_ranges, log
+
+# The up axis of a camera with OpenCV axes.
+_UP = np.array([0.0, -1.0, 0.0])
 
 
 def known_poses(
@@ -49,19 +49,23 @@ def known_poses(
         UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
     """
     path = known_poses_path(recording, kind)
-    contents = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
-    if contents.lenses != lenses:
+    known = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
+    if known.lenses != lenses:
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
-    row, _ = match_pictures(contents.names, pictures, path)
+    row, _ = match_pictures(known.names, pictures, path)
     registered = row >= 0
     _check_share(registered, path, options.min_registered)
     scale = options.meters_per_unit or 1.0
-    camera_to_world = unregistered(len(pictures))
-    camera_to_world[registered] = contents.camera_to_world[row[registered]]
+    camera_to_world = np.full((len(pictures), 4, 4), np.nan)
+    camera_to_world[registered] = known.camera_to_world[row[registered]]
     camera_to_world[registered, :3, 3] *= scale
-    kept = _kept_points(contents, camera.width / pinhole.width)
-    if lost := int((~np.isfinite(contents.points).all(axis=1)).sum()):
-        log(f"{path}: leaves out {lost} of {len(contents.points)} points, which are not finite")
+    finite = np.isfinite(known.points).all(axis=1)
+    if not finite.all():
+        log(f"{path}: leaves out {(~finite).sum()} of {len(known.points)} points, which are not finite")
+    # Errors in pixels of the frames. A file without views says nothing about its points' depths.
+    near = known.point_error_px * (camera.width / pinhole.width) <= MAX_REPROJECTION_ERROR_PX
+    kept = finite & near & ((known.point_views >= MIN_TRACK_LENGTH) | ~known.point_views.any())
+    points, up = known.points[kept] * scale, mean_camera_up(camera_to_world[registered])
     notes = {
         "source": "known",
         "file": str(path.relative_to(recording.parent)),
@@ -70,43 +74,72 @@ def known_poses(
         "points": int(kept.sum()),
         "points_read": len(kept),
         "scale": "arbitrary" if options.meters_per_unit is None else "meters",
-        "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], contents.points[kept] * scale),
-        **contents.notes,
+        "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], points),
+        **known.notes,
     }
-    log(_summary(path, notes, options.meters_per_unit))
-    gsplat = gsplat_world(contents.camera_to_world, contents.points) if kind == "colmap" else None
+    unit = "lengths are in scene units (poses.meters_per_unit makes them meters)"
+    unit = unit if options.meters_per_unit is None else f"one unit of the file is {scale:g} m"
+    turned = ", turned by its applied_transform" if "applied_transform" in notes else ""
+    scaled = f", scaled by its applied_scale {notes['applied_scale']:g}" if "applied_scale" in notes else ""
+    log(f"poses as in {path}{turned}{scaled}; {unit}")
+    gsplat = gsplat_world(known.camera_to_world, known.points[finite]) if kind == "colmap" else None
     if gsplat is not None:
         notes["gsplat_world"] = gsplat.tolist()
-    up, points = mean_camera_up(camera_to_world[registered]), contents.points[kept] * scale
-    return Poses(camera_to_world, registered, camera, points, contents.point_rgb[kept], up, notes).check()
+    return Poses(camera_to_world, camera, points, known.point_rgb[kept], up, notes)
 
 
-def _check_share(registered: np.ndarray, path: Path, min_registered: float) -> None:
+def _check_share(registered: NDArray[np.bool_], path: Path, min_registered: float) -> None:
+    """Log the frames without a pose, or raise UserError if they are too many."""
     frames, count = len(registered), int(registered.sum())
     without = format_ranges(set(np.flatnonzero(~registered).tolist()))
     if count < min_registered * frames:
         ways = ["Add them", "leave these frames out", accept_advice(count, frames)]
-        advice = ", or ".join(filter(None, ways))
         raise UserError(
             f"{path}: has poses of {count} of {frames} frames, and poses.min_registered requires {min_registered:.0%}; "
-            f"without a pose (indices from 0): {without}\n{advice}"
+            f"without a pose (indices from 0): {without}\n{', or '.join(filter(None, ways))}"
         )
     if without:
         log(f"{path}: has no pose of the frames {without} (indices from 0); they are not used")
 
 
-def _kept_points(contents: Contents, pixel_scale: float) -> np.ndarray:
-    """(P,) bool: the points that ``colmap_poses`` would keep, with errors in pixels of the frames."""
-    views, error = contents.point_views, contents.point_error_px * pixel_scale
-    # A file without views says nothing about its points' depths.
-    seen = views >= MIN_TRACK_LENGTH if views.any() else np.ones(len(views), bool)
-    return seen & (error <= MAX_REPROJECTION_ERROR_PX) & np.isfinite(contents.points).all(axis=1)
+def gsplat_world(
+    camera_to_world: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """The (4, 4) similarity from the world of a COLMAP model to that in which gsplat's example trainer trains, or None.
+
+    The .ply file of gsplat does not tell of it. It is determined up to the signs of two axes, which depend on gsplat's version and
+    its linear algebra.
+
+    Args:
+        camera_to_world: (F, 4, 4), all images of the model.
+        points: (P, 3), all finite points of the model.
+    """
+    by_cameras = _of_cameras(camera_to_world)
+    if len(points) < 3 or not np.isfinite(by_cameras).all():
+        return None
+    points = transform(by_cameras, points)
+    # The median goes to the origin, and the principal axes to x, y, z.
+    center = np.median(points, axis=0)
+    values, axes = np.linalg.eigh(np.cov(points - center, rowvar=False))
+    axes = axes[:, values.argsort()[::-1]]
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1
+    return compose(make_pose(axes.T, -rotate(axes.T, center)), by_cameras)
 
 
-def _summary(path: Path, notes: dict[str, Any], meters_per_unit: float | None) -> str:
-    """The log line that names the world of the poses."""
-    unit = "lengths are in scene units (poses.meters_per_unit makes them meters)"
-    unit = unit if meters_per_unit is None else f"one unit of the file is {meters_per_unit:g} m"
-    turned = ", turned by its applied_transform" if "applied_transform" in notes else ""
-    scaled = f", scaled by its applied_scale {notes['applied_scale']:g}" if "applied_scale" in notes else ""
-    return f"poses as in {path}{turned}{scaled}; {unit}"
+def _of_cameras(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Bring the mean up axis to -y, the median of the points looked at to the origin, the median distance to 1."""
+    up = -camera_to_world[:, :3, 1].mean(axis=0)
+    # Cameras without a common up axis, upside down or at one place give no number.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        up /= np.linalg.norm(up)
+        x, y, z = np.cross(up, _UP)
+        skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        turn = np.eye(3) + skew + skew @ skew / (1 + up @ _UP)
+        centers = rotate(turn, camera_to_world[:, :3, 3])
+        ahead = rotate(turn, camera_to_world[:, :3, 2])
+        # The point of each camera's axis that is nearest to the origin.
+        nearest = centers - (ahead * centers).sum(axis=1, keepdims=True) * ahead
+        shift = -np.median(nearest, axis=0)
+        scale = 1.0 / np.median(np.linalg.norm(centers + shift, axis=1))
+        return make_pose(scale * turn, scale * shift)

@@ -1,6 +1,6 @@
 """The result of pose estimation, by whichever method."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,45 +19,33 @@ MAX_REPROJECTION_ERROR_PX = 2.0
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses of the frames, and points of the scene.
+    """Poses of the frames, and points of the scene; ValueError unless each pose is a rigid motion or NaN.
 
     Attributes:
         camera_to_world: (F, 4, 4) float64, OpenCV camera axes; NaN where not registered.
-        registered: (F,) bool: frames with a pose.
         camera: of the frames; COLMAP may have refined it.
-        points: (P, 3) float64 in the world [m; COLMAP: arbitrary unit].
-        point_rgb: (P, 3) uint8.
+        points, point_rgb: (P, 3) float64 in the world [m; COLMAP: arbitrary unit], and (P, 3) uint8.
         up: (3,) float64 unit vector against gravity in the world.
         notes: statistics, as plain JSON.
     """
 
     camera_to_world: NDArray[np.float64]
-    registered: NDArray[np.bool_]
     camera: Camera
     points: NDArray[np.float64]
     point_rgb: NDArray[np.uint8]
     up: NDArray[np.float64]
-    notes: dict[str, Any] = field(default_factory=dict)
+    notes: dict[str, Any]
 
-    def check(self) -> "Poses":
-        """Check what the artifact's schema does not say, and return self.
-
-        Raises:
-            ValueError: no frame is registered, a registered pose is not a rigid motion, or an unregistered one is not NaN.
-        """
+    def __post_init__(self) -> None:
+        if not (self.registered | np.isnan(self.camera_to_world).all(axis=(1, 2))).all():
+            raise ValueError("a pose is neither a rigid motion nor NaN")
         if not self.registered.any():
             raise ValueError("no frame is registered")
-        broken = np.flatnonzero(self.registered & ~is_rigid(self.camera_to_world))
-        if len(broken):
-            raise ValueError(f"the pose of registered frame {broken[0]} is not a rigid motion")
-        if not np.isnan(self.camera_to_world[~self.registered]).all():
-            raise ValueError("a frame that is not registered has a pose")
-        return self
 
-
-def unregistered(frames: int) -> NDArray[np.float64]:
-    """(frames, 4, 4) float64 NaN: poses of unregistered frames."""
-    return np.full((frames, 4, 4), np.nan)
+    @property
+    def registered(self) -> NDArray[np.bool_]:
+        """(F,) bool: frames with a pose."""
+        return is_rigid(self.camera_to_world)
 
 
 def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,11 +58,9 @@ def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def find_parallax(centers: NDArray[np.float64], points: NDArray[np.float64]) -> float | None:
-    """Angle under which the median point sees all cameras [deg]; alarm ``poses.parallax`` if it is small.
+    """Angle under which the median of (P, 3) points sees all (N, 3) cameras, N >= 1 [deg]; alarm ``poses.parallax`` if it is small.
 
-    Args:
-        centers: (N, 3) camera centers in the world, N >= 1.
-        points: (P, 3) points of the scene; none: 0 for cameras at one place, else None.
+    Without points it is 0 for cameras at one place, else None.
     """
     extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
     if not len(points):

@@ -20,15 +20,13 @@ from egosplat.progress import log
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOptions) -> None:
     """Write the poses artifact of ``frames``; UserError if the trajectory is missing or damaged, or COLMAP fails."""
-    frames = open_artifact(frames_path, FRAMES)
+    frames, name = open_artifact(frames_path, FRAMES), recording_path.name
     has_device, kind = frames.facts["device_from_camera"] is not None, frames.facts.get("known_poses")
     if options.method == "device" and not has_device:
-        raise UserError(
-            f"poses.method = device: {recording_path.name} has no device trajectory; use colmap or auto"
-        )
+        raise UserError(f"poses.method = device: {name} has no device trajectory; use colmap or auto")
     if options.method == "known" and kind is None:
         raise UserError(
-            f"poses.method = known: {recording_path.name} has neither {' nor '.join(KNOWN_POSES.values())} "
+            f"poses.method = known: {name} has neither {' nor '.join(KNOWN_POSES.values())} "
             "(docs/recordings.md), or frames.known_poses is none"
         )
     source = poses_source(options.method, has_device, kind is not None)
@@ -61,12 +59,6 @@ def _find_poses(source: str, recording: Path, frames: Artifact, options: PosesOp
             recording, facts["known_poses"], lenses, pinhole, facts["pictures"], camera, options
         )
     count, valid = frames.shape("rgb")[0], frames.read("valid")
-    shown = (shown_pixels(frames, index, valid) for index in range(count))
-    return module.colmap_poses(
-        (frames.row("rgb", index) for index in range(count)),
-        valid,
-        camera,
-        facts["camera_known"],
-        options,
-        shown=shown if frames.has("masked") else None,
-    )
+    shown = (shown_pixels(frames, index, valid) for index in range(count)) if frames.has("masked") else None
+    images = (frames.row("rgb", index) for index in range(count))
+    return module.colmap_poses(images, valid, camera, facts["camera_known"], options, shown=shown)

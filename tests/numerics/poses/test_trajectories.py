@@ -93,7 +93,7 @@ def test_signs_of_quaternions(write, measured, signs):
     plain = Rotation.from_rotvec(np.outer(angles, AXIS)).as_quat()
     wanted = np.arange(0, 5_000_000, 250_000)
     found, truth = (
-        interpolate_trajectory(read_trajectory(write(times, rows)), wanted, 50.0).poses
+        interpolate_trajectory(read_trajectory(write(times, rows)), wanted, 50.0)[0]
         for rows in (plain * np.array(signs)[:, None], plain)
     )
     measured(np.abs(found - truth).max())
@@ -119,14 +119,14 @@ def test_lengths_of_quaternions(write, measured, length):
 @pytest.mark.parametrize(
     ("time", "length", "place", "words"),
     [
-        (1000, 0.0, 0.0, "line 3: the row has a quaternion"),
-        (1000, 0.98, 0.0, "line 3: the row has a quaternion"),
-        (1000, 1.02, 0.0, "line 3: the row has a quaternion"),
-        (1000, np.nan, 0.0, "line 3: the row has a value"),
-        (0, 1.0, 0.0, "line 3: the row has a tracking_timestamp_us not after"),
-        (-5, 1.0, 0.0, "line 3: the row has a tracking_timestamp_us not after"),
-        (np.nan, 1.0, 0.0, "line 3: the row has a value"),
-        (1000, 1.0, np.inf, "line 3: the row has a value"),
+        (1000, 0.0, 0.0, "line 3 .*: the row has a quaternion"),
+        (1000, 0.98, 0.0, "line 3 .*: the row has a quaternion"),
+        (1000, 1.02, 0.0, "line 3 .*: the row has a quaternion"),
+        (1000, np.nan, 0.0, "line 3 .*: the row has a value"),
+        (0, 1.0, 0.0, "line 3 .*: the row has a tracking_timestamp_us not after"),
+        (-5, 1.0, 0.0, "line 3 .*: the row has a tracking_timestamp_us not after"),
+        (np.nan, 1.0, 0.0, "line 3 .*: the row has a value"),
+        (1000, 1.0, np.inf, "line 3 .*: the row has a value"),
     ],
 )
 def test_impossible_rows_are_rejected(write, time, length, place, words):
@@ -143,7 +143,7 @@ def test_frames_out_of_order(write, measured, order):
     trajectory = read_trajectory(write(np.arange(5) * 1000, rows))
     times = np.arange(8) * 500_000
     sorted_, shuffled = (
-        interpolate_trajectory(trajectory, times[list(each)], 50.0).poses for each in (range(8), order)
+        interpolate_trajectory(trajectory, times[list(each)], 50.0)[0] for each in (range(8), order)
     )
     measured(np.abs(shuffled - sorted_[list(order)]).max())
 
@@ -158,11 +158,10 @@ def test_times_out_of_order(times):
 @pytest.mark.numerics("a trajectory of two rows", within=1e-14, outside="one row or none: UserError")
 def test_two_rows(write, measured):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5], AXIS)).as_quat()
-    found = interpolate_trajectory(
+    found, _ = interpolate_trajectory(
         read_trajectory(write([0, 1000], rows)), np.array([0, 500_000, 1_000_000]), 50.0
     )
-    assert found.known.all()
-    measured(np.abs(found.poses - poses([0.0, 0.25, 0.5])).max())
+    measured(np.abs(found - poses([0.0, 0.25, 0.5])).max())
     for count in (0, 1):
         with pytest.raises(UserError, match=f"has {count} rows"):
             read_trajectory(write([0, 1000][:count], rows[:count]))
@@ -174,11 +173,11 @@ def test_two_rows(write, measured):
 )
 def test_frames_without_a_pose(write):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5, 0.6], AXIS)).as_quat()
-    found = interpolate_trajectory(
+    found, notes = interpolate_trajectory(
         read_trajectory(write([0, 1000, 500_000], rows)), np.array([-1, 250_000_000, 500_000_001]), 50.0
     )
-    assert not found.known.any() and np.isnan(found.poses).all()
-    assert (found.outside, found.in_gaps) == (2, 1)
+    assert notes["registered"] == 0 and np.isnan(found).all()
+    assert (notes["frames_outside_trajectory"], notes["frames_in_gaps"]) == (2, 1)
 
 
 @pytest.mark.numerics("inverse of poses 1 to 1e12 m from the origin, and back", within=1e-14)

@@ -58,12 +58,12 @@ def test_poses_are_exact_at_rows_and_interpolated_between_them(table: pd.DataFra
 @pytest.mark.parametrize(
     ("row", "column", "value", "message"),
     [
-        (2, "qx_world_device", np.nan, "line 4: the row has a value that is missing or not a finite"),
-        (3, "ty_world_device", "abc", "line 5: the row has a value that is missing or not a finite"),
-        (1, "tz_world_device", np.inf, "line 3: the row has a value that is missing or not a finite"),
-        (4, "tracking_timestamp_us", 1_120_000, "line 6: the row has a tracking_timestamp_us not after"),
-        (2, "tracking_timestamp_us", 1_005_000, "line 4: the row has a tracking_timestamp_us not after"),
-        (1, "graph_uid", "b", "line 3: the row belongs to another world frame"),
+        (2, "qx_world_device", np.nan, "line 4 .*: the row has a value that is missing or not a finite"),
+        (3, "ty_world_device", "abc", "line 5 .*: the row has a value that is missing or not a finite"),
+        (1, "tz_world_device", np.inf, "line 3 .*: the row has a value that is missing or not a finite"),
+        (4, "tracking_timestamp_us", 1_120_000, "line 6 .*: the row has a tracking_timestamp_us not after"),
+        (2, "tracking_timestamp_us", 1_005_000, "line 4 .*: the row has a tracking_timestamp_us not after"),
+        (1, "graph_uid", "b", "line 3 .*: the row belongs to another world frame"),
     ],
 )
 def test_a_bad_row_is_named(
@@ -92,10 +92,8 @@ def test_a_bad_table_is_rejected(
         poses_at(recording(change(table)), [1_000_000])
 
 
-def test_a_missing_empty_or_binary_file_is_rejected(tmp_path: Path):
+def test_an_empty_or_binary_file_is_rejected(tmp_path: Path):
     path = tmp_path / "aria_trajectory.csv"
-    with pytest.raises(UserError, match="is missing"):
-        read_trajectory(path)
     for content in (b"", b"\x00\xff\xfe\x80" * 50):
         path.write_bytes(content)
         with pytest.raises(UserError, match="aria_trajectory.csv"):
@@ -112,7 +110,7 @@ def test_a_missing_trajectory_advises_the_one_that_is_present(
     with pytest.raises(UserError, match=f"{TRAJECTORIES[wanted].name} .*poses.trajectory={present}"):
         poses_at(folder, [1_000_000], wanted)
     (folder / TRAJECTORIES[present]).unlink()
-    with pytest.raises(UserError, match=f"{TRAJECTORIES[present].name}: "):
+    with pytest.raises(UserError, match=f"{TRAJECTORIES[wanted].name} is missing: download it$"):
         poses_at(folder, [1_000_000], wanted)
 
 
@@ -122,8 +120,6 @@ def test_no_registered_frame_is_rejected_with_the_reason(table: pd.DataFrame, re
         poses_at(folder, [7e6, 8e6])
     with pytest.raises(UserError, match="50 ms apart.*poses.trajectory"):
         poses_at(folder, [1_050_000])
-    with pytest.raises(UserError, match="no frame"):
-        poses_at(folder, [])
 
 
 def test_points_are_filtered_by_both_uncertainties(table: pd.DataFrame, recording: Recording):

@@ -41,30 +41,30 @@ def test_models_with_shared_frames_are_joined(whole, torn):
     """Each in its own world: afterwards one world, in which every camera is where it was."""
     second = part(whole, 6, 12, torn)
     second.transform(TURNED)
-    joined = join_models([second, part(whole, 1, 8, torn)], camera_known=True)
-    assert joined.parts == 2 and joined.others == [] and joined.model.num_reg_images() == 12
-    found, true = centers(joined.model), centers(whole)
+    model, parts, left = join_models([second, part(whole, 1, 8, torn)], camera_known=True)
+    assert parts == 2 and left == [] and model.num_reg_images() == 12
+    found, true = centers(model), centers(whole)
     scale = np.linalg.norm(true[1] - true[12]) / np.linalg.norm(found[1] - found[12])
     for number in true:
         away = np.linalg.norm(found[number] - found[1]) * scale
         assert away == pytest.approx(np.linalg.norm(true[number] - true[1]), abs=0.02)
-    assert joined.model.num_points3D() == 100 and joined.model.compute_mean_track_length() > 11.9
+    assert model.num_points3D() == 100 and model.compute_mean_track_length() > 11.9
 
 
 def test_a_chain_of_models_is_joined_whatever_its_order(whole):
     """The last one fits only after the middle one is joined."""
     models = [part(whole, 1, 6), part(whole, 8, 12), part(whole, 4, 10)]
     models[1].transform(TURNED)
-    joined = join_models(models, camera_known=True)
-    assert joined.parts == 3 and joined.model.num_reg_images() == 12
+    model, parts, _ = join_models(models, camera_known=True)
+    assert parts == 3 and model.num_reg_images() == 12
 
 
 def test_models_that_share_too_little_are_left_out_with_the_reason(whole):
     """Two shared frames fix no similarity."""
-    joined = join_models([part(whole, 1, 7), part(whole, 6, 12)], camera_known=True)
-    assert joined.parts == 1 and joined.model.num_reg_images() == 7
-    assert [one.num_reg_images() for one in joined.others] == [7]
-    assert joined.reasons == ["shares 2 frames with the largest model, and 3 are needed"]
+    model, parts, left = join_models([part(whole, 1, 7), part(whole, 6, 12)], camera_known=True)
+    assert parts == 1 and model.num_reg_images() == 7
+    ((other, reason),) = left
+    assert other.num_reg_images() == 7 and "shares 2 frames" in reason
 
 
 def test_models_that_do_not_fit_are_not_joined(whole):
@@ -78,6 +78,5 @@ def test_models_that_do_not_fit_are_not_joined(whole):
         moved = frame.rig_from_world
         moved.translation = moved.translation + rng.normal(size=3)
         frame.rig_from_world = moved
-    joined = join_models([part(whole, 1, 8), second], camera_known=True)
-    assert joined.parts == 1 and joined.model.num_reg_images() == 8 and len(joined.reasons) == 1
-    assert "largest model" in joined.reasons[0]
+    model, parts, ((_, reason),) = join_models([part(whole, 1, 8), second], camera_known=True)
+    assert parts == 1 and model.num_reg_images() == 8 and "largest model" in reason

@@ -7,13 +7,13 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.errors import UserError
-from egosplat.geometry import Camera
 
 Images = list[NDArray[np.uint8]]
 RNG = np.random.default_rng(0)
@@ -31,11 +31,11 @@ def tripod(picture: NDArray[np.uint8], count: int = 12) -> Images:
 
 
 def check(images: Images, folder: Path, shown: Any = None) -> None:
-    project = Project(folder)
     height, width = images[0].shape[:2]
-    project.write_images(images, Camera(width, height, 210.0, 210.0, width / 2, height / 2))
+    project = Project(folder, pycolmap.Camera(model="PINHOLE", width=width, height=height))
+    project.write_images(images)
     project.write_masks(np.ones((height, width), bool), shown)
-    check_camera_moves(project.images, project.names, project.mask_of)
+    check_camera_moves(project)
 
 
 def covered(images: Images) -> Images:

@@ -13,13 +13,13 @@ import torch
 
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import POSES, SCHEMAS
-from egosplat.calibration.gsplat_world import gsplat_world
 from egosplat.errors import UserError
 from egosplat.export.ply import geometry_columns, write_ply
 from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.similarity import moved
+from egosplat.poses.known import gsplat_world
 from egosplat.splats import stage
 from egosplat.splats.imported import known_worlds
 from egosplat.splats.source_reader import read_source

@@ -1,14 +1,13 @@
-"""Whether pictures ask for radial distortion: two cameras, fitted to the same observations, are compared.
+"""Whether pictures ask for radial distortion: two cameras of COLMAP, fitted to the same observations, are compared.
 
-Both are COLMAP's models of one focal length: SIMPLE_PINHOLE, and RADIAL with two more parameters. Two more parameters always
-lower the squared reprojection error, so two questions decide:
+SIMPLE_PINHOLE and RADIAL have one focal length; the two more parameters always lower the squared reprojection error, so two
+questions decide:
 
-- Is it more than chance? The drop is taken picture by picture. Errors inside a picture depend on each other, and
-  pictures hardly do, so a paired t-test over the pictures asks whether the mean drop is above 0.
+- Is it more than chance? A paired t-test over the pictures asks whether the mean drop is above 0: errors inside a picture
+  depend on each other, and pictures hardly do.
 - Does it matter? Between the best pinhole camera and the lens, some feature must move by more than the median reprojection
-  error, the precision of the features themselves.
-
-The features must reach towards the corners: outside of them the distortion is extrapolated, and a polynomial may be far off.
+  error, the precision of the features themselves. And the features must reach towards the corners: outside of them the
+  polynomial is extrapolated, and may be far off.
 """
 
 import os
@@ -20,10 +19,9 @@ import pycolmap
 from numpy.typing import NDArray
 from scipy import stats
 
-from egosplat.calibration.colmap.database import check_features, open_project, quiet_colmap
+from egosplat.calibration.colmap.database import quiet_colmap
 from egosplat.calibration.colmap.joining import adjust
-from egosplat.calibration.colmap.mapping import build_models
-from egosplat.calibration.colmap.matching import match_images
+from egosplat.calibration.colmap.mapping import reconstruct
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
@@ -39,7 +37,6 @@ FALSE_ALARM = 0.001
 MIN_REACH = 0.7
 # Pictures that are too far apart to match are tried again with this fraction of their distance.
 _CLOSER = 8
-_SEED = 0
 
 ReadFrames = Callable[[NDArray[np.int64]], Iterable[NDArray[np.uint8]]]
 ShownIn = Callable[[int], NDArray[np.bool_]]
@@ -58,16 +55,20 @@ def lens_of_frames(
     camera: Camera,
     shown: ShownIn | None = None,
 ) -> tuple[Lens | None, Evidence | None]:
-    """The lens that frames are rectified from, and the evidence, by ``frames.lens``; arguments as of ``estimate_lens``.
+    """The lens that frames are rectified from, and the evidence, by ``frames.lens``.
 
     Args:
         wanted: ``auto``: a lens if the frames ask for it. ``radial``: always, or a UserError. ``pinhole``: never.
+        read: yields the (H, W, 3) uint8 frames of increasing indices, of ``count``.
+        valid: (H, W) bool: pixels that show the scene.
+        camera: a guess.
+        shown: returns the (H, W) bool pixels of a frame that show the scene; None: ``valid`` for all.
     """
     if wanted == "pinhole":
         return None, None
     log("lens: looking for distortion in the frames (frames.lens=pinhole skips this)")
     try:
-        lens, evidence = estimate_lens(read, count, valid, camera, shown)
+        lens, evidence = _estimate(read, count, valid, camera, shown)
         rectified = evidence["distorted"] or wanted == "radial"
         if rectified:
             lens.check("the estimated lens")
@@ -86,25 +87,20 @@ def lens_of_frames(
     return (lens if rectified else None), evidence
 
 
-def estimate_lens(
-    read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera, shown: ShownIn | None = None
+def _estimate(
+    read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera, shown: ShownIn | None
 ) -> tuple[Lens, Evidence]:
-    """Estimate a radial lens from some frames, and whether they ask for it.
-
-    Args:
-        read: yields the (H, W, 3) uint8 frames of increasing indices.
-        count: number of frames.
-        valid: (H, W) bool: pixels that show the scene.
-        camera: a guess.
-        shown: returns the (H, W) bool pixels of a frame that show the scene; None: ``valid`` for all.
-
-    Raises:
-        UserError: COLMAP cannot build a model of ``MIN_PICTURES`` of them.
-    """
+    """A radial lens from some frames, and whether they ask for it; UserError without a model of ``MIN_PICTURES`` of them."""
     registered = 0
-    for frames in _choices(count):
+    # The result does not depend on the number of threads.
+    threads = len(os.sched_getaffinity(0))
+    for frames in choices(count):
+        radial = [camera.fx, camera.cx, camera.cy, 0.0, 0.0]
+        guess = pycolmap.Camera(model="RADIAL", width=camera.width, height=camera.height, params=radial)
         masks = None if shown is None else map(shown, frames.tolist())
-        models = _models(read(frames), valid, camera, masks)
+        models, _ = reconstruct(
+            "egosplat-lens-", read(frames), valid, masks, guess, "exhaustive", overlap=1, threads=threads
+        )
         model = max(models, key=lambda model: model.num_reg_images(), default=None)
         registered = model.num_reg_images() if model else 0
         if model and 2 * registered >= len(frames) and registered >= MIN_PICTURES:
@@ -112,37 +108,16 @@ def estimate_lens(
     raise UserError(f"{registered} frames can be oriented to each other, and {MIN_PICTURES} are needed")
 
 
-def _choices(count: int) -> Iterator[NDArray[np.int64]]:
+def choices(count: int) -> Iterator[NDArray[np.int64]]:
     """Up to ``MAX_PICTURES`` frames in the middle of the recording, from far apart to neighbors."""
     step = max(1, -(-count // MAX_PICTURES))
     while True:
-        number = min(MAX_PICTURES, -(-count // step))
-        first = (count - 1 - (number - 1) * step) // 2
-        yield first + step * np.arange(number, dtype=np.int64)
+        chosen = min(MAX_PICTURES, -(-count // step))
+        first = (count - 1 - (chosen - 1) * step) // 2
+        yield first + step * np.arange(chosen, dtype=np.int64)
         if step == 1:
             return
         step = max(1, step // _CLOSER)
-
-
-def _models(
-    images: Iterable[NDArray[np.uint8]],
-    valid: NDArray[np.bool_],
-    camera: Camera,
-    shown: Iterable[NDArray[np.bool_]] | None,
-) -> list[pycolmap.Reconstruction]:
-    """COLMAP's models of images, with a radial camera."""
-    # The result does not depend on the number of threads.
-    threads = len(os.sched_getaffinity(0))
-    with open_project("egosplat-lens-", images, camera, valid, shown) as project:
-        pycolmap.set_random_seed(_SEED)
-        project.import_images(camera, camera_known=False)
-        check_features(project.extract(camera, threads=threads))
-        match_images(project, "exhaustive", overlap=1, seed=_SEED, threads=threads)
-        radial = [camera.fx, camera.cx, camera.cy, 0.0, 0.0]
-        project.set_camera(
-            pycolmap.Camera(model="RADIAL", width=camera.width, height=camera.height, params=radial)
-        )
-        return build_models(project, camera_known=False, seed=_SEED, distortion=True)
 
 
 def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
@@ -155,14 +130,16 @@ def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
     # Equal drops have no spread; then they are no chance, unless they are 0.
     score = drops.mean() * np.sqrt(len(drops)) / spread if spread > 0 else np.inf * np.sign(drops.mean())
     chance = float(stats.t.sf(np.nan_to_num(score), len(drops) - 1))
-    lens = Lens("RADIAL", radial.width, radial.height, tuple(map(float, radial.params)))
-    f, cx, cy = map(float, pinhole.params)
     images = [model.images[number] for number in model.reg_image_ids()]
     features = np.array([point.xy for image in images for point in image.points2D if point.has_point3D()])
-    bend = lens.bend_px(Camera(pinhole.width, pinhole.height, f, f, cx, cy), features)
+    f, cx, cy = map(float, pinhole.params)
+    rays = radial.cam_from_img(features)
+    assert rays is not None
+    bend = np.linalg.norm(rays * [f, f] + [cx, cy] - features, axis=1).max()
     reach = float(np.quantile(np.linalg.norm(features - [cx, cy], axis=1) / np.hypot(cx, cy), 0.99))
     squares = np.concatenate(list(with_it.values()))
     median = float(np.sqrt(np.median(squares)))
+    lens = Lens("RADIAL", radial.width, radial.height, tuple(map(float, radial.params)))
     return lens, {
         "pictures": len(drops),
         "observations": len(squares),
@@ -170,7 +147,7 @@ def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
         "radial_px": float(np.sqrt(squares.mean())),
         "median_px": median,
         "chance": chance,
-        "bend_px": bend,
+        "bend_px": float(bend),
         "reach": reach,
         "k1": lens.params[3],
         "k2": lens.params[4],
@@ -186,14 +163,12 @@ def _fitted(model: pycolmap.Reconstruction, name: str) -> tuple[pycolmap.Camera,
     camera.model = getattr(pycolmap.CameraModelId, name)
     camera.params = params[:3] if name == "SIMPLE_PINHOLE" else params
     adjust(fitted, focal_length=True, distortion=True)
-    return camera, {
-        number: _squared_errors(fitted, fitted.images[number]) for number in fitted.reg_image_ids()
-    }
-
-
-def _squared_errors(model: pycolmap.Reconstruction, image: pycolmap.Image) -> NDArray[np.float64]:
-    seen = [point for point in image.points2D if point.has_point3D()]
-    world = np.array([model.points3D[point.point3D_id].xyz for point in seen]).reshape(-1, 3)
-    pose = image.cam_from_world().matrix()
-    shown = image.camera.img_from_cam(world @ pose[:, :3].T + pose[:, 3])
-    return ((shown - np.array([point.xy for point in seen]).reshape(-1, 2)) ** 2).sum(axis=1)
+    squares = {}
+    for number in fitted.reg_image_ids():
+        image = fitted.images[number]
+        seen = [point for point in image.points2D if point.has_point3D()]
+        world = np.array([fitted.points3D[point.point3D_id].xyz for point in seen]).reshape(-1, 3)
+        pose = image.cam_from_world().matrix()
+        shown = camera.img_from_cam(world @ pose[:, :3].T + pose[:, 3])
+        squares[number] = ((shown - np.array([point.xy for point in seen]).reshape(-1, 2)) ** 2).sum(axis=1)
+    return camera, squares

@@ -6,13 +6,13 @@ and more in three videos of a fixed camera, none in photographs of a moving one 
 """
 
 import itertools
-from collections.abc import Callable
-from pathlib import Path
+import math
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.colmap.database import Project
 from egosplat.errors import UserError
 from egosplat.progress import track
 
@@ -20,7 +20,7 @@ from egosplat.progress import track
 _FRAMES, _SIDE = 8, 640
 _FEATURES, _RATIO = 1000, 0.75
 # A feature that stays moves by less than this share of the diagonal: 1.5 px in pictures of 640 x 360.
-STAYS = 0.002
+_STAYS = 0.002
 # Fewer matches tell nothing about a pair.
 _MIN_MATCHES = 20
 # Letters on a display, dirt on the lens or the brim of a cap stay too. They have fewer of the features, or a smaller
@@ -31,61 +31,55 @@ _MIN_SHARE, _MIN_AREA = 0.05, 0.1
 _STILL_PAIRS = 0.9
 
 # Positions (N, 2) as shares of the diagonal, and descriptors (N, 128).
-_Features = tuple[NDArray[np.float64], NDArray[np.float32]]
+_Features = tuple[NDArray[np.float64], cv2.typing.MatLike]
 
 
-def check_camera_moves(
-    folder: Path, names: list[str], mask_of: Callable[[str], NDArray[np.uint8] | None]
-) -> None:
+def check_camera_moves(project: Project) -> None:
     """Compare images spread over a recording, in seconds; UserError if the camera stands still."""
+    names = project.names
     spread = np.linspace(0, len(names) - 1, min(_FRAMES, len(names))).round().astype(int)
     chosen = track([names[index] for index in spread], "COLMAP: does the camera move", unit="frame")
-    found = [
-        _features(cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE), mask_of(name)) for name in chosen
-    ]
-    shares = [share_that_stays(*pair) for pair in itertools.combinations(found, 2)]
-    told = [share for share in shares if share is not None]
-    still = [share for share in told if share >= _MIN_SHARE]
-    if not told or len(told) < len(shares) / 2 or len(still) < _STILL_PAIRS * len(told):
+    pairs = [*itertools.combinations([_features(project, name) for name in chosen], 2)]
+    shares = [share for pair in pairs if (share := _share_that_stays(*pair)) is not None]
+    still = sum(share >= _MIN_SHARE for share in shares)
+    if not shares or len(shares) < len(pairs) / 2 or still < _STILL_PAIRS * len(shares):
         return
     raise UserError(
-        f"the camera stands still: {np.median(told):.0%} of the features stay in place in {len(still)} of {len(told)} "
+        f"the camera stands still: {np.median(shares):.0%} of the features stay in place in {still} of {len(shares)} "
         "pairs of frames spread over the recording. A fixed camera shows no depth, and what moves before it is no "
         "scene: masks do not help\n"
         "Record with a camera that moves, or take the part in which it does (frames.start_s, frames.end_s)"
     )
 
 
-def share_that_stays(first: _Features, second: _Features) -> float | None:
-    """Share of the features of two frames that are at the same place in both; None if too few match to tell.
+def _features(project: Project, name: str) -> _Features:
+    """SIFT features of an image, reduced to ``_SIDE``."""
+    image = cv2.imread(str(project.images / name), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    scale = min(1.0, _SIDE / max(image.shape))
+    size = [max(1, round(scale * side)) for side in image.shape[::-1]]
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if (path := project.mask_of(name)).exists() else None
+    inside = None if mask is None else cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
+    points, descriptors = cv2.SIFT.create(_FEATURES).detectAndCompute(small, inside)
+    positions = np.array([point.pt for point in points], np.float64).reshape(-1, 2) / math.hypot(*size)
+    return positions, np.empty((0, 128)) if descriptors is None else descriptors
 
-    Features in a small part of the picture count as none.
-    """
-    if min(len(first[0]), len(second[0])) < _MIN_MATCHES:
+
+def _share_that_stays(first: _Features, second: _Features) -> float | None:
+    """Share of the features that are at the same place in both, 0 in a small part of the picture; None if too few match."""
+    fewest = min(len(first[0]), len(second[0]))
+    if fewest < _MIN_MATCHES:
         return None
     nearest = cv2.BFMatcher().knnMatch(first[1], second[1], k=2)
-    matches = [one for one, other in nearest if one.distance < _RATIO * other.distance]
+    matches = [best for best, other in nearest if best.distance < _RATIO * other.distance]
     if len(matches) < _MIN_MATCHES:
         return None
     start = first[0][[match.queryIdx for match in matches]]
     end = second[0][[match.trainIdx for match in matches]]
-    staying = start[np.linalg.norm(end - start, axis=1) < STAYS]
-    return len(staying) / min(len(first[0]), len(second[0])) if _area(staying) >= _MIN_AREA else 0.0
-
-
-def _area(positions: NDArray[np.float64]) -> float:
-    """Area of the convex hull of positions, where a whole square picture has 1."""
-    if len(positions) < 3:
+    staying = start[np.linalg.norm(end - start, axis=1) < _STAYS]
+    if len(staying) < 3:
         return 0.0
-    return 2.0 * cv2.contourArea(cv2.convexHull(positions.astype(np.float32)))
-
-
-def _features(image: NDArray[np.uint8], mask: NDArray[np.uint8] | None) -> _Features:
-    """SIFT features of a picture, reduced to ``_SIDE``."""
-    scale = min(1.0, _SIDE / max(image.shape))
-    size = [max(1, round(scale * side)) for side in image.shape[::-1]]
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    inside = None if mask is None else cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
-    points, descriptors = cv2.SIFT_create(_FEATURES).detectAndCompute(small, inside)
-    positions = np.array([point.pt for point in points], np.float64).reshape(-1, 2) / np.hypot(*size)
-    return positions, np.empty((0, 128), np.float32) if descriptors is None else descriptors
+    # Twice the area of the convex hull: 1 for a whole square picture.
+    area = 2.0 * cv2.contourArea(cv2.convexHull(staying.astype(np.float32)))
+    return len(staying) / fewest if area >= _MIN_AREA else 0.0
