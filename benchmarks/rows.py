@@ -18,7 +18,7 @@ from egosplat.errors import UserError
 from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.pipeline.variants import variant_folder
-from egosplat.query.grades.calibration import Evidence
+from egosplat.query.grades import Evidence
 from egosplat_rivals.series import check_protocol
 
 LEDGER = ROOT / "benchmarks" / "ledger"

@@ -21,10 +21,9 @@ from egosplat.histories.told import Carried
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
-from egosplat.query.finished_scene import Scene
-from egosplat.query.grades.evidence import SYNONYM
-from egosplat.query.opening import open_scene
-from egosplat.query.vocabulary import CARRIED
+from egosplat.query.finished_scene import Scene, open_scene
+from egosplat.query.grades import SYNONYM
+from egosplat.query.text import CARRIED
 
 # An answer is right within this distance of the thing's box [m].
 NEAR_M = 0.25

@@ -13,7 +13,6 @@ from egosplat.evaluation.evaluation_frames import Evaluation, Frame, read_evalua
 from egosplat.geometry import Array
 from egosplat.histories.known import Rests
 from egosplat.query.finished_scene import Scene
-from egosplat.query.histories import scene_at
 
 # A rest is right if it overlaps a true one by this IoU in time, at this distance of its box at most [m].
 IOU, NEAR_M = 0.5, 0.1
@@ -122,7 +121,7 @@ def _error(
     scene: Scene, evaluation: Evaluation, frame: Frame, rests: Rests, second: float | None
 ) -> NDArray[np.float64]:
     """(H, W) squared error of a render, mean over colors."""
-    shown = scene_at(scene.trained, rests, second).picture(
+    shown = scene.trained.at(rests, second).picture(
         evaluation.camera, evaluation.camera_to_world[frame.index]
     )
     photograph = evaluation.frames_artifact.row("rgb", frame.index) / 255.0

@@ -28,8 +28,7 @@ from egosplat.evaluation.scores import iou
 from egosplat.files import read_json, write_text
 from egosplat.geometry import OPENGL_AXES
 from egosplat.language.decoder import decode
-from egosplat.query.finished_scene import Scene
-from egosplat.query.opening import open_scene
+from egosplat.query.finished_scene import Scene, open_scene
 
 Labels = NDArray[np.int64]
 

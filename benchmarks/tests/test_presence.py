@@ -19,8 +19,8 @@ from benchmarks.presence.fit import (
 )
 from benchmarks.rows import EVIDENCE
 from egosplat.errors import UserError
-from egosplat.query.grades import calibration
-from egosplat.query.grades.calibration import Evidence, grading_of, read_fits
+from egosplat.query import grades as calibration
+from egosplat.query.grades import Evidence, grading_of, read_fits
 from egosplat.query.options import QueryOptions
 from tests.support.rows import SCENES, some_rows
 

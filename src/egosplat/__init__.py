@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from egosplat.query.answers import Thing as Thing
     from egosplat.query.answers import ViewMatch as ViewMatch
     from egosplat.query.finished_scene import Scene as Scene
-    from egosplat.query.opening import open_scene as open_scene
+    from egosplat.query.finished_scene import open_scene as open_scene
     from egosplat.query.options import AskingOptions as AskingOptions
     from egosplat.rasterize.api import rasterization as rasterization
     from egosplat.segments.options import SegmentsOptions as SegmentsOptions
@@ -42,8 +42,7 @@ _MODULES = {
     "pipeline.running": ("run_stage",),
     "poses.options": ("PosesOptions",),
     "query.answers": ("Answer", "Thing", "ViewMatch"),
-    "query.finished_scene": ("Scene",),
-    "query.opening": ("open_scene",),
+    "query.finished_scene": ("Scene", "open_scene"),
     "query.options": ("AskingOptions",),
     "rasterize.api": ("rasterization",),
     "segments.options": ("SegmentsOptions",),

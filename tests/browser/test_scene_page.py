@@ -15,8 +15,7 @@ from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.query.grades.calibration import grading_of
-from egosplat.query.grades.evidence import measure_evidence
+from egosplat.query.grades import grading_of, measure_evidence
 from egosplat.query.relevancy import relevancy
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import encode_phrases, encode_texts

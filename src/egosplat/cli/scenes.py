@@ -68,7 +68,7 @@ def ask(
     """Print the answers of a scene, and draw them; arguments as the flags of ``query``."""
     with without_collection():
         from egosplat.query.command import run
-        from egosplat.query.opening import open_scene
+        from egosplat.query.finished_scene import open_scene
 
         scene = open_scene(folder, options)
         for part in run(scene, phrases, scene.viewpoint(frame, pose), most, output, at):
@@ -179,7 +179,7 @@ def movie_command() -> click.Command:
     ) -> None:
         output = _check_paths(folder, ASKED, "query.webp", output, overwrite)
         from egosplat.export.movie import run
-        from egosplat.query.opening import open_scene
+        from egosplat.query.finished_scene import open_scene
 
         run(open_scene(folder, options), output=output, **asked)
 

@@ -16,7 +16,7 @@ from egosplat.frames.recording import Instance
 from egosplat.gaussians.render import view_of
 from egosplat.query.answers import Thing
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades.calibration import FOUND, GUESS
+from egosplat.query.grades import FOUND, GUESS
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.rasterize.view import composite
 

@@ -30,9 +30,8 @@ from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
-from egosplat.query.finished_scene import Scene, scene_of
+from egosplat.query.finished_scene import Scene, open_encoded, scene_of
 from egosplat.query.histories import held_out_at
-from egosplat.query.text import open_encoded
 
 
 def run(

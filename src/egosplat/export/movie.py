@@ -20,8 +20,7 @@ from egosplat.images import evenly_spaced, shrink_image
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer, Thing
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades.calibration import GUESS
-from egosplat.query.histories import scene_at
+from egosplat.query.grades import GUESS
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import clean_phrase
 
@@ -102,7 +101,7 @@ def _history(scene: Scene, answer: Answer, side: int) -> Iterator[tuple[Image.Im
                 _draw_ring(image, camera, pose, place.position)
             picture = np.asarray(image, np.float32) / 255
             if scene.rests is not None:
-                now = scene_at(scene.trained, scene.rests, second).picture(camera, pose)
+                now = scene.trained.at(scene.rests, second).picture(camera, pose)
                 picture = np.concatenate([picture, now], axis=0 if turned else 1)
             text = f'"{answer.phrase}"   {clock(second)}   {place.told if place else ""}'
             shown = np.rot90(picture, -1) if turned else picture

@@ -15,7 +15,7 @@ from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.histories.known import Rests
 from egosplat.progress import log
-from egosplat.query.instances import instances_of_gaussians
+from egosplat.query.scene import instances_of_gaussians
 from egosplat.report.sheets.from_above import palette
 
 Columns = dict[str, NDArray[Any]]

@@ -22,9 +22,8 @@ from egosplat.gaussians.io import read_gaussians
 from egosplat.histories.told import Carried
 from egosplat.pipeline.home import make_command
 from egosplat.progress import log
-from egosplat.query.finished_scene import Scene
-from egosplat.query.grades.calibration import GUESS
-from egosplat.query.opening import open_scene
+from egosplat.query.finished_scene import Scene, open_scene
+from egosplat.query.grades import GUESS
 from egosplat.query.options import AskingOptions
 from egosplat.viewing.command import write_page
 

@@ -20,8 +20,7 @@ class Thing:
     Attributes:
         score: 0..1, see ``egosplat.query.things.find_things``; above 0.5 it fits better than every canonical phrase.
         level: name of the level of detail at which it matches.
-        center: (3,) float64 mean of its Gaussians' centers, weighted by visible share, in the world.
-        size: (3,) float64 sides of its box along the axes of the world, in the unit of the scene.
+        center, size: (3,) float64 mean of its Gaussians by visible share, and sides of its box along the axes of the world.
         frame: the frame that shows it best.
         members: (M,) int64 indices of its Gaussians.
         probability: that it is what the query means; None without a calibration.
@@ -43,19 +42,14 @@ class Thing:
 
 @dataclass(frozen=True, eq=False)
 class ViewMatch:
-    """What matches a query in one view of (H, W) pixels.
-
-    A view without any code at any level has score 0, an empty mask, and None for the rest.
+    """What matches a query in one view of (H, W) pixels; a view without any code has score 0, an empty mask, and no place.
 
     Attributes:
-        phrase: the query.
-        score: largest smoothed relevancy, 0..1; of a thing that is shown, its own.
-        level: name of the level with the score.
+        score, level: largest smoothed relevancy, 0..1, and the level that has it; of a thing that is shown, its own.
         pixel: column and row of the best match; the innermost if several match as well.
         position: (3,) float64 place in the world that this pixel shows; None without depth.
         relevancy: (H, W) float32 in 0..1 at ``level``, not smoothed; 0 where no code is visible.
-        mask_level: name of the level of the mask.
-        mask: (H, W) bool pixels that match.
+        mask_level, mask: the level of the mask, and its (H, W) bool pixels.
     """
 
     phrase: str
@@ -73,10 +67,8 @@ class Answer:
     """The answer to one query.
 
     Attributes:
-        phrase: the query.
         grade: ``found``, ``best guess`` or ``not found`` (docs/method.md#grades).
-        score: score of the best match, 0..1.
-        probability: that the best match by score is what the query means; None without a calibration, or for a view.
+        score, probability: of the best match by score, as of a thing; no probability for a view.
         refusal: the reason why nothing is found; None if something is, or is guessed.
         untaught: words of the query that the OpenCLIP checkpoint was not trained on.
         things: things in 3D of this grade, by decreasing score; empty if refused, or if one view was asked.

@@ -1,28 +1,38 @@
-"""Query a finished scene: ``egosplat query``."""
+"""Query a finished scene, in a table and on a page of pictures: ``egosplat query``."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.artifacts.schemas import TRACKS
 from egosplat.errors import UserError
 from egosplat.geometry import Array
-from egosplat.histories.told import Place, clock
+from egosplat.histories.told import clock
+from egosplat.models.suitability import notice_of_artifacts
+from egosplat.pipeline.home import make_command
 from egosplat.progress import track
 from egosplat.query.answers import NOTHING, Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades.calibration import Grading, grading_by_score
+from egosplat.query.grades import Grading
 from egosplat.query.text import clean_phrase
 from egosplat.query.viewpoint import Viewpoint
 
 # Maximum number of answers in the picture; the table has all of them.
 MOST_DRAWN = 8
 
-# Longer side [px] of the relevancy and the mask in the picture of a scene query, where an image is 360 px high.
-DRAWN_SIDE = 256
+# Longer side [px] of the relevancy and the mask in the picture of a scene query, and height of an image there [inches].
+DRAWN_SIDE, CELL = 256, 4.0
 
 _ABSENT = "-"
+
+# What moves is masked: a carried thing is found nowhere, and yet known.
+_CARRIED = "carried about: not found among what stays"
+
+# An answer with its match in a view, the view's name if each answer has its own, and its (H, W, 3) picture in [0, 1].
+DrawnAnswer = tuple[Answer, str, NDArray | None]
 
 
 def run(
@@ -33,11 +43,9 @@ def run(
     output: Path,
     at: float | None = None,
 ) -> Iterator[str]:
-    """Answer queries in a table, then in a picture.
+    """Answer queries of the whole scene, or of a viewpoint, in a table, then in a picture.
 
     Args:
-        phrases: the queries, at least one.
-        viewpoint: the view to query; None for the whole scene.
         most: maximum number of things in an answer of the whole scene.
         output: picture to write.
         at: tell where things that were carried were at this time [s since the first frame]; of a pose, ask what it shows then.
@@ -48,30 +56,31 @@ def run(
     Raises:
         UserError: as ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time.
     """
-    viewpoint, at = _at_time(scene, viewpoint, at)
+    if at is not None:
+        viewpoint = _viewpoint_at(scene, viewpoint, at)
     place = "the whole scene" if viewpoint is None else viewpoint.name
-    title = f"{scene.folder}, {place}, origin {scene.origin}"
-    grading = scene.grading() if viewpoint is None else grading_by_score(scene.options)
-    # A view is never calibrated; saying so with each would tell nothing.
-    notices = (grading.notice, scene.untold) if viewpoint is None else ()
-    title = "\n".join(filter(None, (title, scene.notice, *notices)))
-    queries = list(dict.fromkeys(map(clean_phrase, phrases)))
-    answers = track(scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries))
+    lines = [
+        f"{scene.folder}, {place}, origin {scene.origin}",
+        notice_of_artifacts(scene.made_from.found.values()),
+    ]
+    grading, columns = Grading(None, scene.options.min_score), ("pixel", "position [{}]")
+    if viewpoint is None:
+        grading, columns = scene.grading(), ("center [{}]", "size [{}]", "frame")
+        # A view is never calibrated; saying so with each would tell nothing.
+        lines += [grading.notice, _untold(scene)]
+    title, queries = "\n".join(filter(None, lines)), list(dict.fromkeys(map(clean_phrase, phrases)))
+    rows = [("query", "answer", grading.measure, "level", *(name.format(scene.unit) for name in columns))]
     kept: list[Answer] = []
-    rows: list[tuple[str, ...]] = []
-    for answer in answers:
-        rows += _scene_rows(answer, grading) if viewpoint is None else [_view_row(answer, grading)]
+    for answer in track(
+        scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries)
+    ):
+        rows += _rows(answer, grading)
         # Answers in a view hold maps of its size: those that are drawn are kept.
         if viewpoint is None or len(kept) < MOST_DRAWN:
             kept.append(answer)
-    columns = ("pixel", "position [{}]") if viewpoint else ("center [{}]", "size [{}]", "frame")
-    measured = ("query", "answer", grading.measure, "level", *(one.format(scene.unit) for one in columns))
-    yield f"{title}\n{answers_table(measured, rows)}"
-    if carried := _carried_table(kept, scene.unit, at):
+    yield f"{title}\n{_table(rows)}"
+    if carried := _carried_table(kept, scene.unit, at if viewpoint is None else None):
         yield f"\n{carried}"
-    # Here, because matplotlib takes as long to import as a query to answer.
-    from egosplat.query.sheet import draw_answers
-
     if viewpoint is None:
         drawn = [_render_thing(scene, answer) for answer in kept[:MOST_DRAWN]]
     else:
@@ -83,106 +92,80 @@ def run(
     yield f"picture: {output}{more if left_out else ''}"
 
 
-def _at_time(
-    scene: Scene, viewpoint: Viewpoint | None, at: float | None
-) -> tuple[Viewpoint | None, float | None]:
-    """The viewpoint at a time, or the time at which the whole scene is asked."""
-    if at is None:
-        return viewpoint, None
+def _viewpoint_at(scene: Scene, viewpoint: Viewpoint | None, at: float) -> Viewpoint | None:
+    """The viewpoint at a time; None for the whole scene."""
     if viewpoint is not None and viewpoint.second is not None:
         raise UserError(f"--at: {viewpoint.name} has its own time; ask the whole scene, or a pose")
     # By the whole seconds that a user sees: 0:59.9 is at the end of a recording that ends at 0:59.
     if int(at) > scene.seconds[-1]:
         raise UserError(f"--at {clock(at)}: the recording ends at {clock(float(scene.seconds[-1]))}")
-    if viewpoint is None:
-        return None, at
-    return replace(viewpoint, name=f"{viewpoint.name} at {clock(at)}", second=at), None
+    return viewpoint and replace(viewpoint, name=f"{viewpoint.name} at {clock(at)}", second=at)
 
 
-def answers_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Format a table with aligned columns, one line per row.
+def _untold(scene: Scene) -> str | None:
+    """A line for a scene in which things are tracked, and what is carried is not known."""
+    instances = scene.made_from.found.get("instances.zarr")
+    # Where everything is tracked, nothing is known to move.
+    if instances is None or instances.facts["source"] == TRACKS or scene.histories is not None:
+        return None
+    if not instances.read("instances/moving").any():
+        return None
+    command = make_command(scene.folder / "histories.zarr")
+    return f"things are tracked here; to learn where they were carried: {command}"
 
-    Args:
-        columns: C column names.
-        rows: rows of C cells. The last cell of a shorter row is a sentence that does not widen its column.
-    """
-    every = [columns, *rows]
-    cells = [row if len(row) == len(columns) else row[:-1] for row in every]
-    widths = [max(len(row[place]) for row in cells if place < len(row)) for place in range(len(columns))]
-    lines = ("  ".join(map(str.ljust, row, [*widths[: len(row) - 1], 0])).rstrip() for row in every)
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    """Align the columns that the first row names; the last cell of a shorter row is a sentence that does not widen its column."""
+    count = len(rows[0])
+    cells = [row if len(row) == count else row[:-1] for row in rows]
+    widths = [max(len(row[column]) for row in cells if column < len(row)) for column in range(count)]
+    lines = ("  ".join(map(str.ljust, row, [*widths[: len(row) - 1], 0])).rstrip() for row in rows)
     return "\n".join(lines)
 
 
-def _scene_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
+def _rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
+    """The rows of an answer; of one that is refused the last cell says why, with the number that it was graded by, if that means anything."""
+    view, shown = answer.view, grading.shown(answer.rating)
     if answer.refusal:
-        return [_refused_row(answer, grading)]
-    return [
-        (
-            answer.phrase if number == 0 else "",
-            answer.grade,
-            grading.shown(thing.rating),
-            thing.level,
-            _numbers(thing.center),
-            " x ".join(f"{side:.2f}" for side in thing.size),
-            str(thing.frame),
-        )
-        for number, thing in enumerate(answer.things)
-    ]
+        graded = answer.rating > 0 and not answer.untaught
+        reason = _CARRIED if answer.history else answer.refusal
+        return [(answer.phrase, f"{reason} ({grading.measure} {shown})" if graded else reason)]
+    if view is not None and view.pixel is not None and view.level is not None:
+        pixel = f"{view.pixel[0]}, {view.pixel[1]}"
+        return [(answer.phrase, answer.grade, shown, view.level, pixel, _numbers(view.position))]
+    rows = [(answer.phrase, NOTHING)] if not answer.things else []
+    for number, thing in enumerate(answer.things):
+        size = " x ".join(f"{side:.2f}" for side in thing.size)
+        about = answer.grade, grading.shown(thing.rating), thing.level, _numbers(thing.center), size
+        rows.append((answer.phrase if number == 0 else "", *about, str(thing.frame)))
+    return rows
 
 
 def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str:
     """When what was asked for was carried, or where it was at a time; empty if nothing is known and no time is asked of."""
-    answers = [one for one in answers if one.history]
+    answers = [answer for answer in answers if answer.history]
     if not answers:
         return "" if at is None else "nothing of this was carried, as far as is known"
     if at is not None:
-        rows = [(one.phrase, *_place_cells(one.at(at))) for one in answers]
-        return answers_table(("carried thing", f"at {clock(at)} [{unit}]", "for how long [min:s]"), rows)
-    columns = ("carried thing", "carried [min:s]", f"from [{unit}]", f"to [{unit}]", "frame")
-    rows = [
-        (
-            answer.phrase if number == 0 else "",
-            one.told,
-            _numbers(one.start) if one.start_is_known else _ABSENT,
-            _numbers(one.end) if one.end_is_known else _ABSENT,
-            str(one.frame),
-        )
-        for answer in answers
-        for number, one in enumerate(answer.history)
-    ]
-    return answers_table(columns, rows)
+        rows = [("carried thing", f"at {clock(at)} [{unit}]", "for how long [min:s]")]
+        for answer in answers:
+            place = answer.at(at)
+            rows.append((answer.phrase, _numbers(place and place.position), place.told if place else _ABSENT))
+        return _table(rows)
+    rows = [("carried thing", "carried [min:s]", f"from [{unit}]", f"to [{unit}]", "frame")]
+    for answer in answers:
+        for number, one in enumerate(answer.history):
+            ends = _numbers(one.start), _numbers(one.end)
+            rows.append((answer.phrase if number == 0 else "", one.told, *ends, str(one.frame)))
+    return _table(rows)
 
 
-def _place_cells(place: Place | None) -> tuple[str, str]:
-    if place is None:
-        return _ABSENT, _ABSENT
-    return _ABSENT if place.position is None else _numbers(place.position), place.told
+def _numbers(point: Array | None) -> str:
+    known = point is not None and np.isfinite(point).all()
+    return ", ".join(f"{one:.2f}" for one in point) if known else _ABSENT
 
 
-# What moves is masked: a carried thing is found nowhere, and yet known.
-_CARRIED = "carried about: not found among what stays"
-
-
-def _refused_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
-    """A row whose last cell says why, with the number that it was graded by, if that means anything."""
-    graded = answer.rating > 0 and not answer.untaught
-    number = f" ({grading.measure} {grading.shown(answer.rating)})" if graded else ""
-    reason = _CARRIED if answer.history else answer.refusal
-    return answer.phrase, f"{reason}{number}"
-
-
-def _view_row(answer: Answer, grading: Grading) -> tuple[str, ...]:
-    view = answer.view
-    if answer.refusal:
-        return _refused_row(answer, grading)
-    if view is None or view.pixel is None or view.level is None:
-        return answer.phrase, NOTHING
-    position = _ABSENT if view.position is None else _numbers(view.position)
-    place = f"{view.pixel[0]}, {view.pixel[1]}"
-    return answer.phrase, answer.grade, grading.shown(answer.rating), view.level, place, position
-
-
-def _render_thing(scene: Scene, answer: Answer) -> tuple[Answer, str, NDArray | None]:
+def _render_thing(scene: Scene, answer: Answer) -> DrawnAnswer:
     """The best thing of an answer in the frame that shows it best."""
     if not answer.things:
         return answer, "", None
@@ -191,5 +174,41 @@ def _render_thing(scene: Scene, answer: Answer) -> tuple[Answer, str, NDArray | 
     return replace(answer, view=view), f"frame {thing.frame}", scene.render(thing.frame)
 
 
-def _numbers(point: Array) -> str:
-    return ", ".join(f"{one:.2f}" for one in point)
+def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> None:
+    """Draw a page as PNG, atomically: for each of some answers the location, the relevancy and the mask in the rendered view."""
+    # Here, because matplotlib takes as long to import as a query to answer.
+    from egosplat.drawing import plt, save_figure
+
+    shapes = [picture.shape for _, _, picture in answers if picture is not None]
+    height, width = shapes[0][:2] if shapes else (1, 1)
+    cell = CELL * float(np.clip(width / height, 0.6, 1.8))
+    # A refused query takes one line.
+    heights = [0.6 if picture is None else CELL + 0.35 for _, _, picture in answers]
+    figure = plt.figure(figsize=(3 * cell, sum(heights) + 0.8), layout="constrained")
+    grid = figure.subplots(len(answers), 3, squeeze=False, height_ratios=heights)
+    figure.suptitle(title, fontsize=12)
+    for cells, drawn in zip(grid, answers, strict=True):
+        _draw(cells, *drawn)
+    save_figure(figure, output)
+
+
+def _draw(cells: NDArray[np.object_], answer: Answer, where: str, picture: NDArray | None) -> None:
+    from egosplat.drawing import draw_heat, draw_mask, hide_axes
+
+    for axes in cells:
+        hide_axes(axes)
+    (place, heat, mask), view = cells, answer.view
+    if picture is None or view is None:
+        caption = f'"{answer.phrase}": {answer.refusal or NOTHING}'
+        # Outside of the layout: otherwise the first column becomes as wide as the text.
+        place.text(0.0, 0.5, caption, fontsize=10, transform=place.transAxes, clip_on=False, in_layout=False)
+        return
+    place.set_title(f'"{answer.phrase}": {answer.grade}{where and f", {where}"}', fontsize=10)
+    place.imshow(picture)
+    draw_heat(heat, picture, view.relevancy)
+    heat.set_title(f"relevancy 0 to 1, {view.level}", fontsize=10)
+    for axes in (place, heat) if view.pixel else ():
+        for color, width in (("black", 3.5), ("white", 1.5)):
+            axes.scatter(*view.pixel, s=130, facecolors="none", edgecolors=color, linewidths=width)
+    draw_mask(mask, picture, view.mask)
+    mask.set_title(f"mask, {view.mask_level}", fontsize=10)

@@ -11,9 +11,17 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.integrity import digest_of
-from egosplat.artifacts.lineage import Lineage, lineage, open_histories
+from egosplat.artifacts.lineage import Lineage, lineage, locate, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
-from egosplat.artifacts.schemas import SCHEMAS, TRACKS, camera_poses, length_unit, seconds_of
+from egosplat.artifacts.schemas import (
+    FEATURES,
+    LANGUAGE,
+    SCHEMAS,
+    TILES,
+    camera_poses,
+    length_unit,
+    seconds_of,
+)
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
@@ -21,23 +29,18 @@ from egosplat.histories.known import Histories, Rests
 from egosplat.histories.told import Carried
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_clip_of
-from egosplat.models.suitability import notice_of_artifacts
-from egosplat.pipeline.home import make_command
+from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.answers import Answer, Thing, ViewMatch
-from egosplat.query.grades.calibration import Evidence, Grading, grading_by_score, grading_of
-from egosplat.query.grades.evidence import measure_evidence
-from egosplat.query.grades.judge import judge, judge_view
-from egosplat.query.histories import find_history, scene_at
-from egosplat.query.instances import instances_of_gaussians
+from egosplat.query.grades import Evidence, Grading, grading_of, judge, judge_view, measure_evidence
+from egosplat.query.histories import find_history
 from egosplat.query.maps import Mask
-from egosplat.query.options import MOST, AskingOptions, QueryOptions
-from egosplat.query.scene import QueryScene, read_scene
-from egosplat.query.text import Texts, encode_texts, untaught_words
+from egosplat.query.options import MOST, AskingOptions, QueryOptions, suit_options
+from egosplat.query.scene import QueryScene, instances_of_gaussians, read_scene
+from egosplat.query.text import Texts, encode_texts, untaught_words, words_to_try
 from egosplat.query.things import Surface, ask_scene, read_surface
-from egosplat.query.viewpoint import Pose, Viewpoint, frame_viewpoint, pose_viewpoint
+from egosplat.query.viewpoint import Pose, Viewpoint, pose_viewpoint
 from egosplat.query.views import Asker, show_thing
-from egosplat.query.vocabulary import words_to_try
 
 # What OpenCLIP encoded for a scene's codes: the features of its instances, or tiles for methods without masks.
 ENCODED = ("features", "tiles")
@@ -66,8 +69,7 @@ class Scene:
 
     Attributes:
         folder: folder of the scene or variant.
-        given: the opened artifacts.
-        made_from: these with everything that they were made from.
+        given, made_from: the opened artifacts, and these with everything that they were made from.
         options: how queries are answered, and by what renderer and device.
         checked: whether bytes of artifacts need not be compared with their digests before they are read.
     """
@@ -82,17 +84,13 @@ class Scene:
         return f"Scene({str(self.folder)!r})"
 
     def artifact(self, name: str) -> Artifact:
-        """Get an artifact of the scene by its name, such as ``poses`` or ``masks``.
-
-        Raises:
-            UserError: it is not there, or does not belong to the scene.
-        """
+        """Get an artifact of the scene by its name, such as ``poses`` (UserError: it is not there, or belongs to another)."""
         known = (*self.given, *self.made_from.found.values())
-        found = next((one for one in known if one.schema.name == name), None)
-        if found is None:
-            found = open_artifact(self.folder / f"{name}.zarr", SCHEMAS[name])
-            check_made_from(found, *self.given)
-        return found
+        artifact = next((one for one in known if one.schema.name == name), None)
+        if artifact is None:
+            artifact = open_artifact(self.folder / f"{name}.zarr", SCHEMAS[name])
+            check_made_from(artifact, *self.given)
+        return artifact
 
     @property
     def encoded(self) -> Artifact:
@@ -115,11 +113,6 @@ class Scene:
         return self.artifact("language").origin
 
     @property
-    def notice(self) -> str | None:
-        """A line about checkpoints that do not suit the recording, or None."""
-        return notice_of_artifacts(self.made_from.found.values())
-
-    @property
     def camera(self) -> Camera:
         """The camera of all frames."""
         return Camera(**self.artifact("splats").facts["camera"])
@@ -139,6 +132,11 @@ class Scene:
         """(H, W) bool pixels of the frames that show the scene."""
         return self.artifact("frames").read("valid")
 
+    @cached_property
+    def seconds(self) -> Array:
+        """(F,) float64 time of each frame since the first [s]."""
+        return seconds_of(self.artifact("frames"))
+
     @property
     def gaussians(self) -> Gaussians:
         """The N trained Gaussians."""
@@ -146,17 +144,15 @@ class Scene:
 
     @cached_property
     def instances(self) -> NDArray[np.int32]:
-        """(L, N) int32 instance of each Gaussian at each level, -1 for none.
-
-        Raises:
-            UserError: instances.zarr is not there, or its instances are tracks, which have no place in 3D.
-        """
+        """(L, N) int32 instance of each Gaussian at each level, -1 for none. Raises as ``instances_of_gaussians``."""
         return instances_of_gaussians(self.artifact("instances"), self.gaussians.means.cpu().numpy())
 
     @cached_property
-    def seconds(self) -> Array:
-        """(F,) float64 time of each frame since the first [s]."""
-        return seconds_of(self.artifact("frames"))
+    def rests(self) -> Rests | None:
+        """What lies somewhere for a while, on the device of the renderer; None if it is not known."""
+        if (tracked := self._tracked) is None:
+            return None
+        return Rests.read(tracked, self.seconds, self.gaussians.means.device)
 
     @cached_property
     def histories(self) -> Histories | None:
@@ -165,21 +161,13 @@ class Scene:
         Raises:
             UserError: it is damaged.
         """
-        rests = self.rests
-        if self._tracked is None or rests is None:
+        if (tracked := self._tracked) is None or (rests := self.rests) is None:
             return None
         # Features of another OpenCLIP compare with no word.
-        encoded = self.encoded.shape("consistent" if self.encoded.schema.name == "features" else "scale/0")
-        if rests.feature.shape[1] != encoded[-1]:
-            return None
-        return Histories(self._tracked, rests, self.seconds)
-
-    @cached_property
-    def rests(self) -> Rests | None:
-        """What lies somewhere for a while, on the device of the renderer; None if it is not known."""
-        if self._tracked is None:
-            return None
-        return Rests.read(self._tracked, self.seconds, self.gaussians.means.device)
+        channels = self.encoded.shape("consistent" if self.encoded.schema.name == "features" else "scale/0")[
+            -1
+        ]
+        return Histories(tracked, rests, self.seconds) if rests.feature.shape[1] == channels else None
 
     @cached_property
     def _tracked(self) -> Artifact | None:
@@ -187,28 +175,16 @@ class Scene:
         given = next((one for one in self.given if one.schema.name == "histories"), None)
         return given if self.checked else open_histories(self.folder, self.artifact("splats"))
 
-    @property
-    def untold(self) -> str | None:
-        """A line for a scene in which things are tracked, and what is carried is not known."""
-        instances = self.made_from.found.get("instances.zarr")
-        # Where everything is tracked, nothing is known to move.
-        if instances is None or instances.facts["source"] == TRACKS or self.histories is not None:
-            return None
-        if not instances.read("instances/moving").any():
-            return None
-        command = make_command(self.folder / "histories.zarr")
-        return f"things are tracked here; to learn where they were carried: {command}"
-
     @cached_property
     def trained(self) -> QueryScene:
         """The Gaussians with their codes, on the device of the renderer."""
-        if not self.checked:
-            for one in self.given:
-                # Frames are not compared: they may hold gigabytes, and queries read only little of them. Reading checks numbers.
-                if one.schema.name != "frames" and digest_of(one.path) != one.digest:
-                    verify(one.path, SCHEMAS)
-        splats, language = self.artifact("splats"), self.artifact("language")
-        return read_scene(splats, language, self.encoded, self.options.backend)
+        for artifact in () if self.checked else self.given:
+            # Frames are not compared: they may hold gigabytes, and queries read only little of them. Reading checks numbers.
+            if artifact.schema.name != "frames" and digest_of(artifact.path) != artifact.digest:
+                verify(artifact.path, SCHEMAS)
+        return read_scene(
+            self.artifact("splats"), self.artifact("language"), self.encoded, self.options.backend
+        )
 
     @cached_property
     def clip(self) -> OpenClip:
@@ -223,10 +199,16 @@ class Scene:
     @cached_property
     def surface(self) -> Surface:
         """What the frames show of each Gaussian; measured once for all queries of the whole scene."""
-        if not len(known_poses(self.poses)):
+        assert len(self._posed)
+        return read_surface(self.trained, self.poses, self.camera, self.valid)
+
+    @cached_property
+    def _posed(self) -> NDArray[np.int64]:
+        """Frames with a pose, at least one."""
+        if not len(posed := known_poses(self.poses)):
             path = self.artifact("poses").path
             raise UserError(f"{path}: no frame has a pose; see the log of the stage poses")
-        return read_surface(self.trained, self.poses, self.camera, self.valid)
+        return posed
 
     def ask(
         self,
@@ -237,18 +219,14 @@ class Scene:
         second: float | None = None,
         **keys: Any,
     ) -> list[Answer]:
-        """Find phrases in the whole scene, or in one view.
+        """Find phrases in the whole scene, or in one view; answers are in the order of the phrases, each of which is answered once.
 
         Args:
-            phrases: the queries; each is answered once.
             most: maximum number of things in an answer of the whole scene.
             frame: ask only the view of this frame, at its time.
             pose: ask only this view: (4, 4) camera_to_world, or a JSON file that holds it.
             second: time of the pose [s since the first frame]: what lies somewhere for a while is seen at its time.
             keys: keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
-
-        Returns:
-            The answers in the order of the phrases.
 
         Raises:
             UserError: the OpenCLIP that made the features is missing; the frame has no pose, or the pose is none; a phrase
@@ -277,24 +255,25 @@ class Scene:
             every = ask_scene(self.trained, self.surface, texts, options, max(2, most))
             rows = zip(texts.phrases, every, strict=True)
             return (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
-        place = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
-        seen = Asker(self.trained, texts, options, self.rests).ask(texts.phrases, *place)
-        grading = grading_by_score(options)
-        return (judge_view(match, untaught_words(self.clip, match.phrase), grading) for match in seen)
+        view = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
+        matches = Asker(self.trained, texts, options, self.rests).ask(texts.phrases, *view)
+        grading = Grading(None, options.min_score)
+        return (judge_view(match, untaught_words(self.clip, match.phrase), grading) for match in matches)
 
     def _judged(self, query: Texts, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
         """The verdict on the things that match one query best, with what is known of where it was carried."""
-        [phrase] = query.phrases
-        grading, untaught = self.grading(options), untaught_words(self.clip, phrase)
-        if (fit := grading.calibration) is not None:
-            evidence = self.evidence(phrase, things, options) if things else ()
-            things = [
-                replace(thing, probability=fit.probability(each))
-                for thing, each in zip(things, evidence, strict=True)
-            ]
+        [phrase], grading = query.phrases, self.grading(options)
+        if (fit := grading.calibration) is not None and things:
+            chances = map(fit.probability, self.evidence(phrase, things, options))
+            things = [replace(one, probability=each) for one, each in zip(things, chances, strict=True)]
         coded = bool(things) or bool((self.trained.share > 0).any())
-        answer = judge(phrase, things, untaught, grading, most, coded=coded)
+        answer = judge(phrase, things, untaught_words(self.clip, phrase), grading, most, coded=coded)
         return replace(answer, history=self._history(query, options))
+
+    def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
+        if self.histories is None or untaught_words(self.clip, query.phrases[0]):
+            return ()
+        return find_history(self.histories, query, self._words, options.temperature)
 
     def carried(self) -> list[tuple[str, Carried]]:
         """List what is carried, in the order of time, each with the word that fits best of those whose history it is in, or "".
@@ -303,13 +282,13 @@ class Scene:
         [('cup', '0:00 to 0:00')]
         """
         every = () if self.histories is None else self.histories.every
-        named = {}
+        named = {(one.from_s, one.until_s, one.box): ("", one) for one in every}
         for word in self._words.phrases if every else ():
             for one in self._history(self._words.of([word]), self.options):
                 key = one.from_s, one.until_s, one.box
-                if key not in named or named[key][1].score < one.score:
+                if named[key][1].score < one.score:
                     named[key] = word, one
-        return [named.get((one.from_s, one.until_s, one.box), ("", one)) for one in every]
+        return [named[one.from_s, one.until_s, one.box] for one in every]
 
     def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
         """Encode phrases, each once, and the canonical phrases. Raises as ``ask``."""
@@ -322,7 +301,7 @@ class Scene:
     def viewpoint(
         self, frame: int | None = None, pose: Pose | None = None, second: float | None = None
     ) -> Viewpoint | None:
-        """The view of a frame, or of a pose at a time; None without either. Raises as ``ask``."""
+        """The view of a frame at its time, or of a pose at a time; None without either. Raises as ``ask``."""
         if frame is not None and pose is not None:
             raise UserError("frame and pose: give one of them")
         if second is not None and pose is None:
@@ -331,9 +310,15 @@ class Scene:
             )
         if pose is not None:
             return pose_viewpoint(pose, second)
-        if frame is not None:
-            return frame_viewpoint(*map(self.artifact, ("frames", "poses", "splats")), frame=frame)
-        return None
+        if frame is None:
+            return None
+        count = len(self.poses)
+        if not 0 <= frame < count:
+            raise UserError(f"frame {frame}: there are {count} frames, 0 to {count - 1}")
+        nearest = self._posed[np.abs(self._posed - frame).argmin()]
+        if nearest != frame:
+            raise UserError(f"frame {frame}: has no pose; the nearest frame with a pose is {nearest}")
+        return Viewpoint(f"frame {frame}", self.poses[frame], self.valid, float(self.seconds[frame]))
 
     def render(
         self,
@@ -343,16 +328,10 @@ class Scene:
         second: float | None = None,
         camera: Camera | None = None,
     ) -> NDArray[np.float32]:
-        """Render a view.
+        """Render (H, W, 3) float32 sRGB in [0, 1] of the view of a frame at its time, or of a pose, as in ``ask``.
 
         Args:
-            frame: the view of this frame, at its time.
-            pose: this view instead: (4, 4) camera_to_world, or a JSON file that holds it.
-            second: time of the pose, as in ``ask``.
             camera: another camera than that of the frames.
-
-        Returns:
-            (H, W, 3) float32 sRGB in [0, 1].
         """
         view = self.viewpoint(frame, pose, second)
         if view is None:
@@ -361,8 +340,7 @@ class Scene:
 
     def picture(self, view: Viewpoint, camera: Camera | None = None) -> NDArray[np.float32]:
         """Render a view at its time; otherwise as ``render``."""
-        scene = scene_at(self.trained, self.rests, view.second)
-        return scene.picture(camera or self.camera, view.camera_to_world)
+        return self.trained.at(self.rests, view.second).picture(camera or self.camera, view.camera_to_world)
 
     def show(self, phrase: str, thing: Thing, resolution: int = 0) -> ViewMatch:
         """Show a thing in the frame that shows it best: its pixels, and the relevancy of the whole view.
@@ -371,9 +349,9 @@ class Scene:
             phrase: the query that it answers.
             resolution: longer side [px] at which the relevancy is computed; 0 for the camera's.
         """
-        place = self.camera, self.poses[thing.frame], self.valid
+        view = self.camera, self.poses[thing.frame], self.valid
         options = self.options.change(resolution=resolution)
-        return show_thing(self.trained, thing, self.encode([phrase]), *place, options)
+        return show_thing(self.trained, thing, self.encode([phrase]), *view, options)
 
     def grading(self, options: QueryOptions | None = None) -> Grading:
         """How answers of the whole scene are graded."""
@@ -384,18 +362,51 @@ class Scene:
     ) -> list[Evidence]:
         """Measure for each of the best things the evidence that it is what a phrase means."""
         options = options or self.options
-        given = self.encode([phrase], options), self._words, options.temperature
-        return measure_evidence(self.trained, self.surface, things, *given)
+        texts = self.encode([phrase], options), self._words
+        return measure_evidence(self.trained, self.surface, things, *texts, options.temperature)
 
     @cached_property
     def _words(self) -> Texts:
         """Names of things, which compete with a query."""
         return self.encode(words_to_try(self.clip))
 
-    def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
-        if self.histories is None or untaught_words(self.clip, query.phrases[0]):
-            return ()
-        return find_history(self.histories, query, self._words, options.temperature)
+
+def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys: Any) -> Scene:
+    """Open a finished scene or variant, such as ``results/adt/scene1``. Only what describes its artifacts is read.
+
+    Args:
+        options: how queries are answered; None for the defaults, which follow the model.
+        keys: keys of the section ``query``, ``backend``, ``device`` or ``precision`` that differ, such as ``min_score=0.6``.
+
+    Raises:
+        UserError: the folder is no finished scene, or an artifact is damaged or does not belong to the others; names the
+            command that makes it. Or a key is not valid.
+
+    >>> scene = egosplat.open_scene("results/adt/scene1")
+    >>> scene.levels, len(scene.frames), scene.gaussians.count
+    (['part', 'whole'], 5, 700)
+    """
+    folder = Path(folder)
+    artifacts = open_artifacts(folder)
+    clip_model = artifacts[-1].facts["clip"]["model"]
+    return scene_of(artifacts, suit_options(options or AskingOptions(), clip_model, **keys), folder)
+
+
+def open_artifacts(folder: Path) -> list[Artifact]:
+    """Open what queries of a scene or a variant read, what OpenCLIP encoded at last. Raises as ``open_scene``."""
+    check_scene_folder(folder, ASKED)
+    *paths, features, tiles = locate(folder, *ASKED, *ENCODED)
+    by_tiles = "tiles.zarr" in open_artifact(paths[-1], LANGUAGE).provenance["inputs"]
+    return [open_artifact(path, SCHEMAS[path.stem]) for path in (*paths, tiles if by_tiles else features)]
+
+
+def open_encoded(features: Path | None, tiles: Path | None) -> Artifact:
+    """Open what OpenCLIP encoded for a scene's codes (UserError: neither is given, or it cannot be opened)."""
+    if features is not None:
+        return open_artifact(features, FEATURES)
+    if tiles is None:
+        raise UserError("needs the features artifact, or the tiles: give --features or --tiles")
+    return open_artifact(tiles, TILES)
 
 
 def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path | None = None) -> Scene:
@@ -409,5 +420,5 @@ def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path
         UserError: the artifacts do not belong together.
     """
     given = tuple(artifacts)
-    place = next(one.path.parent for one in given if one.schema.name == "language")
-    return Scene(folder or place, given, lineage(given), options, checked=folder is None)
+    home = next(one.path.parent for one in given if one.schema.name == "language")
+    return Scene(folder or home, given, lineage(given), options, checked=folder is None)

@@ -11,7 +11,6 @@ from egosplat.query.options import MapOptions
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-
 PLATEAU = 1e-4
 """Smoothed relevancies that differ by less are equal: those of Gaussians with one code differ by rounding."""
 
@@ -29,10 +28,6 @@ class Maps:
     smooth: Map
     shown: Mask
 
-    def at(self, level: int) -> Map:
-        """(H, W) float32 relevancy of a level, not smoothed; 0 where no code is visible."""
-        return np.where(self.shown[level], self.raw[level], np.float32(0.0))
-
     def threshold(self, level: int, share: float) -> float:
         """The relevancy at a share of the way from the least to the largest of a level."""
         seen = self.raw[level][self.shown[level]]
@@ -45,29 +40,21 @@ def read_maps(maps: Map, valid: Mask, options: MapOptions) -> Maps:
     Args:
         maps: (L, h, w) float32 relevancy in 0..1, NaN where no code is visible; of the whole image at any size.
         valid: (H, W) bool pixels of the image that show the scene; other pixels are never answers.
-        options: ``box_filter`` is used.
-
-    Raises:
-        ValueError: the maps do not have three axes.
     """
-    if maps.ndim != 3:
-        raise ValueError(f"maps {maps.shape} are not (level, height, width)")
-    # Not INTER_NEAREST, which does not keep pixel centers in place.
-    nearest = cv2.INTER_NEAREST_EXACT
-    seen = ~np.isnan(maps) & (_resize(valid.astype(np.uint8), maps.shape[1:], nearest) > 0)
-    shown = valid & np.stack([_resize(one.astype(np.uint8), valid.shape, nearest) > 0 for one in seen])
-    filled = (fill_unseen(*level) for level in zip(maps, seen, strict=True))
-    raw = np.stack([_resize(level, valid.shape, cv2.INTER_LINEAR) for level in filled])
+    height, width = valid.shape
+    seen = ~np.isnan(maps) & resize_shown(valid, *maps.shape[1:])
+    shown = valid & np.stack([resize_shown(level, height, width) for level in seen])
+    filled = [fill_unseen(*level) for level in zip(maps, seen, strict=True)]
+    if maps.shape[1:] != valid.shape:
+        filled = [cv2.resize(level, (width, height), interpolation=cv2.INTER_LINEAR) for level in filled]
     side = options.box_filter_px(max(valid.shape))
-    return Maps(raw, np.stack([box_filter(level, side) for level in raw]), shown)
+    return Maps(np.stack(filled), np.stack([box_filter(level, side) for level in filled]), shown)
 
 
-def _resize(values: NDArray, size: tuple[int, int], interpolation: int) -> NDArray:
-    """Resize (h, w) values to ``size``, (H, W); pixel centers keep their place in the image."""
-    height, width = size
-    return (
-        values if values.shape == size else cv2.resize(values, (width, height), interpolation=interpolation)
-    )
+def resize_shown(mask: Mask, height: int, width: int) -> Mask:
+    """Sample a mask at the pixel centers of another size, (height, width) bool."""
+    # Not INTER_NEAREST, which does not keep pixel centers in place.
+    return cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT) > 0
 
 
 def localize(smooth: Map, shown: Mask) -> tuple[int, float, tuple[int, int]] | None:
@@ -97,23 +84,15 @@ def innermost(mask: Mask) -> tuple[int, int]:
     depth = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     rows, columns = np.nonzero(depth[1:-1, 1:-1] == depth.max())
     # The mean itself may be outside: the deepest pixels need not be connected.
-    apart = (rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2
-    nearest = apart.argmin()
+    nearest = ((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2).argmin()
     return int(columns[nearest]), int(rows[nearest])
 
 
 def segment(maps: Maps, segmentation_threshold: float, majority_px: int) -> tuple[int, Mask]:
     """Segment at the level where the mean of raw and smoothed relevancy is largest; the first one on ties.
 
-    The mean is normalized to 0..1 over the shown pixels of the level, thresholded, and filtered by ``majority``.
-
-    Args:
-        maps: some pixel of them is shown.
-        segmentation_threshold: see ``QueryOptions``.
-        majority_px: see ``majority``.
-
-    Returns:
-        The level, and its (H, W) mask.
+    The mean is normalized to 0..1 over the shown pixels of the level, of which there is one, thresholded, and filtered by
+    ``majority``. Returns the level, and its (H, W) mask.
     """
     # LangSplat segments the mean of both, not the smoothed map alone.
     combined = (maps.raw + maps.smooth) / 2
@@ -128,37 +107,19 @@ def segment(maps: Maps, segmentation_threshold: float, majority_px: int) -> tupl
 
 
 def box_filter(values: Map, size: int) -> Map:
-    """Mean over a square around each pixel; the border is mirrored without repeating the outermost pixel.
+    """Mean of (H, W) float32 over a square around each pixel; the border is mirrored without repeating the outermost pixel.
 
     A square of even side reaches one pixel further left and up: side 30 covers -15 to +14.
-
-    Args:
-        values: (H, W) float32, finite.
-        size: side of the square [px]; 1 changes nothing.
-
-    Returns:
-        (H, W) float32.
     """
     # Equals LangSplat's filter2D with a constant kernel, but uses running sums: the time does not grow with the size.
-    return cv2.blur(values, (size, size), borderType=cv2.BORDER_REFLECT_101)
+    return cv2.blur(values, (size, size), borderType=cv2.BORDER_REFLECT_101).astype(np.float32, copy=False)
 
 
 def majority(mask: Mask, size: int) -> Mask:
-    """Majority filter: set a pixel if more than half of the square around it is set (LangSplat).
-
-    Squares are cut off at the border.
-
-    Args:
-        mask: (H, W) bool.
-        size: side of the square [px], odd; 1 changes nothing.
-
-    Returns:
-        (H, W) bool.
-    """
+    """Set a pixel if more than half of the square around it, of odd side and cut off at the border, is set (LangSplat)."""
+    how = {"normalize": False, "borderType": cv2.BORDER_CONSTANT}
     inside, pixels = (
-        cv2.boxFilter(
-            values.astype(np.float32), -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT
-        )
+        cv2.boxFilter(values.astype(np.float32), -1, (size, size), **how)
         for values in (mask, np.ones_like(mask))
     )
     # At the border the square has fewer pixels, which ``pixels`` counts.
@@ -166,14 +127,6 @@ def majority(mask: Mask, size: int) -> Mask:
 
 
 def fill_unseen(values: Map, seen: Mask) -> Map:
-    """Fill unseen pixels with the lowest seen value.
-
-    Args:
-        values: (H, W) float32.
-        seen: (H, W) bool.
-
-    Returns:
-        (H, W) float32; zeros if no pixel is seen.
-    """
+    """Fill unseen pixels of (H, W) float32 with the lowest seen value; zeros if no pixel is seen."""
     # A lower value would stretch the range that masks are normalized by, and so move their thresholds.
     return np.where(seen, values, values[seen].min()) if seen.any() else np.zeros_like(values)

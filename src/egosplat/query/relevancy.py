@@ -10,25 +10,17 @@ from egosplat.compute import all_finite
 from egosplat.language.decoder import Decoder, decode
 from egosplat.query.text import Texts
 
+# Values of the decoder's widest layer held at a time: 1 MiB of float32 fit a processor's cache.
+_NUMBERS_AT_ONCE = 2**18
+
 
 def fold(decoder: Decoder, directions: Tensor) -> tuple[Decoder, Tensor]:
-    """Reduce a decoder of D channels to r = min(D, H + 1), where H is the width of its last hidden layer.
-
-    Inner products with the directions stay the same for every feature that the decoder can give.
-
-    Args:
-        decoder: gives (..., D) unit features f.
-        directions: (K, D) float32.
+    """Reduce a decoder to fewer channels, whose inner products with (K, D) float32 directions stay the same for every code.
 
     Returns:
-        folded: gives (..., r) unit features g for the same codes.
-        projected: (K, r) float32 with projected · g = directions · f; usually not of unit norm.
-
-    Raises:
-        ValueError: the directions do not have D channels.
+        folded: gives unit features of r = min(D, H + 1) channels, where H is the width of the decoder's last hidden layer.
+        projected: (K, r) float32 directions for them; usually not of unit norm.
     """
-    if directions.ndim != 2 or directions.shape[1] != decoder.widths[-1]:
-        raise ValueError(f"directions {tuple(directions.shape)} do not have {decoder.widths[-1]} channels")
     if len(decoder.widths) == 1 or decoder.widths[-2] + 1 >= decoder.widths[-1]:
         return decoder, directions
     # The last layer maps H numbers h to D channels, f = W [h; 1], so f lies in at most H + 1 dimensions. With W = Q R,
@@ -45,20 +37,12 @@ def fold(decoder: Decoder, directions: Tensor) -> tuple[Decoder, Tensor]:
     return folded, projected.to(directions.dtype)
 
 
-# Values of the decoder's widest layer held at a time: 1 MiB of float32 fit a processor's cache.
-_NUMBERS_AT_ONCE = 2**18
-
-
 def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature: float) -> Tensor:
-    """Relevancy of features to queries: ``sigmoid(t (s_q - max_c s_c))``.
-
-    It is 0.5 where the query fits as well as the best canonical phrase.
+    """Relevancy of features to queries: ``sigmoid(t (s_q - max_c s_c))``, 0.5 where the best canonical phrase fits as well.
 
     Args:
         features: (..., D) floats of unit norm; zeros or non-finite values where there is no feature.
-        queries: (Q, D) float32; s_q is the inner product with a feature.
-        canonical: (K, D) float32, K at least 1.
-        temperature: t.
+        queries, canonical: (Q, D) and (K, D) float32, K at least 1; s is the inner product with a feature.
 
     Returns:
         (..., Q) float32 in [0, 1]; 0 where there is no feature.
@@ -76,31 +60,26 @@ def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature:
 
 @torch.inference_mode()
 def relevancy_maps(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts, temperature: float) -> Tensor:
-    """Relevancy of rendered codes to all queries; decodes a few thousand pixels at a time.
+    """Relevancy of rendered codes to Q queries; decodes a few thousand pixels at a time.
 
     Args:
         codes: (L, H, W, C) float32, divided by their coverage.
         seen: (L, H, W) bool, on the same device; other pixels are not decoded.
-        texts: Q queries with the canonical phrases.
-        temperature: see ``relevancy``.
 
     Returns:
         (Q, L, H, W) float32 in [0, 1], on the codes' device; 0 where ``seen`` is false or the feature is zero.
 
     Raises:
-        ValueError: a code is not finite, or shapes do not agree.
+        ValueError: a code is not finite.
     """
-    if codes.ndim != 4 or seen.shape != codes.shape[:-1]:
-        raise ValueError(f"codes {tuple(codes.shape)} and seen {tuple(seen.shape)} do not match")
     rows = codes.reshape(-1, codes.shape[-1])
     if not all_finite(rows):
         raise ValueError("codes hold numbers that are not finite")
     count = len(texts.phrases)
     maps = torch.zeros(count, seen.numel(), device=codes.device)
-    if not count:
-        return maps.reshape(count, *seen.shape)
-    folded, directions = fold(decoder, torch.cat([texts.queries, texts.canonical]).to(codes))
-    for chosen in seen.flatten().nonzero()[:, 0].split(_NUMBERS_AT_ONCE // max(folded.widths)):
-        features = decode(rows[chosen], folded)
-        maps[:, chosen] = relevancy(features, directions[:count], directions[count:], temperature).T
+    if count:
+        folded, directions = fold(decoder, torch.cat([texts.queries, texts.canonical]).to(codes))
+        for chosen in seen.flatten().nonzero()[:, 0].split(_NUMBERS_AT_ONCE // max(folded.widths)):
+            features = decode(rows[chosen], folded)
+            maps[:, chosen] = relevancy(features, directions[:count], directions[count:], temperature).T
     return maps.reshape(count, *seen.shape)

@@ -1,4 +1,4 @@
-"""Read trained scenes: Gaussians with their render settings, and the codes that queries need."""
+"""Trained scenes: Gaussians with their render settings, and the codes and instances that queries need."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,29 +6,30 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import PIXELS
+from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
-from egosplat.geometry import Camera
+from egosplat.geometry import Array, Camera
+from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder, read_scene_decoder
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.text import Texts
 
+# A Gaussian farther from every Gaussian that instances were merged on, in units of their median distance to these, is in
+# no instance.
+_FAR = 8.0
+
 
 @dataclass(frozen=True, eq=False)
 class TrainedScene:
-    """N trained Gaussians.
-
-    Attributes:
-        gaussians: on any device.
-        camera: camera of the training views.
-        sh_degree: degree of the spherical harmonics in use.
-    """
+    """N trained Gaussians, on any device, with the camera of the training views and the degree of harmonics in use."""
 
     gaussians: Gaussians
     settings: RenderSettings
@@ -36,17 +37,22 @@ class TrainedScene:
     sh_degree: int
 
     @torch.no_grad()
-    def picture(self, camera: Camera, camera_to_world: NDArray[np.float64]) -> NDArray[np.float32]:
+    def picture(self, camera: Camera, camera_to_world: Array) -> NDArray[np.float32]:
         """Render (H, W, 3) float32 sRGB in [0, 1] as in training; a random background becomes black."""
-        image, _, _ = render(
-            self.gaussians,
-            camera,
-            camera_to_world,
-            self.settings,
-            sh_degree=self.sh_degree,
-            background=self.settings.still_background,
-        )
-        return image.clamp(0.0, 1.0).cpu().numpy()
+        return self.rendered(camera, camera_to_world).clamp(0.0, 1.0).cpu().numpy()
+
+    def rendered(self, camera: Camera, camera_to_world: Array) -> Tensor:
+        """The (H, W, 3) colors on the device, which may exceed 1."""
+        how = {"sh_degree": self.sh_degree, "background": self.settings.still_background}
+        image, _, _ = render(self.gaussians, camera, camera_to_world, self.settings, **how)
+        return image[..., :3]
+
+    def at(self, rests: Rests | None, second: float | None) -> "TrainedScene":
+        """The scene with what lies there at a time [s], to render its colors; itself if nothing does, or without a time."""
+        if rests is None or second is None or not len(added := rests.at(second)):
+            return self
+        every = Gaussians.concatenate([self.gaussians, rests.gaussians.select(added)])
+        return TrainedScene(every, self.settings, self.camera, self.sh_degree)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,28 +73,14 @@ class QueryScene(TrainedScene):
     levels: Sequence[str]
 
     def relevancy(self, texts: Texts, temperature: float) -> Tensor:
-        """Relevancy of each Gaussian's own code to all queries.
-
-        Args:
-            temperature: see ``egosplat.query.relevancy.relevancy``.
-
-        Returns:
-            (Q, L, N) float32 in [0, 1] on the Gaussians' device; 0 without a code.
-        """
+        """(Q, L, N) float32 in [0, 1]: relevancy of each Gaussian's own code to all queries; 0 without a code."""
         # An image of one level, with a row for each Gaussian and a column for each of its codes, as they lie in memory.
         maps = relevancy_maps(self.code[None], self.share[None] > 0, self.decoder, texts, temperature)
         return maps[:, 0].transpose(1, 2).contiguous()
 
 
 def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:
-    """Read the Gaussians onto the device of the backend.
-
-    Args:
-        backend: see ``egosplat.rasterize.api.rasterization``.
-
-    Raises:
-        UserError: the backend cannot run.
-    """
+    """Read the Gaussians onto the device of a backend of ``egosplat.rasterize`` (UserError: it cannot run)."""
     return TrainedScene(
         gaussians=read_gaussians(splats).to(training_device(backend)),
         settings=read_render_settings(splats, backend),
@@ -97,16 +89,10 @@ def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:
     )
 
 
-def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend: str) -> QueryScene:
-    """Read what a query needs, onto the device of the backend.
+def read_scene(splats: Artifact, language: Artifact, encoded: Artifact, backend: str) -> QueryScene:
+    """Read what a query needs of artifacts that belong together, ``encoded`` the features or tiles that codes were learnt from.
 
-    Args:
-        splats, language, features: artifacts that belong together, see ``egosplat.artifacts.lineage.lineage``. Tiles in place
-            of features, if the codes were learnt from them.
-        backend: see ``egosplat.rasterize.api.rasterization``.
-
-    Raises:
-        UserError: the backend cannot run.
+    Raises as ``read_trained_scene``.
     """
     trained = read_trained_scene(splats, backend)
     device = trained.gaussians.means.device
@@ -114,7 +100,7 @@ def read_scene(splats: Artifact, language: Artifact, features: Artifact, backend
         **vars(trained),
         code=torch.from_numpy(language.read("code")).to(device),
         share=torch.from_numpy(language.read("share")).to(device),
-        decoder=read_scene_decoder(language, features),
+        decoder=read_scene_decoder(language, encoded),
         decoded=language.facts.get("decoded", PIXELS),
         levels=language.facts["levels"],
     )
@@ -128,3 +114,20 @@ def rendering_camera(camera: Camera, resolution: int) -> Camera:
         return camera
     width, height = (max(1, round(side * resolution / longer)) for side in (camera.width, camera.height))
     return camera.scaled_to(width, height)
+
+
+def instances_of_gaussians(instances: Artifact, means: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Give Gaussians at (N, 3) centers, N > 0, the instances of the nearest Gaussian that masks were merged on.
+
+    Returns:
+        (L, N) int32 index of its instance at each level, -1 for none.
+
+    Raises:
+        UserError: the instances are tracks, which have no place in 3D.
+    """
+    xyz, owner = instances.read("gaussians/xyz"), instances.read("gaussians/instance")
+    if not len(xyz):
+        what = "its instances are tracks, which have no place in 3D; set instances.source to masks or both"
+        raise UserError(f"{instances.path}: {what}")
+    distance, nearest = KDTree(xyz).query(means)
+    return np.where((distance <= _FAR * np.median(distance))[:, None], owner[nearest], -1).T

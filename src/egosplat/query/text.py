@@ -1,38 +1,48 @@
-"""Encode queries with OpenCLIP."""
+"""Encode queries with OpenCLIP, and list words to try on a scene of a home."""
 
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FEATURES, TILES
 from egosplat.errors import UserError
 from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip
 
-# Start and end of every text.
-_SPECIAL_TOKENS = 2
+# Unicode categories of characters that nobody sees: control characters, and those of format, such as zero-width ones; and
+# that of surrogates, to which Python decodes bytes that are not UTF-8.
+_UNSEEN, _NO_TEXT = ("Cc", "Cf"), "Cs"
 
-# Unicode categories of characters that nobody sees: control characters, and those of format, such as zero-width ones.
-_UNSEEN = ("Cc", "Cf")
 
-# Unicode category of surrogates: Python decodes bytes that are not UTF-8 to them.
-_NO_TEXT = "Cs"
+def _listed(text: str) -> tuple[str, ...]:
+    return tuple(phrase.strip() for phrase in text.replace("\n", " ").split(","))
+
+
+# Things of a home that people carry about. Synonyms are left out, here and below: they would share their scores.
+CARRIED = _listed("""
+ball, basket, blanket, book, bottle, bowl, box, candle, chair, clock, coat, cup, cushion, cutting board, flower, kettle,
+keyboard, lamp, laptop, magazine, microwave, painting, pillow, plant, plate, pot, remote control, shoe, speaker, stool,
+teapot, tissue box, toaster, towel, toy, trash can, vase
+""")
+
+# What stays, or carries.
+STAYING = _listed("""
+armchair, bed, bookshelf, cabinet, carpet, ceiling, coffee table, couch, curtain, desk, dining table, door, dresser,
+floor, fridge, hand, mirror, nightstand, oven, person, rug, shelf, sink, stove, table, television, wall, window
+""")
+
+
+def words_to_try(clip: OpenClip) -> tuple[str, ...]:
+    """The things of a home that a model knows, in alphabetical order."""
+    return tuple(sorted(phrase for phrase in CARRIED + STAYING if not untaught_words(clip, phrase)))
 
 
 @dataclass(frozen=True, eq=False)
 class Texts:
-    """Features of Q queries and of K canonical phrases.
-
-    Attributes:
-        queries: (Q, D) float32 of unit norm.
-        canonical: (K, D) float32 of unit norm, K at least 1.
-    """
+    """Q queries with their features, (Q, D) float32 of unit norm, and those of K canonical phrases, (K, D), K at least 1."""
 
     phrases: tuple[str, ...]
     queries: Tensor
@@ -51,23 +61,12 @@ class Texts:
 
 
 def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str]) -> Texts:
-    """Encode queries and canonical phrases as they are, without a prompt template (docs/method.md#query-text).
-
-    Args:
-        phrases: Q queries; may be empty.
-        canonical: K phrases, at least one.
-
-    Raises:
-        UserError: see ``encode_phrases``.
-    """
+    """Encode queries and canonical phrases as they are, without a prompt template (docs/method.md#query-text)."""
     return Texts(tuple(phrases), encode_phrases(clip, phrases), encode_phrases(clip, canonical))
 
 
 def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
-    """Encode P phrases.
-
-    Returns:
-        (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases.
+    """Encode P phrases; returns (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases.
 
     Raises:
         UserError: a phrase is blank, not text, or too long for the model, or its feature is zero or not finite.
@@ -75,17 +74,29 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
     if not phrases:
         return torch.zeros(0, 0)
     for phrase in phrases:
-        _check_letters(phrase)
-    tokens = clip.tokenizer(list(map(clean_phrase, phrases)))
-    for row in tokens[:, -1].nonzero()[:, 0].tolist():
+        if not clean_phrase(phrase):
+            raise UserError("query: is blank; describe the object in a few words")
+        if any(unicodedata.category(letter) == _NO_TEXT for letter in phrase):
+            raise UserError(f"query {phrase[:80]!r}: is not UTF-8; describe the object in words")
+    tokens = clip.tokenizer([clean_phrase(phrase) for phrase in phrases])
+    for phrase, row in zip(phrases, tokens, strict=True):
         # Zeros fill a shorter text.
-        _check_length(clip, phrases[row])
+        if row[-1] != 0:
+            _check_length(clip, phrase)
     with clip.compute.inference():
         features = clip.model.encode_text(tokens.to(clip.compute.device)).float().cpu().numpy()
     for phrase, good in zip(phrases, usable(features), strict=True):
         if not good:
             raise UserError(f"query {phrase!r}: models.clip_checkpoint gives a zero or non-finite feature")
     return torch.from_numpy(unit(features)).float()
+
+
+def _check_length(clip: OpenClip, phrase: str) -> None:
+    assert clip.tokenizer.context_length is not None
+    # Without the start and the end of every text.
+    limit, tokens = clip.tokenizer.context_length - 2, len(clip.tokenizer.encode(clean_phrase(phrase)))
+    if tokens > limit:
+        raise UserError(f"query {phrase[:80]!r}: has {tokens} tokens, the model reads {limit}; shorten it")
 
 
 def clean_phrase(phrase: str) -> str:
@@ -115,37 +126,3 @@ def explain_untaught(untaught: Sequence[str]) -> str | None:
         return "The query holds no word."
     words = [f'"{word}"' for word in dict.fromkeys(untaught)]
     return f"The models here were never taught the word{'s' if words[1:] else ''} {', '.join(words)}."
-
-
-def _check_letters(phrase: str) -> None:
-    if not clean_phrase(phrase):
-        raise UserError("query: is blank; describe the object in a few words")
-    if any(unicodedata.category(letter) == _NO_TEXT for letter in phrase):
-        raise UserError(f"query {phrase[:80]!r}: is not UTF-8; describe the object in words")
-
-
-def _check_length(clip: OpenClip, phrase: str) -> None:
-    tokens, limit = (
-        len(clip.tokenizer.encode(clean_phrase(phrase))),
-        clip.tokenizer.context_length - _SPECIAL_TOKENS,
-    )
-    if tokens > limit:
-        raise UserError(f"query {phrase[:80]!r}: has {tokens} tokens, the model reads {limit}; shorten it")
-
-
-def open_encoded(features: Path | None, tiles: Path | None) -> Artifact:
-    """Open what OpenCLIP encoded for a scene's codes: its features, or the tiles that its method learns from.
-
-    Raises:
-        UserError: neither is given, or it cannot be opened.
-    """
-    if features is not None:
-        return open_artifact(features, FEATURES)
-    if tiles is None:
-        raise UserError("needs the features artifact, or the tiles: give --features or --tiles")
-    return open_artifact(tiles, TILES)
-
-
-def encoded_of(language: Artifact) -> str:
-    """Name of the artifact that codes were learnt from: ``features``, or ``tiles`` by methods without masks."""
-    return "tiles" if "tiles.zarr" in language.provenance["inputs"] else "features"

@@ -4,13 +4,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from egosplat.gaussians.model import Gaussians
@@ -19,17 +18,15 @@ from egosplat.geometry import Array, Camera, known_poses
 from egosplat.images import evenly_spaced
 from egosplat.progress import track
 from egosplat.query.answers import Thing
-from egosplat.query.maps import Mask
+from egosplat.query.maps import Mask, resize_shown
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.rasterize.view import sum_over_pixels
 
-# Maximum number of rendered views, evenly spaced among the frames with a pose: they cover a whole recording.
-MOST_VIEWS = 64
-
-# Longer side of these views [px]: a thing of a thousandth of the image still has about 20 pixels.
-VIEW_SIDE = 192
+# Maximum number of rendered views, evenly spaced among the frames with a pose: they cover a whole recording; and their longer
+# side [px]: a thing of a thousandth of the image still has about 20 pixels.
+MOST_VIEWS, VIEW_SIDE = 64, 192
 
 # Number of neighbors of a Gaussian, itself included: a patch of about four by four on a surface.
 NEAREST = 16
@@ -74,8 +71,19 @@ class Surface:
 
     @cached_property
     def averaging(self) -> tuple[csr_array, ...]:
-        """L matrices, see ``averaging``."""
-        return tuple(averaging(self.touching, level) for level in self.weight.T)
+        """L (N, N) matrices that average values over each Gaussian and its neighbors: rows sum to 1, or to 0 without any weight."""
+        touching, found = self.touching, []
+        for weight in self.weight.T.astype(np.float32):
+            total = touching @ weight
+            inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
+            # Products with diagonal matrices would sort all entries anew.
+            values = np.repeat(inverse, np.diff(touching.indptr)) * weight[touching.indices]
+            found.append(csr_array((values, touching.indices, touching.indptr), shape=touching.shape))
+        return tuple(found)
+
+    def visible(self, rows: NDArray[np.int64]) -> float:
+        """Visible share of some Gaussians, at the level at which each has most."""
+        return self.weight[rows].max(axis=1).sum()
 
 
 def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Mask | None) -> Surface:
@@ -85,12 +93,11 @@ def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, vali
         camera_to_world: (F, 4, 4) float64, NaN without a pose; at least one frame has one.
         valid: (H, W) bool pixels that show the scene, or None for all.
     """
-    registered = known_poses(camera_to_world)
+    registered, gaussians = known_poses(camera_to_world), scene.gaussians
     frame = registered[evenly_spaced(len(registered), MOST_VIEWS)]
     small = rendering_camera(camera, VIEW_SIDE)
-    seen = None if valid is None else _shrunk(valid, small)
+    seen = None if valid is None else resize_shown(valid, small.height, small.width)
     views = track(camera_to_world[frame], "rendering views", unit="view")
-    gaussians = scene.gaussians
     shares = visible_shares(gaussians, small, views, seen, scene.settings).cpu().numpy()
     means = gaussians.means.double().cpu().numpy()
     touching = find_neighbors(means, gaussians.scales.amax(dim=1).double().cpu().numpy())
@@ -100,31 +107,19 @@ def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, vali
 
 def ask_scene(
     scene: QueryScene, surface: Surface, texts: Texts, options: QueryOptions, most: int
-) -> Iterator[tuple[Thing, ...]]:
-    """Find the things that match queries, in order.
-
-    Args:
-        texts: the queries, encoded by the model that made the scene's features.
-        options: ``temperature``, ``segmentation_threshold`` and ``box_filter`` are used.
-        most: maximum number of things of a query.
-
-    Returns:
-        Of each query the things by decreasing score; none if no Gaussian has a code.
-    """
+) -> Iterator[list[Thing]]:
+    """Find for each query, in order, at most ``most`` things by decreasing score; none if no Gaussian has a code."""
     count, levels = scene.share.shape
+    how = options.segmentation_threshold, options.box_filter, most
     for batch in texts.in_batches(max(1, _NUMBERS_AT_ONCE // max(1, levels * count))):
         for relevancy in scene.relevancy(batch, options.temperature).cpu().numpy():
-            yield tuple(
-                find_things(surface, relevancy, options.segmentation_threshold, options.box_filter, most)
-            )
+            yield find_things(surface, relevancy, *how)
 
 
 def visible_shares(
     gaussians: Gaussians, camera: Camera, poses: Iterable[Array], valid: Mask | None, settings: RenderSettings
 ) -> Tensor:
-    """Share of each view that every Gaussian fills, with occlusion.
-
-    Pixels count less towards the border, where things are cut off.
+    """Share of each view that every Gaussian fills, with occlusion; pixels count less towards the border, where things are cut off.
 
     Args:
         camera: camera of all views, at the resolution to measure in.
@@ -134,35 +129,20 @@ def visible_shares(
     Returns:
         (V, N) float32 on the device of the Gaussians; each row sums to at most about 1.
     """
+    # A half sine along each axis falls towards the border; the weights of all pixels sum to 1.
+    down, right = (np.sin(np.pi * (np.arange(side) + 0.5) / side) for side in (camera.height, camera.width))
+    window = np.outer(down, right)
+    window = np.where(True if valid is None else valid, window / window.sum(), 0.0).astype(np.float32)
     # An image is linear in the values of the Gaussians, so the transposed map of an image of ones sums the compositing
     # weights of each Gaussian.
-    ones = torch.from_numpy(_window(camera, valid)).to(gaussians.means.device)
+    ones = torch.from_numpy(window).to(gaussians.means.device)
     views = (view_of(gaussians, camera, pose, settings) for pose in poses)
     rows = [sum_over_pixels(view, ones[..., None])[:, 0] for view in views]
     return torch.stack(rows) if rows else ones.new_zeros(0, gaussians.count)
 
 
-def _window(camera: Camera, valid: Mask | None) -> np.ndarray:
-    """(H, W) float32 weight of each pixel; the weights of all pixels sum to 1, invalid ones are set to 0."""
-    # A half sine along each axis falls towards the border.
-    down, right = (np.sin(np.pi * (np.arange(side) + 0.5) / side) for side in (camera.height, camera.width))
-    window = np.outer(down, right)
-    window /= window.sum()
-    return np.where(True if valid is None else valid, window, 0.0).astype(np.float32)
-
-
-def _shrunk(valid: Mask, camera: Camera) -> Mask:
-    """Sample a mask at the pixel centers of a smaller camera, (h, w) bool."""
-    size = camera.width, camera.height
-    return cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
-
-
 def find_neighbors(means: Array, radii: Array) -> csr_array:
-    """Find the neighbors of N Gaussians.
-
-    Args:
-        means: (N, 3) float64 centers.
-        radii: (N,) float64 standard deviations along the longest axis, in the unit of the centers.
+    """Find the neighbors of N Gaussians at (N, 3) float64 centers, with (N,) standard deviations along the longest axis.
 
     Returns:
         (N, N) sparse float32: 1 where one Gaussian is among the nearest of another and their extents (see ``REACH``)
@@ -172,7 +152,7 @@ def find_neighbors(means: Array, radii: Array) -> csr_array:
     if not count:
         return csr_array((0, 0), dtype=np.float32)
     # A fixed number of neighbors adapts to the density; a radius would join everything in dense regions.
-    tree = cKDTree(means)
+    tree = KDTree(means)
     # In the order of the tree, so that each search finds in the processor's cache what the one before has read.
     order = tree.indices
     distance, nearest = tree.query(means[order], k=np.arange(1, count + 1), workers=-1)
@@ -181,49 +161,28 @@ def find_neighbors(means: Array, radii: Array) -> csr_array:
     return csr_array((ones, (order[row], nearest[row, column])), shape=(size, size))
 
 
-def averaging(touching: csr_array, weights: Floats) -> csr_array:
-    """The matrix that averages values over each Gaussian and its neighbors.
-
-    Args:
-        touching: of ``find_neighbors``.
-        weights: (N,) non-negative weights of the Gaussians.
-
-    Returns:
-        (N, N) sparse float32 whose rows sum to 1, or to 0 where all weights are 0.
-    """
-    weights = weights.astype(np.float32)
-    total = touching @ weights
-    inverse = np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)
-    # Products with diagonal matrices would sort all entries anew.
-    values = np.repeat(inverse, np.diff(touching.indptr)) * weights[touching.indices]
-    return csr_array((values, touching.indices, touching.indptr), shape=touching.shape)
-
-
 def find_things(
     surface: Surface, relevancy: Floats, threshold: float, box_side: float, most: int
 ) -> list[Thing]:
-    """Find the things that match a query best (docs/method.md#scene-queries).
+    """Find the things that match a query best (docs/method.md#scene-queries): LangSplat's segmentation on Gaussians.
 
-    This is LangSplat's segmentation on Gaussians instead of pixels. At each level, relevancy is averaged over
-    neighbors, normalized to 0..1 and thresholded; the Gaussians above the threshold are split into connected
-    components.
+    At each level, relevancy is averaged over neighbors, normalized to 0..1 and thresholded; the Gaussians above the
+    threshold are split into connected components.
 
     Args:
         relevancy: (L, N) float32 in 0..1.
-        threshold: threshold of the normalized relevancy, 0..1.
         box_side: side of the box filter, as a share of the image's side.
-        most: maximum number of things.
 
     Returns:
-        Things by decreasing score, without duplicates (see ``SAME``).
+        At most ``most`` things by decreasing score, without duplicates (see ``SAME``).
     """
-    found = [
+    every = [
         _thing(surface, values, members, level, box_side)
         for level, values in enumerate(relevancy)
-        for members in _parts(surface, values, level, threshold)
+        for members in _components(surface, values, level, threshold)
     ]
     kept: list[Thing] = []
-    for thing in sorted(found, key=lambda one: -one.score):
+    for thing in sorted(every, key=lambda thing: -thing.score):
         if len(kept) == most:
             break
         if not any(_same(thing, other, surface) for other in kept):
@@ -231,7 +190,7 @@ def find_things(
     return kept
 
 
-def _parts(surface: Surface, values: Floats, level: int, threshold: float) -> list[NDArray[np.int64]]:
+def _components(surface: Surface, values: Floats, level: int, threshold: float) -> list[NDArray[np.int64]]:
     """Members of each connected component above the threshold at a level; specks are left out."""
     seen = surface.weight[:, level] > 0
     if not seen.any():
@@ -242,8 +201,8 @@ def _parts(surface: Surface, values: Floats, level: int, threshold: float) -> li
     links = surface.touching[members][:, members]
     component = connected_components(links, directed=False)[1].astype(np.int64)
     order = np.argsort(component, kind="stable")
-    parts = np.split(members[order], np.flatnonzero(np.diff(component[order])) + 1)
-    return [part for part in parts if len(part) >= LEAST_GAUSSIANS]
+    sets = np.split(members[order], np.flatnonzero(np.diff(component[order])) + 1)
+    return [chosen for chosen in sets if len(chosen) >= LEAST_GAUSSIANS]
 
 
 def _thing(
@@ -271,13 +230,11 @@ def _quantiles(values: Array, weight: Array) -> Array:
     """(2,) weighted quantiles of (M,) values at ``EXTENT``."""
     order = np.argsort(values)
     below = np.cumsum(weight[order])
-    places = np.searchsorted(below, np.array(EXTENT) * below[-1])
-    return values[order[np.minimum(places, len(values) - 1)]]
+    index = np.searchsorted(below, np.array(EXTENT) * below[-1])
+    return values[order[np.minimum(index, len(values) - 1)]]
 
 
-def _same(one: Thing, other: Thing, surface: Surface) -> bool:
-    common = np.intersect1d(one.members, other.members, assume_unique=True)
-    shared, own, others = (
-        surface.weight[rows].max(axis=1).sum() for rows in (common, one.members, other.members)
-    )
-    return bool(shared > SAME * min(own, others))
+def _same(thing: Thing, other: Thing, surface: Surface) -> bool:
+    common = np.intersect1d(thing.members, other.members, assume_unique=True)
+    smaller = min(surface.visible(thing.members), surface.visible(other.members))
+    return bool(surface.visible(common) > SAME * smaller)

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.schemas import camera_poses, seconds_of
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.geometry import Array, is_rigid
 from egosplat.query.maps import Mask
+
+# A (4, 4) camera_to_world, or a JSON file {"camera_to_world": 4 rows of 4 numbers}.
+Pose = Array | Path | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,43 +30,15 @@ class Viewpoint:
     second: float | None = None
 
 
-# A (4, 4) camera_to_world, or a JSON file {"camera_to_world": 4 rows of 4 numbers}.
-Pose = Array | Path | str
-
-
-def frame_viewpoint(frames: Artifact, poses: Artifact, splats: Artifact, frame: int) -> Viewpoint:
-    """The viewpoint of a frame at its time, with the pose of the training of ``splats``.
-
-    Raises:
-        UserError: there is no such frame, or it has no pose.
-    """
-    registered = poses.read("registered")
-    if not 0 <= frame < len(registered):
-        raise UserError(f"frame {frame}: there are {len(registered)} frames, 0 to {len(registered) - 1}")
-    if not registered[frame]:
-        with_pose = np.flatnonzero(registered)
-        if not len(with_pose):
-            raise UserError(f"{poses.path}: no frame has a pose; see the log of the stage poses")
-        nearest = with_pose[np.abs(with_pose - frame).argmin()]
-        raise UserError(f"frame {frame}: has no pose; the nearest frame with a pose is {nearest}")
-    pose, second = camera_poses(poses, splats)[frame], float(seconds_of(frames)[frame])
-    return Viewpoint(f"frame {frame}", pose, frames.read("valid"), second)
-
-
 def pose_viewpoint(pose: Pose, second: float | None = None) -> Viewpoint:
-    """The viewpoint of a pose, named like its file, at a time or of none.
-
-    Raises:
-        UserError: the file cannot be read, or the pose is no rigid motion.
-    """
+    """The viewpoint of a pose, named like its file, at a time or of none (UserError: no file, or no rigid motion)."""
     if isinstance(pose, str | Path):
         name, where, matrix = Path(pose).name, f"pose {pose}", _read_pose(Path(pose))
     else:
         name, where, matrix = "a pose", "pose", np.asarray(pose, np.float64)
     if matrix.shape != (4, 4) or not is_rigid(matrix):
-        raise UserError(
-            f"{where}: camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
-        )
+        what = "camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
+        raise UserError(f"{where}: {what}")
     return Viewpoint(name, matrix, None, second)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.schemas import GAUSSIANS
+from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import render
 from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Array, Camera, transform
@@ -18,10 +19,20 @@ from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder
 from egosplat.language.rendering import render_codes
 from egosplat.query.answers import Thing, ViewMatch
-from egosplat.query.histories import relevancies_at, relevancy_of_rests
-from egosplat.query.maps import PLATEAU, Map, Maps, Mask, innermost, localize, majority, read_maps, segment
+from egosplat.query.maps import (
+    PLATEAU,
+    Map,
+    Maps,
+    Mask,
+    innermost,
+    localize,
+    majority,
+    read_maps,
+    resize_shown,
+    segment,
+)
 from egosplat.query.options import QueryOptions
-from egosplat.query.relevancy import relevancy_maps
+from egosplat.query.relevancy import relevancy, relevancy_maps
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.rasterize.view import composite
@@ -44,8 +55,7 @@ class View:
         codes: (L, h, w, C) float32 codes at each level, or relevancies to C queries, divided by their coverage.
         coverage: (L, h, w) float32 share of each pixel that Gaussians with a code cover, 0..1.
         depth: (h, w) float32 expected camera z [m]; 0 where the view is empty.
-        camera: camera of the answers, (H, W) pixels; it shows the same image at another size.
-        camera_to_world: (4, 4) float64.
+        camera, camera_to_world: of the answers, (H, W) pixels; the camera shows the same image at another size.
         valid: (H, W) bool pixels that show the scene; other pixels are never answers.
         levels: names of the levels.
     """
@@ -58,6 +68,12 @@ class View:
     valid: Mask
     levels: Sequence[str]
 
+    @property
+    def seen(self) -> Tensor:
+        """(L, h, w) bool pixels that show the scene and have a code at a level."""
+        inside = torch.from_numpy(resize_shown(self.valid, *self.depth.shape))
+        return (self.coverage > _LEAST_COVERAGE) & inside.to(self.coverage.device)
+
 
 class Asker:
     """Answers queries in any view of a scene: the Gaussians are compared with all queries once.
@@ -66,17 +82,19 @@ class Asker:
         texts: the queries, encoded by the model that made the scene's features.
         own: (N, L, Q) float32 relevancy of each Gaussian's own code to each query; None if pixels are decoded.
         rests: what lies somewhere for a while; None if it is not known. Pixels that are decoded do not show it.
-        of_rests: (K, Q) float32 relevancy of each of its Gaussians to each query.
+        of_things: (T, Q) float32 relevancy of each thing that rests.
     """
 
     def __init__(
         self, scene: QueryScene, texts: Texts, options: QueryOptions, rests: Rests | None = None
     ) -> None:
         self.scene, self.texts, self.options = scene, texts, options
-        own = scene.decoded == GAUSSIANS
-        self.own = scene.relevancy(texts, options.temperature).permute(2, 1, 0) if own else None
-        self.rests = rests if own else None
-        self.of_rests = self.rests and relevancy_of_rests(self.rests, texts, options.temperature)
+        self.own = self.rests = None
+        if scene.decoded == GAUSSIANS:
+            self.own, self.rests = scene.relevancy(texts, options.temperature).permute(2, 1, 0), rests
+        if self.rests is not None:
+            given = (rows.to(self.rests.feature) for rows in (texts.queries, texts.canonical))
+            self.of_things = relevancy(self.rests.feature, *given, options.temperature)
 
     def ask(
         self,
@@ -92,20 +110,31 @@ class Asker:
             valid: (H, W) bool pixels that show the scene, or None for all.
             second: show what lies there at this time, too [s since the first frame].
         """
-        texts, resolution = self.texts.of(phrases), self.options.resolution
+        texts, place = self.texts.of(phrases), (camera, camera_to_world, valid, self.options.resolution)
         if self.own is None:
-            view = view_of(self.scene, camera, camera_to_world, valid, resolution)
+            view = view_of(self.scene, *place)
             yield from answer_from_codes(view, self.scene.decoder, texts, self.options)
             return
-        small = rendering_camera(camera, resolution)
+        small = rendering_camera(camera, self.options.resolution)
         pixels = small.width * small.height * self.own.shape[1]
         for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // pixels)):
             chosen = [self.texts.phrases.index(phrase) for phrase in batch.phrases]
-            rendered = replace(self.scene, code=self.own[..., chosen])
-            if self.rests is not None and self.of_rests is not None and second is not None:
-                rendered = relevancies_at(rendered, self.rests, self.of_rests[:, chosen], second)
-            view = view_of(rendered, camera, camera_to_world, valid, resolution)
-            yield from answer_from_relevancies(rendered, view, batch.phrases, self.options)
+            scene = self._at(replace(self.scene, code=self.own[..., chosen]), chosen, second)
+            yield from answer_from_relevancies(scene, view_of(scene, *place), batch.phrases, self.options)
+
+    def _at(self, scene: QueryScene, chosen: Sequence[int], second: float | None) -> QueryScene:
+        """A scene whose codes are relevancies to the chosen queries, with what lies there at a time; its share is 1 at each level."""
+        rests = self.rests
+        if rests is None or second is None or not len(added := rests.at(second)):
+            return scene
+        thing = torch.from_numpy(rests.thing[rests.rest]).to(added.device)[added]
+        relevancies = self.of_things[thing][:, None, chosen].expand(-1, scene.share.shape[1], -1)
+        return replace(
+            scene,
+            gaussians=Gaussians.concatenate([scene.gaussians, rests.gaussians.select(added)]),
+            code=torch.cat([scene.code, relevancies]),
+            share=torch.cat([scene.share, scene.share.new_ones(relevancies.shape[:2])]),
+        )
 
 
 @torch.inference_mode()
@@ -115,10 +144,9 @@ def view_of(
     """Render the codes and the depth of one view; arguments as of ``Asker.ask``, ``resolution`` as in ``QueryOptions``."""
     small, settings = rendering_camera(camera, resolution), scene.settings
     codes = render_codes(scene.gaussians, scene.code, scene.share, small, camera_to_world, settings)
-    depth, _, _ = render(
-        scene.gaussians, small, camera_to_world, settings, sh_degree=0, background=None, render_mode="ED"
-    )
-    shown = _shown(camera, valid)
+    how = {"sh_degree": 0, "background": None, "render_mode": "ED"}
+    depth, _, _ = render(scene.gaussians, small, camera_to_world, settings, **how)
+    shown = np.ones((camera.height, camera.width), bool) if valid is None else valid
     return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, shown, scene.levels)
 
 
@@ -127,20 +155,13 @@ def answer_from_codes(
 ) -> Iterator[ViewMatch]:
     """Answer queries in order, one at a time, because each answer holds maps of the image's size.
 
-    Args:
-        view: rendered codes and depth.
-        texts: the queries with the canonical phrases.
-        options: how to compute and read relevancy; ``canonical`` and ``resolution`` are not used.
-
     Raises:
         ValueError: a code is not finite.
     """
-    seen = _seen(view)
+    seen = view.seen
     for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // seen.numel())):
         relevancies = relevancy_maps(view.codes, seen, decoder, batch, options.temperature)
-        for phrase, levels in zip(batch.phrases, _levels(seen, relevancies), strict=True):
-            maps = read_maps(levels, view.valid, options)
-            match = _locate(view, phrase, maps)
+        for match, maps in _located(view, batch.phrases, seen, relevancies, options):
             if match.level is not None:
                 side = options.majority_px(max(match.mask.shape))
                 level, mask = segment(maps, options.segmentation_threshold, side)
@@ -154,18 +175,13 @@ def answer_from_relevancies(
     """Answer queries in order from the relevancies of Gaussians (docs/method.md#query-masks).
 
     Args:
-        scene: its ``code`` are relevancies, one channel for each query.
-        view: rendered from it.
-        phrases: the queries.
-        options: how to read relevancy.
+        scene: its ``code`` are relevancies, one channel for each query; ``view`` is rendered from it.
     """
     matches, shown, thresholds = [], [], []
-    every = _levels(_seen(view), view.codes.movedim(-1, 0))
-    for phrase, levels in zip(phrases, every, strict=True):
-        maps = read_maps(levels, view.valid, options)
-        matches.append(_locate(view, phrase, maps))
-        if (name := matches[-1].level) is not None:
-            level = view.levels.index(name)
+    for match, maps in _located(view, phrases, view.seen, view.codes.movedim(-1, 0), options):
+        matches.append(match)
+        if match.level is not None:
+            level = view.levels.index(match.level)
             shown.append(maps.shown[level])
             thresholds.append(maps.threshold(level, options.segmentation_threshold))
     # What is visible is so for every query.
@@ -174,7 +190,7 @@ def answer_from_relevancies(
         return
     for match, filled, seen in zip(matches, _filled(scene, view, matches, thresholds), shown, strict=True):
         side = options.majority_px(max(seen.shape))
-        yield replace(match, mask_level=match.level, mask=majority(filled_mask(filled, seen), side) & seen)
+        yield replace(match, mask_level=match.level, mask=majority(_filled_mask(filled, seen), side) & seen)
 
 
 @torch.inference_mode()
@@ -194,9 +210,26 @@ def _filled(
     return (image.movedim(-1, 0) / whole.clamp(min=1e-6)).cpu().numpy()
 
 
-def filled_mask(filled: Map, shown: Mask) -> Mask:
+def _filled_mask(filled: Map, shown: Mask) -> Mask:
     """(H, W) pixels among the ``shown`` of which a thing makes up more than half, from its (h, w) share of each."""
     return (cv2.resize(filled, shown.shape[::-1]) > _HALF) & shown
+
+
+def _located(
+    view: View, phrases: Sequence[str], seen: Tensor, relevancies: Tensor, options: QueryOptions
+) -> Iterator[tuple[ViewMatch, Maps]]:
+    """The place that fits each query best, without a mask, and the maps of its (Q, L, h, w) relevancy where it is ``seen``."""
+    visible, nothing = seen.cpu().numpy(), np.zeros(view.valid.shape, np.float32)
+    for phrase, values in zip(phrases, relevancies, strict=True):
+        maps = read_maps(np.where(visible, values.cpu().numpy(), np.float32(np.nan)), view.valid, options)
+        best = localize(maps.smooth, maps.shown)
+        if best is None:
+            yield ViewMatch(phrase, 0.0, None, None, None, nothing, None, nothing > 0), maps
+            continue
+        level, score, pixel = best
+        position = pixel_position(view.camera, view.camera_to_world, pixel, view.depth.cpu().numpy())
+        shown = np.where(maps.shown[level], maps.raw[level], np.float32(0.0))
+        yield ViewMatch(phrase, score, view.levels[level], pixel, position, shown, None, nothing > 0), maps
 
 
 @torch.inference_mode()
@@ -206,14 +239,14 @@ def show_thing(
     texts: Texts,
     camera: Camera,
     camera_to_world: Array,
-    valid: Mask | None,
+    valid: Mask,
     options: QueryOptions,
 ) -> ViewMatch:
     """Render a thing's mask, with a pixel in its middle if it shows, and the relevancy of the whole view at its level.
 
     Args:
         texts: the query that it answers.
-        valid: (H, W) bool pixels that show the scene, or None for all.
+        valid: (H, W) bool pixels that show the scene.
         options: ``resolution`` and ``temperature`` are used.
     """
     small, level = rendering_camera(camera, options.resolution), scene.levels.index(thing.level)
@@ -221,55 +254,22 @@ def show_thing(
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
     filled, _ = composite(gaussians_in(scene.gaussians, small, camera_to_world, scene.settings), members)
-    mask, kept = filled_mask(filled[..., 0].cpu().numpy(), _shown(camera, valid)), slice(level, level + 1)
+    mask, kept = _filled_mask(filled[..., 0].cpu().numpy(), valid), slice(level, level + 1)
     of_level = replace(scene, code=scene.code[:, kept], share=scene.share[:, kept], levels=scene.levels[kept])
     [match] = Asker(of_level, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
-    pixel = innermost(mask) if mask.any() else None
-    name = thing.level
-    return ViewMatch(match.phrase, thing.score, name, pixel, None, match.relevancy, name, mask)
-
-
-def _levels(seen: Tensor, maps: Tensor) -> Iterator[Map]:
-    """(L, h, w) relevancy of each of Q queries, NaN where ``seen`` is false."""
-    visible = seen.cpu().numpy()
-    for query_maps in maps:
-        yield np.where(visible, query_maps.cpu().numpy(), np.float32(np.nan))
-
-
-def _locate(view: View, phrase: str, maps: Maps) -> ViewMatch:
-    """The place that fits a query best, without a mask."""
-    found = localize(maps.smooth, maps.shown)
-    nothing = np.zeros(maps.shown.shape[1:], np.float32)
-    if found is None:
-        return ViewMatch(phrase, 0.0, None, None, None, nothing, None, nothing > 0)
-    level, score, pixel = found
-    position = pixel_position(view.camera, view.camera_to_world, pixel, view.depth.cpu().numpy())
-    name = view.levels[level]
-    return ViewMatch(phrase, score, name, pixel, position, maps.at(level), None, nothing > 0)
-
-
-def _shown(camera: Camera, valid: Mask | None) -> Mask:
-    return np.ones((camera.height, camera.width), bool) if valid is None else valid
-
-
-def _seen(view: View) -> Tensor:
-    """(L, h, w) bool pixels that show the scene and have a code at a level."""
-    height, width = view.depth.shape
-    inside = cv2.resize(view.valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
-    return (view.coverage > _LEAST_COVERAGE) & torch.from_numpy(inside > 0).to(view.coverage.device)
+    pixel, name = innermost(mask) if mask.any() else None, thing.level
+    return replace(
+        match, score=thing.score, level=name, pixel=pixel, position=None, mask_level=name, mask=mask
+    )
 
 
 def pixel_position(
     camera: Camera, camera_to_world: Array, pixel: tuple[int, int], depth: NDArray[np.float32]
 ) -> Array | None:
-    """The world position shown at a pixel's center.
+    """The world position shown at the center of a pixel (column and row), (3,) float64 [m]; None without depth.
 
     Args:
-        pixel: column and row.
-        depth: (h, w) float32 expected camera z [m] of the same view at any resolution.
-
-    Returns:
-        (3,) float64 [m]; None without depth (0, or not finite).
+        depth: (h, w) float32 expected camera z [m] of the same view at any resolution; 0, or not finite, for none.
     """
     point = np.array(pixel) + 0.5
     height, width = depth.shape

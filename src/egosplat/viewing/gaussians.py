@@ -7,7 +7,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.model import Gaussians
 from egosplat.images import evenly_spaced
-from egosplat.query.instances import instances_of_gaussians
+from egosplat.query.scene import instances_of_gaussians
 from egosplat.viewing.container import Arrays, Facts
 
 # Gaussians that share one box for their quantized centers.

@@ -10,8 +10,7 @@ from egosplat.models.clip import OpenClip
 from egosplat.models.without_compiler import without_compiler
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.query.text import encode_phrases
-from egosplat.query.vocabulary import CARRIED, words_to_try
+from egosplat.query.text import CARRIED, encode_phrases, words_to_try
 from egosplat.viewing.container import Arrays, Facts
 
 with without_compiler():

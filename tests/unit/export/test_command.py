@@ -18,7 +18,7 @@ from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.export.scene import export_scene
-from egosplat.query.opening import open_scene
+from egosplat.query.finished_scene import open_scene
 from tests.support.commands import run_command
 from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
 

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from egosplat.export.movie import way
-from egosplat.query.opening import open_scene
+from egosplat.query.finished_scene import open_scene
 from tests.support.commands import run_command
 from tests.support.page_scene import put_histories, put_page_scene
 

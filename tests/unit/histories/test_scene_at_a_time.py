@@ -15,8 +15,7 @@ from egosplat.geometry import Camera
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder
 from egosplat.query.command import run
-from egosplat.query.histories import scene_at
-from egosplat.query.opening import open_scene
+from egosplat.query.finished_scene import open_scene
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
@@ -141,9 +140,9 @@ def test_a_thing_without_a_feature_has_no_relevancy(scene):
 
 def test_colors_are_those_of_the_time(scene):
     rests = rests_of((1, 2))
-    assert scene_at(scene, rests, 3.0) is scene and scene_at(scene, rests, None) is scene
-    assert scene_at(scene, None, 1.0) is scene
-    assert scene_at(scene, rests, 1.0).picture(CAMERA, np.eye(4))[24, 41].min() > 0.5
+    assert scene.at(rests, 3.0) is scene and scene.at(rests, None) is scene
+    assert scene.at(None, 1.0) is scene
+    assert scene.at(rests, 1.0).picture(CAMERA, np.eye(4))[24, 41].min() > 0.5
     assert not scene.picture(CAMERA, np.eye(4))[24, 41].any()
 
 

@@ -16,8 +16,7 @@ from egosplat.models.needed import find_needed
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.photo_words import fold_norms, read_classifier
 from egosplat.pipeline.config import configure
-from egosplat.query.text import encode_phrases, untaught_words
-from egosplat.query.vocabulary import words_to_try
+from egosplat.query.text import encode_phrases, untaught_words, words_to_try
 
 PHOTOS = {"clip_model": "photos", "clip_checkpoint": "photos"}
 

@@ -5,8 +5,7 @@ import math
 import pytest
 
 from egosplat.pipeline.messages import figure
-from egosplat.query.grades.calibration import grading_by_score
-from egosplat.query.options import LANGSPLAT
+from egosplat.query.grades import Grading
 
 
 @pytest.mark.parametrize(
@@ -34,6 +33,6 @@ def test_a_figure_stays_on_its_side_of_the_limit(value, limit, form, expected):
 @pytest.mark.parametrize("score", [0.77499, 0.7797, 0.78, 0.7849, 0.785, 0.7851, 0.79])
 @pytest.mark.parametrize("least", [0.0, 0.775, 0.78, 0.785, 1.0])
 def test_a_score_is_shown_on_the_side_of_the_least_score(score, least):
-    grading = grading_by_score(LANGSPLAT.change(min_score=least))
+    grading = Grading(None, least)
     refused = grading.refusal(score) is not None
     assert (float(grading.shown(score)) < least) == refused == (score < least)

@@ -16,9 +16,9 @@ from egosplat.artifacts.schemas import length_unit
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.suitability import notice
 from egosplat.query import command, finished_scene, things
-from egosplat.query.grades import calibration
-from egosplat.query.grades.calibration import held_keys
-from egosplat.query.opening import open_scene
+from egosplat.query import grades as calibration
+from egosplat.query.finished_scene import open_scene
+from egosplat.query.grades import held_keys
 from egosplat.query.options import QueryOptions
 from tests.support.commands import run_command
 

@@ -12,7 +12,7 @@ import pytest
 import egosplat
 from egosplat.artifacts import reader
 from egosplat.errors import UserError
-from egosplat.query import finished_scene, opening
+from egosplat.query import finished_scene
 from tests.support.page_scene import put_histories, put_page_scene
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -46,10 +46,9 @@ def test_the_page_of_the_library_runs_as_it_is(work):
     assert (work / "couch.ply").is_file() and (work / "splats.zarr").is_dir()
 
 
-@pytest.mark.parametrize("module", [finished_scene, opening])
-def test_examples_of_the_functions_run(work, module):
+def test_examples_of_the_functions_run(work):
     globs = {"egosplat": egosplat, "scene": egosplat.open_scene("results/adt/scene1")}
-    failed, tried = doctest.testmod(module, globs=globs, extraglobs=None, optionflags=NORMALIZED)
+    failed, tried = doctest.testmod(finished_scene, globs=globs, extraglobs=None, optionflags=NORMALIZED)
     assert tried and not failed
 
 

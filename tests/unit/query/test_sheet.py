@@ -4,7 +4,7 @@ import numpy as np
 from PIL import Image
 
 from egosplat.query.answers import Answer, ViewMatch
-from egosplat.query.sheet import draw_answers
+from egosplat.query.command import draw_answers
 
 REFUSED = Answer("zeppelin", "not found", 0.2, refusal="not found: " + "a long reason " * 6), "", None
 

@@ -167,16 +167,16 @@ def test_a_scene_without_codes_has_no_answer(scene, texts):
     bare, surface = replace(scene[0], share=torch.zeros_like(scene[0].share)), scene[1]
     weight, rest = 0 * surface.weight, (surface.frame, surface.levels)
     empty = Surface(surface.means, surface.touching, surface.shares, weight, *rest)
-    assert list(ask_scene(bare, empty, texts, LANGSPLAT, 3)) == [(), ()]
+    assert list(ask_scene(bare, empty, texts, LANGSPLAT, 3)) == [[], []]
 
 
-@pytest.mark.parametrize("valid", [None, np.zeros((48, 48), bool)])
+@pytest.mark.parametrize("valid", [True, False])
 def test_a_thing_is_shown_where_it_is(scene, texts, valid):
     """Mask, place and relevancy of the couch lie in the left half of the view, and nowhere if no pixel is valid."""
     couch = texts.of(["couch"])
     [[thing]] = ask_scene(*scene, couch, LANGSPLAT, 1)
-    seen = show_thing(scene[0], thing, couch, WALL, np.eye(4), valid, LANGSPLAT)
-    if valid is not None:
+    seen = show_thing(scene[0], thing, couch, WALL, np.eye(4), np.full((48, 48), valid), LANGSPLAT)
+    if not valid:
         assert not seen.mask.any() and seen.pixel is None and not seen.relevancy.any()
         return
     assert seen.mask[:, :18].mean() > 0.8 and seen.mask[:, 30:].mean() < 0.05

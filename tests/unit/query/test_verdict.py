@@ -7,20 +7,19 @@ import pytest
 
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.query.grades import calibration
-from egosplat.query.grades.calibration import (
+from egosplat.query import grades as calibration
+from egosplat.query.grades import (
     FOUND,
     GUESS,
     NOT_FOUND,
     Calibration,
     Evidence,
     Grading,
-    grading_by_score,
     grading_of,
     held_keys,
     read_fits,
 )
-from egosplat.query.options import LANGSPLAT, QueryOptions
+from egosplat.query.options import QueryOptions
 from egosplat.query.text import explain_untaught, untaught_words
 
 FIT = Calibration(-1.0, {"size": 0.25, "lead": 1.0, "apart": 2.0}, found=0.62, guess=0.31)
@@ -28,7 +27,7 @@ FIT = Calibration(-1.0, {"size": 0.25, "lead": 1.0, "apart": 2.0}, found=0.62, g
 
 @pytest.mark.parametrize("score, refused", [(0.549, True), (0.55, False), (1.0, False), (0.0, True)])
 def test_the_limit_itself_is_an_answer(score, refused):
-    grading = grading_by_score(LANGSPLAT.change(min_score=0.55))
+    grading = Grading(None, 0.55)
     assert (grading.refusal(score) is not None) is refused
     assert grading.grade(score) == (NOT_FOUND if refused else FOUND) and "0.55" in grading.notice
 

@@ -5,20 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import FRAMES, POSES, SPLATS
 from egosplat.errors import UserError
-from egosplat.query.viewpoint import frame_viewpoint, pose_viewpoint
+from egosplat.query.finished_scene import open_scene
+from egosplat.query.viewpoint import pose_viewpoint
 
 
-@pytest.fixture
-def recording(word_scene):
-    folder = word_scene()
-    return [open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (FRAMES, POSES, SPLATS)]
-
-
-def test_a_frame_is_seen_within_the_lens_circle(recording):
-    view = frame_viewpoint(*recording, 2)
+def test_a_frame_is_seen_within_the_lens_circle(word_scene):
+    view = open_scene(word_scene()).viewpoint(2)
     assert view.name == "frame 2" and not view.valid[:2].any() and view.valid[2:].all()
     np.testing.assert_array_equal(view.camera_to_world, np.eye(4))
 
@@ -28,17 +21,16 @@ def test_a_frame_is_seen_with_the_pose_that_training_refined(word_scene):
     refined = np.tile(np.eye(4), (4, 1, 1))
     refined[2, 0, 3] = 0.25
     folder = word_scene(corrections={"corrections/camera_to_world": refined})
-    artifacts = [open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (FRAMES, POSES, SPLATS)]
-    np.testing.assert_array_equal(frame_viewpoint(*artifacts, 2).camera_to_world, refined[2])
+    np.testing.assert_array_equal(open_scene(folder).viewpoint(2).camera_to_world, refined[2])
 
 
 @pytest.mark.parametrize(
     "frame, said",
     [(4, "there are 4 frames, 0 to 3"), (-1, "there are 4"), (3, "has no pose; the nearest .* is 2")],
 )
-def test_invalid_frames_are_rejected(recording, frame, said):
+def test_invalid_frames_are_rejected(word_scene, frame, said):
     with pytest.raises(UserError, match=f"^frame {frame}: {said}"):
-        frame_viewpoint(*recording, frame)
+        open_scene(word_scene()).viewpoint(frame)
 
 
 def test_a_pose_file_may_be_in_any_folder(tmp_path):

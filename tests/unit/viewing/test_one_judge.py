@@ -10,8 +10,8 @@ from egosplat.errors import UserError
 from egosplat.export import movie, rerun_recording
 from egosplat.export.scene import answer_members
 from egosplat.query.command import run
-from egosplat.query.grades.calibration import FOUND, GUESS, NOT_FOUND
-from egosplat.query.opening import open_scene
+from egosplat.query.finished_scene import open_scene
+from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
 from egosplat.query.options import suit_options
 from egosplat.viewing.command import open_page, page_options
 from egosplat.viewing.options import PageOptions

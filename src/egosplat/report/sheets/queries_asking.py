@@ -18,8 +18,7 @@ from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, r
 from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.evaluation.scores import ask_of, bounding_boxes
 from egosplat.query.answers import ViewMatch
-from egosplat.query.finished_scene import Scene, scene_of
-from egosplat.query.opening import open_artifacts
+from egosplat.query.finished_scene import Scene, open_artifacts, scene_of
 
 
 @dataclass(frozen=True)

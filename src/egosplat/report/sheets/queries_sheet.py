@@ -26,8 +26,7 @@ from egosplat.drawing import (
 )
 from egosplat.evaluation.evaluation_frames import SCORED
 from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
-from egosplat.query.finished_scene import scene_of
-from egosplat.query.text import open_encoded
+from egosplat.query.finished_scene import open_encoded, scene_of
 from egosplat.report.sheets.queries_asking import (
     ShownQuery,
     ask_again,

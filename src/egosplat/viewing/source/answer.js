@@ -134,7 +134,7 @@ function areSame(scene, one, other) {
   return common > scene.facts.query.same * Math.min(weight(one.members), weight(other.members));
 }
 
-// Grades: egosplat/query/grades. What a thing is graded by is its probability, or without a calibration its score.
+// Grades: egosplat/query/grades.py. What a thing is graded by is its probability, or without a calibration its score.
 function ratingOf(scene, thing, things, vector) {
   const { calibration, synonym } = scene.facts.query;
   if (!calibration) return thing.score;
@@ -167,7 +167,7 @@ function gradeOf(scene, rating) {
   return rating >= found ? "found" : rating >= guess ? "best guess" : "not found";
 }
 
-// The verdict on a phrase that is not on the page's list, where no server judges it: egosplat/query/grades/judge.py on the page's data.
+// The verdict on a phrase that is not on the page's list, where no server judges it: egosplat/query/grades.py on the page's data.
 function judge(scene, neighbors, relevancy, vector) {
   const things = findThings(scene, neighbors, relevancy, 3), [best] = things;
   for (const thing of things) thing.rating = ratingOf(scene, thing, things, vector);

@@ -1,0 +1,234 @@
+"""The one verdict on a query, for terminal, page, server, exports, movies and scores: found, a best guess or not found, by the
+probability that an answer is right (docs/method.md#grades)."""
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from egosplat.pipeline.messages import figure
+from egosplat.query.answers import Answer, Thing, ViewMatch
+from egosplat.query.options import MOST, QueryOptions
+from egosplat.query.scene import QueryScene
+from egosplat.query.text import Texts, explain_untaught
+from egosplat.query.things import Surface
+
+FOUND, GUESS, NOT_FOUND = "found", "best guess", "not found"
+
+NOTHING_LIKE_IT = "not found: nothing here looks like it"
+
+# A row for each OpenCLIP with a fit: its hash, the keys that it holds for, what ``Calibration`` has.
+FITS = Path(__file__).with_name("fits.csv")
+
+# Keys of ``query`` that move a thing's score, or are a limit of the user's own: a fit holds for the values it was made with.
+HELD = ("canonical", "temperature", "box_filter", "segmentation_threshold", "min_score")
+
+# Cosine from which a word means what the query means: "fridge" and "refrigerator", "lamp" and "desk lamp".
+SYNONYM = 0.7
+
+# A share of a view below it counts as this much.
+_LEAST_SHARE = 1e-9
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What tells whether a thing is what a query means.
+
+    Attributes:
+        size: logarithm of its share of the view that shows it best.
+        lead: log-odds of its mean relevancy, less those of the best word of ``words_to_try`` that means something else.
+        apart: its score less the best score of another thing that matches the query; 0 stands for none.
+    """
+
+    size: float
+    lead: float
+    apart: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A logistic regression of whether answers were right, by weights of the fields of ``Evidence``, by name.
+
+    Attributes:
+        found, guess: least probability of an answer that is found, and of a best guess.
+    """
+
+    intercept: float
+    weights: Mapping[str, float]
+    found: float
+    guess: float
+
+    def probability(self, evidence: Evidence) -> float:
+        """Probability that a thing is what the query means."""
+        values = asdict(evidence)
+        x = self.intercept + sum(weight * values[name] for name, weight in self.weights.items())
+        # The logistic function, which does not overflow in this form.
+        return 0.5 * (1.0 + math.tanh(0.5 * x))
+
+
+@dataclass(frozen=True)
+class Grading:
+    """How answers are graded: by their probability where a calibration holds; else, and in one view, by their score.
+
+    Attributes:
+        least: ``query.min_score``, the least score of an answer that is found without a calibration.
+    """
+
+    calibration: Calibration | None
+    least: float
+
+    @property
+    def measure(self) -> str:
+        """Name of what is graded."""
+        return "score" if self.calibration is None else "probability"
+
+    @property
+    def notice(self) -> str | None:
+        """A line for where no calibration holds."""
+        told = (
+            f"not calibrated: an answer is found from a score of {self._limit}, and there are no best guesses"
+        )
+        return told if self.calibration is None else None
+
+    @property
+    def _limit(self) -> str:
+        # All its digits, two at least: a rounded limit would contradict the verdict.
+        return max(f"{self.least:.2f}", f"{self.least:g}", key=len)
+
+    def grade(self, value: float) -> str:
+        """Grade a probability, or without a calibration a score."""
+        fit = self.calibration
+        if fit is None:
+            return FOUND if value >= self.least else NOT_FOUND
+        return FOUND if value >= fit.found else GUESS if value >= fit.guess else NOT_FOUND
+
+    def shown(self, value: float) -> str:
+        """A graded number with two decimals, which have its grade."""
+        return figure(value, ".2f", self.grade)
+
+    def refusal(self, value: float) -> str | None:
+        """Why an answer is not found; None if it is found or a best guess."""
+        if self.grade(value) != NOT_FOUND:
+            return None
+        below = f"not found: the best match is below {self._limit}"
+        return below if self.calibration is None else NOTHING_LIKE_IT
+
+
+def log_odds(p: float) -> float:
+    """Inverse of the logistic function; probabilities of 0 and 1 count as 1e-6 and 1 - 1e-6."""
+    p = min(max(p, 1e-6), 1 - 1e-6)
+    return math.log(p / (1 - p))
+
+
+def grading_of(clip_hash: str, options: QueryOptions) -> Grading:
+    """The grading of answers that an OpenCLIP gives; a calibration holds for the options it was made with."""
+    row = read_fits().get(clip_hash)
+    if row is None or held_keys(options) != {name: row[name] for name in HELD}:
+        return Grading(None, options.min_score)
+    weights = {name: float(row[name]) for name in Evidence.__dataclass_fields__}
+    intercept, found, guess = (float(row[name]) for name in ("intercept", "found", "guess"))
+    return Grading(Calibration(intercept, weights, found, guess), options.min_score)
+
+
+def held_keys(options: QueryOptions) -> dict[str, str]:
+    """The values of ``HELD``, as ``FITS`` has them."""
+    values = {name: getattr(options, name) for name in HELD}
+    return {
+        name: " ".join(value) if isinstance(value, tuple) else f"{value:g}" for name, value in values.items()
+    }
+
+
+@cache
+def read_fits() -> dict[str, dict[str, str]]:
+    """The rows of ``FITS`` by the hash of their OpenCLIP."""
+    with FITS.open(newline="", encoding="utf-8") as lines:
+        return {row["clip"]: row for row in csv.DictReader(lines)}
+
+
+def measure_evidence(
+    scene: QueryScene,
+    surface: Surface,
+    things: Sequence[Thing],
+    query: Texts,
+    words: Texts,
+    temperature: float,
+) -> list[Evidence]:
+    """Measure for each thing the evidence that it is what a query means.
+
+    Args:
+        things: the best things that match the query, two or more if there are: each is compared with the others.
+        query: one query.
+        words: names of things; each competes with the query, unless it means the same (see ``SYNONYM``).
+        temperature: of the relevancy by which the things were found.
+    """
+    others = torch.nonzero(other_meanings(query, words))[:, 0].tolist()
+    phrases = (*query.phrases, *(words.phrases[row] for row in others))
+    texts = Texts(phrases, torch.cat([query.queries, words.queries[others]]), query.canonical)
+    scores, measured = [thing.score for thing in things], []
+    for row, thing in enumerate(things):
+        shown = float(surface.shares[:, thing.members].sum(axis=1, dtype=np.float64).max())
+        lead = _lead(scene, surface, thing, texts, temperature)
+        apart = thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)
+        measured.append(Evidence(math.log(max(shown, _LEAST_SHARE)), lead, apart))
+    return measured
+
+
+def other_meanings(query: Texts, words: Texts) -> Tensor:
+    """(W,) bool, the words that do not mean the same as the one query."""
+    return words.queries @ query.queries[0] < SYNONYM
+
+
+def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, temperature: float) -> float:
+    """Lead of the first of the texts over the others, which compete with it."""
+    level = surface.levels.index(thing.level)
+    rows = torch.from_numpy(thing.members).to(scene.code.device)
+    code, share = (values[rows, level][:, None] for values in (scene.code, scene.share))
+    relevancy = replace(scene, code=code, share=share).relevancy(texts, temperature)[:, 0].cpu().numpy()
+    weight = surface.weight[thing.members, level].astype(np.float64)
+    fit, *others = map(log_odds, relevancy @ weight / weight.sum())
+    return fit - max(others, default=0.0)
+
+
+def judge(
+    phrase: str,
+    candidates: Sequence[Thing],
+    untaught: Sequence[str],
+    grading: Grading,
+    most: int = MOST,
+    *,
+    coded: bool = True,
+) -> Answer:
+    """Judge the things that match a query of the whole scene.
+
+    Args:
+        candidates: by decreasing score, with their probabilities where a calibration holds.
+        untaught: words of the query that the model was not trained on.
+        most: maximum number of things that are shown.
+        coded: whether any Gaussian has a code.
+    """
+    refusal, untaught = explain_untaught(untaught), tuple(untaught)
+    if not candidates:
+        # What fits best may be specks alone.
+        refusal = refusal or (NOTHING_LIKE_IT if coded else "no Gaussian of the scene has a code")
+        return Answer(phrase, NOT_FOUND, 0.0, None, refusal, untaught)
+    best = candidates[0]
+    refusal = refusal or grading.refusal(best.rating)
+    grade = NOT_FOUND if refusal else grading.grade(best.rating)
+    # Nothing is shown of what is refused; what is found hides guesses.
+    shown = () if refusal else (one for one in candidates[:most] if grading.grade(one.rating) == grade)
+    verdict = best.score, best.probability, refusal, untaught
+    return Answer(phrase, grade, *verdict, things=tuple(shown), candidates=tuple(candidates))
+
+
+def judge_view(match: ViewMatch, untaught: Sequence[str], grading: Grading) -> Answer:
+    """Judge what matches in one view, by its score."""
+    refusal = explain_untaught(untaught) or grading.refusal(match.score)
+    shown = None if refusal or match.level is None else match
+    grade = NOT_FOUND if refusal else FOUND
+    return Answer(match.phrase, grade, match.score, None, refusal, tuple(untaught), view=shown)
