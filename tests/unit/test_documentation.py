@@ -169,7 +169,7 @@ def test_the_conventions_have_every_array(name):
     rows = [line.rpartition(" | ")[0] for line in part.splitlines() if line.startswith("| `")]
     declared = SCHEMAS[name].fields.items()
     expected = [
-        f"| `{array}` | {', '.join(map(str, field.dims))} | {field.dtype} | {field.unit}"
+        f"| `{array}` | {', '.join(map(str, field.dims))} | {field.dtype}, {field.unit}".removesuffix(", -")
         for array, field in declared
     ]
     assert rows == expected
