@@ -1,37 +1,37 @@
 """Content hash of the code that a stage executes.
 
 Snakemake cannot see code changes behind a command line, so each rule has this hash among its parameters. ``code_hash``
-follows the imports from a stage's modules inside our packages and hashes each module's syntax tree.
+follows the imports from a stage's modules inside our packages and hashes each module's syntax tree, the tokens of C++
+sources, and the scripts of pages.
 """
 
 import functools
 import hashlib
 import importlib.util
+import re
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
 from egosplat.pipeline.parsed_modules import keep_parsed, parse_module
-from egosplat.pipeline.source_hash import cpp_hash, scripts_hash
 
 # The packages whose modules count.
 ROOTS = {"egosplat", "egosplat_apartments", "egosplat_rivals"}
 
-# Text that code beside it reads: templates of pages, and tables.
+# Text that code beside it reads: templates of pages and tables; and scripts of pages, beside C++ sources.
 TEXTS = (".csv", ".j2")
+SCRIPTS = (".css", ".glsl", ".html", ".js")
 
 # Modules that show, record or write, but cannot change an array: a better message makes nothing stale.
-NEUTRAL = {
-    "egosplat",  # holds only the version and public names
-    *(
-        f"egosplat.{name}"
-        for names in (
-            "alarms.texts artifacts.provenance errors files progress pipeline",
-            "pipeline.code_hash pipeline.home pipeline.messages pipeline.options pipeline.parsed_modules",
-            "pipeline.process_guards pipeline.shared_options pipeline.source_hash pipeline.stage pipeline.stages",
-            "pipeline.strict_yaml pipeline.validation",
-        )
-        for name in names.split()
-    ),
+NEUTRAL = {"egosplat"} | {  # which holds only the version and public names
+    f"egosplat.{name}"
+    for names in (
+        "alarms.texts artifacts.provenance errors files progress pipeline",
+        "pipeline.code_hash pipeline.home pipeline.messages pipeline.options pipeline.parsed_modules",
+        "pipeline.process_guards pipeline.shared_options pipeline.stage pipeline.stages",
+        "pipeline.strict_yaml pipeline.validation",
+    )
+    for name in names.split()
 }
 
 # Of these modules a stage executes the definitions that it imports by name, each with those that it needs.
@@ -52,9 +52,9 @@ def code_hash(*modules: str, libraries: tuple[str, ...] = ()) -> str:
         if path.name != "__init__.py":
             folders[path.parent] = None
         elif (sources := path.parent / "source").is_dir():
-            digest.update(f"{name}/source\0{_sources_hash(sources)}\0".encode())
+            digest.update(f"{name}/source\0{_cached_cpp(sources)}{_cached_scripts(sources)}\0".encode())
     for folder in folders:
-        digest.update(_texts_hash(folder).encode())
+        digest.update(_cached_scripts(folder, TEXTS).encode())
     # A library may change a result without any change of our code.
     for library in sorted(libraries):
         digest.update(f"{library}=={library_version(library)}\0".encode())
@@ -91,29 +91,72 @@ def modules_of(*modules: str) -> dict[str, Path]:
 
 @functools.cache
 def _find(name: str) -> Path | None:
-    """Find the file of a module below the root package, or of a definition in a split one; None for another name."""
+    """Find the file of a module of our packages, or of a definition in a split one; None for another name."""
     if (module := name.rpartition(".")[0]) in SPLIT:
         return _find(module)
     # No find_spec for the full name: it would import the parent modules and all that the stage needs.
     root, *parts = name.split(".")
-    if (folder := _folder(root)) is None:
+    spec = importlib.util.find_spec(root)
+    if spec is None or spec.origin is None:
         return None
-    base = folder.joinpath(*parts)
+    base = Path(spec.origin).parent.joinpath(*parts)
     candidates = (base / "__init__.py", base.with_suffix(".py"))
     return next((path for path in candidates if path.is_file()), None)
 
 
-@functools.cache
-def _folder(root: str) -> Path | None:
-    spec = importlib.util.find_spec(root)
-    return None if spec is None or spec.origin is None else Path(spec.origin).parent
+_SPLICE = re.compile(r"\\[ \t]*\r?\n")
+_TOKEN = re.compile(
+    r"""
+    (?P<skip>     //[^\n]* | /\*.*?\*/ | [^\S\n]+ )
+  | (?P<newline>  \n )
+  | (?P<raw>      (?:u8|[uUL])?R"(?P<mark>[^()\\\s]{0,16})\(.*?\)(?P=mark)" )
+  | (?P<text>     "(?:\\.|[^"\\\n])*" | '(?:\\.|[^'\\\n])*' )
+  | (?P<number>   \.?\d(?:[eEpP][+-]|'?[\w.])* )
+  | (?P<word>     \w+ )
+  | (?P<operator> <<=|>>=|<=>|\.\.\.|->\*|::|->|\.\*|\+\+|--|<<|>>|&&|\|\||\#\#|[-+*/%&|^<>=!]= )
+  | (?P<other>    . )
+    """,
+    re.VERBOSE | re.DOTALL,
+)
 
 
-@functools.cache
-def _sources_hash(folder: Path) -> str:
-    return cpp_hash(folder) + scripts_hash(folder)
+def cpp_hash(folder: Path) -> str:
+    """Hash the names and tokens of the C++ files in ``folder``. Returns 16 hexadecimal digits."""
+    digest = hashlib.sha256()
+    for path in sorted(path for path in folder.iterdir() if path.suffix in (".cpp", ".h")):
+        digest.update(f"{path.name}\0".encode())
+        for token in cpp_tokens(path.read_text(encoding="utf-8")):
+            digest.update(f"{token}\0".encode())
+    return digest.hexdigest()[:16]
 
 
-@functools.cache
-def _texts_hash(folder: Path) -> str:
-    return scripts_hash(folder, TEXTS)
+def scripts_hash(folder: Path, suffixes: tuple[str, ...] = SCRIPTS) -> str:
+    """Hash the names and bytes of files in ``folder``, the scripts of a page. Returns 16 hexadecimal digits; "" without any."""
+    paths = sorted(path for path in folder.iterdir() if path.suffix in suffixes)
+    told = b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in paths)
+    return hashlib.sha256(told).hexdigest()[:16] if paths else ""
+
+
+def cpp_tokens(text: str) -> Iterator[str]:
+    """Split a C++ source into tokens, without comments and white space."""
+    # White space matters only in a preprocessor directive: at its end, and before a parenthesis, where it separates the
+    # name of a macro without arguments from its text.
+    in_directive, line_begins, end = False, True, 0
+    for match in _TOKEN.finditer(_SPLICE.sub("", text)):
+        kind, token = match.lastgroup, match.group()
+        if kind == "skip":
+            continue
+        if kind == "newline":
+            if in_directive:
+                yield token
+            in_directive, line_begins = False, True
+            continue
+        in_directive = in_directive or (line_begins and token == "#")
+        line_begins = False
+        if in_directive and token == "(" and match.start() > end:
+            yield " "
+        end = match.end()
+        yield token
+
+
+_cached_cpp, _cached_scripts = functools.cache(cpp_hash), functools.cache(scripts_hash)

@@ -22,11 +22,10 @@ FILES = {
 
 
 CACHED = (
-    fingerprint._folder,
     fingerprint._find,
     parsed_modules.parse_module,
-    fingerprint._sources_hash,
-    fingerprint._texts_hash,
+    fingerprint._cached_cpp,
+    fingerprint._cached_scripts,
 )
 
 

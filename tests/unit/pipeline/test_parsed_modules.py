@@ -61,7 +61,7 @@ def test_a_definition_counts_with_what_it_needs(module):
         assert [parse_module(f"pkg.stage.{n}", module) != was for n, was in (("X", x), ("Y", y))] == stale
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"a": 1}', '{"a": ["hash", [1]]}', '{"a": []}'])
+@pytest.mark.parametrize("text", ["", "[]", "{"])
 def test_a_damaged_file_is_replaced(module, text):
     file = parsed_modules._file()
     file.parent.mkdir(parents=True)

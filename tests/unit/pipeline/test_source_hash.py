@@ -2,7 +2,7 @@
 
 import pytest
 
-from egosplat.pipeline.source_hash import cpp_hash, cpp_tokens, scripts_hash
+from egosplat.pipeline.code_hash import cpp_hash, cpp_tokens, scripts_hash
 
 SOURCE = """\
 #include <cmath>

@@ -4,7 +4,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from egosplat.pipeline.source_hash import cpp_hash
+from egosplat.pipeline.code_hash import cpp_hash
 
 # Folder of the libraries and of ``source``, their source code.
 HERE = Path(__file__).parent
