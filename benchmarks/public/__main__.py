@@ -15,7 +15,7 @@ import pandas as pd
 from benchmarks.common import command, markdown
 from benchmarks.public.boxes import write_3d_ovs, write_lerf
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat.pipeline.general_options import PROTOCOLS
+from egosplat.pipeline.general_options import SHIPPED
 from egosplat_rivals.series import check_protocol
 
 PRINTED = Path(__file__).with_name("printed.csv")
@@ -68,7 +68,7 @@ def deviations(scene: ScoredScene) -> Iterator[str]:
     document = scene.document
     made: Mapping[str, object] = document["provenance"]["options"]
     frames = (document["artifacts"].get("frames.zarr") or {}).get("options", {})
-    for section, keys in PROTOCOLS.get(document["recording"]["kind"], {}).items():
+    for section, keys in SHIPPED["formats"].get(document["recording"]["kind"], {}).items():
         for key, value in keys.items():
             found = (frames if section == "frames" else made).get(key)
             if found != value:

@@ -9,12 +9,12 @@ from click.testing import CliRunner
 from benchmarks.common import ROOT
 from benchmarks.public.__main__ import PRINTED, TABLES, deviations, main, own_row, printed_rows
 from egosplat.evaluation.scored_scenes import ScoredScene
-from egosplat.pipeline.general_options import PROTOCOLS
+from egosplat.pipeline.general_options import SHIPPED
 
 
 def scored(kind: str, scene: str, iou: float, **options: object) -> ScoredScene:
     """A scene by its benchmark's protocol but for ``options``; its accuracy is 0.5."""
-    protocol = {section: dict(keys) for section, keys in PROTOCOLS[kind].items()}
+    protocol = {section: dict(keys) for section, keys in SHIPPED["formats"][kind].items()}
     frames = protocol.pop("frames") | options
     made = {key: value for keys in protocol.values() for key, value in keys.items()}
     score = {"accuracy": 0.5, "accuracy_interval": None, "mean_iou": iou, "mean_iou_interval": None}

@@ -15,7 +15,7 @@ from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.recording_origin import recording_origin
 from egosplat.pipeline.scenes import Scene, is_own, read_scenes, tables_of
-from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
+from egosplat.pipeline.strict_yaml import load_yaml
 
 MIB = 1024**2
 
@@ -86,7 +86,7 @@ def _parsed(option: str) -> Config:
     key, equals, value = option.partition("=")
     try:
         content = load_yaml(value)
-    except NO_YAML:
+    except ValueError:
         content = None
     names = key.split(".")  # run.device=cpu is short for run={device: cpu}
     if not (equals and all(names)) or (content is None and value != "null"):

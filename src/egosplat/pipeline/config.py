@@ -10,10 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError, create_model
+from pydantic_core import ErrorDetails
 
 from egosplat.errors import UserError
-from egosplat.pipeline.general_options import PROTOCOLS, VARIANTS, GeneralOptions
+from egosplat.pipeline.general_options import SHIPPED, GeneralOptions
 from egosplat.pipeline.messages import not_allowed, refusal, shorten, shown, unknown_key
 from egosplat.pipeline.model_sets import AUTO, DEFAULTS
 from egosplat.pipeline.options import Options, keys_of, sections_of
@@ -42,6 +43,10 @@ class Layer(NamedTuple):
     keys: Mapping[str, Any]
 
 
+# Its protocols replace values of a preset for all scenes.
+SHIPPED_LAYER = Layer("protocols", SHIPPED)
+
+
 class LayeredConfig(Config):
     """A complete configuration, and the layers that it is merged from.
 
@@ -63,26 +68,6 @@ def stage_options(stage: str) -> type[Options] | None:
     return pkgutil.resolve_name(name) if name else None
 
 
-@functools.cache
-def section_options() -> dict[str, type[Options]]:
-    """Get the class of options that has the keys of each section."""
-    of_stages = {
-        stage: options
-        for stage in STAGES
-        if (options := stage_options(stage)) and stage in sections_of(options, stage)
-    }
-    return {name: pkgutil.resolve_name(path) for name, path in _SHARED.items()} | of_stages
-
-
-@functools.cache
-def section_keys(section: str) -> dict[str, dict[str, Any]]:
-    """Get the JSON schema of each key of a section, by name; empty if there is no such section."""
-    if (options := section_options().get(section)) is None:
-        return {}
-    keys = keys_of(options)
-    return {name: keys[name] for name in sections_of(options, section)[section]}
-
-
 def stage_sections(stage: str) -> dict[str, tuple[str, ...]]:
     """Get the names of the keys that a stage takes, by section."""
     options = stage_options(stage)
@@ -94,6 +79,41 @@ def stage_values(stage: str, config: Mapping[str, Any]) -> dict[str, Any]:
     return {key: config[section][key] for section, keys in stage_sections(stage).items() for key in keys}
 
 
+@functools.cache
+def section_options() -> dict[str, type[Options]]:
+    """Get the class of options that has the keys of each section."""
+    shared = {name: pkgutil.resolve_name(path) for name, path in _SHARED.items()}
+    own = {
+        stage: options
+        for stage in STAGES
+        if stage in stage_sections(stage) and (options := stage_options(stage))
+    }
+    return shared | own
+
+
+@functools.cache
+def section_keys(section: str) -> dict[str, dict[str, Any]]:
+    """Get the JSON schema of each key of a section, by name; empty if there is no such section."""
+    if (options := section_options().get(section)) is None:
+        return {}
+    keys = keys_of(options)
+    return {name: keys[name] for name in sections_of(options, section)[section]}
+
+
+@functools.cache
+def _model() -> type[Options]:
+    """The class of all keys: the general ones, and those of each section."""
+    sections: dict[str, Any] = {}
+    for section, options in section_options().items():
+        names = sections_of(options, section)[section]
+        keys: dict[str, Any] = {
+            name: (options.model_fields[name].annotation, options.model_fields[name]) for name in names
+        }
+        model = create_model(section, __base__=Options, **keys)
+        sections[section] = (model, Field(default_factory=model))
+    return create_model("Configuration", __base__=GeneralOptions, **sections)
+
+
 def configure(layers: Sequence[Layer], automatic: str = AUTO) -> LayeredConfig:
     """Merge layers over the defaults of the set of models that they choose, and check the values.
 
@@ -103,9 +123,17 @@ def configure(layers: Sequence[Layer], automatic: str = AUTO) -> LayeredConfig:
     Raises:
         UserError: a key is wrong; names the last layer that sets it, its value and what is allowed.
     """
-    chosen = _chosen_set(layers) or automatic
-    values = merge_layers([Layer(chosen, DEFAULTS.get(chosen, {})), *layers])
-    config = LayeredConfig(_checked(values, layers), layers)
+    models = [layer.keys["models"] for layer in layers if isinstance(layer.keys.get("models"), Mapping)]
+    named = [keys["set"] for keys in models if "set" in keys]
+    chosen = named[-1] if named and named[-1] != AUTO else automatic
+    below = Layer(chosen, DEFAULTS.get(str(chosen), {}))
+    values = merge_layers([below, *layers])
+    try:
+        config = LayeredConfig(_model().model_validate(values).as_dict(), layers)
+    except ValidationError as error:
+        raise _refused(error.errors(include_url=False)[0], values, layers) from None
+    if config["splats"]["source"] is not None:
+        _check_given_splats(config)
     config["models"]["set"] = chosen
     return config
 
@@ -115,58 +143,30 @@ def merge_layers(layers: Iterable[Layer]) -> Config:
     values: Config = {}
     for section, above in (item for layer in layers for item in layer.keys.items()):
         below = values.get(section)
-        if isinstance(below, Mapping) and isinstance(above, Mapping):
-            above = {**below, **above}
-        values[section] = above
+        both = isinstance(below, Mapping) and isinstance(above, Mapping)
+        values[section] = {**below, **above} if both else above
     return values
 
 
-def _chosen_set(layers: Sequence[Layer]) -> str | None:
-    """Get the set of models that the last layer with one chooses; None for ``auto``."""
-    models = [layer.keys["models"] for layer in layers if isinstance(layer.keys.get("models"), Mapping)]
-    named = [keys["set"] for keys in models if "set" in keys]
-    return named[-1] if named and isinstance(named[-1], str) and named[-1] != AUTO else None
-
-
-def _checked(values: Mapping[str, Any], layers: Sequence[Layer]) -> dict[str, Any]:
-    """Check merged values, and add the defaults of the keys that they lack."""
+def _refused(error: ErrorDetails, values: Config, layers: Sequence[Layer]) -> UserError:
+    """Name the layer, the key and its value, and what is allowed."""
+    section, *steps = error["loc"]
     sections, general = section_options(), keys_of(GeneralOptions)
-    for key in values:
-        if key not in sections and key not in general:
-            homes = [f"{name}.{key}" for name in sections if key in section_keys(name)]
-            raise UserError(f"{_setter(layers, key)}: {unknown_key('', key, [*general, *sections], homes)}")
-    own = {key: value for key, value in values.items() if key in general}
-    found = _options(GeneralOptions, own, layers, "")
-    found |= {name: _section(name, values.get(name, {}), layers) for name in sections}
-    if found["splats"]["source"] is not None:
-        _check_given_splats(found, layers)
-    return found
-
-
-def _section(name: str, values: Any, layers: Sequence[Layer]) -> dict[str, Any]:
-    """Check a section, and add its defaults."""
-    keys = section_keys(name)
-    if not isinstance(values, Mapping):
-        first, key = next(iter(keys.items()))
-        why = f"must be keys with values, as in {name}: {{{first}: {shown(key['default'])}}}"
-        raise UserError(f"{_setter(layers, name)}: {not_allowed(name, values, why)}")
-    for key in values:
-        if key not in keys:
-            raise UserError(f"{_setter(layers, name, key)}: {unknown_key(name, key, list(keys))}")
-    found = _options(section_options()[name], values, layers, name)
-    return {key: found[key] for key in keys}
-
-
-def _options(
-    options: type[Options], values: Mapping[str, Any], layers: Sequence[Layer], section: str
-) -> dict[str, Any]:
-    """Make options of a section, which checks the values and adds the defaults."""
-    try:
-        return options.model_validate(values).as_dict()
-    except ValidationError as error:
-        key = error.errors(include_url=False)[0]["loc"][0]
-        where = _setter(layers, section, key) if section else _setter(layers, key)
-        raise UserError(f"{where}: {refusal(error, values, options, section)}") from None
+    if section in general:
+        told = refusal(error, error["loc"], values, general, {name: name for name in general})
+    elif section not in sections:
+        homes = [f"{name}.{section}" for name in sections if section in section_keys(name)]
+        told = unknown_key(str(section), section, [*general, *sections], homes)
+    elif not steps:
+        first, key = next(iter(section_keys(section).items()))
+        example = f"must be keys with values, as in {section}: {{{first}: {shown(key['default'])}}}"
+        told = not_allowed(section, values[section], example)
+    else:
+        keys = section_keys(section)
+        names = {name: f"{section}.{name}" for name in (*keys, steps[0])}
+        told = refusal(error, steps, values[section], keys, names)
+    where = _setter(layers, section, *(steps[:1] if section in sections else ()))
+    return UserError(f"{where}: {told}")
 
 
 def _setter(layers: Sequence[Layer], section: Any, key: Any = None) -> str:
@@ -177,25 +177,20 @@ def _setter(layers: Sequence[Layer], section: Any, key: Any = None) -> str:
     return "configuration"
 
 
-def _check_given_splats(values: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+def _check_given_splats(config: LayeredConfig) -> None:
     """Check that nothing is trained or corrected where another program trained the Gaussians."""
-    needs = {("splats", "language"): ("after",)}
-    needs |= {("camera", key): ("off", "auto") for key in section_keys("camera")}
-    for (section, key), allowed in needs.items():
-        if (given := values[section][key]) not in allowed:
+    needs = {("splats", "language"): "after"} | {("camera", key): "off" for key in section_keys("camera")}
+    for (section, key), needed in needs.items():
+        if (given := config[section][key]) not in (needed, AUTO):
             raise UserError(
-                f"{_setter(layers, 'splats', 'source')}: splats.source: the Gaussians are trained already, which needs "
-                f"{section}.{key} = {allowed[0]}, not {given}"
+                f"{_setter(config.layers, 'splats', 'source')}: splats.source: the Gaussians are trained already, which "
+                f"needs {section}.{key} = {needed}, not {given}"
             )
-
-
-# Its protocols replace values of a preset for all scenes.
-SHIPPED = Layer("protocols", {"formats": PROTOCOLS, "variants": VARIANTS})
 
 
 def defaults() -> LayeredConfig:
     """Get the default configuration."""
-    return configure([SHIPPED])
+    return configure([SHIPPED_LAYER])
 
 
 def resolve(user: Mapping[str, Any], presets: Path) -> LayeredConfig:
@@ -209,10 +204,8 @@ def resolve(user: Mapping[str, Any], presets: Path) -> LayeredConfig:
         UserError: a key is unknown or has a forbidden value; names the first one.
     """
     asked = Layer("configuration", user)
-    general = {key: value for key, value in user.items() if key in keys_of(GeneralOptions)}
-    preset = _options(GeneralOptions, general, [asked], "")["preset"]
-    path = presets / f"{preset}.yaml"
-    config = configure([Layer(f"preset {path.name}", read_yaml(path)), SHIPPED, asked])
+    path = presets / f"{configure([SHIPPED_LAYER, asked])['preset']}.yaml"
+    config = configure([Layer(f"preset {path.name}", read_yaml(path)), SHIPPED_LAYER, asked])
     # A format that no scene of the table has is checked, too.
     for format in user.get("formats", {}):
         of_format(config, format)

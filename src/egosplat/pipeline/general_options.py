@@ -1,12 +1,14 @@
 """Options of the configuration as a whole: preset, scenes, variants, and what pages compare."""
 
 import re
+from importlib import resources
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 from typing_extensions import TypedDict
 
 from egosplat.pipeline.options import UNIQUE, Options, Text, check_with
+from egosplat.pipeline.strict_yaml import load_yaml
 
 _NAME = check_with(
     lambda name: re.fullmatch("[A-Za-z0-9_-]{1,200}", name),
@@ -23,6 +25,9 @@ _OF_FORMATS = Literal[
     *("transient", "masks", "splats", "language", "query", "metrics", "presence"),
 ]
 
+# Protocols of public benchmarks, under ``formats``, and ``variants``.
+SHIPPED: dict[str, dict[str, Any]] = load_yaml((resources.files(__package__) / "shipped.yaml").read_text())
+
 
 class VariantKeys(TypedDict, total=False):
     """Keys of a variant: sections with keys, and these two."""
@@ -31,64 +36,6 @@ class VariantKeys(TypedDict, total=False):
 
     extends: str | list[str]
     method: Annotated[str, Field(min_length=1, max_length=60)]
-
-
-VARIANTS: dict[str, dict[str, Any]] = {
-    "baseline": {"extends": "no_masks", "features": {"supervision": "view"}},
-    "no_masks": {"splats": {"masking": "none"}},
-    "network_masks": {"splats": {"masking": "initial"}},
-    "refined_masks": {"segments": {"track_moving": "always"}, "splats": {"masking": "refined"}},
-    "shared_geometry": {"extends": "no_masks", "splats": {"language": "after"}},
-    "each_frame": {
-        "extends": ["baseline", "shared_geometry"],
-        "segments": {"prompting": "each_frame", "key_frame_stride": 1, "track_moving": "never"},
-        "instances": {"source": "tracks"},
-        "features": {"compression": "none"},
-    },
-    "langsplat": {
-        "extends": "each_frame",
-        "method": "LangSplat",
-        "features": {"compression": "autoencoder", "dims": 3},
-        "language": {"method": "trained", "normalize_codes": True},
-    },
-    "semantic_gaussians": {"extends": "each_frame", "method": "SG", "language": {"method": "projected"}},
-    "occam": {"extends": "each_frame", "method": "Occam's LGS", "language": {"method": "center"}},
-    "lerf": {"extends": "shared_geometry", "method": "LERF", "language": {"method": "field", "pixels": 4096}},
-    "legaussians": {
-        "extends": "shared_geometry",
-        "method": "LEGaussian",
-        "language": {"method": "quantized"},
-    },
-    "gags": {
-        "extends": "each_frame",
-        "method": "GAGS",
-        "language": {"method": "granular"},
-    },
-    "langsplat2": {"extends": "each_frame", "method": "LangSplatV2", "language": {"method": "sparse"}},
-    "splat_feature_solver": {
-        "extends": "each_frame",
-        "method": "SFS",
-        "language": {"method": "clustered", "normalize_codes": True},
-    },
-}
-
-
-# Protocols of the public benchmarks, by format: sizes of pictures, LangSplat's 30 and 7 px as fractions of its 986, LERF's
-# temperature, and what is asked. Models are trained on the evaluation frames, too (benchmarks/public/README.md).
-PROTOCOLS: dict[str, dict[str, dict[str, Any]]] = {
-    "lerf": {
-        "frames": {"resolution": 986, "stride": 1, "holdout": False},
-        "query": {"box_filter": 0.0304, "majority_filter": 0.0071, "temperature": 10.0},
-        "metrics": {"min_area": 0.0, "excluded": []},
-        "presence": {"negatives": []},
-    },
-    "3d_ovs": {
-        "frames": {"resolution": 1008, "stride": 1, "holdout": False},
-        "query": {"temperature": 10.0},
-        "metrics": {"min_area": 0.0, "excluded": [], "masks": "classes"},
-        "presence": {"negatives": []},
-    },
-}
 
 
 class GeneralOptions(Options):
@@ -102,7 +49,9 @@ class GeneralOptions(Options):
     """Table of scenes, one row each. Relative to the working directory. scenes.local.tsv beside it, which egosplat run
     writes, is read too."""
 
-    data_root: dict[str, Text | None] = Field(default={})
+    data_root: dict[
+        str, Annotated[Text | None, BeforeValidator(lambda path: None if path == "null" else path)]
+    ] = Field(default={})
     """Folder that holds the recordings of each dataset, or null. Without a folder for adt, scenes 1 to 5 of adt are
     synthetic apartments; recordings of other datasets are then relative to the working directory."""
 
@@ -110,13 +59,13 @@ class GeneralOptions(Options):
     """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
     (docs/running.md)."""
 
-    formats: dict[Format, dict[_OF_FORMATS, dict[str, Any]]] = PROTOCOLS
+    formats: dict[Format, dict[_OF_FORMATS, dict[str, Any]]] = SHIPPED["formats"]
     """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys
     of all scenes, and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks
     lerf and 3d_ovs have their protocol here (benchmarks/public/README.md); a key set in the configuration wins
     over those."""
 
-    variants: dict[Annotated[str, _NAME], VariantKeys] = VARIANTS
+    variants: dict[Annotated[str, _NAME], VariantKeys] = SHIPPED["variants"]
     """Named sets of keys that differ from the scene's, for ablations. results/adt/scene1/variants/baseline/ holds
     only the artifacts that the variant changes; it shares the others with the scene. The scene itself is the full
     method. Yours stand beside those below, and replace one of the same name. baseline: per-view features, no masks.

@@ -8,9 +8,13 @@ from typing import Any
 
 import yaml
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from egosplat.errors import UserError
 from egosplat.pipeline.options import LARGEST_INTEGER, Options, full_names, keys_of
+
+# JSON schemas by name.
+Keys = Mapping[str, Mapping[str, Any]]
 
 # Longest value in a message [characters].
 _LONGEST = 80
@@ -40,34 +44,41 @@ _LIMITS = {
 
 
 def make_options(options: type[Options], values: Mapping[str, Any], where: str, own: str) -> Options:
-    """Make options, which checks the values and adds the defaults.
+    """Make options, which checks the values and adds the defaults (UserError: names the first wrong key).
 
     Args:
         where: what gives the values, for messages.
         own: section of the keys that are in no shared one; empty for none.
-
-    Raises:
-        UserError: a key is unknown or has a forbidden value; names the first one.
     """
     try:
         return options.model_validate(values)
     except ValidationError as error:
-        raise UserError(f"{where}: {refusal(error, values, options, own)}") from None
+        first = error.errors(include_url=False)[0]
+        told = refusal(first, first["loc"], values, keys_of(options), full_names(options, own))
+        raise UserError(f"{where}: {told}") from None
 
 
-def refusal(error: ValidationError, given: Mapping[Any, Any], options: type[Options], own: str) -> str:
-    """Describe the first error of options in one line: the key, its value, and what is allowed."""
-    first, keys = error.errors(include_url=False)[0], keys_of(options)
-    name, *steps = first["loc"]
+def refusal(
+    error: ErrorDetails, steps: Sequence[Any], given: Mapping[Any, Any], keys: Keys, names: Mapping[str, str]
+) -> str:
+    """Describe an error in one line: the key, its value, and what is allowed.
+
+    Args:
+        steps: name of the key, then of parts of its value.
+        given: values by name.
+        keys: JSON schemas by name.
+        names: full names by name, for what has one.
+    """
+    name, *steps = steps
     if name not in keys:
-        return unknown_key("", name, list(keys))
-    path, value = [full_names(options, own)[name]], given[name]
+        return unknown_key(names.get(name, str(name)), name, list(keys))
+    path, value = [names[name]], given[name]
     for step in steps:  # pydantic adds names of types to the path, too
         items: Any = dict(enumerate(value)) if isinstance(value, list | tuple) else value
         if isinstance(items, Mapping) and step in items:
             path, value = [*path, str(step)], items[step]
-    cause = first.get("ctx", {}).get("error")
-    why = str(cause or first["msg"]) if cause or len(path) > 1 else allowed(keys[name], value)
+    cause = error.get("ctx", {}).get("error")
+    why = str(cause or error["msg"]) if cause or len(path) > 1 else _allowed(keys[name], value)
     return not_allowed(".".join(path), value, why)
 
 
@@ -77,14 +88,8 @@ def not_allowed(key: str, value: object, why: str) -> str:
     return f"{key or 'value'} = {shorten(value)} is not allowed: {why}"
 
 
-def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence[str] = ()) -> str:
-    """Say that there is no such key, with what is meant.
-
-    Args:
-        known: the keys of the section, which is empty outside sections.
-        homes: full names of the keys of this name in sections.
-    """
-    full = f"{section}.{key}" if section else str(key)
+def unknown_key(full: str, key: object, known: Sequence[str], homes: Sequence[str] = ()) -> str:
+    """Say that there is no key, ``full`` with its section, among ``known``; ``homes`` are full names of keys of its name."""
     name, colon, value = str(key).partition(":")
     first, dot, rest = str(key).partition(".")
     if colon and name in known:
@@ -100,45 +105,41 @@ def unknown_key(section: str, key: object, known: Sequence[str], homes: Sequence
     return f"unknown key {shorten(full)}; {advice}"
 
 
-def allowed(part: Mapping[str, Any], value: object) -> str:
-    """Say what a JSON schema of one key allows in place of a refused value."""
-    near = difflib.get_close_matches(str(value), choices(part), n=1)
+def _allowed(key: Mapping[str, Any], value: object) -> str:
+    """Say what a key allows in place of a refused value."""
+    near = difflib.get_close_matches(str(value), choices(key), n=1)
     largest = isinstance(value, int) and abs(value) > LARGEST_INTEGER
-    text = f"must be {describe_value(part)}" + (f", at most {LARGEST_INTEGER}" if largest else "")
+    text = f"must be {describe_value(key)}" + (f", at most {LARGEST_INTEGER}" if largest else "")
     return text + (f" (did you mean {near[0]!r}?)" if near else "")
 
 
-def describe_value(part: Mapping[str, Any]) -> str:
-    """Describe the values that a JSON schema of one key allows."""
-    words, kinds = choices(part), kinds_of(part)
-    if words and not kinds:
-        return f"one of {', '.join(words)}"
-    return ", ".join([" or ".join([*kinds, *words]), *limits_of(part)])
+def describe_value(key: Mapping[str, Any]) -> str:
+    """Describe the values that the JSON schema of a key allows."""
+    words, kinds, limits = choices(key), kinds_of(key), limits_of(key)
+    return ", ".join([" or ".join([*kinds, *words]), *limits]) if kinds else f"one of {', '.join(words)}"
 
 
-def choices(part: Mapping[str, Any]) -> list[str]:
+def choices(key: Mapping[str, Any]) -> list[str]:
     """List the words among the allowed values."""
-    return [
-        str(word)
-        for one in _options(part)
-        for word in one.get("enum", [one["const"]] if "const" in one else [])
-    ]
+    return [str(word) for kind in key.get("anyOf", [key]) for word in _words(kind)]
 
 
-def kinds_of(part: Mapping[str, Any]) -> list[str]:
-    """List the allowed types, in words; a reference leads to the schema of an object."""
-    others = [one for one in _options(part) if not {"enum", "const"} & one.keys()]
-    types = ["object" if "$ref" in one else one.get("type") for one in others]
-    return [_KINDS[kind] for one in types for kind in ([one] if isinstance(one, str) else one or [])]
+def _words(kind: Mapping[str, Any]) -> list[Any]:
+    return kind.get("enum", [kind["const"]] if "const" in kind else [])
 
 
-def limits_of(part: Mapping[str, Any]) -> list[str]:
+def kinds_of(key: Mapping[str, Any]) -> list[str]:
+    """List the allowed types, in words."""
+    return [_KINDS[kind["type"]] for kind in key.get("anyOf", [key]) if not _words(kind)]
+
+
+def limits_of(key: Mapping[str, Any]) -> list[str]:
     """List the limits of numbers, texts and lists, in words."""
     return [
-        text.format(one[word])
-        for one in _options(part)
+        text.format(kind[word])
+        for kind in key.get("anyOf", [key])
         for word, text in _LIMITS.items()
-        if word in one and one[word] != LARGEST_INTEGER
+        if word in kind and kind[word] != LARGEST_INTEGER
     ]
 
 
@@ -167,7 +168,3 @@ def shorten(value: object) -> str:
 def shown(value: Any) -> str:
     """Format a value as YAML on one line."""
     return yaml.safe_dump(value, default_flow_style=True, width=10_000, sort_keys=False).splitlines()[0]
-
-
-def _options(part: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return part.get("anyOf", [part])

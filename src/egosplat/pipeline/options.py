@@ -4,15 +4,24 @@ The options of a stage are one class, in ``options.py`` of the stage's room. A k
 """
 
 import ast
+import contextlib
 import functools
 import inspect
-import textwrap
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Iterable, Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
 
-from egosplat.pipeline.strict_yaml import NO_YAML, load_yaml
+from egosplat.pipeline.strict_yaml import load_yaml
 
 # Largest integer that a key may have. Libraries accept no larger seeds.
 LARGEST_INTEGER = 2**31 - 1
@@ -58,16 +67,16 @@ class Options(BaseModel):
         super().__init_subclass__(**rest)
         cls._section = section
 
-    @model_validator(mode="before")
+    @field_validator("*", mode="wrap")
     @classmethod
-    def _read(cls, given: Any) -> Any:
-        """Convert what YAML, Snakemake and the command line write for a value."""
-        if not isinstance(given, Mapping):
-            return given
-        return {
-            name: convert(value, keys_of(cls)[name]) if name in cls.model_fields else value
-            for name, value in given.items()
-        }
+    def _read(cls, given: Any, check: ValidatorFunctionWrapHandler) -> Any:
+        errors = []
+        for reading in _readings(given):
+            try:
+                return check(reading)
+            except ValidationError as error:
+                errors.append(error)
+        raise errors[0]
 
     def as_dict(self) -> dict[str, Any]:
         """Get the values by name, with lists for tuples."""
@@ -76,6 +85,19 @@ class Options(BaseModel):
     def change(self, **values: Any) -> Self:
         """Make a copy with other values, which are checked."""
         return type(self).model_validate(dict(self) | values)
+
+
+def _readings(given: Any) -> Iterator[Any]:
+    """What a value may stand for: YAML reads the word on as true, Snakemake passes the 5 of ``--config`` as a text."""
+    if given == "null":
+        yield None
+    yield tuple(given) if isinstance(given, list) else given
+    if isinstance(given, bool):
+        yield "on" if given else "off"
+    if isinstance(given, str):
+        with contextlib.suppress(ValueError):
+            if not isinstance(value := load_yaml(given), str | None):
+                yield from _readings(value)
 
 
 @functools.cache
@@ -87,12 +109,11 @@ def keys_of(options: type[Options]) -> dict[str, dict[str, Any]]:
 @functools.cache
 def sections_of(options: type[Options], own: str) -> dict[str, tuple[str, ...]]:
     """Get the names of the keys by section of the configuration. Keys of a class without one are in ``own``."""
-    found: dict[str, tuple[str, ...]] = {}
+    names: dict[str, tuple[str, ...]] = {}
     for name in options.model_fields:
-        owner = next(one for one in reversed(options.__mro__) if name in inspect.get_annotations(one))
-        section = owner._section or own
-        found[section] = (*found.get(section, ()), name)
-    return found
+        section = _owner(options.__mro__[::-1], name)._section or own
+        names[section] = (*names.get(section, ()), name)
+    return names
 
 
 def full_names(options: type[Options], own: str) -> dict[str, str]:
@@ -102,53 +123,20 @@ def full_names(options: type[Options], own: str) -> dict[str, str]:
 
 
 def describe(options: type[Options], name: str) -> str:
-    """Get the description of a key, on one line."""
-    classes = [one for one in options.__mro__ if name in inspect.get_annotations(one)]
-    return _descriptions(classes[0])[name]
+    """Get the description of a key, on one line: the string below its field."""
+    return _descriptions(_owner(options.__mro__, name))[name]
+
+
+def _owner(classes: Iterable[type], name: str) -> Any:
+    return next(options for options in classes if name in inspect.get_annotations(options))
 
 
 @functools.cache
 def _descriptions(options: type) -> dict[str, str]:
-    """Read the string below each field of a class."""
-    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(options))).body
+    (tree,) = ast.parse(inspect.getsource(options)).body
     assert isinstance(tree, ast.ClassDef)
     return {
         ast.unparse(field.target): " ".join(ast.literal_eval(text.value).split())
-        for field, text in zip(tree.body, tree.body[1:], strict=False)
+        for field, text in itertools.pairwise(tree.body)
         if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
     }
-
-
-def convert(value: Any, part: Mapping[str, Any]) -> Any:
-    """Convert a value to the type in its JSON schema, as far as that is certain; validation refuses the rest."""
-    kinds = part.get("anyOf", [part])
-    if isinstance(value, str):
-        return _from_text(value, kinds)
-    # YAML reads the words on and off as booleans.
-    if isinstance(value, bool) and any("on" in one.get("enum", ()) for one in kinds):
-        return "on" if value else "off"
-    for one in kinds:
-        if isinstance(value, list) and one.get("type") == "array":
-            return tuple(convert(item, one.get("items", {})) for item in value)
-        if isinstance(value, Mapping) and isinstance(other := one.get("additionalProperties"), Mapping):
-            return {key: convert(item, other) for key, item in value.items()}
-    return value
-
-
-def _from_text(text: str, kinds: list[Mapping[str, Any]]) -> Any:
-    # Snakemake passes the 5 of `--config splats={iterations: 5}` and the 1e-4 of a file as strings.
-    types = [one.get("type") for one in kinds]
-    if text == "null" and "null" in types:
-        return None
-    # A key that may be any text keeps it: a file named 5 is not a number.
-    words = [word for one in kinds for word in one.get("enum", [one.get("const")])]
-    if text in words or any(
-        one.get("type") == "string" and not {"enum", "const"} & one.keys() for one in kinds
-    ):
-        return text
-    try:
-        value = load_yaml(text)
-    except NO_YAML:
-        return text
-    # A list or mapping may hold texts that are numbers in turn.
-    return text if isinstance(value, str) else convert(value, {"anyOf": kinds})

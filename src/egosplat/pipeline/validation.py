@@ -1,18 +1,17 @@
-"""Validation against the JSON schemas of JSON files, with errors in plain words."""
+"""Validation of results against the JSON schemas of their files."""
 
 import functools
 import sys
-from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import yaml
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.pipeline.home import make_command
-from egosplat.pipeline.messages import allowed, not_allowed, unknown_key
+from egosplat.pipeline.messages import not_allowed, shorten
 
 # jsonschema imports a checker for each format whose library is installed. rfc3987_syntax builds a grammar on import,
 # which takes a second. No schema here uses a format. None makes its import fail.
@@ -24,28 +23,26 @@ finally:
     if sys.modules[_SLOW] is None:
         del sys.modules[_SLOW]
 
-__all__ = ["Draft202012Validator", "ValidationError", "explain", "read_document", "schema"]
+__all__ = ["Draft202012Validator", "ValidationError", "read_document", "schema"]
 
 
 @functools.cache
 def schema(name: str) -> dict[str, Any]:
     """Load the schema of a JSON file; an object has just the properties that it lists, all but those in ``optional``."""
-    found = yaml.safe_load(
-        (resources.files("egosplat.pipeline") / "schemas" / f"{name}.schema.yaml").read_text()
-    )
-    _close(found)
-    return found
+    text = (resources.files(__package__ or "") / "schemas" / f"{name}.schema.yaml").read_text()
+    document = yaml.safe_load(text)
+    _close(document)
+    return document
 
 
 def _close(part: Any) -> None:
     """Spell the rule of ``schema`` out where an object does not say itself what it may lack or have besides."""
-    inner = [*part.values()] if isinstance(part, dict) else part if isinstance(part, list) else []
     if isinstance(part, dict) and "properties" in part and not {"additionalProperties", "required"} & {*part}:
         optional = part.pop("optional", [])
         part |= {"type": part.get("type", "object"), "additionalProperties": False}
         part["required"] = [name for name in part["properties"] if name not in optional]
-    for one in inner:
-        _close(one)
+    for inner in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+        _close(inner)
 
 
 def read_document(path: Path, name: str) -> dict[str, Any]:
@@ -63,30 +60,16 @@ def read_document(path: Path, name: str) -> dict[str, Any]:
         reason = str(error).partition("\n")[0]
         raise UserError(f"{path}: cannot be read as JSON ({reason}). {again}") from None
     version = schema(name)["properties"]["format_version"]["const"]
-    found = document.get("format_version", version) if isinstance(document, dict) else version
-    if found != version:
+    if isinstance(document, dict) and (given := document.get("format_version", version)) != version:
         raise UserError(
-            f"{path}: has format {found!r}; this version of egosplat reads format {version}.\n{again}"
+            f"{path}: has format {given!r}; this version of egosplat reads format {version}.\n{again}"
         )
     for error in Draft202012Validator(schema(name)).iter_errors(document):
-        raise UserError(f"{path}: {explain(error)}.\n{again}")
+        why = f"its schema has {error.validator}: {shorten(error.validator_value)}"
+        told = not_allowed(".".join(map(str, error.absolute_path)), error.instance, why)
+        raise UserError(f"{path}: {told}.\n{again}")
     return document
 
 
 def _refuse(constant: str) -> float:
     raise ValueError(f"{constant} is no number of JSON")
-
-
-def explain(error: ValidationError) -> str:
-    """Describe an error in one line: the key, its value, and what is allowed."""
-    key, value = ".".join(str(part) for part in error.absolute_path), cast("Any", error.instance)
-    part = error.schema if isinstance(error.schema, Mapping) else {}
-    match error.validator:
-        case "additionalProperties":
-            known = list(part["properties"])
-            return unknown_key(key, min({*value} - {*known}, key=str), known)
-        case "required":
-            return not_allowed(key, value, f"lacks {', '.join(sorted({*part['required']} - {*value}))}")
-        case "pattern":
-            return not_allowed(key, value, f"only {part.get('allowed', part['pattern'])}")
-    return not_allowed(key, value, allowed(part, value))

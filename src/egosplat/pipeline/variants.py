@@ -9,7 +9,7 @@ from typing import Any
 from egosplat.calibration.files import chosen_poses
 from egosplat.errors import UserError
 from egosplat.pipeline.config import (
-    SHIPPED,
+    SHIPPED_LAYER,
     Config,
     Layer,
     LayeredConfig,
@@ -201,7 +201,7 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
     """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
     kept = _KEPT | _SCALED if PRESET_FILES[name] != name else _KEPT
     preset, usual = Layer(name, read_yaml(folder / f"{PRESET_FILES[name]}.yaml")), defaults()
-    values = merge_layers(layers_of_format([preset, SHIPPED], format))
+    values = merge_layers(layers_of_format([preset, SHIPPED_LAYER], format))
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
     keys: Config = {}
     for section, key in _set_by_presets(folder):
