@@ -33,7 +33,7 @@ _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.012
 def load_yaml(text: str) -> Any:
     """Load YAML, without executing code (ValueError: it is none; with line and column if they are known)."""
     try:
-        return yaml.load(text, Loader=_Loader)  # noqa: S506
+        return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # impossible dates are ValueError
         why = str(error).partition("\n")[0]
         if isinstance(error, yaml.MarkedYAMLError) and (mark := error.problem_mark):

@@ -6,8 +6,8 @@ import hashlib
 from pathlib import Path
 
 from egosplat.errors import UserError, reraise_as
-from egosplat.pipeline.home import how_to_reinstall
 from egosplat.pipeline.code_hash import cpp_hash
+from egosplat.pipeline.home import how_to_reinstall
 
 # The folder of the library and, in ``source``, of its sources.
 HERE = Path(__file__).parent
