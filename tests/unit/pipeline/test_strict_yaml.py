@@ -40,11 +40,3 @@ def test_keys_of_several_mappings_and_merged_ones_may_be_alike():
 def test_numbers_with_an_exponent_are_numbers(text, value):
     found = load_yaml(text)
     assert found == value and type(found) is type(value)
-
-
-@pytest.mark.parametrize(
-    "text", ['{\n"frames": {"stride": 2}\n}', '\ufeff{"frames": {"stride": 2}}', "{frames: {stride: 2,},}"]
-)
-def test_json_is_read(tmp_path, text):
-    (tmp_path / "mine.json").write_text(text, encoding="utf-8")
-    assert read_yaml(tmp_path / "mine.json") == {"frames": {"stride": 2}}
