@@ -69,9 +69,7 @@ def test_imports_point_down():
 
 def test_the_synthetic_world_imports_small_libraries_alone():
     libraries = {"errors", "files", "geometry", "images", "progress"}
-    libraries |= {
-        f"pipeline.{name}" for name in ("home", "options", "shared_options", "source_hash", "stage")
-    }
+    libraries |= {f"pipeline.{name}" for name in ("home", "options", "shared_options", "code_hash", "stage")}
     for path in sorted(APARTMENTS.rglob("*.py")):
         for name in imports_of(path):
             if name.startswith("egosplat."):
