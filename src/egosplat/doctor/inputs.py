@@ -1,12 +1,10 @@
 """``egosplat doctor``: check this machine, the configuration, and the models and recordings that it names."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
-from egosplat.doctor.findings import Finding, Mark
-from egosplat.doctor.machine import machine_findings
-from egosplat.errors import UserError, user_message
+from egosplat.doctor.findings import Finding, Mark, machine_findings, tried
+from egosplat.errors import UserError
 from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
@@ -23,6 +21,33 @@ MIB = 1024**2
 NAMED = 5
 
 
+def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
+    """All findings about this machine and the configuration; arguments and errors as ``read_configuration``."""
+    config, sources = read_configuration(files, options)
+    # A wrong configuration ends here; every later problem is a finding, so that one call shows all of them.
+    findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({', '.join(sources)})")]
+    findings += [*machine_findings(config), *_models(config)]
+    try:
+        scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
+    except UserError as error:
+        return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
+    # Another OpenCLIP than the configuration's, such as the words for photographs.
+    known = {config["models"]["clip_checkpoint"]}
+    for scene in scenes:
+        checkpoint = scene.config["models"]["clip_checkpoint"]
+        if checkpoint not in known and scene.recording.exists():
+            known.add(checkpoint)
+            findings.append(_model(CLIP, locate_checkpoints(scene.config), f"OpenCLIP, {scene.name}"))
+    for dataset in sorted({scene.dataset for scene in scenes}):
+        rows = [scene for scene in scenes if scene.dataset == dataset]
+        findings.append(_recordings(dataset, config["data_root"].get(dataset), rows))
+    for scene in scenes:
+        if told := scene_notice(scene):
+            first, _, advice = told.partition(". ")
+            findings.append(Finding(Mark.NOTE, scene.name, first, advice))
+    return findings
+
+
 def scene_notice(scene: Scene) -> str | None:
     """The warning for a scene; None if the models suit its recording or it is absent."""
     if scene.synthetic or not scene.recording.exists():
@@ -32,27 +57,6 @@ def scene_notice(scene: Scene) -> str | None:
     except UserError:
         return None  # the stage frames reports what is wrong with the recording
     return notice(origin, configured_checkpoints(scene.config), aria=scene.format == "adt")
-
-
-def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
-    """All findings about this machine and the configuration; arguments and errors as ``read_configuration``."""
-    config, sources = read_configuration(files, options)
-    # A wrong configuration ends here; every later problem is a finding, so that one call shows all of them.
-    findings = [Finding(Mark.OK, "configuration", f"preset {config['preset']} ({', '.join(sources)})")]
-    findings += [*machine_findings(config), *model_findings(config)]
-    try:
-        scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
-    except UserError as error:
-        return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
-    findings += scene_model_findings(config, scenes)
-    for dataset in sorted({scene.dataset for scene in scenes}):
-        rows = [scene for scene in scenes if scene.dataset == dataset]
-        findings.append(_recordings(dataset, config["data_root"].get(dataset), rows))
-    for scene in scenes:
-        if told := scene_notice(scene):
-            first, _, advice = told.partition(". ")
-            findings.append(Finding(Mark.NOTE, scene.name, first, advice))
-    return findings
 
 
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[LayeredConfig, list[str]]:
@@ -68,10 +72,8 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[L
     """
     read = [config_file(), *files]
     config: Config = {}
-    for path in read:
-        config = merge(config, read_yaml(path))
-    for option in options:
-        config = merge(config, _parsed(option))
+    for layer in [*map(read_yaml, read), *map(_parsed, options)]:
+        config = merge(config, layer)
     return resolve(config, presets_folder()), [*map(str, read), *options]
 
 
@@ -98,63 +100,45 @@ def _parsed(option: str) -> Config:
     return {names[0]: content}
 
 
-def model_findings(config: Config) -> Iterator[Finding]:
+def _models(config: Config) -> Iterator[Finding]:
     """The architecture and checkpoint of each model, and the device that runs them. Checkpoints are read."""
-    config = locate_checkpoints(config)
-    yield from (_model(model, config) for model in (SAM2, CLIP))
-    if weights := config["transient"]["encoder_weights"]:
-        yield _encoder(expand_home(weights))
-    yield _compute(config)
-
-
-def scene_model_findings(config: Config, scenes: list[Scene]) -> Iterator[Finding]:
-    """OpenCLIP where scenes with a recording have another one than the configuration, such as the words for photographs."""
-    known = {config["models"]["clip_checkpoint"]}
-    for scene in scenes:
-        checkpoint = scene.config["models"]["clip_checkpoint"]
-        if checkpoint not in known and scene.recording.exists():
-            known.add(checkpoint)
-            yield replace(_model(CLIP, locate_checkpoints(scene.config)), what=f"OpenCLIP, {scene.name}")
-
-
-def _model(model: ModelSpec, config: Config) -> Finding:
-    from egosplat.models.weights import read_tensors
-
-    keys = config["models"]
-    try:
-        path = find_checkpoint(model, keys[model.checkpoint_key])
-        content = model_hash(model, keys)
-        read_tensors(path)
-    except (UserError, OSError) as error:
-        first, _, advice = (user_message(error) or str(error)).partition("\n")
-        return Finding(Mark.MISSING, model.name, first, advice)
-    size = f"{path.stat().st_size / MIB:.1f} MiB"
-    checkpoint = f"checkpoint {keys[model.checkpoint_key]}, {size}, hash {content[:8]}"
-    return Finding(Mark.OK, model.name, f"{keys[model.config_key]}, {checkpoint}")
-
-
-def _encoder(path: Path) -> Finding:
-    """The weights of the transient network's encoder."""
-    from egosplat.models.weights import read_tensors
-
-    try:
-        read_tensors(path)
-    except (UserError, OSError) as error:
-        advice = FETCH if not path.is_file() else ""
-        return Finding(
-            Mark.MISSING, "encoder", f"transient.encoder_weights: {user_message(error) or error}", advice
-        )
-    return Finding(Mark.OK, "encoder", f"{path}, {path.stat().st_size / MIB:.1f} MiB")
-
-
-def _compute(config: Config) -> Finding:
     from egosplat.compute import choose_compute
 
-    try:
-        compute = choose_compute(config["run"]["device"], config["run"]["precision"])
-    except UserError as error:
-        return Finding(Mark.MISSING, "models run on", str(error))
-    return Finding(Mark.OK, "models run on", f"{compute.device}, {str(compute.dtype).removeprefix('torch.')}")
+    def compute() -> str:
+        chosen = choose_compute(config["run"]["device"], config["run"]["precision"])
+        return f"{chosen.device}, {str(chosen.dtype).removeprefix('torch.')}"
+
+    located = locate_checkpoints(config)
+    yield _model(SAM2, located, SAM2.name)
+    yield _model(CLIP, located, CLIP.name)
+    if weights := config["transient"]["encoder_weights"]:
+        yield tried("encoder", lambda: _encoder(expand_home(weights)))
+    yield tried("models run on", compute)
+
+
+def _model(model: ModelSpec, config: Config, what: str) -> Finding:
+    keys = config["models"]
+
+    def read() -> str:
+        size = _size(find_checkpoint(model, keys[model.checkpoint_key]))
+        checkpoint = f"checkpoint {keys[model.checkpoint_key]}, {size}"
+        return f"{keys[model.config_key]}, {checkpoint}, hash {model_hash(model, keys)[:8]}"
+
+    return tried(what, read)
+
+
+def _encoder(path: Path) -> str:
+    if not path.is_file():
+        raise UserError(f"transient.encoder_weights: there is no file {path}\n{FETCH}")
+    return f"{path}, {_size(path)}"
+
+
+def _size(path: Path) -> str:
+    """The size of a file of weights that can be read."""
+    from egosplat.models.weights import read_tensors
+
+    read_tensors(path)
+    return f"{path.stat().st_size / MIB:.1f} MiB"
 
 
 def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:

@@ -18,13 +18,11 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_defaults_hold_without_a_file(folder):
-    """The doctor runs in an empty folder, with the configuration that comes with egosplat."""
     config, sources = read_configuration([], [])
     assert config["preset"] == "balanced" and sources == [str(ROOT / "config/config.yaml")]
 
 
 def test_options_override_files_and_later_files_earlier_ones(folder):
-    """The order of precedence is that of Snakemake."""
     (folder / "config").mkdir()
     (folder / "config/config.yaml").write_text("preset: draft\nsplats: {iterations: 1}\nrun: {seed: 1}\n")
     for name, seed in (("a", 2), ("b", 3)):
@@ -41,7 +39,6 @@ def test_options_override_files_and_later_files_earlier_ones(folder):
 
 
 def test_presets_of_the_working_directory_come_first(folder):
-    """Users may edit their copy."""
     (folder / "config/presets").mkdir(parents=True)
     (folder / "config/presets/balanced.yaml").write_text("splats: {iterations: 77}")
     assert read_configuration([], [])[0]["splats"]["iterations"] == 77
@@ -49,7 +46,6 @@ def test_presets_of_the_working_directory_come_first(folder):
 
 @pytest.mark.parametrize("option", ["draft", "=draft", "preset=", "models={a: [", ".a=1", "splats.=1"])
 def test_a_malformed_option_is_an_error(folder, option):
-    """The message shows the form."""
     with pytest.raises(UserError, match="KEY=VALUE"):
         read_configuration([], [option])
 
@@ -68,6 +64,5 @@ def test_a_malformed_option_is_an_error(folder, option):
     ],
 )
 def test_keys_of_a_section_may_be_written_with_a_dot(folder, options, section, key, value):
-    """section.key=value is short for section={key: value}."""
     config, _ = read_configuration([], options)
     assert config[section][key] == value and config["run"]["seed"] == 0

@@ -1,22 +1,20 @@
 """The findings of ``egosplat doctor`` on a machine, and its exit status."""
 
 import importlib.util
-import subprocess
-from importlib import metadata
+from types import SimpleNamespace
 
 import pytest
 import torch
 import yaml
 
 from egosplat import cli
-from egosplat.doctor import machine
+from egosplat.doctor import findings as doctor
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import examine
 from egosplat.errors import UserError
 from egosplat.models.configs import PHOTO_WEIGHTS
 from egosplat.rasterize import cuda
-from egosplat.rasterize.kernels import compiling, library
-from egosplat_apartments.rays import library as rays
+from egosplat.rasterize.kernels import library
 
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"
 
@@ -68,7 +66,6 @@ def test_nothing_is_missing_on_a_complete_machine(folder):
 
 
 def test_a_missing_checkpoint_comes_with_the_command_that_fetches_it(folder):
-    """The user learns what to do."""
     (folder / "clip.bin").unlink()
     finding = found()["OpenCLIP"]
     assert finding.mark == Mark.MISSING and "there is no file clip.bin" in finding.value
@@ -77,7 +74,6 @@ def test_a_missing_checkpoint_comes_with_the_command_that_fetches_it(folder):
 
 
 def test_a_missing_gpu_is_an_error_only_where_keys_ask_for_it(folder):
-    """auto runs on the CPU; cuda cannot."""
     assert marks()["GPU"] == Mark.NOTE
     asked = found("run={device: cuda, backend: cuda}")
     assert asked["GPU"].mark == Mark.MISSING
@@ -86,7 +82,6 @@ def test_a_missing_gpu_is_an_error_only_where_keys_ask_for_it(folder):
 
 
 def test_missing_recordings_are_counted_and_named(folder):
-    """The user sees which files to copy."""
     data = folder / "data"
     asked = f"data_root={{mine: {data}}}"
     finding = found(asked)["mine recordings"]
@@ -121,7 +116,6 @@ PLAIN, HOI4D, ADT = "mine\ts\tplain\t{}\t", "hoi4d\ts\thoi4d\t{}\t", "adt\ts\tad
     ],
 )
 def test_a_missing_recording_is_an_error_for_rows_of_the_user(folder, monkeypatch, row, root, mark):
-    """The rows of the shipped table are no error while data_root is not set."""
     monkeypatch.setenv("HOME", str(folder))
     (folder / "videos").mkdir()
     (folder / "videos/a.mp4").touch()
@@ -140,14 +134,12 @@ def test_a_missing_recording_is_an_error_for_rows_of_the_user(folder, monkeypatc
     ],
 )
 def test_a_damaged_checkpoint_is_an_error(folder, file, content, said):
-    """Found now, not after an hour of segmenting."""
     (folder / file).write_bytes(content)
     finding = found()["SAM2" if file == "sam2.pt" else "OpenCLIP"]
     assert finding.mark == Mark.MISSING and said in finding.value
 
 
 def test_a_checkpoint_without_read_permission_is_a_finding(folder, monkeypatch):
-    """The other findings are still printed."""
 
     def refuse(*_):
         raise PermissionError(13, "Permission denied", "sam2.pt")
@@ -157,7 +149,6 @@ def test_a_checkpoint_without_read_permission_is_a_finding(folder, monkeypatch):
 
 
 def test_missing_encoder_weights_are_an_error(folder):
-    """transient.encoder_weights is checked only where it is set."""
     assert "encoder" not in found()
     asked = f"transient.encoder_weights={folder / 'encoder.pt'}"
     assert found(asked)["encoder"].mark == Mark.MISSING
@@ -167,7 +158,6 @@ def test_missing_encoder_weights_are_an_error(folder):
 
 
 def test_small_checkpoints_are_noted_for_each_real_scene(folder):
-    """They know only synthetic apartments; poor results need not surprise."""
     for name in ("a.mp4", "b.mp4"):
         (folder / name).touch()
     assert "mine/a" not in found(), "these models are not the small ones"
@@ -182,7 +172,6 @@ def test_small_checkpoints_are_noted_for_each_real_scene(folder):
 
 
 def test_a_recording_that_was_rendered_is_not_noted(folder):
-    """Its metadata tell, whatever its row."""
     (folder / "seq1").mkdir()
     (folder / "seq1/metadata.json").write_text('{"origin": "synthetic"}')
     (folder / "config/scenes.tsv").write_text(HEADER + ADT.format("seq1") + "\n")
@@ -193,7 +182,6 @@ def test_a_recording_that_was_rendered_is_not_noted(folder):
 
 
 def test_words_for_photographs_are_checked_where_a_recording_takes_them(folder, monkeypatch):
-    """The package is missed now, not after the masks were found."""
     (folder / "config/config.yaml").write_text("")
     findings = found()
     assert findings["OpenCLIP"].value.startswith("small, ")
@@ -208,7 +196,6 @@ def test_words_for_photographs_are_checked_where_a_recording_takes_them(folder, 
 
 
 def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(folder, monkeypatch):
-    """Without kernels the reference renders."""
     monkeypatch.setattr(library, "why_not", lambda: "The C++ kernels are not compiled.\nRun make install")
     monkeypatch.setattr(library, "is_usable", lambda: False)
     assert found()["kernels"] == Finding(
@@ -217,20 +204,7 @@ def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(fold
     assert marks("run={backend: cpu}")["kernels"] == Mark.MISSING
 
 
-def test_a_ray_caster_that_is_not_compiled_comes_with_a_remedy(folder, monkeypatch, tmp_path):
-    """Only synthetic recordings need it."""
-    assert found()["ray caster"] == Finding(Mark.OK, "ray caster", "compiled")
-    monkeypatch.setattr(rays, "HERE", tmp_path)
-    rays.load.cache_clear()
-    try:
-        finding = found()["ray caster"]
-    finally:
-        rays.load.cache_clear()
-    assert finding.mark == Mark.NOTE and rays.LIBRARY in finding.value and "make install" in finding.advice
-
-
 def test_a_missing_reader_of_aria_recordings_is_noted(folder, monkeypatch):
-    """Videos and photographs need none."""
     assert "projectaria-tools" not in found()
     find = importlib.util.find_spec
     monkeypatch.setattr(
@@ -240,83 +214,35 @@ def test_a_missing_reader_of_aria_recordings_is_noted(folder, monkeypatch):
     assert "pip install" in found()["projectaria-tools"].advice
 
 
-def test_a_missing_compiler_comes_with_a_remedy(folder, monkeypatch):
-    """The command to install one is printed. One that tells no version is accepted."""
-    monkeypatch.setattr(compiling, "find_compiler", lambda: None)
-    assert found()["C++ compiler"].advice.endswith("apt install g++")
-    silent = subprocess.CompletedProcess([], 1, "", "")
-    monkeypatch.setattr(machine.subprocess, "run", lambda *_, **__: silent)
-    monkeypatch.setattr(compiling, "find_compiler", lambda: ["cc"])
-    assert found()["C++ compiler"].value == "cc: of unknown version"
-
-
 def test_a_gpu_without_gsplat_comes_with_a_remedy(folder, monkeypatch):
     """Training falls back to the CPU, which is slow, unless run.backend forbids it."""
 
-    def absent(name: str) -> str:
-        raise metadata.PackageNotFoundError(name)
+    def fails():
+        raise UserError("gsplat cannot be loaded; run: pip install gsplat")
 
-    monkeypatch.setattr(metadata, "version", absent)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    config = {"run": {"backend": "auto"}}
-    assert machine._gsplat(config).mark == Mark.NOTE and "egosplat[cuda]" in machine._gsplat(config).advice
-    assert machine._gsplat({"run": {"backend": "cuda"}}).mark == Mark.MISSING
-
-
-@pytest.mark.parametrize(("version", "problem"), [("1.6.0", "too new"), ("1.5.2", "too old")])
-def test_an_unsupported_gsplat_comes_with_the_supported_one(version, problem, monkeypatch):
-    """A wrong version is found before training starts."""
-    monkeypatch.setattr(metadata, "version", lambda name: version)
-    for backend, gpu, mark in (
-        ("cuda", True, Mark.MISSING),
-        ("auto", True, Mark.NOTE),
-        ("auto", False, Mark.NOTE),
-    ):
-        config = {"run": {"backend": backend}}
-        monkeypatch.setattr(torch.cuda, "is_available", lambda gpu=gpu: gpu)
-        finding = machine._gsplat(config)
-        assert finding.mark == mark and version in finding.value and problem in finding.value
-        assert "gsplat>=1.5.3,<1.6" in finding.advice
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    monkeypatch.setattr(metadata, "version", lambda name: "1.5.3+pt24cu124")
-    assert machine._gsplat(config).mark == Mark.OK
-
-
-def test_a_gsplat_that_cannot_be_compiled_is_found(monkeypatch):
-    """With an installed gsplat but no nvcc, auto trains on the CPU, and cuda fails."""
-
-    def fails() -> None:
-        raise UserError("gsplat found no CUDA toolkit")
-
-    monkeypatch.setattr(metadata, "version", lambda name: "1.5.3")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(cuda, "load_gsplat", fails)
-    for backend, mark in (("auto", Mark.NOTE), ("cuda", Mark.MISSING), ("cpu", Mark.OK)):
-        assert machine._gsplat({"run": {"backend": backend}}).mark == mark
-
-
-def test_memory_is_read_from_meminfo(tmp_path):
-    """Available memory counts, not free memory."""
-    path = tmp_path / "meminfo"
-    path.write_text(f"MemTotal: {8 * 1024**2} kB\nMemFree: 1 kB\nMemAvailable: {3 * 1024**2} kB\n")
-    assert machine._memory(path).value == "3.0 of 8.0 GiB free"
+    assert marks()["gsplat"] == Mark.OK and marks("run.backend=cuda")["gsplat"] == Mark.MISSING
+    config = {"run": {"backend": "auto", "device": "auto"}}
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    for name in ("get_device_properties", "get_device_name"):
+        monkeypatch.setattr(torch.cuda, name, lambda *_: SimpleNamespace(total_memory=0))
+    told = {finding.what: finding for finding in doctor.machine_findings(config)}
+    assert told["gsplat"].mark == Mark.NOTE and "pip install" in told["gsplat"].value
+    assert told["GPU"].mark == Mark.OK
 
 
 def test_little_free_disk_is_noted(folder, monkeypatch):
-    """A full disk stops a run."""
     usage = type("Usage", (), {"free": 1024**3})
-    monkeypatch.setattr(machine.shutil, "disk_usage", lambda _: usage)
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: usage)
     assert marks()["disk"] == Mark.NOTE
 
 
 def test_a_wrong_table_of_scenes_is_a_finding(folder):
-    """The machine is examined all the same."""
     (folder / "config/scenes.tsv").write_text("dataset\n")
     assert found()["scenes"].mark == Mark.MISSING
 
 
 def test_a_wrong_configuration_is_an_error(folder):
-    """As in a run; the key is named."""
     with pytest.raises(UserError, match="'models.sam'"):
         examine([], ["models={sam: small}"])
 
@@ -332,7 +258,6 @@ def run(monkeypatch, capsys, *words: object) -> tuple[object, str]:
 
 
 def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, capsys):
-    """Scripts can rely on it."""
     status, text = run(monkeypatch, capsys)
     assert status == 0 and text.endswith("Nothing is missing.\n") and "\x1b" not in text
     (folder / "more.yaml").write_text("models: {sam2_checkpoint: /nowhere.pt}")

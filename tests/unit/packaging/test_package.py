@@ -161,8 +161,7 @@ def test_doctor_finds_everything(installed, tmp_path):
         " ", ""
     )
     if all((ROOT / "src" / name).is_file() for name in LIBRARIES):
-        assert re.search(r"^ok +kernels +.*avx512, avx2, generic", report, re.MULTILINE)
-        assert re.search(r"^ok +ray caster", report, re.MULTILINE)
+        assert re.search(r"^ok +kernels", report, re.MULTILINE)
 
 
 def test_the_folders_own_configuration_wins(installed, tmp_path):
