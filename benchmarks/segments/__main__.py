@@ -19,10 +19,10 @@ from benchmarks.small_sam2.worlds import LEVELS, world_folders
 from egosplat.artifacts.provenance import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
-from egosplat.segments.classical.segmenter import segment_video
-from egosplat.segments.instances import Segmented, Video, finalize_instances
+from egosplat.segments.classical import segment_video
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.tracker import Tracker
+from egosplat.segments.video import Segmented, Video, finalize_instances
 from training.small_models.worlds import NOTHING, RenderedWorld, read_world
 
 # The compared methods, by their keys over the defaults.
@@ -71,7 +71,7 @@ def segment(world: RenderedWorld, method: str, checkpoint: str) -> tuple[list[np
 
 def final_labels(segmented: Segmented, min_frames: int) -> list[np.ndarray]:
     """The labels that the stage writes."""
-    table = finalize_instances(segmented, min_frames).table
+    table, _, _ = finalize_instances(segmented, min_frames)
     return [table[segmented.labels[frame]] for frame in range(len(segmented.labels))]
 
 

@@ -19,9 +19,9 @@ from benchmarks.common import command, markdown, output_of
 from egosplat.artifacts.provenance import peak_memory_mb
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import log
-from egosplat.segments.instances import Video
 from egosplat.segments.options import LEVELS, MaskFilter, SegmentsOptions
 from egosplat.segments.tracker import Tracker
+from egosplat.segments.video import Video
 
 # Frames, and instances of all levels together.
 POINTS = ((12, 60), (24, 60), (48, 60), (96, 60), (24, 15), (24, 120), (24, 240))

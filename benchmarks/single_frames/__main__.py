@@ -18,9 +18,9 @@ from benchmarks.small_sam2.worlds import LEAST_PIXELS, LEVELS, SIZES, size_class
 from egosplat.cli.flags import read_options
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.progress import track
-from egosplat.segments.instances import Video
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.single_frames import join_frames, segment_frame
+from egosplat.segments.video import Video
 from training.small_models.worlds import NOTHING, RenderedWorld, read_world
 
 Labels = NDArray[np.int32]

@@ -75,7 +75,7 @@ assert "transformers" not in sys.modules
 """
 MODULES = {
     name: f"import egosplat.{name}"
-    for name in ("segments.nms", "transient.network", "viewing.words", "query.command")
+    for name in ("segments.masks", "transient.network", "viewing.words", "query.command")
 }
 
 
@@ -97,7 +97,7 @@ os._exit(0)"""
     return {name: set(modules) for name, *modules in lines}
 
 
-@pytest.mark.parametrize("module", ["segments.nms", "transient.network", "viewing.words"])
+@pytest.mark.parametrize("module", ["segments.masks", "transient.network", "viewing.words"])
 def test_libraries_of_models_come_without_the_compiler_of_torch(imported_after_torch, module):
     """It takes twice as long to import as the libraries, and nothing here compiles."""
     found = imported_after_torch[module]

@@ -81,7 +81,7 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
         ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
         ("gaussians/trainer.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_GAUSSIANS),
         ("instances/merging.py", "FRAMES_A_BLOCK = 8", "FRAMES_A_BLOCK = 4", AFTER_INSTANCES),
-        ("segments/instances.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
+        ("segments/video.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
         ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", AFTER_FEATURES),
         (
             "rasterize/kernels/source/composite_backward.h",

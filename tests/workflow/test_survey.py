@@ -152,7 +152,7 @@ def test_a_changed_key_reruns_the_survey_where_it_reaches_it(surveyed, config, r
 def test_edited_code_reruns_the_survey_where_it_executes_it(work):
     work.edit("moving_regions.py", "_MIN_TRACK = 3", "_MIN_TRACK = 2")
     assert work.stale(SURVEY, config=AUTO) == {"survey"}
-    work.edit("segments/nms.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
+    work.edit("segments/masks.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
     assert made(work, AUTO, SURVEY) == {"survey"}
     assert work.stale(SURVEY, config=AUTO) == set()
 

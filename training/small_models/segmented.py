@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.models.sam2_loader import load_sam2
-from egosplat.segments.instances import Video
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.single_frames import join_frames, segment_frame
+from egosplat.segments.video import Video
 
 
 def segment_images(images: NDArray[np.uint8]) -> Iterator[NDArray[np.int32]]:

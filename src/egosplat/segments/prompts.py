@@ -1,4 +1,4 @@
-"""Prompt SAM2 with a grid of points, and filter the masks of each level."""
+"""Prompt SAM2 with a grid of points: candidate masks of each level."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,8 @@ from torch import Tensor
 from egosplat.models.image_encoder import EncodedImage
 from egosplat.models.point_decoder import Attended, PointDecoder
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.nms import areas, box_nms, intersections, mask_iou, mask_nms, stability_score
-from egosplat.segments.options import LEVELS, MaskFilter, SegmentsOptions
+from egosplat.segments.masks import Candidates, areas, join, stability_score
+from egosplat.segments.options import MaskFilter, SegmentsOptions
 
 # Points per call of the mask decoder: as in SAM2's automatic mask generator; on a CPU, as many as have this many pixels of
 # features together. Larger batches leave its caches, smaller ones have too few rows for a product of matrices.
@@ -19,37 +19,6 @@ _POINTS_A_BATCH, _PIXELS_A_BATCH_ON_CPU = 64, 8192
 
 # Distance of the pixels of features whose cells tell whether a mask is too large [pixels].
 _SAMPLE_STRIDE = 4
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Candidate masks of one level.
-
-    Attributes:
-        logits: (N, M, M) float32, at the size of the model's masks.
-        predicted_iou, stability: (N,) float32.
-    """
-
-    logits: Tensor
-    predicted_iou: Tensor
-    stability: Tensor
-
-    def __len__(self) -> int:
-        return len(self.logits)
-
-    @property
-    def masks(self) -> Tensor:
-        """(N, M, M) bool."""
-        return self.logits > 0
-
-    @property
-    def scores(self) -> Tensor:
-        """(N,) predicted IoU times stability score, by which LangSplat ranks masks."""
-        return self.predicted_iou * self.stability
-
-    def take(self, chosen: Tensor) -> "Candidates":
-        """Select candidates by (K,) indices or a (N,) bool mask."""
-        return Candidates(self.logits[chosen], self.predicted_iou[chosen], self.stability[chosen])
 
 
 @dataclass(frozen=True)
@@ -84,15 +53,6 @@ def lie_in(points: Tensor, pixels: Tensor) -> Tensor:
     return pixels[rows, columns]
 
 
-def join(parts: list[Candidates]) -> Candidates:
-    """Concatenate candidates whose logits have the same size."""
-    return Candidates(
-        torch.cat([one.logits for one in parts]),
-        torch.cat([one.predicted_iou for one in parts]),
-        torch.cat([one.stability for one in parts]),
-    )
-
-
 def prompt(
     sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions, bounds: Bounds | None = None
 ) -> list[Candidates]:
@@ -106,100 +66,41 @@ def prompt(
     decoder = PointDecoder.of(sam2, encoded)
     on_cpu = sam2.compute.device.type == "cpu"
     size = max(1, _PIXELS_A_BATCH_ON_CPU // len(decoder.image)) if on_cpu else _POINTS_A_BATCH
-    sample = None if bounds.border is None else _Sample.of(decoder, bounds.border)
     batches = []
     for batch in points.split(size):
         attended = decoder.attend(batch)
         possible = attended.ious > limits.pred_iou_thresh
-        if sample is not None:
-            possible &= ~sample.exceeds(attended, bounds)
+        if bounds.border is not None:
+            possible &= ~_exceeds(decoder, attended, bounds.most, bounds.border)
         # Indices, because each selection by a mask would make the CPU wait for a GPU.
         attended = attended.take(possible.any(1).nonzero()[:, 0])
-        batches.append(_good_masks(decoder.logits(attended), attended.ious, limits, bounds))
-    return [
-        Candidates(*(torch.cat([batch[name][level] for batch in batches]) for name in range(3)))
-        for level in range(len(LEVELS))
-    ]
+        levels = zip(decoder.logits(attended).unbind(1), attended.ious.unbind(1), strict=True)
+        batches.append([_good_masks(logits.float(), ious.float(), limits, bounds) for logits, ious in levels])
+    return [join(level) for level in zip(*batches, strict=True)]
 
 
-@dataclass(frozen=True)
-class _Sample:
-    """Some pixels whose cells alone show that most masks are outside of bounds, in a fraction of the time of all cells.
-
-    Attributes:
-        pixels: (K,) indices of pixels of features.
-        border: (B,) indices of those of their K * 16 cells that no mask may cover.
-    """
-
-    decoder: PointDecoder
-    pixels: Tensor
-    border: Tensor
-
-    @staticmethod
-    def of(decoder: PointDecoder, border: Tensor) -> "_Sample":
-        """Take the pixels of a border of (M, M) cells, and each fourth of all in both directions."""
-        taken, step = border.clone(), 4 * _SAMPLE_STRIDE
-        taken[step // 2 :: step, step // 2 :: step] = True
-        pixels = decoder.by_part(taken).any(1).nonzero()[:, 0]
-        return _Sample(decoder, pixels, decoder.by_part(border)[pixels].flatten().nonzero()[:, 0])
-
-    def exceeds(self, attended: Attended, bounds: Bounds) -> Tensor:
-        """(P, 3) bool: which masks cover too many of these cells, or one at the border."""
-        masks = self.decoder.parts(attended, self.pixels).flatten(2) > 0
-        large = areas(masks.flatten(0, 1)) > bounds.most * self.decoder.cells.numel()
-        return large.view(masks.shape[:2]) | masks[..., self.border].any(2)
+def _exceeds(decoder: PointDecoder, attended: Attended, most: float, border: Tensor) -> Tensor:
+    """(P, 3) bool: masks of which a sample of cells, in a fraction of the time of all, shows that they are out of bounds."""
+    # All cells of the border, and those of each fourth pixel of features in both directions.
+    taken, step = border.clone(), 4 * _SAMPLE_STRIDE
+    taken[step // 2 :: step, step // 2 :: step] = True
+    pixels = decoder.by_part(taken).any(1).nonzero()[:, 0]
+    masks = decoder.parts(attended, pixels).flatten(2) > 0
+    large = areas(masks.flatten(0, 1)).view(masks.shape[:2]) > most * border.numel()
+    return large | masks[..., decoder.by_part(border)[pixels].flatten().nonzero()[:, 0]].any(2)
 
 
-def _good_masks(
-    logits: Tensor, ious: Tensor, limits: MaskFilter, bounds: Bounds
-) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
-    """Logits, predicted IoU and stability of each level's masks of good quality, within the bounds."""
-    kept: tuple[list[Tensor], list[Tensor], list[Tensor]] = ([], [], [])
-    for level in range(len(LEVELS)):
-        mask, iou = logits[:, level].float(), ious[:, level].float()
-        stable = stability_score(mask, limits.stability_score_offset)
-        fit = _within(mask > 0, bounds)
-        good = (iou > limits.pred_iou_thresh) & (stable >= limits.stability_score_thresh) & fit
-        for values, each in zip(kept, (mask, iou, stable), strict=True):
-            values.append(each[good.nonzero()[:, 0]])
-    return kept
+def _good_masks(logits: Tensor, ious: Tensor, limits: MaskFilter, bounds: Bounds) -> Candidates:
+    """The masks of one level that have a good quality and are within the bounds."""
+    stable = stability_score(logits, limits.stability_score_offset)
+    good = (ious > limits.pred_iou_thresh) & (stable >= limits.stability_score_thresh)
+    good &= within(logits > 0, bounds)
+    return Candidates(logits, ious, stable).take(good.nonzero()[:, 0])
 
 
-def _within(masks: Tensor, bounds: Bounds) -> Tensor:
-    """(N,) which of (N, M, M) bool masks are within the bounds."""
+def within(masks: Tensor, bounds: Bounds) -> Tensor:
+    """(N,) bool, which (N, M, M) bool masks are within the bounds."""
     # Areas are compared on the small masks, relative to their size.
     cells, count = areas(masks), masks.shape[-2:].numel()
     fit = (cells >= max(1.0, bounds.least * count)) & (cells <= bounds.most * count)
     return fit if bounds.border is None else fit & ~(masks & bounds.border).flatten(1).any(1)
-
-
-def filter_masks(found: Candidates, options: SegmentsOptions) -> Candidates:
-    """Drop redundant masks: NMS of boxes, then LangSplat's mask NMS (docs/method.md#mask-filters)."""
-    if len(found) == 0:
-        return found
-    # SAM's generator removes boxes first; LangSplat applies its mask NMS to what remains.
-    limits = options.mask_filter
-    found = found.take(box_nms(found.masks, found.predicted_iou, limits.box_nms_thresh))
-    kept = mask_nms(
-        found.masks,
-        found.scores,
-        iou_thresh=limits.nms_iou_thresh,
-        score_thresh=limits.nms_score_thresh,
-        inner_thresh=limits.nms_inner_thresh,
-    )
-    return found.take(kept)
-
-
-def drop_covered(found: Candidates, others: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
-    """Drop candidates that (K, M, M) bool masks of the same level show already.
-
-    Args:
-        cover_thresh: drop candidates of which the others together cover a larger share; 1 for none.
-        iou_thresh: drop candidates whose IoU with any other mask is larger.
-    """
-    if len(found) == 0 or len(others) == 0:
-        return found
-    # Two criteria: parts of a tracked object are covered by it, and a larger version of it overlaps it.
-    covered = intersections(found.masks, others.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
-    repeats = mask_iou(found.masks, others).amax(1) > iou_thresh
-    return found.take((covered <= cover_thresh) & ~repeats)

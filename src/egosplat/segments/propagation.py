@@ -19,52 +19,9 @@ from egosplat.models.image_encoder import EncodedImage
 from egosplat.models.sam2_loader import Sam2
 from egosplat.models.video_predictor import fill_holes
 
-# ``maskmem_features`` (K, C, h, w) bfloat16, ``maskmem_pos_enc`` one (K, C, h, w), and ``obj_ptr`` (K, C), as
-# SAM2 names them. Memories of older frames hold ``obj_ptr`` only.
-Memory = dict[str, Any]
-
-
-def make_memory(stored: Tensor, position: list[Tensor], pointers: Tensor) -> Memory:
-    """The memory of a frame, from the outputs of SAM2's memory encoder."""
-    return {
-        "maskmem_features": stored.to(torch.bfloat16),  # as SAM2's predictor keeps them
-        "maskmem_pos_enc": _expand(position, len(stored)),
-        "obj_ptr": pointers,
-    }
-
-
-def select_objects(output: Memory, chosen: list[int]) -> Memory:
-    """The memory of the chosen objects, by their places in the batch."""
-    part: Memory = {"obj_ptr": output["obj_ptr"][chosen]}
-    if "maskmem_features" in output:
-        part["maskmem_features"] = output["maskmem_features"][chosen]
-        part["maskmem_pos_enc"] = _expand(output["maskmem_pos_enc"], len(chosen))
-    return part
-
-
-def update_memory(last: Memory, chosen: list[int], new: Memory) -> Memory:
-    """The memory of all objects: ``new`` for the chosen ones, that of the ``last`` frame for the others."""
-    merged = dict(last)
-    # Positional encodings are equal for all objects, and need no update.
-    for name in {"maskmem_features", "obj_ptr"} & last.keys():
-        merged[name] = last[name].clone()
-        merged[name][chosen] = new[name].to(last[name].dtype)
-    return merged
-
-
-def to_device(output: Memory, device: torch.device) -> Memory:
-    """Copy a memory to a device."""
-    on_device = {name: value.to(device) for name, value in output.items() if isinstance(value, Tensor)}
-    if "maskmem_pos_enc" in output:
-        position = [each[:1].to(device) for each in output["maskmem_pos_enc"]]
-        on_device["maskmem_pos_enc"] = _expand(position, len(on_device["obj_ptr"]))
-    return on_device
-
-
-def _expand(position: list[Tensor], count: int) -> list[Tensor]:
-    # Positional encodings are equal for all objects: a view of one costs no memory.
-    return [each[:1].expand(count, -1, -1, -1) for each in position]
-
+# ``maskmem_features`` (K, C, h, w) bfloat16 and ``obj_ptr`` (K, C), as SAM2 names them. Memories of older frames hold
+# ``obj_ptr`` only.
+Memory = dict[str, Tensor]
 
 Accepts = Callable[[Tensor], Tensor]
 """Decides from the (K, M, M) logits of K objects which masks are of their object: (K,) bool."""
@@ -77,59 +34,76 @@ class Group:
     Attributes:
         ids: instance numbers, in the order of the batch.
         first_frame: the frame in which they start.
-        begun: memory of that frame.
+        position: (1, C, h, w) positional encoding of memories, the same for all objects and frames.
+        begun: memory of the first frame.
         recent: memory of the last frames, by frame.
         unseen: number of frames since each object was last seen; infinite for one that is never searched for again.
     """
 
     ids: list[int]
     first_frame: int
+    position: Tensor
     begun: Memory
     recent: dict[int, Memory] = field(default_factory=dict)
-    unseen: list[float] = field(init=False)
+    unseen: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.unseen = [0] * len(self.ids)
+        self.unseen = self.unseen or [0] * len(self.ids)
 
     @staticmethod
     def restored(saved: State, device: torch.device) -> "Group":
-        """The group of which ``saved`` are the values, on a device."""
-        group = Group(saved["ids"], saved["first_frame"], to_device(saved["begun"], device))
-        group.recent = {frame: to_device(output, device) for frame, output in saved["recent"].items()}
-        group.unseen = saved["unseen"]
-        return group
+        """The group of which ``saved`` are the attributes, on a device."""
+        begun, *recent = (
+            {name: values.to(device) for name, values in memory.items()}
+            for memory in (saved["begun"], *saved["recent"].values())
+        )
+        moved = {"position": saved["position"].to(device), "begun": begun}
+        return Group(**saved | moved | {"recent": dict(zip(saved["recent"], recent, strict=True))})
 
     def end(self, ids: set[int]) -> None:
         """Search for these objects in no later frame, in neither direction."""
         self.unseen = [
-            math.inf if one in ids else before for one, before in zip(self.ids, self.unseen, strict=True)
+            math.inf if number in ids else unseen
+            for number, unseen in zip(self.ids, self.unseen, strict=True)
         ]
+
+    def restart(self) -> None:
+        """Go back to the first frame, to be propagated in the other direction; objects that ended stay so."""
+        self.recent = {}
+        self.unseen = [math.inf if unseen == math.inf else 0 for unseen in self.unseen]
 
 
 class Propagator:
     """Propagates groups of objects from frame to frame, forwards or backwards."""
 
     def __init__(
-        self, sam2: Sam2, frames: int, lost_track_stride: int = 1, *, lost_tracks_end: bool = False
+        self,
+        sam2: Sam2,
+        encoded: Callable[[int], EncodedImage],
+        frames: int,
+        lost_track_stride: int = 1,
+        *,
+        lost_tracks_end: bool = False,
     ) -> None:
         """Set up for a video.
 
         Args:
+            encoded: returns the features of a frame; called for those in which an object is searched for.
             frames: number of frames of the video.
             lost_track_stride: search for an object that was not seen for this many frames only in every frame whose
                 index is a multiple of it. In the other frames it counts as absent and its memory stays as it was.
             lost_tracks_end: whether an object that was not seen for as many frames as SAM2's memory holds is never
                 searched for again.
         """
-        self._model = sam2.video_predictor
+        self._model, self._encoded = sam2.video_predictor, encoded
         self._frames, self._lost_track_stride = frames, lost_track_stride
         self._patience = self._model.max_obj_ptrs_in_encoder if lost_tracks_end else math.inf
 
-    def begin(self, encoded: EncodedImage, frame: int, ids: list[int], logits: Tensor) -> Group:
+    def begin(self, frame: int, ids: list[int], logits: Tensor) -> Group:
         """Start a group from the (K, M, M) logits of its objects in one frame, at the size of the model's masks."""
         side = (self._model.image_size, self._model.image_size)
         masks = F.interpolate(logits[:, None], side, mode="bilinear", align_corners=False) > 0
-        given = self._inputs(encoded, frame, len(ids))
+        given = self._inputs(frame, len(ids))
         output = self._model.track_step(
             **given, is_init_cond_frame=True, mask_inputs=masks.float(), output_dict={}, run_mem_encoder=False
         )
@@ -137,42 +111,35 @@ class Propagator:
         high = F.interpolate(output["pred_masks"], side, mode="bilinear", align_corners=False)
         stored, position = self._model._encode_new_memory(
             current_vision_feats=given["current_vision_feats"],
-            feat_sizes=encoded.sizes,
+            feat_sizes=given["feat_sizes"],
             pred_masks_high_res=high,
             object_score_logits=output["object_score_logits"],
             is_mask_from_pts=True,
         )
-        return Group(ids, frame, make_memory(stored, position, output["obj_ptr"]))
+        return Group(ids, frame, position[-1][:1], _memory(stored, output["obj_ptr"]))
 
-    def step(
-        self,
-        encoded: Callable[[], EncodedImage],
-        frame: int,
-        group: Group,
-        reverse: bool,
-        accepts: Accepts | None = None,
-    ) -> Tensor:
+    def step(self, frame: int, group: Group, reverse: bool, accepts: Accepts | None = None) -> Tensor:
         """Propagate a group to the next frame: (K, M, M) float32 logits; all are below 0 if an object is absent.
 
         Args:
-            encoded: returns the frame's features. It is called only if the frame is searched for an object.
             accepts: decides which masks are of their object; the others count as absent and are not remembered.
         """
         count, side = len(group.ids), self._model.image_size // 4
         # SAM2's logit of an absent object, for the objects that are not searched for in this frame.
         logits = group.begun["obj_ptr"].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
         chosen = self._searched(group, frame)
-        last = group.recent.get(frame + 1 if reverse else frame - 1, group.begun)
-        memory = dict(last)  # a copy, because ``_forget`` removes parts of it later
+        memory = dict(group.recent.get(frame + 1 if reverse else frame - 1, group.begun))
         if chosen:  # only these objects pass through the model
-            found, new = self._track(encoded(), frame, group, chosen, reverse)
-            places = range(len(chosen)) if accepts is None else accepts(found).nonzero()[:, 0].tolist()
-            kept = [chosen[place] for place in places]
-            logits[kept] = found[list(places)]
+            found, new = self._track(frame, group, chosen, reverse)
+            rows = range(len(chosen)) if accepts is None else accepts(found).nonzero()[:, 0].tolist()
+            kept = [chosen[row] for row in rows]
+            logits[kept] = found[list(rows)]
             if len(kept) == count:
                 memory = new
             elif kept:
-                memory = update_memory(last, kept, select_objects(new, list(places)))
+                for name, values in new.items():
+                    memory[name] = memory[name].clone()
+                    memory[name][kept] = values[list(rows)].to(memory[name].dtype)
         group.recent[frame] = memory
         seen = (logits > 0).flatten(1).any(1).tolist()
         group.unseen = [0 if one else before + 1 for one, before in zip(seen, group.unseen, strict=True)]
@@ -193,8 +160,9 @@ class Propagator:
             if unseen < self._patience and (unseen < stride or frame % stride == 0)
         ]
 
-    def _inputs(self, encoded: EncodedImage, frame: int, count: int) -> dict[str, Any]:
+    def _inputs(self, frame: int, count: int) -> dict[str, Any]:
         """What SAM2 takes for a batch of objects in a frame."""
+        encoded = self._encoded(frame)
         features, positions = encoded.expand(count)
         return {
             "frame_idx": frame,
@@ -205,40 +173,42 @@ class Propagator:
             "num_frames": self._frames,
         }
 
-    def _track(
-        self, encoded: EncodedImage, frame: int, group: Group, chosen: list[int], reverse: bool
-    ) -> tuple[Tensor, Memory]:
+    def _track(self, frame: int, group: Group, chosen: list[int], reverse: bool) -> tuple[Tensor, Memory]:
         """Run SAM2 on the chosen objects of a group: (K, M, M) float32 logits, and the memory of this frame."""
-        begun, recent = group.begun, group.recent
-        if len(chosen) < len(group.ids):
-            begun = select_objects(begun, chosen)
-            recent = {number: select_objects(output, chosen) for number, output in recent.items()}
+
+        def for_sam2(memory: Memory) -> dict[str, Any]:
+            output: dict[str, Any] = {name: values[chosen] for name, values in memory.items()}
+            # A view of one positional encoding costs no memory.
+            return output | {"maskmem_pos_enc": [group.position.expand(len(chosen), -1, -1, -1)]}
+
         output = self._model.track_step(
-            **self._inputs(encoded, frame, len(chosen)),
+            **self._inputs(frame, len(chosen)),
             is_init_cond_frame=False,
             mask_inputs=None,
-            output_dict={"cond_frame_outputs": {group.first_frame: begun}, "non_cond_frame_outputs": recent},
+            output_dict={
+                "cond_frame_outputs": {group.first_frame: for_sam2(group.begun)},
+                "non_cond_frame_outputs": {
+                    number: for_sam2(memory) for number, memory in group.recent.items()
+                },
+            },
             track_in_reverse=reverse,
         )
-        new = make_memory(output["maskmem_features"], output["maskmem_pos_enc"], output["obj_ptr"])
-        return fill_holes(output["pred_masks"][:, 0].float(), self._model.hole_area), new
+        masks = fill_holes(output["pred_masks"][:, 0].float(), self._model.hole_area)
+        return masks, _memory(output["maskmem_features"], output["obj_ptr"])
 
     def _forget(self, group: Group, frame: int) -> None:
         """Drop memories that the memory attention of the next frames does not use."""
         if self.ended(group):
             group.recent.clear()
-        for number, output in list(group.recent.items()):
+        for number, memory in list(group.recent.items()):
             age = abs(frame - number) + 1
             # SAM2 attends to the mask memory of few frames, and to the object pointers of more.
             if age > (self._model.num_maskmem - 1) * self._model.memory_temporal_stride_for_eval:
-                output.pop("maskmem_features", None)
-                output.pop("maskmem_pos_enc", None)
+                memory.pop("maskmem_features", None)
             if age > self._model.max_obj_ptrs_in_encoder:
                 del group.recent[number]
 
 
-def restart(group: Group) -> Group:
-    """The group as it was in its first frame, to be propagated in the other direction; objects that ended stay so."""
-    again = Group(group.ids, group.first_frame, group.begun)
-    again.unseen = [math.inf if unseen == math.inf else 0 for unseen in group.unseen]
-    return again
+def _memory(stored: Tensor, pointers: Tensor) -> Memory:
+    # bfloat16, as SAM2's predictor keeps them.
+    return {"maskmem_features": stored.to(torch.bfloat16), "obj_ptr": pointers}

@@ -17,9 +17,9 @@ from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
-from egosplat.segments.classical.segmenter import segment_video
-from egosplat.segments.instances import FinalInstances, Segmented, Video, finalize_instances
+from egosplat.segments.classical import segment_video
 from egosplat.segments.options import LEVELS, SegmentsOptions
+from egosplat.segments.video import Labels, Segmented, Video, finalize_instances
 
 
 def run(
@@ -72,17 +72,25 @@ def run(
         segmented = _segment_with_sam2(video, rows, training, transient, options, work, tracks)
     if segmented is None:
         return
-    final = finalize_instances(segmented, 1 if options.single_frames else options.min_frames)
-    if len(final.kept) == 0:
+    table, instances, merged = finalize_instances(
+        segmented, 1 if options.single_frames else options.min_frames
+    )
+    if len(instances) == 0:
         work.finish()  # resuming would give the same
         raise UserError(
             "segments: no instance was found in any frame. Raise segments.points_per_side or lower segments.min_area, "
             "or set segments.segmenter to classical"
         )
     with create(output, SEGMENTS, replace(made, gathered=work.costs)) as artifact:
-        labels = _put_labels(artifact, segmented, final, video, rows, len(kept), options.single_frames)
-        artifact.facts = _put_instances(artifact, segmented, final, rows) | labels
-        artifact.facts |= {"segmenter": options.segmenter, "single_frames": options.single_frames}
+        artifact.facts = _put_instances(artifact, segmented, instances, rows)
+        artifact.facts |= _put_labels(
+            artifact, segmented, table, video, rows, len(kept), options.single_frames
+        )
+        artifact.facts |= {
+            "segmenter": options.segmenter,
+            "single_frames": options.single_frames,
+            "merged": merged,
+        }
     work.finish()
 
 
@@ -117,7 +125,7 @@ def _segment_with_sam2(
     """
     # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
-    from egosplat.segments.moving import MovingTracker, add_tracks
+    from egosplat.segments.moving import add_tracks, track_moving
     from egosplat.segments.prompts import prompted_frames
     from egosplat.segments.single_frames import join_frames, segment_frame
     from egosplat.segments.tracker import Tracker
@@ -137,67 +145,59 @@ def _segment_with_sam2(
     segmented = join_frames(found, frames.tolist(), video.length, video.shown(0).shape)
     if transient is None:
         return segmented
-    movers = MovingTracker(
-        sam2, video, options, lambda place: transient.row("probability", rows[place]), training
-    )
-    return add_tracks(segmented, movers.moving_tracks(tracks))
+    probability = lambda place: transient.row("probability", rows[place])
+    return add_tracks(segmented, track_moving(sam2, video, options, probability, training, tracks))
 
 
 def _put_labels(
     artifact: Writer,
     segmented: Segmented,
-    final: FinalInstances,
+    table: Labels,
     video: Video,
     rows: NDArray[np.intp],
     count: int,
     single: bool,
 ) -> dict[str, Any]:
     """Write the labels of all ``count`` frames, -1 where the video leaves one out; returns facts of their coverage."""
-    labels = segmented.labels
-    nothing = np.full_like(labels[0], -1)
+    nothing = np.full_like(segmented.labels[0], -1)
     artifact.allocate("labels", (count, *nothing.shape))
-    place_of = {frame: place for place, frame in enumerate(rows.tolist())}
+    places = dict(zip(rows.tolist(), range(video.length), strict=True))
     counted = set(segmented.prompted if single else range(video.length))
     views = empty = pixels = 0
     for frame in track(range(count), "writing labels"):
-        place = place_of.get(frame)
-        row = nothing if place is None else final.table[labels[place]]
+        place = places.get(frame)
+        row = nothing if place is None else table[segmented.labels[place]]
         artifact.put_row("labels", frame, row)
         if place in counted:
             shown = video.shown(place)
             views += int((np.unique(row) >= 0).sum())
             empty += int(((row < 0).all(axis=0) & shown).sum())
             pixels += int(shown.sum())
-    # Without tracks, an instance is a mask of one frame.
-    lengths = {} if single else {"frames_per_instance": views / len(final.kept)}
-    return lengths | {
+    facts: dict[str, Any] = {
         "pixels_without_instance": empty / max(pixels, 1),
         "instances_per_frame": views / max(len(counted), 1),
-        # The classical segmenter prompts nothing.
-        **({"key_frames": rows[segmented.prompted].tolist()} if segmented.prompted else {}),
     }
+    if not single:  # without tracks, an instance is a mask of one frame
+        facts["frames_per_instance"] = views / (int(table.max()) + 1)
+    if segmented.prompted:  # the classical segmenter prompts nothing
+        facts["key_frames"] = rows[segmented.prompted].tolist()
+    return facts
 
 
 def _put_instances(
-    artifact: Writer, segmented: Segmented, final: FinalInstances, rows: NDArray[np.intp]
+    artifact: Writer, segmented: Segmented, kept: NDArray[np.int64], rows: NDArray[np.intp]
 ) -> dict[str, Any]:
     """Write the instances that are kept; returns facts of their number."""
-    chosen = [segmented.instances[number] for number in final.kept]
+    chosen = [segmented.instances[number] for number in kept]
     types = {"level": np.int8, "predicted_iou": np.float32, "stability": np.float32, "moving": bool}
     columns = {name: np.array([getattr(one, name) for one in chosen], kind) for name, kind in types.items()}
     columns["first_frame"] = rows[[one.first_frame for one in chosen]].astype(np.int64)
     for name, values in columns.items():
         artifact.put(f"instances/{name}", values)
-    moving, dropped = int(columns["moving"].sum()), len(segmented.instances) - len(chosen)
-    by_level = {name: sum(one.level == number for one in chosen) for number, name in enumerate(LEVELS)}
+    moving, count = int(columns["moving"].sum()), len(segmented.instances)
+    by_level = {name: int((columns["level"] == level).sum()) for level, name in enumerate(LEVELS)}
     named = ", ".join(f"{number} {name}s" for name, number in by_level.items())
     log(
-        f"{len(chosen)} instances ({named}), {moving} of them moving; {dropped} more are merged or seen too briefly"
+        f"{len(kept)} instances ({named}), {moving} of them moving; {count - len(kept)} more are merged or seen too briefly"
     )
-    return {
-        "levels": list(LEVELS),
-        "instances": by_level,
-        "found": len(segmented.instances),
-        "moving": moving,
-        "merged": final.merged,
-    }
+    return {"levels": list(LEVELS), "instances": by_level, "found": count, "moving": moving}

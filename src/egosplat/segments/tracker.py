@@ -1,8 +1,7 @@
-"""Track a video with SAM2: forwards from the frames that are prompted, then backwards."""
+"""Track a video with SAM2: forwards from the frames that are prompted, then backwards; everything, or only what moves."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache
+from collections.abc import Callable, Iterable
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -10,16 +9,15 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.artifacts.checkpoint import Checkpoint, State
+from egosplat.artifacts.checkpoint import Checkpoint, State, UnusableState
 from egosplat.models.image_encoder import EncodedImage, encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
-from egosplat.segments.instances import Overlaps, Segmented, Track, Video
-from egosplat.segments.label_maps import DamagedLabels, LabelMaps, Labels, paint
-from egosplat.segments.nms import union
+from egosplat.segments.masks import Candidates, areas, drop_covered, filter_masks, paint
 from egosplat.segments.options import LEVELS, SegmentsOptions
-from egosplat.segments.prompts import Candidates, drop_covered, filter_masks, grid_points, lie_in, prompt
-from egosplat.segments.propagation import Accepts, Group, Propagator, restart
+from egosplat.segments.prompts import grid_points, lie_in, prompt
+from egosplat.segments.propagation import Group, Propagator
+from egosplat.segments.video import LabelMaps, Labels, Overlaps, Segmented, Track, Video
 
 # Numbers of K instances of a level and their (K, M, M) float32 logits, or bool masks, in one frame.
 LevelMasks = tuple[list[int], Tensor]
@@ -30,173 +28,187 @@ _MAX_COVERED_NEW = 0.5
 # Objects per SAM2 batch. The order of sums, and so the last digit, depends on it.
 BATCH = 16
 
+# All three are decided by the mean probability of a mask or track. The last one, of a track over all training frames, has to
+# reach masks.threshold: the transient network is surer of what moves than of static things, whose tracks reach 0.60 to 0.70,
+# true ones 0.70 to 1 (benchmarks/transient/README.md). A mask is less sure than its track, so a track starts at this share:
+_STARTS = 6 / 7
 
-@dataclass
-class _Level:
-    """The tracked objects of a level, and the overlaps of their masks."""
-
-    groups: list[Group] = field(default_factory=list)
-    overlaps: Overlaps = field(default_factory=Overlaps)
+# A track is lost in frames in which SAM2 follows something else, or the thing rests: below this share.
+_LOST = 3 / 7
 
 
 class Tracker:
     """Tracks all levels of a video with SAM2 at once, so that each frame is encoded once per direction."""
 
-    # Whether an object that is out of view for long is no longer searched for.
-    _LOST_TRACKS_END = False
+    def __init__(
+        self,
+        sam2: Sam2,
+        video: Video,
+        options: SegmentsOptions,
+        moves: Callable[[int], NDArray[np.float32]] | None = None,
+        prompted: Iterable[int] = (0,),
+    ) -> None:
+        """Set up, without reading a frame's image.
 
-    def __init__(self, sam2: Sam2, video: Video, options: SegmentsOptions) -> None:
-        """Set up, without reading a frame's image."""
-        self._sam2, self._video, self._frames = sam2, video, video.length
-        self._options = options
-        self._levels = [_Level() for _ in LEVELS]
+        Args:
+            moves: returns the (H, W) float32 probability that a frame's pixels move: only those that may move are prompted,
+                and a track is lost where they hardly do. None: tracks follow everything.
+            prompted: frames in which objects are searched for.
+        """
+        self._sam2, self._video, self._options, self._moves = sam2, video, options, moves
+        self._searched = frozenset(prompted)
+        self._groups: list[list[Group]] = [[] for _ in LEVELS]
+        self._overlaps = [Overlaps() for _ in LEVELS]
         self._instances: list[Track] = []
-        self._labels = LabelMaps((len(LEVELS), *video.shown(0).shape))
-        self._propagator = Propagator(
-            sam2, video.length, options.lost_track_stride, lost_tracks_end=self._LOST_TRACKS_END
-        )
+        self._labels = LabelMaps((video.length, len(LEVELS), *video.shown(0).shape))
         self._prompted: list[int] = []
         self._ahead = self._back = 0
-        side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
-        self._size, self._device = (side, side), sam2.compute.device
-        # Most recordings have the same pixels in every frame: they are shrunk once.
-        self._inside_of: tuple[NDArray[np.bool_], Tensor] | None = None
+        self._side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
+        # Of the last frame that was asked for.
+        self._encoded: Callable[[int], EncodedImage] = lru_cache(1)(
+            lambda frame: encode(sam2, video.image(frame))
+        )
+        self._moving: Callable[[int], Tensor] = lru_cache(1)(lambda frame: self._shrunk(self._moves(frame)))
+        self._inside: Callable[[int], Tensor] = lru_cache(1)(
+            lambda frame: self._shrunk(np.float32(video.shown(frame))) > 0.5
+        )
+        # What moves again later is prompted again. Or else the time would grow with tracks times frames.
+        self._propagator = Propagator(
+            sam2, self._encoded, video.length, options.lost_track_stride, lost_tracks_end=moves is not None
+        )
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
         """Track the video in both directions, resuming from the checkpoint if it holds a state."""
-        if checkpoint is None:
-            return self._track_video(lambda: None)
-        self._labels.path = checkpoint.file.with_name("labels")
-        if (saved := checkpoint.load()) is not None:
+        if checkpoint is not None and (saved := checkpoint.load()) is not None:
             try:
-                self._load_state_dict(saved)
+                self._load(saved, checkpoint)
                 log(f"tracking resumes after {self._ahead} frames forwards and {self._back} backwards")
-            except DamagedLabels as error:
-                log(str(error))
-        return self._track_video(lambda: checkpoint.save_if_due(self._state_dict))
-
-    def _track_video(self, save: Callable[[], None]) -> Segmented:
-        """Track what is left of the video in both directions; ``save`` is called after each frame."""
+            except (OSError, UnusableState) as error:
+                log(f"{checkpoint.file.parent}: labels: {error}; the stage starts again")
         with self._sam2.compute.inference():
-            for frame in track(range(self._ahead, self._frames), "tracking instances forwards"):
+            for frame in track(range(self._ahead, self._video.length), "tracking instances forwards"):
                 self._forwards(frame)
                 self._ahead += 1
-                save()
+                self._save(checkpoint)
             # The backward pass starts from each track's first frame; a resumed one has started already.
             if not self._back:
-                for level in self._levels:
-                    level.groups = [restart(group) for group in level.groups]
+                for group in self._all_groups():
+                    group.restart()
             # No track begins after frame ``last``, so later frames have nothing to track backwards.
-            last = max((group.first_frame for level in self._levels for group in level.groups), default=0)
+            last = max((group.first_frame for group in self._all_groups()), default=0)
             for frame in track(range(last - 1 - self._back, -1, -1), "tracking instances backwards"):
                 self._backwards(frame)
                 self._back += 1
-                save()
+                self._save(checkpoint)
         return Segmented(self._labels, self._instances, self._same(), self._prompted)
 
-    def _state_dict(self) -> State:
-        return {
-            "ahead": self._ahead,
-            "back": self._back,
-            "prompted": self._prompted,
-            "instances": [vars(instance) for instance in self._instances],
-            "labels": self._labels.state_dict(),
-            "groups": [[vars(group) for group in level.groups] for level in self._levels],
-            "overlaps": [level.overlaps.state_dict() for level in self._levels],
-        }
+    def _save(self, checkpoint: Checkpoint | None) -> None:
+        if checkpoint is None:
+            return
+        checkpoint.save_if_due(
+            lambda: {
+                "ahead": self._ahead,
+                "back": self._back,
+                "prompted": self._prompted,
+                "instances": [vars(instance) for instance in self._instances],
+                # Rewriting all labels at each checkpoint would write 200 GB in a long run.
+                "labels": self._labels.save(checkpoint.file.parent),
+                "groups": [[vars(group) for group in groups] for groups in self._groups],
+                "overlaps": [torch.from_numpy(overlaps.sums) for overlaps in self._overlaps],
+            }
+        )
 
-    def _load_state_dict(self, state: State) -> None:
-        self._labels.load_state_dict(state["labels"])
+    def _load(self, state: State, checkpoint: Checkpoint) -> None:
+        self._labels.load(checkpoint.file.parent, state["labels"])
         self._ahead, self._back, self._prompted = state["ahead"], state["back"], state["prompted"]
         self._instances = [Track(**values) for values in state["instances"]]
-        for level, groups, overlaps in zip(self._levels, state["groups"], state["overlaps"], strict=True):
-            level.groups = [Group.restored(saved, self._device) for saved in groups]
-            level.overlaps.load_state_dict(overlaps)
+        device = self._sam2.compute.device
+        self._groups = [[Group.restored(saved, device) for saved in groups] for groups in state["groups"]]
+        for overlaps, sums in zip(self._overlaps, state["overlaps"], strict=True):
+            overlaps.sums = sums.numpy()
 
-    def _encoded(self, frame: int) -> Callable[[], EncodedImage]:
-        """A function that reads and encodes a frame when it is first called."""
-        return cache(lambda: encode(self._sam2, self._video.image(frame)))
+    def _all_groups(self) -> list[Group]:
+        return [group for groups in self._groups for group in groups]
 
-    def _inside(self, frame: int) -> Tensor:
-        """(M, M) bool pixels of the small masks of which more than half the area shows the scene."""
-        shown = self._video.shown(frame)
-        if self._inside_of is None or self._inside_of[0] is not shown:
-            large = torch.from_numpy(shown)[None, None].float()
-            inside = F.interpolate(large, self._size, mode="area")[0, 0] > 0.5
-            self._inside_of = shown, inside.to(self._device)
-        return self._inside_of[1]
+    def _shrunk(self, values: NDArray[np.float32]) -> Tensor:
+        """(M, M) means of (H, W) values, at the size of the model's masks."""
+        large = torch.from_numpy(values)[None, None].to(self._sam2.compute.device)
+        return F.interpolate(large, (self._side, self._side), mode="area")[0, 0]
 
-    def _prompts(self, frame: int) -> bool:
-        """Whether new objects are searched for in a frame."""
-        return frame == 0
+    def _may_move(self, masks: Tensor, frame: int, share: float) -> Tensor:
+        """(K,) bool, which (K, M, M) bool masks have a mean probability of at least a share of the threshold."""
+        if self._moves is None:
+            return torch.ones(len(masks), dtype=torch.bool, device=masks.device)
+        # Summed instead of multiplied as matrices, which bfloat16 would round.
+        sums = (masks * self._moving(frame)).flatten(1).sum(1)
+        return sums >= share * self._options.threshold * areas(masks)
 
-    def _search_area(self, frame: int) -> tuple[Tensor, float]:
-        """(M, M) bool pixels where new objects are searched for, and the number of untracked ones that is too few."""
-        return self._inside(frame), 0.0
-
-    def _may_start(self, frame: int, found: Candidates) -> Candidates:
-        """The masks that may start a track."""
-        return found
-
-    def _accepts(self, frame: int) -> Accepts | None:
-        """Decides which masks continue their track in a frame; None for all."""
-        return None
-
-    def _propagated(
-        self, encoded: Callable[[], EncodedImage], frame: int, *, reverse: bool
-    ) -> list[list[LevelMasks]]:
+    def _propagated(self, frame: int, *, reverse: bool) -> list[LevelMasks]:
         """The masks of each level's tracks in the next frame of a direction."""
-        accepts = self._accepts(frame)
-        return [
-            [
-                (group.ids, self._propagator.step(encoded, frame, group, reverse, accepts))
-                for group in level.groups
+        step = self._propagator.step
+        accepts = None if self._moves is None else lambda logits: self._may_move(logits > 0, frame, _LOST)
+        found = []
+        for groups in self._groups:
+            going = [
+                group
+                for group in groups
                 if not (reverse and group.first_frame <= frame) and not self._propagator.ended(group)
             ]
-            for level in self._levels
-        ]
+            logits = [step(frame, group, reverse, accepts) for group in going]
+            none = torch.zeros(0, self._side, self._side, device=self._sam2.compute.device)
+            found.append(([number for group in going for number in group.ids], torch.cat([none, *logits])))
+        return found
 
     def _forwards(self, frame: int) -> None:
-        encoded = self._encoded(frame)
-        seen = self._propagated(encoded, frame, reverse=False)
-        if self._prompts(frame):
-            self._add_new_tracks(encoded, frame, seen)
-        for level, masks in zip(self._levels, seen, strict=True):
-            level.overlaps.add(*self._stacked(masks, frame))
-        self._labels[frame] = np.stack([self._paint(masks, frame) for masks in seen])
-        if self._prompts(frame):
-            self._end_duplicates()
-
-    def _end_duplicates(self) -> None:
-        """End tracks of what an earlier track follows as well; the two are merged."""
-        duplicates = {later for _, later in self._same()}
-        for group in (group for level in self._levels for group in level.groups):
-            group.end(duplicates)
+        seen = self._propagated(frame, reverse=False)
+        if frame in self._searched:
+            self._add_new_tracks(frame, seen)
+        for overlaps, (ids, logits) in zip(self._overlaps, seen, strict=True):
+            masks = (logits > 0) & self._inside(frame)
+            overlaps.add(ids, masks, ids, masks)
+        shown = self._video.shown(frame)
+        self._labels[frame] = np.stack([paint(*masks, shown) for masks in seen])
+        if frame in self._searched:
+            # Tracks of what an earlier track follows as well end; the two are merged.
+            duplicates = {later for _, later in self._same()}
+            for group in self._all_groups():
+                group.end(duplicates)
 
     def _same(self) -> list[tuple[int, int]]:
         """Pairs of instances of a level that are one object, as far as they have been tracked."""
-        merge_iou = self._options.merge_iou
-        return [pair for level in self._levels for pair in level.overlaps.same(merge_iou, self._frames)]
+        limits = self._options.merge_iou, self._video.length
+        return [pair for overlaps in self._overlaps for pair in overlaps.same(*limits)]
 
     def _backwards(self, frame: int) -> None:
-        labels = self._labels[frame]
-        seen = self._propagated(self._encoded(frame), frame, reverse=True)
-        for own, level, masks in zip(labels, self._levels, seen, strict=True):
-            back = self._stacked(masks, frame)
-            level.overlaps.add(*back)
+        labels, shown = self._labels[frame], self._video.shown(frame)
+        seen = self._propagated(frame, reverse=True)
+        for own, overlaps, (ids, logits) in zip(labels, self._overlaps, seen, strict=True):
+            masks = (logits > 0) & self._inside(frame)
+            overlaps.add(ids, masks, ids, masks)
             # Tracks of the forward pass are compared by their labels, because their logits are not kept.
-            level.overlaps.add_between(*back, *self._as_masks(own))
+            ahead = self._as_masks(own)
+            overlaps.add(ids, masks, *ahead)
+            overlaps.add(*ahead, ids, masks)
             # Labels of the forward pass take precedence.
-            own[:] = np.where(own >= 0, own, self._paint(masks, frame))
+            own[:] = np.where(own >= 0, own, paint(ids, logits, shown))
         self._labels[frame] = labels
 
-    def _add_new_tracks(
-        self, encoded: Callable[[], EncodedImage], frame: int, seen: list[list[LevelMasks]]
-    ) -> None:
+    def _search_area(self, frame: int) -> Tensor:
+        """(M, M) bool pixels in which objects are searched for."""
+        inside = self._inside(frame)
+        return (
+            inside
+            if self._moves is None
+            else inside & (self._moving(frame) >= _STARTS * self._options.threshold)
+        )
+
+    def _add_new_tracks(self, frame: int, seen: list[LevelMasks]) -> None:
         """Prompt the pixels that a level does not cover, and start tracks of the new objects found there."""
-        tracked = [self._stacked(masks, frame)[1] for masks in seen]
-        area, least = self._search_area(frame)
-        free = [area & ~union(masks) for masks in tracked]
+        inside, area = self._inside(frame), self._search_area(frame)
+        tracked = [(logits > 0) & inside for _, logits in seen]
+        free = [area & ~masks.any(0) for masks in tracked]
+        # Hands are small: as few pixels as a mask may have are searched.
+        least = self._options.min_area * area.numel()
         searched = [level for level, pixels in enumerate(free) if float(pixels.sum()) > least]
         # SAM2 gives the masks of all levels for one prompt, so a point is prompted if any level needs it.
         wanted = torch.zeros_like(area)
@@ -207,48 +219,36 @@ class Tracker:
         if not len(points):
             return
         self._prompted.append(frame)
-        found = prompt(self._sam2, encoded(), points, self._options)
-        iou_thresh = self._options.mask_filter.nms_iou_thresh
+        found, limits = (
+            prompt(self._sam2, self._encoded(frame), points, self._options),
+            self._options.mask_filter,
+        )
         for level in reversed(searched):
-            new = filter_masks(self._may_start(frame, found[level]), self._options)
-            new = drop_covered(new, tracked[level], _MAX_COVERED_NEW, iou_thresh)
-            self._begin(encoded(), frame, level, new, seen[level])
+            new = found[level].take(self._may_move(found[level].masks, frame, _STARTS))
+            new = filter_masks(new, limits)
+            new = drop_covered(new, tracked[level], _MAX_COVERED_NEW, limits.nms_iou_thresh)
+            seen[level] = self._begin(frame, level, new, *seen[level])
 
-    def _begin(
-        self, encoded: EncodedImage, frame: int, level: int, new: Candidates, seen: list[LevelMasks]
-    ) -> None:
+    def _begin(self, frame: int, level: int, new: Candidates, ids: list[int], logits: Tensor) -> LevelMasks:
         """Start tracks of the best new masks, and add them to those that are seen in the frame."""
-        groups = self._levels[level].groups
+        groups = self._groups[level]
         # The sort is stable, so that equal scores keep their order.
         room = max(0, self._options.max_instances - sum(len(group.ids) for group in groups))
         new = new.take(new.scores.argsort(descending=True, stable=True)[:room])
-        first = len(self._instances)
+        numbers = [*range(len(self._instances), len(self._instances) + len(new))]
         scores = zip(new.predicted_iou.tolist(), new.stability.tolist(), strict=True)
-        self._instances += [Track(level, frame, iou, stability) for iou, stability in scores]
+        self._instances += [Track(level, frame, *values) for values in scores]
         # Memory attention takes memory in proportion to the objects of a batch.
         for start in range(0, len(new), BATCH):
-            logits = new.logits[start : start + BATCH]
-            ids = [*range(first + start, first + start + len(logits))]
-            groups.append(self._propagator.begin(encoded, frame, ids, logits))
-            seen.append((ids, logits))
-
-    def _stacked(self, seen: list[LevelMasks], frame: int) -> LevelMasks:
-        """Join the groups of a level: all numbers, and (K, M, M) bool masks of pixels that show the scene."""
-        inside = self._inside(frame)
-        if not seen:
-            return [], inside.new_zeros(0, *inside.shape)
-        masks = torch.cat([logits > 0 for _, logits in seen])
-        return [number for ids, _ in seen for number in ids], masks & inside
-
-    def _paint(self, seen: list[LevelMasks], frame: int) -> Labels:
-        return paint(seen, self._video.shown(frame), self._device)
+            batch = slice(start, start + BATCH)
+            groups.append(self._propagator.begin(frame, numbers[batch], new.logits[batch]))
+        return ids + numbers, torch.cat([logits, new.logits])
 
     def _as_masks(self, labels: Labels) -> LevelMasks:
         """The instances of a label map as masks at the size of the model's masks."""
-        side = self._size[0]
         # Labels cannot be averaged: the pixel in the middle of each cell stands for it.
-        rows, columns = ((np.arange(side) + 0.5) * length / side for length in labels.shape)
-        small = torch.from_numpy(labels[np.ix_(rows.astype(int), columns.astype(int))]).to(self._device)
+        rows, columns = ((np.arange(self._side) + 0.5) * length / self._side for length in labels.shape)
+        small = torch.from_numpy(labels[np.ix_(rows.astype(int), columns.astype(int))])
+        small = small.to(self._sam2.compute.device)
         ids = [number for number in small.unique().tolist() if number >= 0]
-        masks = small == torch.tensor(ids, dtype=small.dtype, device=small.device)[:, None, None]
-        return ids, masks
+        return ids, small == torch.tensor(ids, dtype=small.dtype, device=small.device)[:, None, None]

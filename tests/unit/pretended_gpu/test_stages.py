@@ -16,8 +16,8 @@ from egosplat.gaussians import trainer
 from egosplat.instances import geometry
 from egosplat.language import stage as language
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.instances import Video
 from egosplat.segments.tracker import Tracker
+from egosplat.segments.video import Video
 from egosplat.splats import stage as splats
 from egosplat.transient import stage as transient
 from egosplat_rivals import loop

@@ -14,11 +14,11 @@ from egosplat.compute import choose_compute
 from egosplat.errors import UserError
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments import stage
-from egosplat.segments.instances import Segmented, Track, Video
-from egosplat.segments.label_maps import LabelMaps
-from egosplat.segments.moving import MovingTracker, add_tracks
+from egosplat.segments.moving import add_tracks, track_moving
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
-from egosplat.segments.prompts import Candidates
+from egosplat.segments.propagation import Propagator
+from egosplat.segments.tracker import Tracker
+from egosplat.segments.video import LabelMaps, Segmented, Track, Video
 from tests.support.scenes import put
 
 OPTIONS = SegmentsOptions(
@@ -57,87 +57,105 @@ def probability(*frames: int) -> np.ndarray:
     return found
 
 
-def tracker(sam2, images, moves, options=OPTIONS, asked=None) -> MovingTracker:
+def tracked(sam2, images, moves, options=OPTIONS, asked=None, shown=VALID) -> Segmented:
+    """What moves in the video, and, in ``asked``, the frames that are read."""
+
     def read(frame: int) -> np.ndarray:
         if asked is not None:
             asked.append(frame)
         return images[frame]
 
-    video = Video(FRAMES, read, lambda _: VALID)
-    return MovingTracker(sam2, video, options, moves.__getitem__, TRAINING)
+    return track_moving(sam2, Video(FRAMES, read, lambda _: shown), options, moves.__getitem__, TRAINING)
 
 
-def test_what_does_not_move_is_not_tracked_and_no_frame_is_encoded(sam2, images):
-    """Moving pixels of frames that are not prompted count as little as no moving pixel."""
-    for moves in (probability(), probability(1, 2, 4)):
-        asked: list[int] = []
-        found = tracker(sam2, images, moves, asked=asked).moving_tracks()
-        assert found.instances == [] and asked == []
-        assert all((found.labels[frame] == -1).all() for frame in range(FRAMES))
+def tracker(sam2, images, moves, options=OPTIONS) -> Tracker:
+    video = Video(FRAMES, images.__getitem__, lambda _: VALID)
+    return Tracker(sam2, video, options, moves.astype(np.float32).__getitem__, PROMPTED)
+
+
+def labeled(found: Segmented) -> list[bool]:
+    return [bool((found.labels[frame] >= 0).any()) for frame in range(FRAMES)]
+
+
+NOT_FINITE = probability(0)
+NOT_FINITE[0, :20] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("moves", "shown"),
+    [
+        (probability(), VALID),
+        (probability(1, 2, 4), VALID),
+        (NOT_FINITE, np.arange(HEIGHT)[:, None] < np.full(WIDTH, 20)),
+    ],
+    ids=["nothing", "only where nothing is prompted", "no probability, or no scene"],
+)
+def test_what_does_not_move_is_not_tracked_and_no_frame_is_encoded(sam2, images, moves, shown):
+    asked: list[int] = []
+    found = tracked(sam2, images, moves, asked=asked, shown=shown)
+    assert found.instances == [] and asked == [] and not any(labeled(found))
 
 
 def test_tracks_start_where_something_moves_and_go_both_ways(sam2, images):
     asked: list[int] = []
-    found = tracker(sam2, images, probability(2, 3, 4), asked=asked).moving_tracks()
-    assert found.instances and {one.first_frame for one in found.instances} == {3}
-    assert all(one.moving for one in found.instances)
-    assert [bool((found.labels[frame] >= 0).any()) for frame in range(FRAMES)] == [
-        False,
-        False,
-        True,
-        True,
-        True,
-    ]
+    found = tracked(sam2, images, probability(2, 3, 4), asked=asked)
+    assert found.instances and {(one.first_frame, one.moving) for one in found.instances} == {(3, True)}
+    assert labeled(found) == [False, False, True, True, True]
     assert asked[:2] == [3, 4], "frames before the first track are read backwards only"
     assert set(asked[2:]) <= {0, 1, 2}
 
 
 def test_a_track_is_lost_where_nothing_moves_and_found_again(sam2, images):
     """The mask of a frame in which it rests is neither labeled nor remembered."""
-    found = tracker(sam2, images, probability(0, 1, 3, 4), OPTIONS.change(lost_track_stride=1)).run()
-    shown = [bool((found.labels[frame] >= 0).any()) for frame in range(FRAMES)]
-    assert shown == [True, True, False, True, True]
+    options = OPTIONS.change(lost_track_stride=1)
+    assert labeled(tracker(sam2, images, probability(0, 1, 3, 4), options).run()) == [
+        True,
+        True,
+        False,
+        True,
+        True,
+    ]
 
 
 def test_time_does_not_grow_with_tracks_times_frames(sam2, images, monkeypatch):
     """What is out of view for longer than SAM2's memory is prompted again, as another track; SAM2's tracker goes on."""
-    moves = probability(0, 3, 4)
     monkeypatch.setattr(sam2.video_predictor, "max_obj_ptrs_in_encoder", 2)
-    options = OPTIONS.change(lost_track_stride=1)
+    step = Propagator.step
     for ends in (True, False):
-        monkeypatch.setattr(MovingTracker, "_LOST_TRACKS_END", ends)
-        found = tracker(sam2, images, moves, options).moving_tracks()
+
+        def patient(self, *arguments, ends=ends):
+            self._patience = self._patience if ends else np.inf
+            return step(self, *arguments)
+
+        monkeypatch.setattr(Propagator, "step", patient)
+        found = tracked(sam2, images, probability(0, 3, 4), OPTIONS.change(lost_track_stride=1))
         again = {found.instances[number].first_frame for number in np.unique(found.labels[3]) if number >= 0}
         assert again == ({3} if ends else {0, 3})
 
 
-def test_tracks_that_do_not_move_after_all_are_dropped(sam2, images):
+@pytest.mark.parametrize(("elsewhere", "kept"), [(0.72, True), (0.6, False)])
+def test_tracks_that_do_not_move_after_all_are_dropped(sam2, images, elsewhere, kept):
     """The mean of all training frames has to reach the threshold 0.7; it takes less to start. Frame 2 is none of them."""
     moves = probability(0)
-    moves[0] = 0.65
-    for elsewhere, kept in ((0.72, True), (0.6, False)):
-        moves[[1, 3, 4]] = elsewhere
-        moves[2] = 1 - elsewhere
-        found = tracker(sam2, images, moves).moving_tracks()
-        assert bool(found.instances) == kept
-        numbers = {number for frame in range(FRAMES) for number in np.unique(found.labels[frame])}
-        assert numbers - {-1} == set(range(len(found.instances)))
+    moves[0], moves[[1, 3, 4]], moves[2] = 0.65, elsewhere, 1 - elsewhere
+    found = tracked(sam2, images, moves)
+    assert bool(found.instances) == kept
+    numbers = {number for frame in range(FRAMES) for number in np.unique(found.labels[frame])}
+    assert numbers - {-1} == set(range(len(found.instances)))
 
 
-def test_a_mask_starts_a_track_by_the_mean_probability_inside_it(sam2, images):
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_a_mask_starts_a_track_by_the_mean_probability_inside_it(sam2, images, precision):
     """Six sevenths of the threshold are enough. Also in bfloat16, whose products would round the sums."""
     moves = probability()
     moves[0, :, : WIDTH // 2] = 0.75  # of the mask's size, 32 of 64 columns
-    masks = torch.full((3, 64, 64), -1.0)
-    masks[0, :, :32], masks[1, :, 32:], masks[2, :, :48] = 1, 1, 1
-    scores = torch.ones(3)
-    for precision in ("float32", "bfloat16"):
-        of_precision = Sam2(sam2.video_predictor, choose_compute("cpu", precision))
-        for threshold, expected in ((0.875, [0]), (0.58, [0, 2]), (0.6, [0]), (0.0, [0, 1, 2])):
-            movers = tracker(of_precision, images, moves, OPTIONS.change(threshold=threshold))
-            with of_precision.compute.inference():
-                chosen = movers._may_start(0, Candidates(masks, scores, torch.arange(3.0)))
-            assert chosen.stability.tolist() == expected, (precision, threshold)
+    masks = torch.zeros(3, 64, 64, dtype=torch.bool)
+    masks[0, :, :32], masks[1, :, 32:], masks[2, :, :48] = True, True, True
+    of_precision = Sam2(sam2.video_predictor, choose_compute("cpu", precision))
+    for threshold, expected in ((0.875, [0]), (0.58, [0, 2]), (0.6, [0]), (0.0, [0, 1, 2])):
+        movers = tracker(of_precision, images, moves, OPTIONS.change(threshold=threshold))
+        with of_precision.compute.inference():
+            assert movers._may_move(masks, 0, 6 / 7).nonzero()[:, 0].tolist() == expected, threshold
 
 
 def test_few_moving_pixels_are_searched(sam2, images):
@@ -145,20 +163,10 @@ def test_few_moving_pixels_are_searched(sam2, images):
     moves = probability()
     moves[0, 10:15, 14:21] = 1
     options = OPTIONS.change(points_per_side=16)
-    area, least = tracker(sam2, images, moves, options)._search_area(0)
-    assert least < area.sum() < 0.02 * area.numel()
+    area = tracker(sam2, images, moves, options)._search_area(0)
+    assert options.min_area * area.numel() < area.sum() < 0.02 * area.numel()
     assert tracker(sam2, images, moves, options).run().prompted == [0]
     assert tracker(sam2, images, moves, options.change(min_area=0.02)).run().prompted == []
-
-
-def test_values_that_are_no_probability_and_invalid_pixels_do_not_move(sam2, images):
-    moves = probability(0)
-    moves[0, :20] = np.nan
-    valid = VALID.copy()
-    valid[20:] = False
-    video = Video(FRAMES, images.__getitem__, lambda _: valid)
-    movers = MovingTracker(sam2, video, OPTIONS, moves.__getitem__, TRAINING)
-    assert not movers._search_area(0)[0].any()
 
 
 def both(sam2, images, moves, folder, asked, reads=None) -> Segmented:
@@ -206,8 +214,8 @@ def test_a_killed_run_resumes_to_the_same_result(sam2, images, uninterrupted, tm
 
 
 def maps(*frames: list[list[int]]) -> LabelMaps:
-    """Labels of two levels in one row of pixels, the same for the third level of none."""
-    found = LabelMaps((2, 1, len(frames[0][0])))
+    """Labels of two levels in one row of pixels."""
+    found = LabelMaps((len(frames), 2, 1, len(frames[0][0])))
     for frame, rows in enumerate(frames):
         found[frame] = np.array(rows, np.int32)[:, None]
     return found
@@ -215,24 +223,20 @@ def maps(*frames: list[list[int]]) -> LabelMaps:
 
 def test_tracks_win_over_masks_and_masks_of_the_same_thing_go():
     """Three masks of frame 0; a track at level 1."""
-    single = Segmented(
-        maps([[0, 0, 0, 1, 1, 1], [2, 2, 2, 2, 2, 2]], [[-1] * 6, [-1] * 6]),
-        [Track(0, 0, 1, 1), Track(0, 0, 1, 1), Track(1, 0, 1, 1)],
-        [],
-        [0],
-    )
-    tracked = Segmented(
-        maps([[-1] * 6, [-1, 0, 0, 0, -1, -1]], [[-1] * 6, [-1, -1, -1, -1, 0, 0]]),
-        [Track(1, 0, 0.5, 0.5, moving=True)],
-        [],
-        [0],
-    )
-    found = add_tracks(single, tracked)
+    nothing, masks = [-1] * 6, [Track(level, 0, 1, 1) for level in (0, 0, 1)]
+    single = Segmented(maps([[0, 0, 0, 1, 1, 1], [2] * 6], [nothing] * 2), masks, [], [0])
+    shown = maps([nothing, [-1, 0, 0, 0, -1, -1]], [nothing, [-1, -1, -1, -1, 0, 0]])
+    found = add_tracks(single, Segmented(shown, [Track(1, 0, 0.5, 0.5, moving=True)], [], [0]))
     # Most of mask 0 is of the track and goes; a third of mask 1 and half of mask 2 are, and the rest stays.
     assert found.labels[0][:, 0].tolist() == [[-1, -1, -1, -1, 1, 1], [2, 3, 3, 3, 2, 2]]
-    assert found.labels[1][:, 0].tolist() == [[-1] * 6, [-1, -1, -1, -1, 3, 3]]
-    assert [one.moving for one in found.instances] == [False, False, False, True]
-    assert found.instances[3].level == 1 and found.prompted == [0]
+    assert found.labels[1][:, 0].tolist() == [nothing, [-1, -1, -1, -1, 3, 3]]
+    assert [(one.level, one.moving) for one in found.instances] == [
+        (0, False),
+        (0, False),
+        (1, False),
+        (1, True),
+    ]
+    assert found.prompted == [0]
 
 
 SIDE = 96

@@ -1,14 +1,12 @@
 """Propagation equals SAM2's own predictor, in bounded memory."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 import torch
 from PIL import Image
 
-from egosplat.models.image_encoder import EncodedImage, encode
-from egosplat.segments.propagation import Propagator, restart, select_objects
+from egosplat.models.image_encoder import encode
+from egosplat.segments.propagation import Propagator
 
 FRAMES = 5
 
@@ -30,12 +28,7 @@ def video():
     return frames
 
 
-def as_read(encoded: EncodedImage) -> Callable[[], EncodedImage]:
-    """The features as ``step`` takes them: a function that returns them."""
-    return lambda: encoded
-
-
-def logits(video) -> torch.Tensor:
+def logits() -> torch.Tensor:
     masks = torch.full((2, 64, 64), -10.0)
     masks[0, 15:30, 10:25] = 10.0
     masks[1, 40:60, 30:60] = 10.0
@@ -48,15 +41,15 @@ def test_propagation_equals_sam2s_predictor(sam2, video, tmp_path):
     predictor = sam2.video_predictor
     with sam2.compute.inference():
         state = predictor.init_state(str(tmp_path))
-        for number, mask in enumerate(logits(video)):
+        for number, mask in enumerate(logits()):
             large = torch.nn.functional.interpolate(mask[None, None], (256, 256), mode="bilinear")[0, 0] > 0
             predictor.add_new_mask(state, 0, number, large)
         expected = {frame: state["output_dict_per_obj"] for frame, *_ in predictor.propagate_in_video(state)}
         images = [np.asarray(Image.open(tmp_path / f"{number:03d}.jpg")) for number in range(FRAMES)]
-        propagator = Propagator(sam2, FRAMES)
-        group = propagator.begin(encode(sam2, images[0]), 0, [0, 1], logits(video))
+        propagator = Propagator(sam2, lambda frame: encode(sam2, images[frame]), FRAMES)
+        group = propagator.begin(0, [0, 1], logits())
         for frame in range(1, FRAMES):
-            found = propagator.step(as_read(encode(sam2, images[frame])), frame, group, reverse=False)
+            found = propagator.step(frame, group, reverse=False)
             outputs = [expected[frame][number]["non_cond_frame_outputs"][frame] for number in (0, 1)]
             truth = torch.cat([output["pred_masks"][:, 0] for output in outputs])
             torch.testing.assert_close(found, truth, rtol=1e-3, atol=1e-3)
@@ -65,12 +58,13 @@ def test_propagation_equals_sam2s_predictor(sam2, video, tmp_path):
 def test_backward_propagation_equals_forward_on_the_reversed_video(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video]
-        propagator = Propagator(sam2, FRAMES)
-        ahead = propagator.begin(encoded[-1], 0, [0, 1], logits(video))
-        back = restart(propagator.begin(encoded[-1], FRAMES - 1, [0, 1], logits(video)))
+        forwards = Propagator(sam2, encoded[::-1].__getitem__, FRAMES)
+        backwards = Propagator(sam2, encoded.__getitem__, FRAMES)
+        ahead = forwards.begin(0, [0, 1], logits())
+        back = backwards.begin(FRAMES - 1, [0, 1], logits())
         for step in range(1, FRAMES):
-            one = propagator.step(as_read(encoded[-1 - step]), step, ahead, reverse=False)
-            other = propagator.step(as_read(encoded[-1 - step]), FRAMES - 1 - step, back, reverse=True)
+            one = forwards.step(step, ahead, reverse=False)
+            other = backwards.step(FRAMES - 1 - step, back, reverse=True)
             torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
 
 
@@ -78,10 +72,10 @@ def test_memory_does_not_grow(sam2, video):
     model = sam2.video_predictor
     with sam2.compute.inference():
         encoded = encode(sam2, video[0])
-        propagator = Propagator(sam2, 20)
-        group = propagator.begin(encoded, 0, [0, 1], logits(video))
+        propagator = Propagator(sam2, lambda _: encoded, 20)
+        group = propagator.begin(0, [0, 1], logits())
         for frame in range(1, 13):
-            propagator.step(as_read(encoded), frame, group, reverse=False)
+            propagator.step(frame, group, reverse=False)
     held = [output for output in group.recent.values() if "maskmem_features" in output]
     assert len(held) == model.num_maskmem - 1 and len(group.recent) == model.max_obj_ptrs_in_encoder
 
@@ -90,26 +84,22 @@ def test_lost_objects_are_searched_only_every_stride_frames(sam2, video, monkeyp
     """Object 1 is lost after frame 2 and visible again from frame 5: it is found in the next searched frame."""
     searched: dict[int, list[int]] = {}
 
-    def track(self, encoded, frame, group, chosen, reverse):
-        begun, count = select_objects(group.begun, chosen), len(chosen)
-        # The test marks each object by its pointer.
-        places = [round(float(value)) for value in begun["obj_ptr"][:, 0]]
-        searched[frame] = places
-        logits = torch.full((count, 64, 64), 10.0)
-        for row, place in enumerate(places):
+    def track(self, frame, group, chosen, reverse):
+        searched[frame] = chosen
+        logits = torch.full((len(chosen), 64, 64), 10.0)
+        for row, place in enumerate(chosen):
             if place == 1 and 2 < frame < 5:
                 logits[row] = -10.0
-        return logits, {name: begun[name] for name in begun}
+        return logits, {name: values[chosen] for name, values in group.begun.items()}
 
     monkeypatch.setattr(Propagator, "_track", track)
     with sam2.compute.inference():
         encoded = encode(sam2, video[0])
-        propagator = Propagator(sam2, 12, lost_track_stride=2)
-        group = propagator.begin(encoded, 0, [0, 1], logits(video))
-        group.begun["obj_ptr"] = torch.arange(2.0)[:, None].expand(2, 128).clone()
+        propagator = Propagator(sam2, lambda _: encoded, 12, lost_track_stride=2)
+        group = propagator.begin(0, [0, 1], logits())
         seen = {}
         for frame in range(1, 8):
-            found = propagator.step(as_read(encoded), frame, group, reverse=False)
+            found = propagator.step(frame, group, reverse=False)
             seen[frame] = [bool((each > 0).any()) for each in found]
     assert searched[3] == [0, 1] and searched[4] == [0, 1], "it is searched for two frames after it is lost"
     assert searched[5] == [0] and searched[6] == [0, 1], "then every second frame"
@@ -121,11 +111,10 @@ def test_lost_objects_end_when_the_memory_does(sam2, video, monkeypatch):
     """An object that is lost from frame 1 on and visible again from frame 9 is found only if its track has no end."""
     asked: dict[bool, list[int]] = {}
 
-    def track(self, encoded, frame, group, chosen, reverse):
-        begun = select_objects(group.begun, chosen)
+    def track(self, frame, group, chosen, reverse):
         asked[self._patience < self._frames].append(frame)
-        found = torch.full((len(begun["obj_ptr"]), 64, 64), 10.0 if frame >= 9 else -10.0)
-        return found, {name: begun[name] for name in begun}
+        found = torch.full((len(chosen), 64, 64), 10.0 if frame >= 9 else -10.0)
+        return found, {name: values[chosen] for name, values in group.begun.items()}
 
     monkeypatch.setattr(Propagator, "_track", track)
     assert sam2.video_predictor.max_obj_ptrs_in_encoder == 8
@@ -133,10 +122,10 @@ def test_lost_objects_end_when_the_memory_does(sam2, video, monkeypatch):
         encoded = encode(sam2, video[0])
         for ends in (False, True):
             asked[ends] = []
-            propagator = Propagator(sam2, 20, lost_track_stride=3, lost_tracks_end=ends)
-            group = propagator.begin(encoded, 0, [0, 1], logits(video))
+            propagator = Propagator(sam2, lambda _: encoded, 20, lost_track_stride=3, lost_tracks_end=ends)
+            group = propagator.begin(0, [0, 1], logits())
             for frame in range(1, 12):
-                found = propagator.step(as_read(encoded), frame, group, reverse=False)
+                found = propagator.step(frame, group, reverse=False)
             assert bool((found > 0).any()) == (not ends)
             assert propagator.ended(group) == ends == (not group.recent)
     assert asked[True] == [1, 2, 3, 6]
@@ -146,15 +135,13 @@ def test_lost_objects_end_when_the_memory_does(sam2, video, monkeypatch):
 def test_absent_objects_do_not_change_the_tracked_ones(sam2, video):
     with sam2.compute.inference():
         encoded = [encode(sam2, frame) for frame in video]
-        propagator = Propagator(sam2, FRAMES, lost_track_stride=10)
-        both, alone = (
-            propagator.begin(encoded[0], 0, [0, 1][:count], logits(video)[:count]) for count in (2, 1)
-        )
+        propagator = Propagator(sam2, encoded.__getitem__, FRAMES, lost_track_stride=10)
+        both, alone = (propagator.begin(0, [0, 1][:count], logits()[:count]) for count in (2, 1))
         # The second object counts as lost: the first must be propagated as if alone.
         both.unseen = [0, 10]
         for frame in range(1, FRAMES):
-            together = propagator.step(as_read(encoded[frame]), frame, both, reverse=False)
-            single = propagator.step(as_read(encoded[frame]), frame, alone, reverse=False)
+            together = propagator.step(frame, both, reverse=False)
+            single = propagator.step(frame, alone, reverse=False)
             torch.testing.assert_close(together[:1], single, rtol=1e-4, atol=1e-4)
             assert (together[1] < 0).all()
     assert both.unseen[1] == 10 + FRAMES - 1

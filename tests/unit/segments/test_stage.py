@@ -8,9 +8,8 @@ from egosplat.artifacts.schemas import SEGMENTS
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import stage
-from egosplat.segments.instances import Segmented, Track
-from egosplat.segments.label_maps import LabelMaps
 from egosplat.segments.options import SegmentsOptions
+from egosplat.segments.video import LabelMaps, Segmented, Track
 from tests.support.scenes import put
 
 COUNT, SIDE = 6, 64
@@ -52,24 +51,36 @@ def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
     assert sum(segments.facts["instances"].values()) == len(levels)
 
 
-def test_frames_that_a_survey_drops_are_skipped(frames, tmp_path, keys, survey_that_keeps):
+@pytest.fixture
+def segmented(frames, tmp_path, keys, monkeypatch):
+    """``segmented(labels, instances, ...)``: the artifact where the classical segmenter finds these labels of each frame."""
+
+    def make(labels, instances, same=(), prompted=(), survey=None, min_frames=3, seen=None):
+        def found(video):
+            maps = LabelMaps((video.length, 3, SIDE, SIDE))
+            for place in range(video.length):
+                maps[place] = labels[place]
+                if seen is not None:
+                    seen.append(int(video.image(place)[20, :, 0].argmax()))
+            return Segmented(maps, instances, list(same), list(prompted))
+
+        monkeypatch.setattr(stage, "segment_video", found)
+        options = SegmentsOptions(**keys | {"segmenter": "classical", "min_frames": min_frames})
+        stage.run(frames, tmp_path / "segments.zarr", survey_path=survey, options=options)
+        return open_artifact(tmp_path / "segments.zarr", SEGMENTS)
+
+    return make
+
+
+def nothing(count=COUNT) -> np.ndarray:
+    return np.full((count, 3, SIDE, SIDE), -1, np.int32)
+
+
+def test_frames_that_a_survey_drops_are_skipped(segmented, tmp_path, survey_that_keeps):
     """The kept frames are segmented as a video of their own; dropped frames have no label."""
-    survey, output = survey_that_keeps(tmp_path, [1, 2, 5]), tmp_path / "segments.zarr"
-    seen = []
-
-    def look(video):
-        seen.extend(int(video.image(place)[20, :, 0].argmax()) for place in range(video.length))
-        labels = LabelMaps((3, SIDE, SIDE))
-        for place in range(video.length):
-            labels[place] = np.full((3, SIDE, SIDE), 0, np.int32)
-        return Segmented(labels, [Track(0, 1, 1.0, 1.0)], [], [0, 2])
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stage, "segment_video", look)
-        stage.run(
-            frames, output, survey_path=survey, options=SegmentsOptions(**keys | {"segmenter": "classical"})
-        )
-    segments = open_artifact(output, SEGMENTS)
+    survey, seen = survey_that_keeps(tmp_path, [1, 2, 5]), []
+    instances = [Track(0, 1, 1.0, 1.0)]
+    segments = segmented(nothing(3) + 1, instances, prompted=[0, 2], survey=survey, seen=seen)
     assert seen == [4 + 3 * frame for frame in (1, 2, 5)]
     labels = segments.read("labels")
     assert (labels[[0, 3, 4]] == -1).all() and (labels[[1, 2, 5]] == 0).all()
@@ -78,26 +89,11 @@ def test_frames_that_a_survey_drops_are_skipped(frames, tmp_path, keys, survey_t
     assert "kept_frames" in segments.provenance["options"]
 
 
-def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, monkeypatch):
-    labels = LabelMaps((3, SIDE, SIDE))
-    for frame in range(COUNT):
-        labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
-        changed = labels[frame]
-        changed[0, 10:20] = 0 if frame < 3 else 2
-        changed[1, 30:40] = 1 if frame == 4 else -1
-        changed[2, 50:] = 3
-        labels[frame] = changed
-    instances = [
-        Track(0, 0, 0.9, 0.95),
-        Track(1, 4, 0.8, 0.9),
-        Track(0, 3, 0.7, 0.9),
-        Track(2, 0, 0.6, 0.8),
-    ]
-    segmented = Segmented(labels, instances, [(0, 2)], [])
-    monkeypatch.setattr(stage, "segment_video", lambda *_: segmented)
-    output = tmp_path / "segments.zarr"
-    stage.run(frames, output, options=SegmentsOptions(**keys | {"segmenter": "classical", "min_frames": 3}))
-    segments = open_artifact(output, SEGMENTS)
+def test_duplicates_are_merged_and_fragments_dropped(segmented):
+    labels = nothing()
+    labels[:3, 0, 10:20], labels[3:, 0, 10:20], labels[4, 1, 30:40], labels[:, 2, 50:] = 0, 2, 1, 3
+    about = (0, 0, 0.9, 0.95), (1, 4, 0.8, 0.9), (0, 3, 0.7, 0.9), (2, 0, 0.6, 0.8)
+    segments = segmented(labels, [Track(*values) for values in about], [(0, 2)])
     found = segments.read("labels")
     assert (found[:, 0, 10:20] == 0).all() and (found[:, 1] == -1).all() and (found[:, 2, 50:] == 1).all()
     assert segments.read("instances/level").tolist() == [0, 2]
@@ -105,38 +101,22 @@ def test_duplicates_are_merged_and_fragments_dropped(frames, tmp_path, keys, mon
     assert segments.facts["merged"] == 1 and segments.facts["found"] == 4
 
 
-def test_coverage_counts_shown_pixels_frames_and_instances(frames, tmp_path, keys, monkeypatch):
+def test_coverage_counts_shown_pixels_frames_and_instances(segmented):
     """Two rows do not show the scene; instance 0 covers half of the others in one frame."""
-    labels = LabelMaps((3, SIDE, SIDE))
-    labels.leave_empty(range(COUNT))
-    half = labels[0]
-    half[0, :33] = 0
-    labels[0] = half
-    found = Segmented(labels, [Track(0, 0, 1.0, 1.0)], [], [])
-    monkeypatch.setattr(stage, "segment_video", lambda _: found)
-    output, options = tmp_path / "segments.zarr", SegmentsOptions(**keys | {"segmenter": "classical"})
-    stage.run(frames, output, options=options.change(min_frames=1))
-    facts = open_artifact(output, SEGMENTS).facts
+    labels = nothing()
+    labels[0, 0, :33] = 0
+    facts = segmented(labels, [Track(0, 0, 1.0, 1.0)], min_frames=1).facts
     assert facts["pixels_without_instance"] == (2 * COUNT - 1) / (2 * COUNT)
     assert facts["instances_per_frame"] == 1 / COUNT and facts["frames_per_instance"] == 1.0
 
 
-def test_no_instances_are_an_error_and_write_nothing(frames, tmp_path, keys, monkeypatch):
-    labels = LabelMaps((3, SIDE, SIDE))
-    for frame in range(COUNT):
-        labels[frame] = np.full((3, SIDE, SIDE), -1, np.int32)
-    monkeypatch.setattr(stage, "segment_video", lambda *_: Segmented(labels, [], [], []))
+def test_no_instances_are_an_error_and_write_nothing(segmented, tmp_path):
     with pytest.raises(UserError, match="segments.points_per_side"):
-        stage.run(
-            frames, tmp_path / "segments.zarr", options=SegmentsOptions(**keys | {"segmenter": "classical"})
-        )
+        segmented(nothing(), [])
     assert not (tmp_path / "segments.zarr").exists()
 
 
 def test_a_missing_checkpoint_is_reported_before_anything_is_read(frames, tmp_path, keys):
+    options = SegmentsOptions(**keys | {"sam2_checkpoint": str(tmp_path / "none.pt")})
     with pytest.raises(UserError, match="sam2_checkpoint"):
-        stage.run(
-            frames,
-            tmp_path / "segments.zarr",
-            options=SegmentsOptions(**keys | {"sam2_checkpoint": str(tmp_path / "none.pt")}),
-        )
+        stage.run(frames, tmp_path / "segments.zarr", options=options)

@@ -10,16 +10,15 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.compute import choose_compute
 from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments import instances as instances_module
 from egosplat.segments import prompts as prompting
 from egosplat.segments import tracker as tracking
-from egosplat.segments.instances import Video
-from egosplat.segments.label_maps import DamagedLabels, LabelMaps
-from egosplat.segments.nms import intersections
+from egosplat.segments import video as video_module
+from egosplat.segments.masks import intersections
 from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.segments.prompts import grid_points, prompt
-from egosplat.segments.propagation import Group, restart
+from egosplat.segments.propagation import Group
 from egosplat.segments.tracker import Tracker
+from egosplat.segments.video import Video
 
 OPTIONS = SegmentsOptions(
     points_per_side=4,
@@ -50,19 +49,7 @@ def images():
     return np.repeat(np.repeat(coarse, 8, 1), 8, 2)
 
 
-class LaterTracker(Tracker):
-    """Prompts each second frame, where a level covers less than 95 % of it, as where only what moves is tracked."""
-
-    def _prompts(self, frame):
-        return frame % 2 == 0
-
-    def _search_area(self, frame):
-        return self._inside(frame), 0.05 * float(self._inside(frame).sum())
-
-
-def tracked(
-    sam2, images, options=OPTIONS, valid=EVERYWHERE, checkpoint=None, reads=None, tracker=LaterTracker
-):
+def tracked(sam2, images, options=OPTIONS, valid=EVERYWHERE, checkpoint=None, reads=None, prompted=(0, 2)):
     """What a run finds, and the frames that it reads; it is killed after a number of ``reads``."""
     asked: list[int] = []
 
@@ -72,7 +59,8 @@ def tracked(
         asked.append(frame)
         return images[frame]
 
-    return tracker(sam2, Video(len(images), read, lambda _: valid), options).run(checkpoint), asked
+    video = Video(len(images), read, lambda _: valid)
+    return Tracker(sam2, video, options, prompted=prompted).run(checkpoint), asked
 
 
 def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
@@ -84,7 +72,7 @@ def test_a_video_is_tracked_in_bfloat16_as_on_a_gpu(sam2, images):
         counted.append((intersections(first, second), first, second))
         return counted[-1][0]
 
-    with mock.patch.object(instances_module, "intersections", watched):
+    with mock.patch.object(video_module, "intersections", watched):
         segmented, asked = tracked(half, images[:3])
     assert segmented.instances and asked[:3] == [0, 1, 2]
     assert {one.level for one in segmented.instances} == set(range(len(LEVELS)))
@@ -113,23 +101,28 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
 
 
 def test_the_first_frame_alone_is_prompted(sam2, images):
-    segmented, asked = tracked(sam2, images, tracker=Tracker)
+    segmented, asked = tracked(sam2, images, prompted=[0])
     assert {one.first_frame for one in segmented.instances} == {0} and segmented.prompted == [0]
     assert asked == list(range(FRAMES)), "nothing is tracked backwards"
 
 
-def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images):
+def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, monkeypatch):
     tracker = Tracker(sam2, Video(FRAMES, images.__getitem__, lambda _: EVERYWHERE), OPTIONS)
-    level = tracker._levels[2]
-    level.groups = [Group([0, 7], 0, {}), Group([3], 1, {})]
+    groups = [Group([0, 7], 0, torch.zeros(1), {}), Group([3], 1, torch.zeros(1), {})]
     left, right = torch.zeros(2, 8, 8, dtype=torch.bool)
     left[:, :4], right[:, 4:] = True, True
-    for _ in range(instances_module.MIN_COMMON_FRAMES):
-        level.overlaps.add([0, 7, 3], torch.stack([left, right, left]))
-    tracker._end_duplicates()
-    for groups in (level.groups, [restart(group) for group in level.groups]):
+    masks = torch.stack([left, right, left])
+    for _ in range(video_module.MIN_COMMON_FRAMES):
+        tracker._overlaps[2].add([0, 7, 3], masks, [0, 7, 3], masks)
+    tracker._groups[2] = groups
+    monkeypatch.setattr(tracker, "_propagated", lambda frame, reverse: [([], torch.zeros(0, 64, 64))] * 3)
+    monkeypatch.setattr(tracker, "_add_new_tracks", lambda *_: None)
+    tracker._forwards(0)
+    for _ in ("forwards", "backwards"):
         assert [group.unseen for group in groups] == [[0, 0], [np.inf]]
         assert tracker._propagator.ended(groups[1]) and tracker._propagator._searched(groups[1], 3) == []
+        for group in groups:
+            group.restart()
 
 
 def test_the_number_of_tracked_instances_is_limited(sam2, images):
@@ -169,40 +162,6 @@ def test_a_killed_run_resumes_to_the_same_result(sam2, images, uninterrupted, tm
         assert np.array_equal(found.labels[frame], expected.labels[frame])
 
 
-def test_checkpoints_append_labels(tmp_path):
-    """Rewriting all labels at each checkpoint would write 200 GB in a long run; a killed one leaves a longer file."""
-
-    def opened() -> LabelMaps:
-        labels = LabelMaps((2, 3, 4))
-        labels.path = tmp_path / "new" / "labels"
-        return labels
-
-    labels = opened()
-    labels[0] = np.zeros((2, 3, 4))
-    labels[1] = np.ones((2, 3, 4))
-    state = labels.state_dict()
-    before = labels.path.read_bytes()
-    assert labels.state_dict() == state and labels.path.read_bytes() == before
-    labels[1] = np.full((2, 3, 4), 7)
-    later = labels.state_dict()
-    assert labels.path.read_bytes().startswith(before) and later[0] == state[0] != later[1]
-    for known, value in ((state, 1), (later, 7)):
-        again = opened()
-        again.load_state_dict(known)
-        assert len(again) == 2 and (again[1] == value).all() and (again[0] == 0).all()
-    # The run goes on from the older state: what was appended after it is cut off.
-    again = opened()
-    again.load_state_dict(state)
-    again[2] = np.full((2, 3, 4), 9)
-    newest = again.state_dict()
-    other = opened()
-    other.load_state_dict(newest)
-    assert (other[1] == 1).all() and (other[2] == 9).all()
-    labels.path.write_bytes(b"0" * 400)
-    with pytest.raises(DamagedLabels, match="labels"):
-        opened().load_state_dict(newest)
-
-
 def test_no_masks_give_no_instance(sam2, images, monkeypatch):
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(1.0, 0.0, 0.1, 0.0))
     segmented, _ = tracked(sam2, images)
@@ -233,7 +192,8 @@ def test_pixels_that_a_frame_leaves_out_are_neither_prompted_nor_labeled(sam2, i
         return prompt(sam2, encoded, points, options)
 
     monkeypatch.setattr(tracking, "prompt", recorded)
-    found = LaterTracker(sam2, Video(FRAMES, images.__getitem__, shown.__getitem__), OPTIONS).run()
+    video = Video(FRAMES, images.__getitem__, shown.__getitem__)
+    found = Tracker(sam2, video, OPTIONS, prompted=(0, 2)).run()
     assert found.prompted == [2] and float(asked[0][:, 0].max()) < 0.5
     for frame in range(FRAMES):
         assert (found.labels[frame][:, ~shown[frame]] == -1).all()

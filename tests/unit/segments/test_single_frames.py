@@ -6,14 +6,14 @@ import torch
 
 from egosplat.models.image_encoder import encode
 from egosplat.models.point_decoder import Attended, PointDecoder
-from egosplat.segments import crops, prompts, single_frames
-from egosplat.segments.crops import Crop, crops_of
-from egosplat.segments.instances import Video
+from egosplat.segments import prompts, single_frames
+from egosplat.segments.masks import Candidates
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
-from egosplat.segments.prompts import Candidates, prompt
-from egosplat.segments.single_frames import join_frames, segment_frame
+from egosplat.segments.prompts import Bounds, prompt
+from egosplat.segments.single_frames import crops_of, join_frames, segment_frame
+from egosplat.segments.video import Video
 
-SHAPE = (48, 64, 3)
+SHAPE = (48, 64)
 
 
 def candidates(masks):
@@ -22,15 +22,9 @@ def candidates(masks):
     return Candidates(logits, torch.full((len(logits),), 0.9), torch.full((len(logits),), 0.9))
 
 
-def within(masks):
-    """Which (N, 40, 40) masks of the crop at the frame's top left corner are used."""
-    return prompts._within(torch.from_numpy(masks), bounds_of(40, 40))
-
-
-def bounds_of(coarse_side, side):
+def bounds_of(most, side):
     """Bounds of masks of the crop at the frame's top left corner."""
-    crop = Crop(0, 0, 32, 40)
-    return crops._whole_and_small(crop, SHAPE, 0.0, coarse_side, crops._inner_border(crop, SHAPE, side))
+    return Bounds(0.0, most, single_frames._inner_border(np.s_[0:32, 0:40], SHAPE, side))
 
 
 @pytest.mark.parametrize("per_side", [1, 2, 3, 4])
@@ -40,37 +34,30 @@ def test_crops_cover_the_frame_and_overlap(per_side):
     assert len(found) == per_side**2
     seen = np.zeros((480, 640), int)
     for crop in found:
-        seen[crop.top : crop.bottom, crop.left : crop.right] += 1
+        seen[crop] += 1
     assert seen.min() == 1 and (seen.max() > 1) == (per_side > 1)
-    assert len({(crop.bottom - crop.top, crop.right - crop.left) for crop in found}) == 1
+    assert len({seen[crop].shape for crop in found}) == 1
 
 
 def test_a_mask_lands_at_its_place_in_the_frame():
     """A disc in a crop of a frame that is not square covers the same pixels on the canvas."""
-    crop, canvas = Crop(12, 20, 44, 60), 128
+    crop, canvas = np.s_[12:44, 20:60], 128
     rows, columns = (np.arange(80) + 0.5) / 80 * 32 + 12, (np.arange(80) + 0.5) / 80 * 40 + 20
     disc = (rows[:, None] - 30) ** 2 + (columns[None] - 42) ** 2 < 9**2
-    landed = crops._to_canvas(candidates(disc[None]), crop, SHAPE, canvas).masks[0].numpy()
+    landed = single_frames._to_canvas(candidates(disc[None]), crop, SHAPE, canvas).masks[0].numpy()
     rows, columns = (np.arange(canvas) + 0.5) / canvas * 48, (np.arange(canvas) + 0.5) / canvas * 64
     true = (rows[:, None] - 30) ** 2 + (columns[None] - 42) ** 2 < 9**2
     assert (landed & true).sum() / (landed | true).sum() > 0.95
 
 
-def test_masks_that_a_border_inside_the_frame_cuts_off_are_dropped():
-    """A mask at the frame's own border stays; one at a crop's inner border goes."""
-    masks = np.zeros((3, 40, 40), bool)
+def test_masks_that_are_large_or_that_a_border_inside_the_frame_cuts_off_are_dropped():
+    """A mask at the frame's own border stays; one at a crop's inner border goes, and one of more than a quarter."""
+    masks = np.zeros((4, 40, 40), bool)
     masks[0, :4, 10:14] = True  # the frame's top border
     masks[1, 10:14, -4:] = True  # an inner border
     masks[2, 20:24, 20:24] = True  # inside
-    assert within(masks).tolist() == [True, False, True]
-
-
-def test_large_masks_come_from_the_whole_frame():
-    """A crop's mask is dropped if it covers more than 100 cells of the whole frame's logits."""
-    masks = np.zeros((2, 40, 40), bool)
-    masks[0, 5:30, 5:30] = True
-    masks[1, 5:10, 5:10] = True
-    assert within(masks).tolist() == [False, True]
+    masks[3, 5:30, 5:30] = True  # large
+    assert prompts.within(torch.from_numpy(masks), bounds_of(0.25, 40)).tolist() == [True, False, True, False]
 
 
 def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
@@ -80,7 +67,7 @@ def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
     coarse[1, 10:18, 10:18] = True
     fine = np.zeros((1, 40, 40), bool)
     fine[0, 8:16, 8:16] = True
-    merged = crops._merge(candidates(coarse), candidates(fine), 40, SegmentsOptions())
+    merged = single_frames._merge(candidates(coarse), candidates(fine), 40, SegmentsOptions())
     assert len(merged) == 2
     assert torch.equal(merged.masks[0], torch.from_numpy(fine[0]))
 
@@ -89,7 +76,7 @@ def test_a_sample_of_cells_excludes_no_mask_that_is_used(sam2, monkeypatch):
     """Of discs of all sizes, it finds most that are too large or at a border inside the frame, and no other."""
     with sam2.compute.inference():
         decoder = PointDecoder.of(sam2, encode(sam2, np.zeros((64, 64, 3), np.uint8)))
-    bounds = bounds_of(80, 64)
+    bounds = bounds_of(0.04, 64)
     x, y, radius = np.random.default_rng(0).random((3, 300, 1, 1)) * [[[[64]]], [[[64]]], [[[24]]]]
     masks = (np.arange(64) - x) ** 2 + (np.arange(64)[:, None] - y) ** 2 < radius**2
     parts = (
@@ -97,8 +84,8 @@ def test_a_sample_of_cells_excludes_no_mask_that_is_used(sam2, monkeypatch):
     )
     monkeypatch.setattr(PointDecoder, "parts", lambda _, attended, pixels: attended.image[:, :, pixels])
     attended = Attended(parts, parts, parts)
-    excluded = prompts._Sample.of(decoder, bounds.border).exceeds(attended, bounds).flatten()
-    used = prompts._within(torch.from_numpy(masks), bounds)
+    excluded = prompts._exceeds(decoder, attended, bounds.most, bounds.border).flatten()
+    used = prompts.within(torch.from_numpy(masks), bounds)
     assert not (excluded & used).any()
     assert used.sum() > 30 and excluded.sum() > 0.5 * (~used).sum()
 
@@ -117,8 +104,7 @@ def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypat
         sides.append(sam2.video_predictor.image_size)
         return encode(sam2, image)
 
-    for module in (crops, single_frames):
-        monkeypatch.setattr(module, "encode", recorded)
+    monkeypatch.setattr(single_frames, "encode", recorded)
     keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 2}
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.7, 0.1, 0.2))
     options = SegmentsOptions(**keys)
@@ -139,8 +125,7 @@ def test_pixels_that_do_not_show_the_scene_are_not_prompted(sam2, monkeypatch, c
         points.append(given)
         return prompt(sam2, encoded, given, *about)
 
-    for module in (crops, single_frames):
-        monkeypatch.setattr(module, "prompt", recorded)
+    monkeypatch.setattr(single_frames, "prompt", recorded)
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
     found = labels_of(
         sam2, image, shown, SegmentsOptions(crops_per_side=2, image_size=512, points_per_side=4)

@@ -1,12 +1,15 @@
 """Overlap of masks and NMS: reference values of LangSplat's rules, ties, and empty input."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 from egosplat.compute import choose_compute
-from egosplat.segments.nms import areas, box_nms, boxes, intersections, mask_iou, mask_nms, stability_score
+from egosplat.segments.masks import areas, box_nms, boxes, intersections, mask_iou, mask_nms, stability_score
+from egosplat.segments.options import MaskFilter
 
-LIMITS = {"iou_thresh": 0.8, "score_thresh": 0.7, "inner_thresh": 0.5}
+LIMITS = MaskFilter(0.0, 0.0, 0.1, 0.7)
 
 
 def squares(*corners: tuple[int, int, int, int], side: int = 40) -> torch.Tensor:
@@ -32,7 +35,7 @@ def test_overlaps_are_exact_where_models_multiply_in_bfloat16():
     masks = flat.reshape(3, side, side)
     with choose_compute("cpu", "bfloat16").inference():
         shared, sizes, iou = intersections(masks, masks), areas(masks), mask_iou(masks, masks)
-        kept = mask_nms(masks[1:], torch.tensor([0.9, 0.95]), **LIMITS)
+        kept = mask_nms(masks[1:], torch.tensor([0.9, 0.95]), LIMITS)
     assert shared.dtype == iou.dtype == torch.float32
     assert shared.tolist() == [[257, 257, 257], [257, 1601, 1601], [257, 1601, 1999]]
     assert sizes.tolist() == [257, 1601, 1999]
@@ -56,18 +59,18 @@ def test_a_nested_mask_is_dropped_whatever_its_score():
     # Area 1000 with score 0.9 around area 100 with score 0.95: A B = 0.1, and 0.9 > 0.5.
     masks = squares((0, 0, 40, 25), (5, 5, 15, 15))
     assert areas(masks).tolist() == [1000, 100]
-    assert mask_nms(masks, torch.tensor([0.9, 0.95]), **LIMITS).tolist() == [True, False]
-    apart = {**LIMITS, "inner_thresh": 0.0}
-    assert mask_nms(masks, torch.tensor([0.9, 0.95]), **apart).tolist() == [True, True]
+    assert mask_nms(masks, torch.tensor([0.9, 0.95]), LIMITS).tolist() == [True, False]
+    apart = replace(LIMITS, nms_inner_thresh=0.0)
+    assert mask_nms(masks, torch.tensor([0.9, 0.95]), apart).tolist() == [True, True]
 
 
 def test_the_better_of_two_overlapping_masks_is_kept():
     masks = squares((0, 0, 20, 20), (0, 0, 20, 21), (25, 25, 35, 35))
-    assert mask_nms(masks, torch.tensor([0.8, 0.9, 0.75]), **LIMITS).tolist() == [False, True, True]
-    assert mask_nms(masks, torch.tensor([0.9, 0.9, 0.9]), **LIMITS).tolist() == [True, False, True], (
+    assert mask_nms(masks, torch.tensor([0.8, 0.9, 0.75]), LIMITS).tolist() == [False, True, True]
+    assert mask_nms(masks, torch.tensor([0.9, 0.9, 0.9]), LIMITS).tolist() == [True, False, True], (
         "the earlier of equal scores"
     )
-    assert mask_nms(masks, torch.tensor([0.7, 0.71, 0.7]), **LIMITS).tolist() == [False, True, False]
+    assert mask_nms(masks, torch.tensor([0.7, 0.71, 0.7]), LIMITS).tolist() == [False, True, False]
 
 
 def test_box_nms_ranks_by_score():
@@ -78,7 +81,7 @@ def test_box_nms_ranks_by_score():
 @pytest.mark.parametrize("count", [0, 1])
 def test_nms_keeps_no_mask_and_one_mask(count):
     masks, scores = squares(*[(0, 0, 5, 5)] * count), torch.full((count,), 0.9)
-    assert mask_nms(masks, scores, **LIMITS).tolist() == [True] * count
+    assert mask_nms(masks, scores, LIMITS).tolist() == [True] * count
     assert len(box_nms(masks, scores, 0.7)) == count
     assert mask_iou(masks, masks).shape == (count, count) and stability_score(masks.float(), 0.5).shape == (
         count,
@@ -95,7 +98,7 @@ def test_mask_nms_matches_the_pairwise_definition():
             *[(x, y, x + w, y + h) for (x, y), (w, h) in zip(corners.tolist(), sizes.tolist(), strict=True)]
         )
         scores = torch.rand(12, generator=generator) * 0.5 + 0.5
-        kept = mask_nms(masks, scores, **LIMITS)
+        kept = mask_nms(masks, scores, LIMITS)
         for j in range(12):
             stays = bool(scores[j] > 0.7)
             for i in range(12):

@@ -1,0 +1,172 @@
+"""A video and its segmentation: label maps, tracks, how much their masks overlap, and which of them are kept."""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from torch import Tensor
+
+from egosplat.artifacts.checkpoint import read_state, write_state
+from egosplat.segments.masks import areas, intersections
+
+Labels = NDArray[np.int32]
+
+# Instances that share fewer frames are not merged: in a single frame, two objects can overlap by chance.
+MIN_COMMON_FRAMES = 2
+
+
+@dataclass(frozen=True)
+class Video:
+    """The frames to segment.
+
+    Attributes:
+        length: number of frames.
+        image: returns the (H, W, 3) uint8 RGB image of a frame.
+        shown: returns the (H, W) bool pixels of a frame that show the scene.
+    """
+
+    length: int
+    image: Callable[[int], NDArray[np.uint8]]
+    shown: Callable[[int], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Track:
+    """An instance as it was first found.
+
+    Attributes:
+        level: index into ``options.LEVELS``.
+        first_frame: the frame whose prompts found it.
+        predicted_iou, stability: scores of its first mask.
+        moving: tracked because the transient network says that it moves.
+    """
+
+    level: int
+    first_frame: int
+    predicted_iou: float
+    stability: float
+    moving: bool = False
+
+
+def pack(labels: Labels) -> Tensor:
+    """Compress int32 label maps to a uint8 tensor."""
+    # They have long runs of one value: level 1, the fastest, already reduces them to about 1 %.
+    return torch.frombuffer(bytearray(zlib.compress(labels.astype(np.int32).tobytes(), 1)), dtype=torch.uint8)
+
+
+def unpack(packed: Tensor, shape: tuple[int, ...]) -> Labels:
+    """Get back label maps of a shape."""
+    return np.frombuffer(zlib.decompress(packed.numpy().tobytes()), np.int32).reshape(shape).copy()
+
+
+class LabelMaps:
+    """(F, L, H, W) int32 labels, compressed in memory; written and read by frame. -1, no label, until written."""
+
+    def __init__(self, shape: tuple[int, int, int, int]) -> None:
+        self._shape = shape
+        self._frames: dict[int, Tensor] = {}
+        # Frames that no file of a checkpoint holds yet, and the number of its files.
+        self._changed: set[int] = set()
+        self._files = 0
+
+    def __len__(self) -> int:
+        return self._shape[0]
+
+    def __setitem__(self, frame: int, labels: Labels) -> None:
+        self._frames[frame] = pack(labels)
+        self._changed.add(frame)
+
+    def __getitem__(self, frame: int) -> Labels:
+        packed = self._frames.get(frame)
+        return np.full(self._shape[1:], -1, np.int32) if packed is None else unpack(packed, self._shape[1:])
+
+    def save(self, folder: Path) -> int:
+        """Write the frames set since the last call, as one more file; returns the number of files."""
+        changed = {frame: self._frames[frame] for frame in sorted(self._changed)}
+        write_state(folder / f"labels{self._files}", "labels", changed)
+        self._files, self._changed = self._files + 1, set()
+        return self._files
+
+    def load(self, folder: Path, files: int) -> None:
+        """Replace the content by that of so many files; OSError or UnusableState if they do not hold it."""
+        frames: dict[int, Tensor] = {}
+        for number in range(files):
+            frames |= read_state(folder / f"labels{number}", "labels")
+        self._frames, self._files, self._changed = frames, files, set()
+
+
+@dataclass(frozen=True)
+class Segmented:
+    """A segmented video, before duplicates are merged and fragments dropped.
+
+    Attributes:
+        labels: instance number of each pixel, by frame and level.
+        instances: by number.
+        same: pairs of numbers that are the same object.
+        prompted: frames in which instances were searched for.
+    """
+
+    labels: LabelMaps
+    instances: list[Track]
+    same: list[tuple[int, int]]
+    prompted: list[int]
+
+
+def finalize_instances(segmented: Segmented, min_frames: int) -> tuple[Labels, NDArray[np.int64], int]:
+    """Merge instances that are the same object, and drop those seen in fewer than ``min_frames`` frames.
+
+    Returns:
+        (count + 1,) int32 new number of each instance, -1 if it is dropped; the last entry is -1, so that indexing with -1
+        gives -1. The (N,) old numbers of the kept instances, in their new order. The number of those merged into others.
+    """
+    count, frames = len(segmented.instances), len(segmented.labels)
+    pairs = np.array(segmented.same, np.int64).reshape(-1, 2)
+    # Being the same object is transitive, although overlapping is not.
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(count + 1, count + 1))
+    _, component = connected_components(links, directed=False)
+    roots = np.unique(component, return_index=True)[1][component][:count]
+    seen = np.zeros(count, np.int64)
+    for frame in range(frames):
+        numbers = np.unique(segmented.labels[frame])
+        seen[np.unique(roots[numbers[numbers >= 0]])] += 1
+    # A video shorter than ``min_frames`` still has instances.
+    kept = np.flatnonzero((roots == np.arange(count)) & (seen >= max(1, min(min_frames, frames))))
+    table = np.full(count + 1, -1, np.int32)
+    table[kept] = np.arange(len(kept))
+    table[:-1] = table[roots]
+    return table, kept, count - len(np.unique(roots))
+
+
+class Overlaps:
+    """Overlap between the masks of a level's instances, summed over the frames in which both are visible.
+
+    Attributes:
+        sums: (3, n, n) float64 shared pixels, pixels of the first of each two, and frames that show both.
+    """
+
+    def __init__(self) -> None:
+        self.sums = np.zeros((3, 0, 0))
+
+    def add(self, ids: list[int], masks: Tensor, other_ids: list[int], others: Tensor) -> None:
+        """Add a frame: numbers of K instances of the level and their (K, M, M) bool masks, and those to compare them with."""
+        missing = max(max([*ids, *other_ids], default=-1) + 1 - self.sums.shape[1], 0)
+        self.sums = np.pad(self.sums, ((0, 0), (0, missing), (0, missing)))
+        size, other_size = (areas(each).cpu().numpy().astype(np.float64) for each in (masks, others))
+        # Only frames in which both are visible count: an occluded object must not lower the IoU.
+        both = (size > 0)[:, None] & (other_size > 0)[None]
+        shared = intersections(masks, others).cpu().numpy()
+        self.sums[:, *np.ix_(ids, other_ids)] += [shared, size[:, None] * both, both]
+
+    def same(self, iou_thresh: float, frames: int) -> list[tuple[int, int]]:
+        """Pairs of instances whose IoU over their common frames is above the threshold, in a video of ``frames`` frames."""
+        shared, area, common = self.sums
+        union = area + area.T - shared
+        iou = np.divide(shared, union, out=np.zeros_like(union), where=union > 0)
+        alike = (iou > iou_thresh) & (common >= min(MIN_COMMON_FRAMES, frames))
+        return [(int(a), int(b)) for a, b in np.argwhere(np.triu(alike, 1))]
