@@ -17,8 +17,8 @@ from egosplat.progress import track
 from egosplat.query.answers import NOTHING, Answer
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import Grading
+from egosplat.query.scene import Viewpoint
 from egosplat.query.text import clean_phrase
-from egosplat.query.viewpoint import Viewpoint
 
 # Maximum number of answers in the picture; the table has all of them.
 MOST_DRAWN = 8
@@ -47,7 +47,6 @@ def run(
 
     Args:
         most: maximum number of things in an answer of the whole scene.
-        output: picture to write.
         at: tell where things that were carried were at this time [s since the first frame]; of a pose, ask what it shows then.
 
     Yields:
@@ -84,7 +83,8 @@ def run(
     if viewpoint is None:
         drawn = [_render_thing(scene, answer) for answer in kept[:MOST_DRAWN]]
     else:
-        picture = scene.picture(viewpoint)
+        shown = scene.trained.at(scene.rests, viewpoint.second)
+        picture = shown.picture(scene.camera, viewpoint.camera_to_world)
         drawn = [(answer, "", picture if answer.view else None) for answer in kept]
     draw_answers(drawn, title, output)
     left_out = len(queries) - len(drawn)
@@ -133,12 +133,12 @@ def _rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     if view is not None and view.pixel is not None and view.level is not None:
         pixel = f"{view.pixel[0]}, {view.pixel[1]}"
         return [(answer.phrase, answer.grade, shown, view.level, pixel, _numbers(view.position))]
-    rows = [(answer.phrase, NOTHING)] if not answer.things else []
-    for number, thing in enumerate(answer.things):
+    rows: list[tuple[str, ...]] = []
+    for thing in answer.things:
         size = " x ".join(f"{side:.2f}" for side in thing.size)
         about = answer.grade, grading.shown(thing.rating), thing.level, _numbers(thing.center), size
-        rows.append((answer.phrase if number == 0 else "", *about, str(thing.frame)))
-    return rows
+        rows.append(("" if rows else answer.phrase, *about, str(thing.frame)))
+    return rows or [(answer.phrase, NOTHING)]
 
 
 def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str:
@@ -161,8 +161,9 @@ def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> st
 
 
 def _numbers(point: Array | None) -> str:
-    known = point is not None and np.isfinite(point).all()
-    return ", ".join(f"{one:.2f}" for one in point) if known else _ABSENT
+    if point is None or not np.isfinite(point).all():
+        return _ABSENT
+    return ", ".join(f"{one:.2f}" for one in point)
 
 
 def _render_thing(scene: Scene, answer: Answer) -> DrawnAnswer:
@@ -207,8 +208,8 @@ def _draw(cells: NDArray[np.object_], answer: Answer, where: str, picture: NDArr
     place.imshow(picture)
     draw_heat(heat, picture, view.relevancy)
     heat.set_title(f"relevancy 0 to 1, {view.level}", fontsize=10)
-    for axes in (place, heat) if view.pixel else ():
-        for color, width in (("black", 3.5), ("white", 1.5)):
-            axes.scatter(*view.pixel, s=130, facecolors="none", edgecolors=color, linewidths=width)
+    for axes in (place, heat):
+        for color, width in (("black", 3.5), ("white", 1.5)) if view.pixel else ():
+            axes.scatter(*view.pixel or (), s=130, facecolors="none", edgecolors=color, linewidths=width)
     draw_mask(mask, picture, view.mask)
     mask.set_title(f"mask, {view.mask_level}", fontsize=10)

@@ -13,15 +13,7 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage, locate, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
-from egosplat.artifacts.schemas import (
-    FEATURES,
-    LANGUAGE,
-    SCHEMAS,
-    TILES,
-    camera_poses,
-    length_unit,
-    seconds_of,
-)
+from egosplat.artifacts.schemas import SCHEMAS, camera_poses, length_unit, seconds_of
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
@@ -35,40 +27,43 @@ from egosplat.query.answers import Answer, Thing, ViewMatch
 from egosplat.query.grades import Evidence, Grading, grading_of, judge, judge_view, measure_evidence
 from egosplat.query.histories import find_history
 from egosplat.query.maps import Mask
-from egosplat.query.options import MOST, AskingOptions, QueryOptions, suit_options
-from egosplat.query.scene import QueryScene, instances_of_gaussians, read_scene
+from egosplat.query.options import MOST, AskingOptions, QueryOptions
+from egosplat.query.scene import (
+    Pose,
+    QueryScene,
+    Viewpoint,
+    instances_of_gaussians,
+    pose_viewpoint,
+    read_scene,
+)
 from egosplat.query.text import Texts, encode_texts, untaught_words, words_to_try
 from egosplat.query.things import Surface, ask_scene, read_surface
-from egosplat.query.viewpoint import Pose, Viewpoint, pose_viewpoint
 from egosplat.query.views import Asker, show_thing
 
 # What OpenCLIP encoded for a scene's codes: the features of its instances, or tiles for methods without masks.
 ENCODED = ("features", "tiles")
 
 
-class Frames(Sequence[NDArray[np.uint8]]):
+@dataclass(frozen=True)
+class Frames:
     """The rectified frames of a scene's recording, (H, W, 3) uint8 sRGB each, read one at a time."""
 
-    def __init__(self, frames: Artifact) -> None:
-        self._frames = frames
+    artifact: Artifact
 
     def __len__(self) -> int:
-        return self._frames.shape("rgb")[0]
+        return self.artifact.shape("rgb")[0]
 
-    def __getitem__(self, frame: int) -> NDArray[np.uint8]:  # type: ignore[override]
+    def __getitem__(self, frame: int) -> NDArray[np.uint8]:
         if not 0 <= frame < len(self):
             raise IndexError(frame)
-        return self._frames.row("rgb", frame)
+        return self.artifact.row("rgb", frame)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene:
-    """A finished scene: trained Gaussians with codes that mean something. Made by ``egosplat.open_scene``.
-
-    Nothing large is read before it is needed, nothing is written.
+    """A finished scene or variant, made by ``egosplat.open_scene``; nothing large is read before it is needed, nothing is written.
 
     Attributes:
-        folder: folder of the scene or variant.
         given, made_from: the opened artifacts, and these with everything that they were made from.
         options: how queries are answered, and by what renderer and device.
         checked: whether bytes of artifacts need not be compared with their digests before they are read.
@@ -85,11 +80,11 @@ class Scene:
 
     def artifact(self, name: str) -> Artifact:
         """Get an artifact of the scene by its name, such as ``poses`` (UserError: it is not there, or belongs to another)."""
-        known = (*self.given, *self.made_from.found.values())
-        artifact = next((one for one in known if one.schema.name == name), None)
-        if artifact is None:
-            artifact = open_artifact(self.folder / f"{name}.zarr", SCHEMAS[name])
-            check_made_from(artifact, *self.given)
+        for artifact in (*self.given, *self.made_from.found.values()):
+            if artifact.schema.name == name:
+                return artifact
+        artifact = open_artifact(self.folder / f"{name}.zarr", SCHEMAS[name])
+        check_made_from(artifact, *self.given)
         return artifact
 
     @property
@@ -156,11 +151,7 @@ class Scene:
 
     @cached_property
     def histories(self) -> Histories | None:
-        """What is carried from where to where; None if histories.zarr is not there, or is of other Gaussians or another OpenCLIP.
-
-        Raises:
-            UserError: it is damaged.
-        """
+        """What is carried from where to where; None if histories.zarr is not there, or is of other Gaussians or another OpenCLIP."""
         if (tracked := self._tracked) is None or (rests := self.rests) is None:
             return None
         # Features of another OpenCLIP compare with no word.
@@ -182,9 +173,8 @@ class Scene:
             # Frames are not compared: they may hold gigabytes, and queries read only little of them. Reading checks numbers.
             if artifact.schema.name != "frames" and digest_of(artifact.path) != artifact.digest:
                 verify(artifact.path, SCHEMAS)
-        return read_scene(
-            self.artifact("splats"), self.artifact("language"), self.encoded, self.options.backend
-        )
+        splats, language = self.artifact("splats"), self.artifact("language")
+        return read_scene(splats, language, self.encoded, self.options.backend)
 
     @cached_property
     def clip(self) -> OpenClip:
@@ -219,7 +209,7 @@ class Scene:
         second: float | None = None,
         **keys: Any,
     ) -> list[Answer]:
-        """Find phrases in the whole scene, or in one view; answers are in the order of the phrases, each of which is answered once.
+        """Find phrases, each once and in their order, in the whole scene, or in one view.
 
         Args:
             most: maximum number of things in an answer of the whole scene.
@@ -229,8 +219,7 @@ class Scene:
             keys: keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
 
         Raises:
-            UserError: the OpenCLIP that made the features is missing; the frame has no pose, or the pose is none; a phrase
-                or a key is not valid.
+            UserError: the OpenCLIP of the features is missing, the view has no pose, or a phrase or a key is not valid.
 
         >>> [couch] = scene.ask("couch", most=1)
         >>> print(couch.things[0].level, couch.things[0].center.round(1), "in frame", couch.things[0].frame)
@@ -328,26 +317,17 @@ class Scene:
         second: float | None = None,
         camera: Camera | None = None,
     ) -> NDArray[np.float32]:
-        """Render (H, W, 3) float32 sRGB in [0, 1] of the view of a frame at its time, or of a pose, as in ``ask``.
-
-        Args:
-            camera: another camera than that of the frames.
-        """
+        """Render the view of a frame at its time, or of a pose, as in ``ask``, (H, W, 3) float32 sRGB in [0, 1]; by the frames' camera
+        if no other is given."""
         view = self.viewpoint(frame, pose, second)
         if view is None:
             raise UserError("render: give a frame or a pose")
-        return self.picture(view, camera)
-
-    def picture(self, view: Viewpoint, camera: Camera | None = None) -> NDArray[np.float32]:
-        """Render a view at its time; otherwise as ``render``."""
         return self.trained.at(self.rests, view.second).picture(camera or self.camera, view.camera_to_world)
 
     def show(self, phrase: str, thing: Thing, resolution: int = 0) -> ViewMatch:
-        """Show a thing in the frame that shows it best: its pixels, and the relevancy of the whole view.
+        """Show a thing that answers a phrase in the frame that shows it best: its pixels, and the relevancy of the whole view.
 
-        Args:
-            phrase: the query that it answers.
-            resolution: longer side [px] at which the relevancy is computed; 0 for the camera's.
+        ``resolution`` is the longer side [px] at which the relevancy is computed; 0 for the camera's.
         """
         view = self.camera, self.poses[thing.frame], self.valid
         options = self.options.change(resolution=resolution)
@@ -379,8 +359,7 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
         keys: keys of the section ``query``, ``backend``, ``device`` or ``precision`` that differ, such as ``min_score=0.6``.
 
     Raises:
-        UserError: the folder is no finished scene, or an artifact is damaged or does not belong to the others; names the
-            command that makes it. Or a key is not valid.
+        UserError: a key is not valid, or an artifact is missing, damaged or of another scene; names what makes it.
 
     >>> scene = egosplat.open_scene("results/adt/scene1")
     >>> scene.levels, len(scene.frames), scene.gaussians.count
@@ -389,35 +368,28 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
     folder = Path(folder)
     artifacts = open_artifacts(folder)
     clip_model = artifacts[-1].facts["clip"]["model"]
-    return scene_of(artifacts, suit_options(options or AskingOptions(), clip_model, **keys), folder)
+    return scene_of(artifacts, (options or AskingOptions()).suit(clip_model, **keys), folder)
 
 
 def open_artifacts(folder: Path) -> list[Artifact]:
     """Open what queries of a scene or a variant read, what OpenCLIP encoded at last. Raises as ``open_scene``."""
     check_scene_folder(folder, ASKED)
     *paths, features, tiles = locate(folder, *ASKED, *ENCODED)
-    by_tiles = "tiles.zarr" in open_artifact(paths[-1], LANGUAGE).provenance["inputs"]
+    by_tiles = "tiles.zarr" in open_artifact(paths[-1], SCHEMAS["language"]).provenance["inputs"]
     return [open_artifact(path, SCHEMAS[path.stem]) for path in (*paths, tiles if by_tiles else features)]
 
 
 def open_encoded(features: Path | None, tiles: Path | None) -> Artifact:
     """Open what OpenCLIP encoded for a scene's codes (UserError: neither is given, or it cannot be opened)."""
-    if features is not None:
-        return open_artifact(features, FEATURES)
-    if tiles is None:
+    if (path := features or tiles) is None:
         raise UserError("needs the features artifact, or the tiles: give --features or --tiles")
-    return open_artifact(tiles, TILES)
+    return open_artifact(path, SCHEMAS["features" if features else "tiles"])
 
 
 def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path | None = None) -> Scene:
-    """Make a scene of opened artifacts: frames, poses, splats, language, and features or tiles; there may be more.
+    """Make a scene of opened artifacts that belong together: frames, poses, splats, language, features or tiles; there may be more.
 
-    Args:
-        folder: folder of the scene or variant; None for that of the language artifact. With a folder, bytes are compared with
-            their digests before they are read.
-
-    Raises:
-        UserError: the artifacts do not belong together.
+    ``folder`` is that of the scene; None for that of the language artifact, whose bytes are known to have their digests.
     """
     given = tuple(artifacts)
     home = next(one.path.parent for one in given if one.schema.name == "language")

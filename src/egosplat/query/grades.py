@@ -38,26 +38,20 @@ _LEAST_SHARE = 1e-9
 
 @dataclass(frozen=True)
 class Evidence:
-    """What tells whether a thing is what a query means.
+    """What tells whether a thing is what a query means."""
 
-    Attributes:
-        size: logarithm of its share of the view that shows it best.
-        lead: log-odds of its mean relevancy, less those of the best word of ``words_to_try`` that means something else.
-        apart: its score less the best score of another thing that matches the query; 0 stands for none.
-    """
-
+    # Logarithm of its share of the view that shows it best.
     size: float
+    # Log-odds of its mean relevancy, less those of the best word of ``words_to_try`` that means something else.
     lead: float
+    # Its score less the best score of another thing that matches the query; 0 stands for none.
     apart: float
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A logistic regression of whether answers were right, by weights of the fields of ``Evidence``, by name.
-
-    Attributes:
-        found, guess: least probability of an answer that is found, and of a best guess.
-    """
+    """A logistic regression of whether answers were right, by weights of the fields of ``Evidence``, and the least probability of an
+    answer that is found, and of a best guess."""
 
     intercept: float
     weights: Mapping[str, float]
@@ -74,11 +68,8 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Grading:
-    """How answers are graded: by their probability where a calibration holds; else, and in one view, by their score.
-
-    Attributes:
-        least: ``query.min_score``, the least score of an answer that is found without a calibration.
-    """
+    """How answers are graded: by their probability where a calibration holds; else, and in one view, by their score, of which
+    ``query.min_score`` is the least of an answer that is found."""
 
     calibration: Calibration | None
     least: float
@@ -138,10 +129,8 @@ def grading_of(clip_hash: str, options: QueryOptions) -> Grading:
 
 def held_keys(options: QueryOptions) -> dict[str, str]:
     """The values of ``HELD``, as ``FITS`` has them."""
-    values = {name: getattr(options, name) for name in HELD}
-    return {
-        name: " ".join(value) if isinstance(value, tuple) else f"{value:g}" for name, value in values.items()
-    }
+    numbers = {name: f"{getattr(options, name):g}" for name in HELD[1:]}
+    return {"canonical": " ".join(options.canonical)} | numbers
 
 
 @cache
@@ -162,10 +151,8 @@ def measure_evidence(
     """Measure for each thing the evidence that it is what a query means.
 
     Args:
-        things: the best things that match the query, two or more if there are: each is compared with the others.
-        query: one query.
+        things: the best things that match the one query, two or more if there are: each is compared with the others.
         words: names of things; each competes with the query, unless it means the same (see ``SYNONYM``).
-        temperature: of the relevancy by which the things were found.
     """
     others = torch.nonzero(other_meanings(query, words))[:, 0].tolist()
     phrases = (*query.phrases, *(words.phrases[row] for row in others))
@@ -204,12 +191,11 @@ def judge(
     *,
     coded: bool = True,
 ) -> Answer:
-    """Judge the things that match a query of the whole scene.
+    """Judge the things that match a query of the whole scene, and show ``most`` of them.
 
     Args:
         candidates: by decreasing score, with their probabilities where a calibration holds.
         untaught: words of the query that the model was not trained on.
-        most: maximum number of things that are shown.
         coded: whether any Gaussian has a code.
     """
     refusal, untaught = explain_untaught(untaught), tuple(untaught)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.query.options import MapOptions
+from egosplat.query.options import QueryOptions
 
 Map = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -34,7 +34,7 @@ class Maps:
         return float(seen.min() + share * (seen.max() - seen.min()))
 
 
-def read_maps(maps: Map, valid: Mask, options: MapOptions) -> Maps:
+def read_maps(maps: Map, valid: Mask, options: QueryOptions) -> Maps:
     """Enlarge and smooth a query's maps of all levels (docs/method.md#query-levels).
 
     Args:
@@ -44,11 +44,11 @@ def read_maps(maps: Map, valid: Mask, options: MapOptions) -> Maps:
     height, width = valid.shape
     seen = ~np.isnan(maps) & resize_shown(valid, *maps.shape[1:])
     shown = valid & np.stack([resize_shown(level, height, width) for level in seen])
-    filled = [fill_unseen(*level) for level in zip(maps, seen, strict=True)]
+    raw = np.stack([fill_unseen(*level) for level in zip(maps, seen, strict=True)])
     if maps.shape[1:] != valid.shape:
-        filled = [cv2.resize(level, (width, height), interpolation=cv2.INTER_LINEAR) for level in filled]
+        raw = np.stack([cv2.resize(level, (width, height)).astype(np.float32, copy=False) for level in raw])
     side = options.box_filter_px(max(valid.shape))
-    return Maps(np.stack(filled), np.stack([box_filter(level, side) for level in filled]), shown)
+    return Maps(raw, np.stack([box_filter(level, side) for level in raw]), shown)
 
 
 def resize_shown(mask: Mask, height: int, width: int) -> Mask:
@@ -58,14 +58,10 @@ def resize_shown(mask: Mask, height: int, width: int) -> Mask:
 
 
 def localize(smooth: Map, shown: Mask) -> tuple[int, float, tuple[int, int]] | None:
-    """Find the level with the largest value (the first one on ties), this value, and the innermost of its pixels.
-
-    Args:
-        smooth: (L, H, W) float32 smoothed relevancy, finite.
-        shown: (L, H, W) bool pixels that may be found.
+    """Find the level with the largest of (L, H, W) float32 values that are ``shown``, the first one on ties.
 
     Returns:
-        Level, score, and column and row of a pixel, as large within ``PLATEAU``; None if ``shown`` is empty.
+        Level, this value, and column and row of the innermost pixel as large within ``PLATEAU``; None if none is shown.
     """
     if not shown.any():
         return None
@@ -117,11 +113,8 @@ def box_filter(values: Map, size: int) -> Map:
 
 def majority(mask: Mask, size: int) -> Mask:
     """Set a pixel if more than half of the square around it, of odd side and cut off at the border, is set (LangSplat)."""
-    how = {"normalize": False, "borderType": cv2.BORDER_CONSTANT}
-    inside, pixels = (
-        cv2.boxFilter(values.astype(np.float32), -1, (size, size), **how)
-        for values in (mask, np.ones_like(mask))
-    )
+    how = -1, (size, size), None, (-1, -1), False, cv2.BORDER_CONSTANT
+    inside, pixels = (cv2.boxFilter(one.astype(np.float32), *how) for one in (mask, np.ones_like(mask)))
     # At the border the square has fewer pixels, which ``pixels`` counts.
     return 2 * inside > pixels
 

@@ -1,6 +1,6 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, Self
 
 from pydantic import Field
 
@@ -13,13 +13,12 @@ from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).
 CANONICAL = ("object", "things", "stuff", "texture")
 
-
 # Things that an answer of the whole scene lists, if it is not told how many.
 MOST = 3
 
 
-class MapOptions(Options, section="query"):
-    """How maps of relevancy are read (docs/method.md#queries)."""
+class QueryOptions(Options, section="query"):
+    """Answers to text queries, in the benchmark and in egosplat query."""
 
     box_filter: Annotated[Share, READING] = 0.0213
     """Side of the box filter that averages relevancy, as a fraction of the frame's longer side; 0 is none.
@@ -33,19 +32,6 @@ class MapOptions(Options, section="query"):
     majority_filter: Annotated[Share, READING] = 0.005
     """Side of the majority filter on masks, as a fraction of the frame's longer side; 0 is none. LangSplat's 7
     pixels are 0.005 of 1408. Larger removes specks and rounds corners."""
-
-    def box_filter_px(self, longer: int) -> int:
-        """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""
-        return max(1, round(self.box_filter * longer))
-
-    def majority_px(self, longer: int) -> int:
-        """Side of the majority filter [px] for a longer side [px]: the nearest odd number."""
-        # An even square has no middle pixel.
-        return 2 * int(self.majority_filter * longer / 2) + 1
-
-
-class QueryOptions(MapOptions, section="query"):
-    """Answers to text queries, in the benchmark and in egosplat query."""
 
     canonical: Annotated[tuple[Text, ...], Field(min_length=1)] = CANONICAL
     """Phrases that describe any object. A query must match better than the best of them for a relevancy above 0.5.
@@ -64,32 +50,31 @@ class QueryOptions(MapOptions, section="query"):
     that have none, and with another value than this (docs/method.md#grades). A score of 0.5 means as similar as the
     best canonical phrase. 0 accepts everything. docs/models.md has the value of each set of models."""
 
+    def box_filter_px(self, longer: int) -> int:
+        """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""
+        return max(1, round(self.box_filter * longer))
+
+    def majority_px(self, longer: int) -> int:
+        """Side of the majority filter [px] for a longer side [px]: the nearest odd number."""
+        # An even square has no middle pixel.
+        return 2 * int(self.majority_filter * longer / 2) + 1
+
 
 class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
     """Everything that an answer depends on beside the scene."""
 
     def change_keys(self, **keys: Any) -> Self:
-        """Make a copy with other values for some keys.
+        """Make a copy with other values for some keys (UserError: names the first that is unknown or has a forbidden value)."""
+        options = make_options(type(self), dict(self) | keys, "a query", "query")
+        assert isinstance(options, type(self))
+        return options
 
-        Raises:
-            UserError: a key is unknown or has a forbidden value; names the first one.
-        """
-        return make_options(type(self), dict(self) | keys, "a query", "query")
-
-
-Asking = TypeVar("Asking", bound=AskingOptions)
-
-
-def suit_options(options: Asking, clip_model: str, **keys: Any) -> Asking:
-    """Give keys of ``query`` that nobody set the defaults of the set of models that made a scene's features.
-
-    Args:
-        clip_model: its OpenCLIP; another one than those of the sets is asked as the published ones.
-        keys: keys that are set, too.
-    """
-    defaults = DEFAULTS.get(clip_model, DEFAULTS[PUBLISHED])["query"]
-    unset = {key: value for key, value in defaults.items() if key not in options.model_fields_set}
-    return options.change_keys(**unset | keys)
+    def suit(self, clip_model: str, **keys: Any) -> Self:
+        """Set keys, and those of ``query`` that nobody set to the defaults of the set of models with this OpenCLIP, by which features
+        were made; another one than those of the sets is asked as the published ones."""
+        defaults = DEFAULTS.get(clip_model, DEFAULTS[PUBLISHED])["query"]
+        unset = {key: value for key, value in defaults.items() if key not in self.model_fields_set}
+        return self.change_keys(**unset | keys)
 
 
 # LangSplat's protocol, used by the paper.

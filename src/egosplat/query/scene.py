@@ -1,7 +1,8 @@
-"""Trained scenes: Gaussians with their render settings, and the codes and instances that queries need."""
+"""Trained scenes: Gaussians with their render settings, the codes and instances that queries need, and viewpoints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -12,19 +13,24 @@ from torch import Tensor
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import PIXELS
 from egosplat.errors import UserError
+from egosplat.files import read_json
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
-from egosplat.geometry import Array, Camera
+from egosplat.geometry import Array, Camera, is_rigid
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder, read_scene_decoder
+from egosplat.query.maps import Mask
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.text import Texts
 
 # A Gaussian farther from every Gaussian that instances were merged on, in units of their median distance to these, is in
 # no instance.
 _FAR = 8.0
+
+# A (4, 4) camera_to_world, or a JSON file {"camera_to_world": 4 rows of 4 numbers}.
+Pose = Array | Path | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +96,7 @@ def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:
 
 
 def read_scene(splats: Artifact, language: Artifact, encoded: Artifact, backend: str) -> QueryScene:
-    """Read what a query needs of artifacts that belong together, ``encoded`` the features or tiles that codes were learnt from.
-
-    Raises as ``read_trained_scene``.
-    """
+    """Read what a query needs; ``encoded`` are the features or tiles that codes were learnt from. Raises as ``read_trained_scene``."""
     trained = read_trained_scene(splats, backend)
     device = trained.gaussians.means.device
     return QueryScene(
@@ -117,17 +120,49 @@ def rendering_camera(camera: Camera, resolution: int) -> Camera:
 
 
 def instances_of_gaussians(instances: Artifact, means: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Give Gaussians at (N, 3) centers, N > 0, the instances of the nearest Gaussian that masks were merged on.
-
-    Returns:
-        (L, N) int32 index of its instance at each level, -1 for none.
-
-    Raises:
-        UserError: the instances are tracks, which have no place in 3D.
-    """
+    """(L, N) int32 instance at each level, -1 for none, of the Gaussian on which masks were merged nearest to each of (N, 3) centers,
+    N > 0 (UserError: instances are tracks, which have no place in 3D)."""
     xyz, owner = instances.read("gaussians/xyz"), instances.read("gaussians/instance")
     if not len(xyz):
         what = "its instances are tracks, which have no place in 3D; set instances.source to masks or both"
         raise UserError(f"{instances.path}: {what}")
     distance, nearest = KDTree(xyz).query(means)
     return np.where((distance <= _FAR * np.median(distance))[:, None], owner[nearest], -1).T
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A pose of the recording's camera.
+
+    Attributes:
+        camera_to_world: (4, 4) float64, OpenCV axes, meters.
+        valid: (H, W) bool pixels that show the scene, or None for all.
+        second: time [s since the first frame], at which it shows what lies there then, too; None for what stays.
+    """
+
+    name: str
+    camera_to_world: Array
+    valid: Mask | None
+    second: float | None = None
+
+
+def pose_viewpoint(pose: Pose, second: float | None = None) -> Viewpoint:
+    """The viewpoint of a pose, named like its file, at a time or of none (UserError: no file, or no rigid motion)."""
+    name, where, matrix = "a pose", "pose", pose
+    if isinstance(pose, str | Path):
+        name, where, matrix = Path(pose).name, f"pose {pose}", _read_pose(Path(pose))
+    matrix = np.asarray(matrix, np.float64)
+    if matrix.shape != (4, 4) or not is_rigid(matrix):
+        what = "camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
+        raise UserError(f"{where}: {what}")
+    return Viewpoint(name, matrix, None, second)
+
+
+def _read_pose(path: Path) -> Array:
+    try:
+        return np.array(read_json(path)["camera_to_world"], np.float64)
+    except FileNotFoundError:
+        raise UserError(f"pose {path}: does not exist") from None
+    except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
+        reason = str(error).partition("\n")[0]
+        raise UserError(f"pose {path}: is not JSON with 4x4 numbers camera_to_world ({reason})") from None

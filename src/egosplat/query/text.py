@@ -16,6 +16,9 @@ from egosplat.models.clip import OpenClip
 # that of surrogates, to which Python decodes bytes that are not UTF-8.
 _UNSEEN, _NO_TEXT = ("Cc", "Cf"), "Cs"
 
+# Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
+AT_ONCE = 2**27
+
 
 def _listed(text: str) -> tuple[str, ...]:
     return tuple(phrase.strip() for phrase in text.replace("\n", " ").split(","))
@@ -53,8 +56,9 @@ class Texts:
         rows = [self.phrases.index(phrase) for phrase in phrases]
         return Texts(tuple(phrases), self.queries[rows], self.canonical)
 
-    def in_batches(self, size: int) -> Iterator["Texts"]:
-        """Split the queries into batches of at most ``size``, in order."""
+    def in_batches(self, numbers: int) -> Iterator["Texts"]:
+        """Split the queries, in order, into batches of at most ``AT_ONCE`` relevancies; a query has this number of them."""
+        size = max(1, AT_ONCE // max(1, numbers))
         for begin in range(0, len(self.phrases), size):
             batch = slice(begin, begin + size)
             yield Texts(self.phrases[batch], self.queries[batch], self.canonical)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -42,9 +43,6 @@ EXTENT = (0.02, 0.98)
 
 # Two things are duplicates if they share more than this part of the smaller one's visible share.
 SAME = 0.25
-
-# Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
-_NUMBERS_AT_ONCE = 2**27
 
 Floats = NDArray[np.float32]
 
@@ -87,12 +85,8 @@ class Surface:
 
 
 def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Mask | None) -> Surface:
-    """Measure which Gaussians the frames of a recording show, and find their neighbors.
-
-    Args:
-        camera_to_world: (F, 4, 4) float64, NaN without a pose; at least one frame has one.
-        valid: (H, W) bool pixels that show the scene, or None for all.
-    """
+    """Measure which Gaussians the frames of a recording show, by (F, 4, 4) float64 poses, NaN without one, and find their neighbors;
+    at least one frame has a pose. ``valid`` (H, W) bool pixels show the scene, or all for None."""
     registered, gaussians = known_poses(camera_to_world), scene.gaussians
     frame = registered[evenly_spaced(len(registered), MOST_VIEWS)]
     small = rendering_camera(camera, VIEW_SIDE)
@@ -109,9 +103,8 @@ def ask_scene(
     scene: QueryScene, surface: Surface, texts: Texts, options: QueryOptions, most: int
 ) -> Iterator[list[Thing]]:
     """Find for each query, in order, at most ``most`` things by decreasing score; none if no Gaussian has a code."""
-    count, levels = scene.share.shape
     how = options.segmentation_threshold, options.box_filter, most
-    for batch in texts.in_batches(max(1, _NUMBERS_AT_ONCE // max(1, levels * count))):
+    for batch in texts.in_batches(scene.share.numel()):
         for relevancy in scene.relevancy(batch, options.temperature).cpu().numpy():
             yield find_things(surface, relevancy, *how)
 
@@ -122,7 +115,6 @@ def visible_shares(
     """Share of each view that every Gaussian fills, with occlusion; pixels count less towards the border, where things are cut off.
 
     Args:
-        camera: camera of all views, at the resolution to measure in.
         poses: V (4, 4) float64 camera_to_world.
         valid: (height, width) bool pixels of the camera that show the scene, or None for all.
 
@@ -142,17 +134,16 @@ def visible_shares(
 
 
 def find_neighbors(means: Array, radii: Array) -> csr_array:
-    """Find the neighbors of N Gaussians at (N, 3) float64 centers, with (N,) standard deviations along the longest axis.
+    """(N, N) sparse float32: 1 where a Gaussian is among the nearest of another and they overlap within ``REACH``, and on the diagonal.
 
-    Returns:
-        (N, N) sparse float32: 1 where one Gaussian is among the nearest of another and their extents (see ``REACH``)
-        overlap; 1 on the diagonal.
+    Args:
+        means, radii: (N, 3) float64 centers, and (N,) standard deviations along the longest axis.
     """
     size, count = len(means), min(NEAREST, len(means))
     if not count:
         return csr_array((0, 0), dtype=np.float32)
     # A fixed number of neighbors adapts to the density; a radius would join everything in dense regions.
-    tree = KDTree(means)
+    tree: Any = KDTree(means)
     # In the order of the tree, so that each search finds in the processor's cache what the one before has read.
     order = tree.indices
     distance, nearest = tree.query(means[order], k=np.arange(1, count + 1), workers=-1)

@@ -43,9 +43,6 @@ _HALF = 0.5
 # Coverage of a pixel by Gaussians with a code at a level, above which it gets an answer there.
 _LEAST_COVERAGE = 0.01
 
-# Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
-_MAPS_AT_ONCE = 2**27
-
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -93,8 +90,9 @@ class Asker:
         if scene.decoded == GAUSSIANS:
             self.own, self.rests = scene.relevancy(texts, options.temperature).permute(2, 1, 0), rests
         if self.rests is not None:
-            given = (rows.to(self.rests.feature) for rows in (texts.queries, texts.canonical))
-            self.of_things = relevancy(self.rests.feature, *given, options.temperature)
+            feature = self.rests.feature
+            queries, canonical = texts.queries.to(feature), texts.canonical.to(feature)
+            self.of_things = relevancy(feature, queries, canonical, options.temperature)
 
     def ask(
         self,
@@ -116,8 +114,7 @@ class Asker:
             yield from answer_from_codes(view, self.scene.decoder, texts, self.options)
             return
         small = rendering_camera(camera, self.options.resolution)
-        pixels = small.width * small.height * self.own.shape[1]
-        for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // pixels)):
+        for batch in texts.in_batches(small.width * small.height * self.own.shape[1]):
             chosen = [self.texts.phrases.index(phrase) for phrase in batch.phrases]
             scene = self._at(replace(self.scene, code=self.own[..., chosen]), chosen, second)
             yield from answer_from_relevancies(scene, view_of(scene, *place), batch.phrases, self.options)
@@ -142,10 +139,9 @@ def view_of(
     scene: QueryScene, camera: Camera, camera_to_world: Array, valid: Mask | None, resolution: int
 ) -> View:
     """Render the codes and the depth of one view; arguments as of ``Asker.ask``, ``resolution`` as in ``QueryOptions``."""
-    small, settings = rendering_camera(camera, resolution), scene.settings
-    codes = render_codes(scene.gaussians, scene.code, scene.share, small, camera_to_world, settings)
-    how = {"sh_degree": 0, "background": None, "render_mode": "ED"}
-    depth, _, _ = render(scene.gaussians, small, camera_to_world, settings, **how)
+    place = rendering_camera(camera, resolution), camera_to_world, scene.settings
+    codes = render_codes(scene.gaussians, scene.code, scene.share, *place)
+    depth, _, _ = render(scene.gaussians, *place, sh_degree=0, background=None, render_mode="ED")
     shown = np.ones((camera.height, camera.width), bool) if valid is None else valid
     return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, shown, scene.levels)
 
@@ -153,17 +149,13 @@ def view_of(
 def answer_from_codes(
     view: View, decoder: Decoder, texts: Texts, options: QueryOptions
 ) -> Iterator[ViewMatch]:
-    """Answer queries in order, one at a time, because each answer holds maps of the image's size.
-
-    Raises:
-        ValueError: a code is not finite.
-    """
+    """Answer queries in order, one at a time: each answer holds maps of the image's size (ValueError: a code is not finite)."""
     seen = view.seen
-    for batch in texts.in_batches(max(1, _MAPS_AT_ONCE // seen.numel())):
+    for batch in texts.in_batches(seen.numel()):
         relevancies = relevancy_maps(view.codes, seen, decoder, batch, options.temperature)
         for match, maps in _located(view, batch.phrases, seen, relevancies, options):
             if match.level is not None:
-                side = options.majority_px(max(match.mask.shape))
+                side = options.majority_px(max(view.valid.shape))
                 level, mask = segment(maps, options.segmentation_threshold, side)
                 match = replace(match, mask_level=view.levels[level], mask=mask)
             yield match
@@ -177,37 +169,36 @@ def answer_from_relevancies(
     Args:
         scene: its ``code`` are relevancies, one channel for each query; ``view`` is rendered from it.
     """
-    matches, shown, thresholds = [], [], []
+    located = []
     for match, maps in _located(view, phrases, view.seen, view.codes.movedim(-1, 0), options):
-        matches.append(match)
-        if match.level is not None:
-            level = view.levels.index(match.level)
-            shown.append(maps.shown[level])
-            thresholds.append(maps.threshold(level, options.segmentation_threshold))
-    # What is visible is so for every query.
-    if not thresholds:
-        yield from matches
-        return
-    for match, filled, seen in zip(matches, _filled(scene, view, matches, thresholds), shown, strict=True):
-        side = options.majority_px(max(seen.shape))
-        yield replace(match, mask_level=match.level, mask=majority(_filled_mask(filled, seen), side) & seen)
+        # What is visible is so for every query.
+        if match.level is None:
+            yield match
+            continue
+        level = view.levels.index(match.level)
+        located.append(
+            (match, level, maps.threshold(level, options.segmentation_threshold), maps.shown[level])
+        )
+    if located:
+        matches, levels, thresholds, shown = zip(*located, strict=True)
+        side = options.majority_px(max(view.valid.shape))
+        for match, filled, seen in zip(matches, _filled(scene, view, levels, thresholds), shown, strict=True):
+            mask = majority(_filled_mask(filled, seen), side) & seen
+            yield replace(match, mask_level=match.level, mask=mask)
 
 
 @torch.inference_mode()
 def _filled(
-    scene: QueryScene, view: View, matches: Sequence[ViewMatch], thresholds: Sequence[float]
+    scene: QueryScene, view: View, levels: Sequence[int], thresholds: Sequence[float]
 ) -> NDArray[np.float32]:
-    """(Q, h, w) share of what covers each pixel, at the level of each query's location, that is above its threshold."""
-    levels = torch.tensor([view.levels.index(match.level) for match in matches])
+    """(Q, h, w) share of what covers each pixel, at the level of each query, whose relevancy is above its threshold."""
     # A blend of equal relevancies differs from them by rounding, which must not decide.
     threshold = torch.tensor([threshold + PLATEAU for threshold in thresholds]).to(scene.code)
     own = torch.stack([scene.code[:, level, query] for query, level in enumerate(levels)], dim=1)
-    share = scene.share[:, levels.to(scene.share.device)]
     small = view.camera.scaled_to(*reversed(view.depth.shape))
     seen = gaussians_in(scene.gaussians, small, view.camera_to_world, scene.settings)
-    image, _ = composite(seen, share * (own > threshold))
-    whole = view.coverage[levels.to(view.coverage.device)]
-    return (image.movedim(-1, 0) / whole.clamp(min=1e-6)).cpu().numpy()
+    image, _ = composite(seen, scene.share[:, list(levels)] * (own > threshold))
+    return (image.movedim(-1, 0) / view.coverage[list(levels)].clamp(min=1e-6)).cpu().numpy()
 
 
 def _filled_mask(filled: Map, shown: Mask) -> Mask:
@@ -242,13 +233,8 @@ def show_thing(
     valid: Mask,
     options: QueryOptions,
 ) -> ViewMatch:
-    """Render a thing's mask, with a pixel in its middle if it shows, and the relevancy of the whole view at its level.
-
-    Args:
-        texts: the query that it answers.
-        valid: (H, W) bool pixels that show the scene.
-        options: ``resolution`` and ``temperature`` are used.
-    """
+    """Render the mask of a thing that answers one query, with a pixel in its middle if it shows, and the relevancy of the whole
+    view at its level; ``valid`` (H, W) bool pixels show the scene."""
     small, level = rendering_camera(camera, options.resolution), scene.levels.index(thing.level)
     # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)

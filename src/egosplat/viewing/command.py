@@ -13,7 +13,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.scene_folder import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
-from egosplat.query.options import AskingOptions, suit_options
+from egosplat.query.options import AskingOptions
 from egosplat.viewing.container import Facts, unpack
 from egosplat.viewing.html import data_of, record_of
 from egosplat.viewing.options import PageOptions, ScenePageOptions
@@ -59,7 +59,7 @@ def page_options(features: Artifact, options: AskingOptions) -> ScenePageOptions
     clip = features.facts["clip"]
     given = {name: getattr(options, name) for name in options.model_fields_set}
     files = {"clip_model": clip["model"], "clip_checkpoint": clip["checkpoint"]}
-    return suit_options(ScenePageOptions(**files | given), clip["model"])
+    return ScenePageOptions(**files | given).suit(clip["model"])
 
 
 def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:

@@ -6,6 +6,7 @@ import torch
 from egosplat.errors import UserError
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.query import text
 from egosplat.query.options import CANONICAL
 from egosplat.query.text import Texts, clean_phrase, encode_phrases, encode_texts, untaught_words
 
@@ -75,9 +76,10 @@ def test_a_model_without_a_direction_is_named(clip, monkeypatch):
         encode_phrases(clip, ["cup"])
 
 
-def test_batches_cover_all_phrases():
+def test_batches_cover_all_phrases(monkeypatch):
+    monkeypatch.setattr(text, "AT_ONCE", 7)
     queries = torch.eye(5)
-    parts = list(Texts(tuple("abcde"), queries, queries[:1]).in_batches(2))
+    parts = list(Texts(tuple("abcde"), queries, queries[:1]).in_batches(3))
     assert [part.phrases for part in parts] == [("a", "b"), ("c", "d"), ("e",)]
     assert torch.equal(torch.cat([part.queries for part in parts]), queries)
     assert all(torch.equal(part.canonical, queries[:1]) for part in parts)

@@ -11,7 +11,7 @@ from egosplat.artifacts.schemas import FEATURES, LANGUAGE, POSES, SPLATS
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
-from egosplat.query import things as module
+from egosplat.query import text
 from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import read_scene
 from egosplat.query.text import Texts
@@ -158,7 +158,7 @@ def test_each_word_finds_its_half(scene, texts, monkeypatch):
     couch, cup = whole
     assert couch.center[0] < -0.3 and cup.center[0] > 0.3
     assert couch.score > 0.8 and couch.level == "whole" and couch.frame == 0
-    monkeypatch.setattr(module, "_NUMBERS_AT_ONCE", 1)
+    monkeypatch.setattr(text, "AT_ONCE", 1)
     parts = [found[0].score for found in ask_scene(*scene, texts, LANGSPLAT, 1)]
     np.testing.assert_allclose(parts, [one.score for one in whole], rtol=1e-5)
 

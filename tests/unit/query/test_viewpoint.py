@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.query.finished_scene import open_scene
-from egosplat.query.viewpoint import pose_viewpoint
+from egosplat.query.scene import pose_viewpoint
 
 
 def test_a_frame_is_seen_within_the_lens_circle(word_scene):

@@ -13,7 +13,7 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Camera, invert, make_pose, transform
 from egosplat.language.decoder import Decoder
-from egosplat.query import views as module
+from egosplat.query import text
 from egosplat.query.answers import ViewMatch
 from egosplat.query.options import LANGSPLAT, QueryOptions
 from egosplat.query.scene import QueryScene, rendering_camera
@@ -99,7 +99,7 @@ def test_pixels_that_are_not_valid_do_not_answer(view):
 def test_many_queries_are_answered_in_turn_and_order(view, monkeypatch):
     names = tuple("abcdefg")
     texts = Texts(names, DIRECTIONS[[0, 1, 0, 1, 0, 1, 0]], TEXTS.canonical)
-    monkeypatch.setattr(module, "_MAPS_AT_ONCE", 3 * 3 * SIZE * SIZE)
+    monkeypatch.setattr(text, "AT_ONCE", 3 * 3 * SIZE * SIZE)
     found = list(answer_from_codes(view, WIDE, texts, OPTIONS))
     assert [one.phrase for one in found] == list(names)
     assert [one.level for one in found] == [LEVELS[2 * (one % 2)] for one in range(7)]
@@ -187,7 +187,7 @@ def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch):
     asker = Asker(replace(scene, decoded=GAUSSIANS), texts, LANGSPLAT)
     asked = ["right", "left", "right"]
     together = list(asker.ask(asked, CAMERA, np.eye(4), None))
-    monkeypatch.setattr(module, "_MAPS_AT_ONCE", 1)
+    monkeypatch.setattr(text, "AT_ONCE", 1)
     alone = list(asker.ask(asked, CAMERA, np.eye(4), None))
     assert [one.phrase for one in together] == [one.phrase for one in alone] == asked
     for one, other in zip(together, alone, strict=True):

@@ -12,7 +12,6 @@ from egosplat.export.scene import answer_members
 from egosplat.query.command import run
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
-from egosplat.query.options import suit_options
 from egosplat.viewing.command import open_page, page_options
 from egosplat.viewing.options import PageOptions
 from tests.support.page_scene import contents_of, put_page_scene, write_page
@@ -83,5 +82,5 @@ def test_a_page_is_asked_as_its_models_are_in_the_terminal(model, min_score):
     features = SimpleNamespace(facts={"clip": {"model": model, "checkpoint": "x"}})
     options = page_options(features, PageOptions(device="cpu"))
     assert (options.min_score, options.clip_model) == (min_score, model)
-    assert options.min_score == suit_options(PageOptions(), model).min_score
+    assert options.min_score == PageOptions().suit(model).min_score
     assert page_options(features, PageOptions(min_score=0.5)).min_score == 0.5
