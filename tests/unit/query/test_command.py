@@ -17,6 +17,7 @@ from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.suitability import notice
 from egosplat.query import command, finished_scene, things
 from egosplat.query import grades as calibration
+from egosplat.query.answers import Answer, ViewMatch
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import held_keys
 from egosplat.query.options import QueryOptions
@@ -244,3 +245,24 @@ def test_unanswerable_queries_are_reported(word_scene, query, change, words, sai
 def test_another_openclip_than_that_of_the_features_is_rejected(word_scene, query):
     status, _, err = query(word_scene(clip_hash="0123456789abcdef"), "cup")
     assert status == 2 and "was made with another OpenCLIP" in err and "0123456789abcdef" in err
+
+
+REFUSED = Answer("zeppelin", "not found", 0.2, refusal="not found: " + "a long reason " * 6), "", None
+
+
+def answer(phrase: str):
+    """One that is drawn in gray, without relevancy, all of it in the mask."""
+    gray, nothing = np.full((40, 40, 3), 0.5, np.float32), np.zeros((40, 40), np.float32)
+    view = ViewMatch(phrase, 0.9, "whole", (20, 20), None, nothing, "whole", nothing == 0)
+    return Answer(phrase, "found", 0.9, view=view), "", gray
+
+
+def test_a_long_refusal_does_not_widen_a_column(tmp_path):
+    """The three pictures of a row are equally wide, whatever is written below."""
+    command.draw_answers([answer("cup"), REFUSED], "a scene", tmp_path / "page.png")
+    page = np.asarray(Image.open(tmp_path / "page.png").convert("L")).astype(int)
+    # The row of pixels with the most ink crosses the pictures.
+    inked = (page < 250)[(page < 250).sum(axis=1).argmax()]
+    edges = np.flatnonzero(np.diff(np.r_[0, inked.astype(int), 0]))
+    widths = np.sort(edges[1::2] - edges[::2])[-3:]
+    assert widths.min() > 0.95 * widths.max() > 0.2 * page.shape[1]

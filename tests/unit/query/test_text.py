@@ -1,5 +1,7 @@
 """Features of phrases, by the small OpenCLIP."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,8 +9,7 @@ from egosplat.errors import UserError
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query import text
-from egosplat.query.options import CANONICAL
-from egosplat.query.text import Texts, clean_phrase, encode_phrases, encode_texts, untaught_words
+from egosplat.query.text import Texts, clean_phrase, encode_phrases, explain_untaught, untaught_words
 
 
 @pytest.fixture(scope="module")
@@ -22,19 +23,12 @@ def test_phrases_have_directions_of_their_own(clip):
     torch.testing.assert_close(features.norm(dim=1), torch.ones(3))
     torch.testing.assert_close(features[0], features[2])
     assert features[0] @ features[1] < 0.99
-
-
-def test_words_are_taken_as_they_are(clip):
+    # The words are taken as they are.
     with clip.compute.inference():
-        raw = clip.model.encode_text(clip.tokenizer(["tea kettle"])).float()
-    expected = torch.nn.functional.normalize(raw, dim=-1)
-    torch.testing.assert_close(encode_phrases(clip, ["tea kettle"]), expected, rtol=1e-5, atol=1e-6)
-
-
-def test_queries_are_encoded_with_their_canonical_phrases(clip):
-    texts = encode_texts(clip, ["couch", "cup"], CANONICAL)
-    assert texts.phrases == ("couch", "cup") and texts.queries.shape[0] == 2 and texts.canonical.shape[0] == 4
-    assert encode_texts(clip, [], CANONICAL).phrases == ()
+        raw = clip.model.encode_text(clip.tokenizer(["step stool"])).float()
+    torch.testing.assert_close(
+        features[1:2], torch.nn.functional.normalize(raw, dim=-1), rtol=1e-5, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -83,3 +77,40 @@ def test_batches_cover_all_phrases(monkeypatch):
     assert [part.phrases for part in parts] == [("a", "b"), ("c", "d"), ("e",)]
     assert torch.equal(torch.cat([part.queries for part in parts]), queries)
     assert all(torch.equal(part.canonical, queries[:1]) for part in parts)
+
+
+@pytest.mark.parametrize(
+    "phrase, words",
+    [
+        ("Green Bottle", []),
+        ("wall-mounted coat rack", []),
+        ("wooden elephant on a couch", ["elephant", "on"]),
+        # A word among symbols.
+        *((phrase, []) for phrase in ("chair!", "ＣＨＡＩＲ", "(chair)", "chair 😀", "chair\u200b")),
+    ],
+)
+def test_the_small_model_knows_its_own_words(clip, phrase, words):
+    """words.txt lists what captions and glossary taught."""
+    assert untaught_words(clip, phrase) == words
+
+
+SYMBOLS = ["::", "%", "™", "😀", "👩\u200d🚀", "---", "_", "\u0308", "&amp;", "&#37;", "<>", "、。"]
+
+
+@pytest.mark.parametrize("words", [None, frozenset({"chair"})])
+@pytest.mark.parametrize("phrase", SYMBOLS)
+def test_symbols_are_no_query(clip, phrase, words):
+    """Not even with a published model, which lists no words, and at no score."""
+    assert "no word" in explain_untaught(untaught_words(replace(clip, words=words), phrase))
+
+
+@pytest.mark.parametrize("phrase", ["椅子", "стул", "כיסא", "2", "Ⅷ", "½"])
+def test_letters_and_digits_of_any_script_are_words(clip, phrase):
+    """A published model may know them; the small one does not."""
+    assert untaught_words(replace(clip, words=None), phrase) == [] and untaught_words(clip, phrase)
+
+
+@pytest.mark.parametrize("words, count", [(["elephant", "elephant"], 1), (["elephant", "on"], 2)])
+def test_words_outside_the_vocabulary_are_named_once(words, count):
+    why = explain_untaught(words)
+    assert why.count('"') == 2 * count and "never taught" in why

@@ -100,6 +100,8 @@ def test_what_no_view_shows_is_not_found():
     assert thing.members.min() == 36 and thing.score == pytest.approx(0.8) and thing.frame == 20
     unseen = surface(patch(0.0), shown=np.zeros((1, 36)))
     assert find_things(unseen, relevancy(unseen, 0.9), 0.7, 0.0, 3) == []
+    nothing = of_points(np.zeros((0, 3)), np.zeros(0), np.zeros((1, 0)), np.zeros((0, 2)))
+    assert find_things(nothing, np.zeros((2, 0), np.float32), 0.7, 0.0, 3) == []
 
 
 def test_small_things_score_less_as_under_a_box_filter():
@@ -121,12 +123,6 @@ def test_single_gaussians_far_away_do_not_stretch_the_box():
     values[0, 0] = 0.0
     (thing,) = find_things(home, values, 0.2, 0.0, 3)
     assert 100 in thing.members and thing.size.max() < 1.0
-
-
-def test_an_empty_scene_has_no_things():
-    shares, share = np.zeros((1, 0), np.float32), np.zeros((0, 2), np.float32)
-    nothing = of_points(np.zeros((0, 3)), np.zeros(0), shares, share)
-    assert find_things(nothing, np.zeros((2, 0), np.float32), 0.7, 0.0, 3) == []
 
 
 WALL = Camera(48, 48, 44.0, 44.0, 24.0, 24.0)
@@ -216,6 +212,10 @@ def test_shares_are_sums_of_compositing_weights(cloud):
     expected = (weights.numpy() * window()[..., None]).sum(axis=(0, 1))
     np.testing.assert_allclose(shares.numpy(), expected, rtol=1e-4, atol=1e-7)
     assert shares[3] == 0.0 and 0 < shares.sum() <= 1.0
+    behind = np.diag([-1.0, 1.0, -1.0, 1.0])
+    both = visible_shares(cloud, CAMERA, [np.eye(4), behind], None, SETTINGS)
+    assert both.shape == (2, 4) and both[1, 3] > 0 and (both[1, :3] == 0).all()
+    assert visible_shares(cloud, CAMERA, [], None, SETTINGS).shape == (0, 4)
 
 
 def test_invalid_pixels_show_nothing(cloud):
@@ -225,11 +225,3 @@ def test_invalid_pixels_show_nothing(cloud):
     (everything,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, SETTINGS)
     (half,) = visible_shares(cloud, CAMERA, [np.eye(4)], valid, SETTINGS)
     assert half[2] < 0.1 * everything[2] and half[0] > 0.3 * everything[0]
-
-
-def test_one_row_a_view(cloud):
-    """A view from behind sees the Gaussian that the first one does not."""
-    behind = np.diag([-1.0, 1.0, -1.0, 1.0])
-    shares = visible_shares(cloud, CAMERA, [np.eye(4), behind], None, SETTINGS)
-    assert shares.shape == (2, 4) and shares[1, 3] > 0 and (shares[1, :3] == 0).all()
-    assert visible_shares(cloud, CAMERA, [], None, SETTINGS).shape == (0, 4)

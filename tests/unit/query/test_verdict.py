@@ -1,12 +1,10 @@
-"""When a query is refused, and how that is said."""
+"""The numbers of a query: when it is refused, how that is said, and its options."""
 
 import math
-from dataclasses import replace
 
 import pytest
 
 from egosplat.models.checkpoints import CLIP, model_hash
-from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query import grades as calibration
 from egosplat.query.grades import (
     FOUND,
@@ -19,8 +17,7 @@ from egosplat.query.grades import (
     held_keys,
     read_fits,
 )
-from egosplat.query.options import QueryOptions
-from egosplat.query.text import explain_untaught, untaught_words
+from egosplat.query.options import CANONICAL, LANGSPLAT, QueryOptions
 
 FIT = Calibration(-1.0, {"size": 0.25, "lead": 1.0, "apart": 2.0}, found=0.62, guess=0.31)
 
@@ -30,12 +27,6 @@ def test_the_limit_itself_is_an_answer(score, refused):
     grading = Grading(None, 0.55)
     assert (grading.refusal(score) is not None) is refused
     assert grading.grade(score) == (NOT_FOUND if refused else FOUND) and "0.55" in grading.notice
-
-
-@pytest.mark.parametrize("words, count", [(["elephant", "elephant"], 1), (["elephant", "on"], 2)])
-def test_words_outside_the_vocabulary_are_named_once(words, count):
-    why = explain_untaught(words)
-    assert why.count('"') == 2 * count and "never taught" in why
 
 
 @pytest.mark.parametrize(
@@ -61,16 +52,11 @@ def test_the_probability_is_the_logistic_of_the_evidence():
     [
         ("cafe", None, None),
         ("beef", None, None),
-        *(
-            ("cafe", *other)
-            for other in {
-                "temperature": 5.0,
-                "min_score": 0.5,
-                "box_filter": 0.0,
-                "segmentation_threshold": 0.5,
-                "canonical": ("thing",),
-            }.items()
-        ),
+        ("cafe", "temperature", 5.0),
+        ("cafe", "min_score", 0.5),
+        ("cafe", "box_filter", 0.0),
+        ("cafe", "segmentation_threshold", 0.5),
+        ("cafe", "canonical", ("thing",)),
     ],
 )
 def test_a_fit_holds_for_its_openclip_and_its_keys_alone(monkeypatch, clip, key, value):
@@ -84,47 +70,33 @@ def test_a_fit_holds_for_its_openclip_and_its_keys_alone(monkeypatch, clip, key,
         assert grading == Grading(None, options.min_score) and "not calibrated" in grading.notice
 
 
-def test_the_bundled_openclip_has_a_fit_for_the_defaults(clip):
+def test_the_bundled_openclip_has_a_fit_for_the_defaults():
     digest = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
     assert digest in read_fits() and grading_of(digest, QueryOptions()).calibration.found >= 0.5
 
 
-@pytest.fixture(scope="module")
-def clip():
-    return load_open_clip("small", "small", "cpu", "float32")
+def test_defaults_are_langsplats():
+    assert CANONICAL == ("object", "things", "stuff", "texture")
+    assert (LANGSPLAT.temperature, LANGSPLAT.segmentation_threshold) == (10.0, 0.7)
+    assert (LANGSPLAT.box_filter_px(1408), LANGSPLAT.majority_px(1408)) == (30, 7)
 
 
-@pytest.mark.parametrize(
-    "phrase, words",
-    [
-        ("Green Bottle", []),
-        ("wall-mounted coat rack", []),
-        ("wooden elephant on a couch", ["elephant", "on"]),
-        ("cup of tea", []),
-    ],
-)
-def test_the_small_model_knows_its_own_words(clip, phrase, words):
-    """words.txt lists what captions and glossary taught."""
-    assert untaught_words(clip, phrase) == words
+@pytest.mark.parametrize("longer, smoothing, majority", [(1056, 22, 5), (512, 11, 3), (96, 2, 1), (1, 1, 1)])
+def test_squares_go_with_the_picture(longer, smoothing, majority):
+    assert (LANGSPLAT.box_filter_px(longer), LANGSPLAT.majority_px(longer)) == (smoothing, majority)
 
 
-SYMBOLS = ["::", "%", "™", "😀", "👩\u200d🚀", "---", "_", "\u0308", "&amp;", "&#37;", "<>", "、。"]
+def test_the_configuration_s_defaults_are_langsplat_s():
+    # LangSplat answers everything; its least score is where a query fits as well as the canonical phrases.
+    assert QueryOptions().change(min_score=0.5) == LANGSPLAT
 
 
-@pytest.mark.parametrize("words", [None, frozenset({"chair"})])
-@pytest.mark.parametrize("phrase", SYMBOLS)
-def test_symbols_are_no_query(clip, phrase, words):
-    """Not even with a published model, which lists no words, and at no score."""
-    untaught = untaught_words(replace(clip, words=words), phrase)
-    assert "no word" in explain_untaught(untaught)
+OUT_OF_RANGE = {"canonical": [()], "temperature": [0.0, float("nan"), float("inf")], "resolution": [-1]}
+OUT_OF_RANGE |= {"box_filter": [-0.1], "segmentation_threshold": [1.0]}
+OUT_OF_RANGE |= {"majority_filter": [1.1], "min_score": [-0.1, 1.1]}
 
 
-@pytest.mark.parametrize("phrase", ["chair!", "ＣＨＡＩＲ", "(chair)", "chair 😀", "chair\u200b"])
-def test_a_word_among_symbols_is_a_query(clip, phrase):
-    assert untaught_words(clip, phrase) == []
-
-
-@pytest.mark.parametrize("phrase", ["椅子", "стул", "כיסא", "2", "Ⅷ", "½"])
-def test_letters_and_digits_of_any_script_are_words(clip, phrase):
-    """A published model may know them; the small one does not."""
-    assert untaught_words(replace(clip, words=None), phrase) == [] and untaught_words(clip, phrase)
+@pytest.mark.parametrize("name, value", [(name, one) for name, some in OUT_OF_RANGE.items() for one in some])
+def test_values_out_of_range_are_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        LANGSPLAT.change(**{name: value})

@@ -88,23 +88,6 @@ def test_what_is_not_covered_is_no_answer_and_moves_no_threshold(view):
     assert not couch.relevancy[40:].any() and couch.relevancy[:40].min() > 0.4
 
 
-def test_pixels_that_are_not_valid_do_not_answer(view):
-    valid = np.ones((SIZE, SIZE), bool)
-    valid[:, 20:] = False
-    cup, couch = answer_from_codes(replace(view, valid=valid), WIDE, TEXTS, OPTIONS)
-    assert not (cup.mask | couch.mask)[:, 20:].any() and couch.mask[10:30, 12:18].all()
-    assert cup.pixel[0] < 20 and not couch.relevancy[:, 20:].any()
-
-
-def test_many_queries_are_answered_in_turn_and_order(view, monkeypatch):
-    names = tuple("abcdefg")
-    texts = Texts(names, DIRECTIONS[[0, 1, 0, 1, 0, 1, 0]], TEXTS.canonical)
-    monkeypatch.setattr(text, "AT_ONCE", 3 * 3 * SIZE * SIZE)
-    found = list(answer_from_codes(view, WIDE, texts, OPTIONS))
-    assert [one.phrase for one in found] == list(names)
-    assert [one.level for one in found] == [LEVELS[2 * (one % 2)] for one in range(7)]
-
-
 def ask(scene, texts, camera, pose, options):
     """Ask all queries in one view."""
     return Asker(scene, texts, options).ask(texts.phrases, camera, pose, None)
