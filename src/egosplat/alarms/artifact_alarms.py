@@ -1,47 +1,48 @@
-"""Compute the alarms of artifacts, and log them."""
+"""Compute the alarms of artifacts, and tell them as lines of text."""
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from egosplat.alarms import statistics
-from egosplat.alarms.table import CAUSES, TABLE, Alarm
-from egosplat.alarms.texts import warning_lines
+from egosplat.alarms.statistics import MEASURES, Figures
+from egosplat.alarms.table import CAUSES, TABLE, Alarm, AlarmRow
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.config import section_keys
+from egosplat.pipeline.messages import figure
 from egosplat.pipeline.stages import STAGES
-from egosplat.progress import log
+from egosplat.progress import NOTICE, log
 
 
-def alarms_of(artifact: Artifact) -> list[Alarm]:
-    """The alarms of one artifact; empty for a kind without alarms."""
-    found = []
-    for key, row in TABLE.items():
-        if row.measure and key.startswith(f"{artifact.schema.name}.") and (figures := row.measure(artifact)):
-            found += find_alarm(key, figures, _causes(key, artifact))
-    return found
+def alarms_of(*artifacts: Artifact) -> list[Alarm]:
+    """The alarms of artifacts, in the order of the stages."""
+    order, alarms = list(STAGES), []
+    for artifact in sorted(artifacts, key=lambda artifact: order.index(artifact.provenance["stage"])):
+        for key, measure in MEASURES.items():
+            if key.startswith(f"{artifact.schema.name}.") and (figures := measure(artifact)):
+                alarms += find_alarm(key, figures, _causes(TABLE[key], artifact))
+    return alarms
 
 
-def find_alarm(key: str, figures: statistics.Figures, causes: str = "") -> list[Alarm]:
+def find_alarm(key: str, figures: Figures, causes: str = "") -> list[Alarm]:
     """One alarm if the value among the figures of ``statistics`` is beyond its limit, else none.
 
-    Args:
-        causes: the keys with their values that may have caused it.
+    ``causes`` are the keys with their values that may have caused it.
     """
-    limit, made_with = TABLE[key].limit, {CAUSES: causes} if causes else {}
-    if limit.value is None:
+    row, made_with = TABLE[key], {CAUSES: causes} if causes else {}
+    if row.limit is None:
         return [Alarm(key, figures | made_with)]
     values = np.asarray(figures["value"], dtype=float)
-    wrong = [limit.is_passed(value) for value in values.ravel().tolist()]
+    wrong = [row.is_passed(value) for value in values.ravel().tolist()]
     if not any(wrong):
         return []
     counts = {"wrong": sum(wrong), "frames": len(wrong)} if values.ndim else {}
-    others = {name: value for name, value in figures.items() if name != "value"}
-    value = {"value": float(values.max()), "limit": limit.value}
+    value = {"value": float(values.max()), "limit": row.limit}
+    others = {name: other for name, other in figures.items() if name != "value"}
     return [Alarm(key, value | counts | others | made_with)]
 
 
@@ -54,27 +55,52 @@ def find_chance_alarm(score: Mapping[str, Any]) -> list[Alarm]:
     return [Alarm("metrics.chance", {"value": lowest, "limit": chance})]
 
 
-def _causes(key: str, artifact: Artifact) -> str:
+def _causes(row: AlarmRow, artifact: Artifact) -> str:
     """The keys that may have caused an alarm, with their values, if these are not the defaults."""
     given = artifact.provenance["options"]
-    names = (cause.split(".") for cause in TABLE[key].causes)
     return ", ".join(
         f"{section}.{name} {given[name]}"
-        for section, name in names
+        for section, name in (cause.split(".") for cause in row.causes)
         if name in given and given[name] != section_keys(section)[name]["default"]
     )
 
 
-def alarms_of_all(artifacts: Iterable[Artifact]) -> list[Alarm]:
-    """The alarms of several artifacts, in the order of the stages."""
-    order = list(STAGES)
-    ordered = sorted(artifacts, key=lambda artifact: order.index(artifact.provenance["stage"]))
-    return [alarm for artifact in ordered for alarm in alarms_of(artifact)]
+class _Beyond(float):
+    """A statistic beyond its limit, which it stays when it is rounded for a sentence."""
+
+    row: AlarmRow
+
+    def __format__(self, form: str) -> str:
+        return figure(float(self), form, self.row.is_passed)
+
+
+def found_text(alarm: Alarm) -> str:
+    """What was found, as a sentence on the figures of an alarm."""
+    # JSON has no NaN; a file holds null in its place.
+    figures: dict[str, Any] = {name: math.nan if x is None else x for name, x in alarm.figures.items()}
+    row = TABLE[alarm.key]
+    if row.limit is not None:
+        figures["value"] = _Beyond(figures["value"])
+        figures["value"].row = row
+    return row.sentence.format(**figures)
+
+
+def alarm_line(alarm: Alarm) -> str:
+    """The alarm in one line: key, what was found, the normal range, what may have caused it, and what to do."""
+    causes = f"Made with {alarm.figures[CAUSES]}. " if CAUSES in alarm.figures else ""
+    row = TABLE[alarm.key]
+    return f"{alarm.key}: {found_text(alarm)} (normal: {row.normal}). {causes}{row.advice}"
+
+
+def warning_lines(notice: str | None, alarms: Iterable[Alarm]) -> list[str]:
+    """Format the notice on unsuitable models as ``notice: ...``, then each alarm as ``alarm: ...``."""
+    lines = [] if notice is None else [f"{NOTICE}{notice}"]
+    return [*lines, *(f"alarm: {alarm_line(alarm)}" for alarm in alarms)]
 
 
 def warnings_of(*artifacts: Artifact) -> list[str]:
     """The ``warning_lines`` of artifacts."""
-    return warning_lines(notice_of_artifacts(artifacts), alarms_of_all(artifacts))
+    return warning_lines(notice_of_artifacts(artifacts), alarms_of(*artifacts))
 
 
 def log_warnings(stage: str, output: Path) -> None:

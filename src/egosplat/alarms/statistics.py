@@ -1,4 +1,4 @@
-"""Measure the statistics of the alarms, from facts and arrays of artifacts: one function for each row of the table.
+"""Measure the statistics of the alarms, from facts and arrays of artifacts: one function for each key of the table.
 
 Each returns ``value``, which the limit is for, and what else the sentence tells; None where the value is not known. A value may be
 (F,) one for each frame, of which the largest counts.
@@ -18,12 +18,13 @@ def _share(part: float, whole: int, **more: float) -> Figures | None:
     return {"value": part / whole, **more} if whole else None
 
 
-def fact(name: str, inner: str | None = None) -> Callable[[Artifact], Figures | None]:
+def fact(*names: str) -> Callable[[Artifact], Figures | None]:
     """Read a number among the facts of an artifact, or in a dictionary among them."""
 
     def read(artifact: Artifact) -> Figures | None:
-        value = artifact.facts.get(name)
-        value = value if inner is None else (value or {}).get(inner)
+        value: Any = artifact.facts
+        for name in names:
+            value = (value or {}).get(name)
         return None if value is None else {"value": value}
 
     return read
@@ -88,17 +89,13 @@ def relative_agreement(cosine: float, spread: float) -> float:
 
 
 def withheld(masks: Artifact) -> Figures | None:
-    facts = masks.facts
-    if not facts.get("withheld"):
-        return None
-    figures = {"transient": facts["withheld_instances"], "instances": facts["seen"]}
-    return {"probability": facts["mean_probability"], **figures}
+    names = {"probability": "mean_probability", "transient": "withheld_instances", "instances": "seen"}
+    return {key: masks.facts[name] for key, name in names.items()} if masks.facts.get("withheld") else None
 
 
 def transient_instances(masks: Artifact) -> Figures | None:
     moving = masks.read("instances/transient")
-    count, transient = len(moving), int(moving.sum())
-    return _share(transient, count, transient=transient, instances=count)
+    return _share(int(moving.sum()), len(moving), transient=int(moving.sum()), instances=len(moving))
 
 
 def largest_pose_correction(splats: Artifact) -> Figures | None:
@@ -126,3 +123,31 @@ def largest_gain(splats: Artifact) -> Figures | None:
 def gaussians_without_code(language: Artifact) -> Figures | None:
     share = language.read("share")
     return {"value": (share <= 0).all(axis=1).mean()} if len(share) else None
+
+
+MEASURES = {
+    "frames.valid_pixels": mean("valid"),
+    "frames.blurred": blurred_frames,
+    "poses.registered": mean("registered"),
+    "poses.reprojection": fact("notes", "reprojection_error_px"),
+    "poses.parallax": fact("notes", "parallax_deg"),
+    "poses.points": points_per_frame,
+    "poses.models": unconnected_models,
+    "segments.empty_pixels": fact("pixels_without_instance"),
+    "segments.instances_per_frame": fact("instances_per_frame"),
+    "segments.frames_per_instance": fact("frames_per_instance"),
+    "instances.masks_kept": masks_kept,
+    "instances.empty_pixels": fact("pixels_without_instance"),
+    "view_features.lost": lost_views,
+    "features.outliers": outlying_views,
+    "features.agreement": agreement,
+    "features.reconstruction": fact("reconstruction", "mean"),
+    "transient.probability": fact("mean_probability"),
+    "masks.withheld": withheld,
+    "masks.instances": transient_instances,
+    "masks.pixels": fact("masked_share"),
+    "splats.psnr": mean("held_out/psnr"),
+    "splats.pose_correction": largest_pose_correction,
+    "splats.gain": largest_gain,
+    "language.without_code": gaussians_without_code,
+}

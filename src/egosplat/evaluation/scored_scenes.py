@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from egosplat.alarms.artifact_alarms import warning_lines
 from egosplat.alarms.table import Alarm
-from egosplat.alarms.texts import warning_lines
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster
 from egosplat.pipeline.validation import read_document

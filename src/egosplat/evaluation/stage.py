@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.alarms.artifact_alarms import alarms_of_all, find_chance_alarm
-from egosplat.alarms.texts import warning_lines
+from egosplat.alarms.artifact_alarms import alarms_of, find_chance_alarm, warning_lines
 from egosplat.artifacts import provenance
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -86,7 +85,7 @@ def run(
     rendering = list(_scores_in_time(evaluation, scene, without_time))
     answers = answer_entries(answered, evaluation, rendering, options.masks)
     overall = answers["scores"]["all"]
-    notice, alarms = notice_of_artifacts(used), [*alarms_of_all(used), *find_chance_alarm(overall)]
+    notice, alarms = notice_of_artifacts(used), [*alarms_of(*used), *find_chance_alarm(overall)]
     document = {
         "scene": title,
         **({} if method is None else {"method": method}),

@@ -26,7 +26,7 @@ SCRIPTS = (".css", ".glsl", ".html", ".js")
 NEUTRAL = {"egosplat"} | {  # which holds only the version and public names
     f"egosplat.{name}"
     for names in (
-        "alarms.texts artifacts.provenance errors files progress pipeline",
+        "artifacts.provenance errors files progress pipeline",
         "pipeline.code_hash pipeline.home pipeline.messages pipeline.options pipeline.parsed_modules",
         "pipeline.process_guards pipeline.shared_options pipeline.stage pipeline.stages",
         "pipeline.strict_yaml pipeline.validation",

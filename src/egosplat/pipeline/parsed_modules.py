@@ -16,7 +16,7 @@ from egosplat.files import atomic_file, read_json, user_cache
 DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 # Functions whose arguments are words for a reader; as are those of an exception that is raised.
-WORDED = {"UserError", "log", "track", "AlarmRow"}
+WORDED = {"UserError", "log", "track"}
 
 # Modules in the file: a few versions of the whole package.
 MOST_MODULES = 4000

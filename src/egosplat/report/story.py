@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.alarms.artifact_alarms import warning_lines, warnings_of
 from egosplat.alarms.table import Alarm
-from egosplat.alarms.texts import warning_lines
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS, length_unit
 from egosplat.errors import UserError

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from egosplat.alarms.artifact_alarms import found_text
 from egosplat.alarms.table import TABLE
-from egosplat.alarms.texts import found_text
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.files import write_text
@@ -110,6 +110,6 @@ def _alarms(scene: ScoredScene) -> Iterator[dict[str, str]]:
             "Variant": scene.variant,
             "Alarm": alarm.key,
             "Found": found_text(alarm),
-            "Normal": TABLE[alarm.key].limit.normal_range(),
+            "Normal": TABLE[alarm.key].normal,
             "What to do": TABLE[alarm.key].advice,
         }

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from egosplat.alarms.artifact_alarms import alarms_of, alarms_of_all, log_warnings
-from egosplat.alarms.texts import alarm_line
+from egosplat.alarms.artifact_alarms import alarm_line, alarms_of, log_warnings
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice
@@ -89,7 +88,7 @@ def test_facts_and_arrays_of_an_artifact_raise_its_alarms(tmp_path, kind):
 def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
     made = [written(tmp_path, kind, dict(arrays), facts) for kind, (arrays, facts, _) in SUSPICIOUS.items()]
     keys = [key for _, _, keys in SUSPICIOUS.values() for key in keys]
-    assert [alarm.key for alarm in alarms_of_all(reversed(made))] == keys
+    assert [alarm.key for alarm in alarms_of(*reversed(made))] == keys
 
 
 def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tmp_path, capfd):
@@ -114,24 +113,6 @@ def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tm
 )
 def test_facts_that_are_not_there_raise_no_alarm(tmp_path, kind, arrays, facts, keys):
     assert [alarm.key for alarm in alarms_of(written(tmp_path, kind, arrays, facts))] == keys
-
-
-@pytest.mark.parametrize(
-    "kind, limit, made_with, key",
-    [
-        ("masks", 50, lambda n: ({"instances/transient": np.arange(100) < n}, {}), "masks.instances"),
-        (
-            "features",
-            50,
-            lambda n: ({"instance": np.zeros(200, np.int32)}, {"outliers": n}),
-            "features.outliers",
-        ),
-    ],
-)
-def test_counts_raise_an_alarm_one_above_their_limit(tmp_path, kind, limit, made_with, key):
-    for count, keys in ((limit, []), (limit + 1, [key])):
-        (folder := tmp_path / str(count)).mkdir()
-        assert [alarm.key for alarm in alarms_of(written(folder, kind, *made_with(count)))] == keys
 
 
 def test_models_of_colmap_are_named_with_their_frames(tmp_path):

@@ -6,26 +6,30 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.alarms.artifact_alarms import find_alarm, find_chance_alarm
+from egosplat.alarms.artifact_alarms import (
+    alarm_line,
+    find_alarm,
+    find_chance_alarm,
+    found_text,
+    warning_lines,
+)
 from egosplat.alarms.statistics import relative_agreement
 from egosplat.alarms.table import TABLE, Alarm
-from egosplat.alarms.texts import alarm_line, found_text, warning_lines
 from egosplat.pipeline.config import read_yaml, section_keys
 
 ROOT = Path(__file__).resolve().parents[3]
-CONSTANT = [key for key, row in TABLE.items() if row.limit.value is not None]
+CONSTANT = [key for key, row in TABLE.items() if row.limit is not None]
 CAUSED = [key for key, row in TABLE.items() if row.causes]
 
 
 def beyond(key: str, distance: float) -> float:
-    limit = TABLE[key].limit
-    assert limit.value is not None
-    return limit.value + (distance if limit.normal_is_below else -distance)
+    below = TABLE[key].normal.startswith("up to")
+    return TABLE[key].limit + (distance if below else -distance)
 
 
 @pytest.mark.parametrize("key", CONSTANT)
 def test_an_alarm_is_raised_just_beyond_its_limit_and_not_at_it(key):
-    limit, value = TABLE[key].limit.value, beyond(key, 1e-6)
+    limit, value = TABLE[key].limit, beyond(key, 1e-6)
     assert find_alarm(key, {"value": limit}) == []
     (alarm,) = find_alarm(key, {"value": value, "more": 3})
     assert (alarm.key, alarm.figures) == (key, {"value": value, "limit": limit, "more": 3})
@@ -47,8 +51,8 @@ def test_an_accuracy_whose_interval_reaches_chance_raises_an_alarm():
 
 def test_agreement_is_relative_to_the_spread_between_instances():
     """A cosine of 0.7 is normal if instances differ much, and an alarm if they are similar."""
-    limit = TABLE["features.agreement"].limit
-    assert not limit.is_passed(relative_agreement(0.7, 0.2)) and limit.is_passed(relative_agreement(0.7, 0.5))
+    row = TABLE["features.agreement"]
+    assert not row.is_passed(relative_agreement(0.7, 0.2)) and row.is_passed(relative_agreement(0.7, 0.5))
     assert relative_agreement(1.0, 1.0) == 1.0, "equal instances have equal views"
 
 
@@ -56,7 +60,7 @@ def test_the_page_of_alarms_has_a_row_with_range_and_advice_of_each():
     page = (ROOT / "docs" / "alarms.md").read_text(encoding="utf-8")
     rows = {line.split("`")[1]: line.split(" | ") for line in page.splitlines() if line.startswith("| `")}
     told = {key: (cells[2], cells[-1].removesuffix(" |")) for key, cells in rows.items()}
-    assert told == {key: (row.limit.normal_range(), row.advice) for key, row in TABLE.items()}
+    assert told == {key: (row.normal, row.advice) for key, row in TABLE.items()}
 
 
 @pytest.mark.parametrize("key", TABLE)
@@ -90,7 +94,7 @@ def test_a_sentence_shows_no_figure_within_the_normal_range(key):
     figures = dict.fromkeys(("cosine", "spread", "points"), 0.0) | {"value": beyond(key, 1e-9)}
     shown = found_text(Alarm(key, figures))
     number = next(float(digits) for digits in re.findall(r"[\d.]+\d|\d", shown))
-    assert TABLE[key].limit.is_passed(number / (100 if text.endswith("%") else 1))
+    assert TABLE[key].is_passed(number / (100 if text.endswith("%") else 1))
 
 
 def test_a_line_holds_key_figures_range_and_advice():

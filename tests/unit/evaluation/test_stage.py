@@ -154,7 +154,7 @@ def test_small_checkpoints_on_real_data_are_noted_in_scores_and_log(word_scene, 
     assert f"notice: {found['notice']}\n" in capfd.readouterr().err
 
 
-def test_alarms_of_all_artifacts_are_in_the_scores_and_at_the_end_of_the_log(word_scene, scored, capfd):
+def test_alarms_of_artifacts_are_in_the_scores_and_at_the_end_of_the_log(word_scene, scored, capfd):
     """Of four frames three have a pose, the splats tell a PSNR of 0, and four answers in two categories may be chance."""
     found = scored(word_scene())
     assert found["notice"] is None

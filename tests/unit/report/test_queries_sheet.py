@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from egosplat.alarms.artifact_alarms import alarm_line
 from egosplat.alarms.table import Alarm
-from egosplat.alarms.texts import alarm_line
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
 from egosplat.evaluation.scored_scenes import read_scored_scene
