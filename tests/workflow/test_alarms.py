@@ -2,7 +2,7 @@
 
 import json
 
-from egosplat.pipeline.stages import ARTIFACTS
+from egosplat.artifacts.schemas import SCHEMAS
 
 SCENE = "results/adt/scene1"
 KEY = "features.reconstruction"
@@ -34,7 +34,7 @@ def test_an_alarm_reaches_the_log_the_scores_and_the_tables(workdir):
 def test_the_scores_hold_every_alarm_that_a_stage_logged(finished):
     folder = finished.folder
     of_stages = [
-        key for stage in ARTIFACTS if stage not in ("tiles", "histories") for key in logged(folder, stage)
+        key for stage in SCHEMAS if stage not in ("tiles", "histories") for key in logged(folder, stage)
     ]
     assert [key for key in alarms(folder) if not key.startswith("metrics.")] == of_stages
     assert "transient.probability" in alarms(folder), "20 iterations teach the network nothing"

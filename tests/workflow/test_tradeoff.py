@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.tradeoff import __main__ as benchmark
-from egosplat.pipeline.stages import ARTIFACTS
+from egosplat.artifacts.schemas import SCHEMAS
 from tests.support.tables import cells
 
 SCENE = "results/adt/scene1"
@@ -68,7 +68,7 @@ def test_a_page_of_one_variant_is_made_and_then_up_to_date(workdir):
     numbers["value"] = pd.to_numeric(numbers["value"])
     values = numbers.set_index(["point", "stage", "measure"])["value"]
     assert values["the scene", "", "psnr"] == values["narrow", "", "psnr"], "the same Gaussians"
-    assert set(values["narrow"].index.get_level_values("stage")) == {"", *ARTIFACTS, "metrics"} - {
+    assert set(values["narrow"].index.get_level_values("stage")) == {"", *SCHEMAS, "metrics"} - {
         "tiles",
         "histories",
     }

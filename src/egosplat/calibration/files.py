@@ -12,10 +12,12 @@ import struct
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_json, user_cache, write_json
+
+Origin = Literal["real", "synthetic"]
 
 # Formats of pictures, with companion files. Labels choose the evaluation frames of the last two.
 OF_PICTURES = ("plain", "lerf", "3d_ovs")
@@ -57,6 +59,21 @@ DATAPARSER = "dataparser_transforms.json"
 
 # Registering fewer frames is no loss to accept: most of the recording would be missing.
 _LEAST_ADVISED = 0.5
+
+
+def recording_origin(format: str, recording: Path) -> Origin:
+    """``synthetic`` for an ADT sequence that egosplat rendered, as its ``metadata.json`` says, else ``real`` (UserError: it
+    cannot be read).
+    """
+    path = recording / METADATA
+    if format != "adt" or not os.path.lexists(path):
+        return "real"
+    try:
+        metadata = read_json(path)
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
+    return "synthetic" if isinstance(metadata, dict) and metadata.get("origin") == "synthetic" else "real"
+
 
 
 def digest_of_recording(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from egosplat.calibration.files import recording_origin
 from egosplat.doctor.findings import Finding, Mark, machine_findings, tried
 from egosplat.errors import UserError
 from egosplat.files import expand_home
@@ -11,7 +12,6 @@ from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, LayeredConfig, merge, read_yaml, resolve
 from egosplat.pipeline.home import config_file, presets_folder
 from egosplat.pipeline.model_sets import locate_checkpoints
-from egosplat.pipeline.recording_origin import recording_origin
 from egosplat.pipeline.scenes import Scene, is_own, read_scenes, tables_of
 from egosplat.pipeline.strict_yaml import load_yaml
 

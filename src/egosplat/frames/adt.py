@@ -16,7 +16,7 @@ from projectaria_tools.core.data_provider import VrsDataProvider
 from projectaria_tools.core.sensor_data import TimeDomain
 from projectaria_tools.core.stream_id import StreamId
 
-from egosplat.calibration.files import ADT_VIDEOS, adt_video
+from egosplat.calibration.files import ADT_VIDEOS, adt_video, recording_origin
 from egosplat.errors import UserError
 from egosplat.frames.native_log import captured_log, find_damage, log_messages
 from egosplat.frames.options import FramesOptions
@@ -25,7 +25,6 @@ from egosplat.frames.rectify import Rectification, clockwise_turns, pinhole
 from egosplat.frames.selection import select_frames
 from egosplat.frames.vrs import check_complete
 from egosplat.geometry import Camera
-from egosplat.pipeline.recording_origin import recording_origin
 
 Provider = TypeVar("Provider")
 

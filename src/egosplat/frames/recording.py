@@ -7,8 +7,8 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration.files import Origin
 from egosplat.geometry import Camera
-from egosplat.pipeline.recording_origin import Origin
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from egosplat.files import atomic_file, expand_home
 from egosplat.models.checkpoints import CLIP, SAM2, content_hash
 from egosplat.models.configs import PHOTO_WEIGHTS, PHOTOS, SENTENCES, SMALL
 from egosplat.models.suitability import configured_checkpoints
-from egosplat.pipeline.model_sets import locate_checkpoints
-from egosplat.pipeline.published import CATALOGUE, PublishedModel, hub, model_of_file, named_model
+from egosplat.pipeline.model_sets import CATALOGUE, PublishedModel, hub, locate_checkpoints, named_model
 from egosplat.progress import log
 
 _SMALL_FILES = {model.checkpoint_key: model.small for model in (SAM2, CLIP)}
@@ -65,7 +64,7 @@ def _files(key: str, value: str) -> list[Needed]:
     if value == SMALL:
         return [Needed(key, _SMALL_FILES[key.partition(".")[2]], "bundled with egosplat", _OWN_LICENSE)]
     path = expand_home(value)
-    model = model_of_file(path)
+    model = next((model for model in CATALOGUE if model.file == path.name), None)
     return [_published(key, path, model) if model else Needed(key, path, "your own file")]
 
 

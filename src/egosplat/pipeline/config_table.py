@@ -8,9 +8,8 @@ from typing import Any
 from egosplat.pipeline.config import section_keys, section_options
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.messages import choices, kinds_of, limits_of, shown
-from egosplat.pipeline.model_sets import DEFAULTS, PHOTOS
+from egosplat.pipeline.model_sets import DEFAULTS, PHOTOS, PUBLISHED
 from egosplat.pipeline.options import Options, describe, keys_of
-from egosplat.pipeline.published import PUBLISHED
 
 # Keys that people change first, at the top of the page.
 FIRST_KEYS = (

@@ -1,14 +1,17 @@
-"""The sets of models: keys whose default follows ``models.set``, and the paths of published checkpoints."""
+"""The sets of models: keys whose default follows ``models.set``, and the catalogue of published checkpoints."""
 
+import csv
+import os
 from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from egosplat.pipeline.published import ENCODER, LIBRARIES, PUBLISHED, published_model
-from egosplat.pipeline.recording_origin import Origin
+from egosplat.errors import UserError
 
-# The sets: egosplat chooses; bundled, for its apartments; words for photographs, from Python packages.
-AUTO, SMALL, PHOTOS = "auto", "small", "photos"
+# The sets: egosplat chooses; bundled, for its apartments; words for photographs, from Python packages; the paper's. The last is
+# also the value of a checkpoint's key that stands for the published checkpoint of the configured architecture.
+AUTO, SMALL, PHOTOS, PUBLISHED = "auto", "small", "photos", "published"
 
 _OF_SMALL: dict[str, dict[str, Any]] = {
     "models": dict.fromkeys(("sam2_config", "sam2_checkpoint", "clip_model", "clip_checkpoint"), SMALL),
@@ -18,6 +21,7 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "transient": {"encoder_weights": None},
     "query": {"temperature": 10.0, "min_score": 0.78},
 }
+_SAM2_OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "sam2_checkpoint": PUBLISHED}
 
 # Defaults by set of models, of each key whose best value depends on the model. Those of ``small`` are the defaults of the
 # options, too; those of ``published`` are the paper's or LangSplat's; ``photos`` finds masks with the small SAM2.
@@ -30,12 +34,7 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
         "query": {"temperature": 10.0, "min_score": 0.62},
     },
     PUBLISHED: {
-        "models": {
-            "sam2_config": "sam2.1_hiera_b+",
-            "sam2_checkpoint": PUBLISHED,
-            "clip_model": "ViT-B-16",
-            "clip_checkpoint": PUBLISHED,
-        },
+        "models": _SAM2_OF_THE_PAPER | {"clip_model": "ViT-B-16", "clip_checkpoint": PUBLISHED},
         "segments": {"image_size": None},
         "view_features": {"cut": "mask"},
         "features": {"mismatched_views": "average"},
@@ -44,20 +43,85 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     },
 }
 
+# The library of each key that takes ``published``.
+LIBRARIES = {
+    "models.sam2_checkpoint": "SAM2",
+    "models.clip_checkpoint": "OpenCLIP",
+    "transient.encoder_weights": "timm",
+}
 
-def automatic_set(origin: Origin) -> str:
-    """Choose the set for a recording: the small models know only what egosplat renders."""
-    return SMALL if origin == "synthetic" else PHOTOS
+# The transient network's encoder; no key names it.
+ENCODER = "mobilenetv3_small_050"
+
+
+class PublishedModel(NamedTuple):
+    """A checkpoint that its authors publish.
+
+    Attributes:
+        library: ``SAM2``, ``OpenCLIP`` or ``timm``.
+        architecture: its name in the library, as the keys ``models.sam2_config`` and ``models.clip_model`` take it.
+        weights: the authors' name of the weights.
+        file: name in the folder ``models.cache``.
+        repository, remote, revision: where the file is on the Hugging Face hub.
+        license: of the weights.
+        megabytes: size of the file [10^6 bytes], rounded.
+        sha256: digest that is published with the file; None if none is known for certain.
+    """
+
+    library: str
+    architecture: str
+    weights: str
+    file: str
+    repository: str
+    remote: str
+    revision: str
+    license: str
+    megabytes: float
+    sha256: str | None
+
+    @property
+    def address(self) -> str:
+        """Where the file is fetched from."""
+        return f"{hub()}/{self.repository}/resolve/{self.revision}/{self.remote}"
+
+
+# The digests of SAM2.1 are those of the same files on Meta's server; the others are on the files' pages of the hub. No digest
+# of the DataComp weights was found.
+_TABLE = (resources.files("egosplat.pipeline") / "published.tsv").read_text()
+CATALOGUE = [
+    PublishedModel(*names, float(megabytes), sha256 or None)
+    for *names, megabytes, sha256 in [*csv.reader(_TABLE.splitlines(), delimiter="\t")][1:]
+]
+
+
+def hub() -> str:
+    """Get the address of the Hugging Face hub, or of its mirror if the environment variable HF_ENDPOINT names one."""
+    return os.environ.get("HF_ENDPOINT", "").rstrip("/") or "https://huggingface.co"
+
+
+def named_model(name: str) -> PublishedModel:
+    """Get a checkpoint by its architecture or file name (UserError: the catalogue has none of that name)."""
+    for model in CATALOGUE:
+        if name in (model.architecture, model.file):
+            return model
+    names = ", ".join(model.architecture for model in CATALOGUE)
+    raise UserError(f"{name[:80]}: is not in the catalogue, which has {names}")
 
 
 def locate_checkpoints(config: Mapping[str, Any]) -> dict[str, Any]:
     """Replace ``published`` by the path of the file in ``models.cache`` (UserError: the catalogue has none)."""
-    models = config["models"]
-    architectures = dict(zip(LIBRARIES, (models["sam2_config"], models["clip_model"], ENCODER), strict=True))
-    found = dict(config)
-    for key, architecture in architectures.items():
+    models, located = config["models"], dict(config)
+    architectures = (models["sam2_config"], models["clip_model"], ENCODER)
+    for (key, library), architecture in zip(LIBRARIES.items(), architectures, strict=True):
         section, name = key.split(".")
-        if config[section][name] == PUBLISHED:
-            path = Path(models["cache"]) / published_model(key, architecture).file
-            found[section] = found[section] | {name: str(path)}
-    return found
+        if config[section][name] != PUBLISHED:
+            continue
+        files = {model.architecture: model.file for model in CATALOGUE if model.library == library}
+        file = files.get(architecture.removesuffix(".yaml").rpartition("/")[2])
+        if file is None:
+            raise UserError(
+                f"{key} = published: egosplat's catalogue has no checkpoint of {architecture!r}. "
+                f"Set {key} to a file, or take an architecture of {', '.join(files)}"
+            )
+        located[section] = located[section] | {name: str(Path(models["cache"]) / file)}
+    return located

@@ -25,16 +25,14 @@ def run_stage(name: str, **values: Any) -> None:
     """
     if (stage := stages.STAGES.get(name)) is None:
         raise UserError(f"run_stage: there is no stage {name!r}; there are {', '.join(stages.STAGES)}")
-    needed = [*stage.inputs, *(key for key in stage.scene if key not in _SCENE), "output"]
-    if missing := [key for key in needed if key not in values]:
+    needed = {*stage.inputs, *stage.scene, "output"} - _SCENE.keys()
+    if missing := sorted(needed - values.keys()):
         raise UserError(f"run_stage {name}: needs {', '.join(missing)}")
-    paths = {*stage.inputs, *stage.optional, "output"}
-    given = {key: _SCENE[key] for key in stage.scene if key in _SCENE}
-    given |= {key: value for key, value in values.items() if key in stage.scene}
-    given |= {key: Path(value) for key, value in values.items() if key in paths}
-    keys = {key: value for key, value in values.items() if key not in given}
-    if (options := stage_options(name)) is None:
-        if keys:
-            raise UserError(f"run_stage {name}: {min(keys)} is no input, and the stage has no keys")
-        return stages.run_stage(name, None, **given)
-    return stages.run_stage(name, make_options(options, keys, f"run_stage {name}", name), **given)
+    given = {key: values.pop(key, _SCENE.get(key)) for key in stage.scene}
+    paths = {*stage.inputs, *stage.optional, "output"} & values.keys()
+    given |= {key: Path(values.pop(key)) for key in paths}
+    if options := stage_options(name):
+        return stages.run_stage(name, make_options(options, values, f"run_stage {name}", name), **given)
+    if values:
+        raise UserError(f"run_stage {name}: {min(values)} is no input, and the stage has no keys")
+    return stages.run_stage(name, None, **given)

@@ -1,7 +1,5 @@
 """The table of scenes: recording and configuration of each scene."""
 
-import csv
-import io
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -11,15 +9,15 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from egosplat.calibration.files import recording_origin
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline.config import Config, Layer, LayeredConfig, of_format, parse_options
 from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.home import scenes_table
 from egosplat.pipeline.messages import make_options
-from egosplat.pipeline.model_sets import automatic_set, locate_checkpoints
+from egosplat.pipeline.model_sets import PHOTOS, SMALL, locate_checkpoints
 from egosplat.pipeline.options import Options, Text, check_with
-from egosplat.pipeline.recording_origin import recording_origin
 
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
@@ -38,20 +36,17 @@ def _is_path(text: str) -> bool:
     return bool(plain) and all(len(os.fsencode(part)) <= 255 for part in Path(text).parts)
 
 
+_DATASET = _only("(?!benchmark$)[a-z0-9_]+", "small letters, digits and _, and not benchmark, of all scenes")
+_PATH = check_with(_is_path, "a path, no URL; no braces, control characters, outer blanks, 255 bytes a name")
+
+
 class Row(Options):
     """A row of the table of scenes, as docs/recordings.md describes it."""
 
-    dataset: Annotated[
-        str,
-        Field(max_length=100),
-        _only("(?!benchmark$)[a-z0-9_]+", "small letters, digits and _, and not benchmark, of all scenes"),
-    ]
+    dataset: Annotated[str, Field(max_length=100), _DATASET]
     scene: Annotated[str, Field(max_length=100), _only("[A-Za-z0-9_-]+", "letters, digits, _ and -")]
     format: Format
-    recording: Annotated[
-        Text,
-        check_with(_is_path, "a path, no URL; no braces, control characters, outer blanks, 255 bytes a name"),
-    ]
+    recording: Annotated[Text, _PATH]
     options: str
 
 
@@ -96,14 +91,17 @@ def read_scenes(config: LayeredConfig) -> dict[tuple[str, str], Scene]:
     """Read the table that the configuration names, and the local one beside it (UserError: one or a row is wrong)."""
     tables = tables_of(config)
     rows = {f"{path}, line {number}": row for path in tables for number, row in read_rows(path)}
-    _check_roots(config, rows.values(), tables[0])
+    datasets = {*SHIPPED_DATASETS, *(row["dataset"] for row in rows.values())}
+    if unknown := sorted(set(config["data_root"]) - datasets):
+        has = f"{tables[0]} has no such dataset; it has {', '.join(sorted(datasets))}"
+        raise UserError(f"configuration: data_root.{unknown[0]}: {has}")
     scenes: dict[tuple[str, str], Scene] = {}
     for where, row in rows.items():
-        found = scene_of_row(row, config, where)
-        key = (found.dataset, found.scene)
+        scene = scene_of_row(row, config, where)
+        key = (scene.dataset, scene.scene)
         if key in scenes:
-            raise UserError(f"{where}: scene {found.name} is in the table twice; remove or rename one")
-        scenes[key] = found
+            raise UserError(f"{where}: scene {scene.name} is in the table twice; remove or rename one")
+        scenes[key] = scene
     return scenes
 
 
@@ -123,9 +121,8 @@ def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str
     """Get a scene by name (UserError: the table has no such scene; lists its scenes)."""
     if (dataset, scene) not in scenes:
         known = ", ".join("/".join(key) for key in scenes) or "none"
-        raise UserError(
-            f"no scene {dataset}/{scene} in the table of scenes. Add a row, or take one of: {known}"
-        )
+        told = f"no scene {dataset}/{scene} in the table of scenes. Add a row, or take one of: {known}"
+        raise UserError(told)
     return scenes[dataset, scene]
 
 
@@ -159,59 +156,44 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
         text = read_user_text(path)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter="\t", strict=True)
-    expected, lines = list(Row.model_fields), []
-    try:
-        for cells in reader:
-            if any(map(str.strip, cells)) and not cells[0].lstrip().startswith("#"):
-                lines.append((reader.line_num, cells))
-    except csv.Error as error:
-        why = f'is no row of a table ({error}). A cell that begins with " ends with one'
-        raise UserError(f"{path}, line {reader.line_num}: {why}") from None
-    for number, cells in lines[:1] or [(1, [])]:
-        if cells != expected:
+    columns, lines = [*Row.model_fields], enumerate(text.split("\n"), 1)
+    cells = {number: line.rstrip("\r").split("\t") for number, line in lines if re.match(r"\s*[^\s#]", line)}
+    (first, head), *rows = cells.items() or [(1, [])]
+    if head != columns:
+        needs = f"has columns {ascii(head)[:200]}; needs {', '.join(columns)}, tab-separated"
+        raise UserError(f"{path}, line {first}: {needs}")
+    for number, row in rows:
+        if len(row) != len(columns):
             raise UserError(
-                f"{path}, line {number}: has columns {ascii(cells)[:200]}; needs {', '.join(expected)}, tab-separated"
-            )
-    for number, cells in lines[1:]:
-        if len(cells) != len(expected):
-            raise UserError(
-                f"{path}, line {number}: has {len(cells)} of the {len(expected)} columns {', '.join(expected)}; put one "
+                f"{path}, line {number}: has {len(row)} of the {len(columns)} columns {', '.join(columns)}; put one "
                 "tab between two of them, for an empty one too"
             )
-    return [(number, dict(zip(expected, cells, strict=True))) for number, cells in lines[1:]]
-
-
-def _check_roots(config: Config, rows: Iterable[dict[str, Any]], path: Path) -> None:
-    datasets = {*SHIPPED_DATASETS, *(row["dataset"] for row in rows)}
-    if unknown := sorted(set(config["data_root"]) - datasets):
-        raise UserError(
-            f"configuration: data_root.{unknown[0]}: {path} has no such dataset; it has {', '.join(sorted(datasets))}"
-        )
+    return [(number, dict(zip(columns, row, strict=True))) for number, row in rows]
 
 
 def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str) -> Scene:
     """Make the scene of a row, its values by column (UserError: a value is wrong; begins with ``where``)."""
     make_options(Row, row, where, "")
+    dataset, name, format = row["dataset"], row["scene"], row["format"]
     options = parse_options(row["options"], where)
     if common := {"data_root", "formats"} & options.keys():
         raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")
-    root = config["data_root"].get(row["dataset"])
-    filmed = row["format"] == "adt" and "seed" in options.get("synthetic", {})
+    root = config["data_root"].get(dataset)
+    filmed = format == "adt" and "seed" in options.get("synthetic", {})
     by_name = row["recording"] == NO_RECORDING
     if by_name and not filmed:
-        raise UserError(
-            f"{where}: recording - is a synthetic apartment; give the format adt and the option synthetic.seed, "
-            "or a recording"
-        )
+        needs = "give the format adt and the option synthetic.seed, or a recording"
+        raise UserError(f"{where}: recording - is a synthetic apartment; {needs}")
     synthetic = filmed and (root is None or by_name)
     recording = expand_home(root or ".") / expand_home(row["recording"])
     if synthetic:
-        recording = Path("results", row["dataset"], row["scene"], "recording")
+        recording = Path("results", dataset, name, "recording")
     try:
-        origin = "synthetic" if synthetic else recording_origin(row["format"], recording)
+        rendered = synthetic or recording_origin(format, recording) == "synthetic"
     except UserError:
-        origin = "real"  # the stage frames reports what is wrong with the recording
-    own = of_format(config, row["format"], Layer(where, options), automatic=automatic_set(origin))
+        rendered = False  # the stage frames reports what is wrong with the recording
+    # The small models know only what egosplat renders.
+    automatic = SMALL if rendered else PHOTOS
+    own = of_format(config, format, Layer(where, options), automatic=automatic)
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
-    return Scene(row["dataset"], row["scene"], row["format"], recording, synthetic, own, by_name)
+    return Scene(dataset, name, format, recording, synthetic, own, by_name)

@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from egosplat.errors import UserError
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -16,13 +14,7 @@ class Choice:
     """
 
     by: str
-    modules: Mapping[str, str]
-
-    def find(self, value: str) -> str:
-        """Get the name of the module of a value (UserError: the value has none)."""
-        if value not in self.modules:
-            raise UserError(f"{self.by}: {value!r} is unknown; choose from {', '.join(self.modules)}.")
-        return self.modules[value]
+    modules: dict[str, str]
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,13 @@ entry point of the group ``egosplat.plugins`` names a module with ``STAGES`` and
 """
 
 import functools
-from dataclasses import replace
 from importlib import import_module, metadata
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from egosplat.errors import UserError
 from egosplat.pipeline.code_hash import code_hash
 from egosplat.pipeline.stage import Choice, Stage
-
-if TYPE_CHECKING:
-    from egosplat.pipeline.options import Options
-
 
 # The input that no stage writes.
 PATHS = {"recording": "the recording's folder or video file"}
@@ -32,7 +28,6 @@ _LEARNT_FROM = {
 }
 _TRACKED = {"histories": "if what moves is tracked and language.method is lifted"}
 _OPENCV = "opencv-contrib-python-headless"
-_SETUP = ("preset", "world_seed", "camera")
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
 
 
@@ -41,259 +36,179 @@ def _by(what: str, **modules: str) -> Choice:
     return Choice(what, {value: f"egosplat.{name}" for value, name in modules.items()})
 
 
+def _artifact(
+    name: str, module: str, about: str, inputs: tuple[str, ...], libraries: tuple[str, ...], **more: Any
+) -> Stage:
+    """A stage that writes an artifact of its name, with keys in ``options.py`` of its room."""
+    options = f"egosplat.{module.partition('.')[0]}.options:{name.title().replace('_', '')}Options"
+    given = {"options": options, "libraries": ("numpy", "zarr", *libraries), **more}
+    return Stage(name, f"egosplat.{module}", about, f"{name}.zarr", inputs, **given)
+
+
 def _sheet(
     name: str, about: str, output: str, inputs: tuple[str, ...], libraries: tuple[str, ...] = (), **more: Any
 ) -> Stage:
     """A stage that draws a sheet of a scene."""
-    module, libraries = f"egosplat.report.sheets.{name}", ("matplotlib", *libraries)
-    return Stage(name, module, about, output, inputs, libraries=libraries, scene=("title",), **more)
+    given = {"libraries": ("matplotlib", *libraries), "scene": ("title",), **more}
+    return Stage(name, f"egosplat.report.sheets.{name}", about, output, inputs, **given)
 
 
 _STAGES = (
-    Stage(
-        "frames",
-        "egosplat.frames.stage",
-        "Read and rectify frames, and choose those to evaluate.",
-        options="egosplat.frames.options:FramesOptions",
-        output="frames.zarr",
+    _artifact(
+        *("frames", "frames.stage", "Read and rectify frames, and choose those to evaluate."),
         inputs=("recording",),
-        libraries=("numpy", _OPENCV, "projectaria-tools", "pycolmap", "zarr"),
+        libraries=(_OPENCV, "projectaria-tools", "pycolmap"),
         scene=("format",),
-        modules=_by(
-            "format",
-            adt="frames.adt",
-            hoi4d="frames.hoi4d",
-            plain="frames.pictures",
-        ),
+        modules=_by("format", adt="frames.adt", hoi4d="frames.hoi4d", plain="frames.pictures"),
         memory=(1500, 200),
         minutes=(20, 20),
     ),
-    Stage(
-        "annotations",
-        "egosplat.frames.annotations_stage",
-        "Read the instance maps of the evaluation frames.",
-        options="egosplat.frames.options:AnnotationsOptions",
-        output="annotations.zarr",
+    _artifact(
+        *("annotations", "frames.annotations_stage", "Read the instance maps of the evaluation frames."),
         inputs=("recording", "frames"),
-        libraries=("numpy", _OPENCV, "projectaria-tools", "zarr"),
-        modules=_by(
-            "format",
-            adt="frames.adt_annotations",
-            hoi4d="frames.hoi4d_annotations",
-            plain="frames.plain_annotations",
-        ),
+        libraries=(_OPENCV, "projectaria-tools"),
+        modules=_by("format", **{name: f"frames.{name}_annotations" for name in ("adt", "hoi4d", "plain")}),
         memory=(1500, 200),
     ),
-    Stage(
-        "poses",
-        "egosplat.poses.stage",
-        "Get camera poses: from the device, a file, or COLMAP.",
-        options="egosplat.poses.options:PosesOptions",
-        output="poses.zarr",
+    _artifact(
+        *("poses", "poses.stage", "Get camera poses: from the device, a file, or COLMAP."),
         inputs=("recording", "frames"),
-        libraries=("numpy", "scipy", "pycolmap", "projectaria-tools", "zarr"),
+        libraries=("scipy", "pycolmap", "projectaria-tools"),
         modules=_by("poses.method", device="poses.adt", known="poses.known", colmap="poses.colmap"),
         memory=(5000, 3000),
         minutes=(60, 2000),
     ),
     Stage(
-        "survey",
-        "egosplat.survey.stage",
-        "Decide if a scene is static and which frames add views.",
+        *("survey", "egosplat.survey.stage", "Decide if a scene is static and which frames add views."),
         options="egosplat.survey.options:SurveyOptions",
         output="survey.json",
         inputs=("frames", "poses"),
         libraries=("jsonschema", "numpy", _OPENCV, "scipy", "zarr"),
     ),
-    Stage(
-        "transient",
-        "egosplat.transient.stage",
-        "Train a network that predicts moving pixels.",
-        options="egosplat.transient.options:TransientOptions",
-        output="transient.zarr",
+    _artifact(
+        *("transient", "transient.stage", "Train a network that predicts moving pixels."),
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
-        libraries=("numpy", _OPENCV, "scipy", "timm", "torch", "zarr"),
+        libraries=(_OPENCV, "scipy", "timm", "torch"),
         memory=(6500, 1000),
         minutes=(120, 1000),
     ),
-    Stage(
-        "segments",
-        "egosplat.segments.stage",
-        "Find instances at three levels in the frames.",
-        options="egosplat.segments.options:SegmentsOptions",
-        output="segments.zarr",
+    _artifact(
+        *("segments", "segments.stage", "Find instances at three levels in the frames."),
         inputs=("frames",),
         optional=_TRAINING_FRAMES | _MOVING,
-        libraries=("numpy", "scipy", _OPENCV, "torch", "torchvision", "sam2", "zarr"),
+        libraries=("scipy", _OPENCV, "torch", "torchvision", "sam2"),
         by_chunks=True,
         memory=(9000, 500),
         minutes=(120, 4000),
     ),
-    Stage(
-        "instances",
-        "egosplat.instances.stage",
-        "Merge masks into instances that hold in 3D.",
-        options="egosplat.instances.options:InstancesOptions",
-        output="instances.zarr",
+    _artifact(
+        *("instances", "instances.stage", "Merge masks into instances that hold in 3D."),
         inputs=("frames", "poses", "segments"),
         optional=_TRAINING_FRAMES | _GIVEN,
-        libraries=("numpy", _OPENCV, "scipy", "torch", "zarr"),
+        libraries=(_OPENCV, "scipy", "torch"),
         memory=(6500, 2500),
         minutes=(60, 2000),
     ),
-    Stage(
-        "view_features",
-        "egosplat.features.view_features_stage",
-        "Encode the crops of each instance with OpenCLIP.",
-        options="egosplat.features.options:ViewFeaturesOptions",
-        output="view_features.zarr",
+    _artifact(
+        *(
+            "view_features",
+            "features.view_features_stage",
+            "Encode the crops of each instance with OpenCLIP.",
+        ),
         inputs=("frames", "instances"),
-        libraries=("numpy", "open_clip_torch", "pillow", "scipy", "torch", "zarr"),
+        libraries=("open_clip_torch", "pillow", "scipy", "torch"),
         by_chunks=True,
         memory=(6000, 2000),
         minutes=(60, 1000),
     ),
-    Stage(
-        "features",
-        "egosplat.features.stage",
-        "Aggregate the features of each instance over its views.",
-        options="egosplat.features.options:FeaturesOptions",
-        output="features.zarr",
+    _artifact(
+        *("features", "features.stage", "Aggregate the features of each instance over its views."),
         inputs=("view_features",),
-        libraries=("numpy", "torch", "zarr"),
+        libraries=("torch",),
         memory=(3000, 600),
     ),
-    Stage(
-        "masks",
-        "egosplat.transient.masks_stage",
-        "Mask what moves in every frame.",
-        options="egosplat.transient.options:MasksOptions",
-        output="masks.zarr",
+    _artifact(
+        *("masks", "transient.masks_stage", "Mask what moves in every frame."),
         inputs=("frames", "transient", "instances"),
-        libraries=("numpy", "zarr"),
+        libraries=(),
     ),
-    Stage(
-        "splats",
-        "egosplat.splats.stage",
-        "Train 3D Gaussians on the frames, or read them.",
-        options="egosplat.splats.options:SplatsOptions",
-        output="splats.zarr",
+    _artifact(
+        *("splats", "splats.stage", "Train 3D Gaussians on the frames, or read them."),
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES | _MASKING | _JOINT,
-        libraries=("numpy", "scipy", "torch", "zarr"),
+        libraries=("scipy", "torch"),
         memory=(6500, 1500),
         minutes=(120, 1500),
     ),
-    Stage(
-        "language",
-        "egosplat.language.stage",
-        "Assign each Gaussian the code of its instance.",
-        options="egosplat.language.options:LanguageOptions",
-        output="language.zarr",
+    _artifact(
+        *("language", "language.stage", "Assign each Gaussian the code of its instance."),
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
-        libraries=("numpy", "scipy", "torch", "zarr"),
+        libraries=("scipy", "torch"),
         modules=_by("language.method", joint="language.joint", lifted="language.dominant"),
         memory=(6500, 1500),
         minutes=(60, 1000),
     ),
-    Stage(
-        "histories",
-        "egosplat.histories.stage",
-        "Find what is carried, and what lies somewhere for a while.",
-        options="egosplat.histories.options:HistoriesOptions",
-        output="histories.zarr",
+    _artifact(
+        *("histories", "histories.stage", "Find what is carried, and what lies somewhere for a while."),
         inputs=("frames", "poses", "instances", "view_features", "splats"),
         optional={"masks": _MASKING["masks"]},
-        libraries=("numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
+        libraries=("open_clip_torch", _OPENCV, "scipy", "torch"),
         memory=(6000, 500),
         minutes=(60, 1800),
     ),
     Stage(
-        "metrics",
-        "egosplat.evaluation.stage",
-        "Query every annotated category, and score the answers.",
+        *("metrics", "egosplat.evaluation.stage", "Query every annotated category, and score the answers."),
         options="egosplat.evaluation.options:MetricsOptions",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
         optional=_ENCODED | _TRACKED,
         libraries=("jsonschema", "numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
-        scene=("title", "method", *_SETUP),
+        scene=("title", "method", "preset", "world_seed", "camera"),
         memory=(7000, 1000),
         minutes=(60, 600),
     ),
     _sheet(
-        "contact_sheet",
-        "Draw a scene's frames, annotations and trajectory.",
-        "contact_sheet.png",
-        ("frames", "annotations", "poses"),
+        *("contact_sheet", "Draw a scene's frames, annotations and trajectory.", "contact_sheet.png"),
+        inputs=("frames", "annotations", "poses"),
         libraries=("adjustText",),
     ),
     _sheet(
-        "language_sheet",
-        "Draw the Gaussians' codes from several directions.",
-        "language.png",
-        ("poses", "splats", "language"),
-        libraries=(
-            "scipy",
-            "torch",
-        ),
+        *("language_sheet", "Draw the Gaussians' codes from several directions.", "language.png"),
+        inputs=("poses", "splats", "language"),
+        libraries=("scipy", "torch"),
         memory=(6500, 600),
     ),
     _sheet(
-        "transient_sheet",
-        "Draw what moves, its masks, and renders without it.",
-        "transient.png",
-        ("frames", "poses", "transient", "instances", "masks", "splats"),
-        libraries=(
-            "adjustText",
-            "torch",
-        ),
+        *("transient_sheet", "Draw what moves, its masks, and renders without it.", "transient.png"),
+        inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
+        libraries=("adjustText", "torch"),
         memory=(6500, 600),
     ),
     _sheet(
-        "carries_sheet",
-        "Draw what is carried from where to where, and when.",
-        "carries.png",
-        ("frames", "poses", "splats", "histories"),
+        *("carries_sheet", "Draw what is carried from where to where, and when.", "carries.png"),
+        inputs=("frames", "poses", "splats", "histories"),
         libraries=("adjustText",),
     ),
     _sheet(
-        "crops_sheet",
-        "Draw the crops of instances, with outliers crossed out.",
-        "crops.png",
-        ("frames", "instances", "view_features", "features"),
+        *("crops_sheet", "Draw the crops of instances, with outliers crossed out.", "crops.png"),
+        inputs=("frames", "instances", "view_features", "features"),
     ),
     _sheet(
-        "instances_sheet",
-        "Draw the instances of each level in frames and from above.",
-        "instances.png",
-        ("frames", "poses", "segments", "instances"),
+        *("instances_sheet", "Draw the instances of each level in frames and from above.", "instances.png"),
+        inputs=("frames", "poses", "segments", "instances"),
     ),
+    _sheet("splats_sheet", "Draw held-out frames next to their renders.", "splats.png", ("frames", "splats")),
     _sheet(
-        "splats_sheet",
-        "Draw held-out frames next to their renders.",
-        "splats.png",
-        ("frames", "splats"),
-    ),
-    _sheet(
-        "queries_sheet",
-        "Draw the queries with the best and the worst answers.",
-        "queries.png",
-        ("frames", "poses", "annotations", "splats", "language", "metrics"),
+        *("queries_sheet", "Draw the queries with the best and the worst answers.", "queries.png"),
+        inputs=("frames", "poses", "annotations", "splats", "language", "metrics"),
         optional=_ENCODED | _TRACKED,
-        libraries=(
-            "open_clip_torch",
-            _OPENCV,
-            "torch",
-        ),
+        libraries=("open_clip_torch", _OPENCV, "torch"),
         memory=(6500, 600),
     ),
     Stage(
-        "scene_page",
-        "egosplat.viewing.stage",
-        "Write the scene as one HTML file that can be asked.",
+        *("scene_page", "egosplat.viewing.stage", "Write the scene as one HTML file that can be asked."),
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
@@ -306,28 +221,22 @@ _STAGES = (
 
 def _with_plugins(own: tuple[Stage, ...]) -> dict[str, Stage]:
     """Get the stages by name in the order of the pipeline, with those of the packages beside this one."""
+    # Of this distribution alone: entry points of all installed ones take as long as the rest of the start.
+    points = metadata.distribution("egosplat").entry_points.select(group="egosplat.plugins")
+    plugins = [point.load() for point in points]
     stages = [*own]
-    plugins = [point.load() for point in _entry_points()]
     for stage in (stage for plugin in plugins for stage in plugin.STAGES):
         stages.insert([other.name for other in stages].index(stage.before), stage)
     found = {stage.name: stage for stage in stages}
     for name, modules in (item for plugin in plugins for item in plugin.MODULES.items()):
         choice = found[name].modules
         assert choice is not None
-        found[name] = replace(found[name], modules=replace(choice, modules={**choice.modules, **modules}))
+        choice.modules.update(modules)
     return found
-
-
-def _entry_points() -> metadata.EntryPoints:
-    # Of this distribution alone: those of all installed ones take as long as the rest of the start.
-    return metadata.distribution("egosplat").entry_points.select(group="egosplat.plugins")
 
 
 # Stages by name, in the order of the pipeline.
 STAGES = _with_plugins(_STAGES)
-
-# The stages that write an artifact, in the order of the pipeline.
-ARTIFACTS = tuple(name for name, stage in STAGES.items() if stage.output.endswith(".zarr"))
 
 # The stages that write one file, by default under the name ``output``.
 FILES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".json", ".png", ".html")))
@@ -346,23 +255,31 @@ def path_help(stage: Stage) -> dict[str, str]:
     return inputs | optional | {"output": f"where to write {stage.output}"}
 
 
-def run_stage(name: str, options: "Options | None", **given: Any) -> None:
-    """Run a stage, if it has keys with options, on its paths and its values from the table of scenes, by name."""
+def run_stage(name: str, options: Any, **given: Any) -> None:
+    """Run a stage, with options if it has keys, on its paths and its values from the table of scenes, by name."""
     stage = STAGES[name]
     # ``run`` takes the path of an input as ``frames_path``; inside it, ``frames`` is the opened artifact.
     inputs = {*stage.inputs, *stage.optional}
     arguments = {f"{key}_path" if key in inputs else key: value for key, value in given.items()}
-    import_module(stage.module).run(**arguments, **({} if options is None else {"options": options}))
+    import_module(stage.module).run(**arguments, **({"options": options} if options else {}))
 
 
 def load_module(name: str, value: str) -> ModuleType:
     """Import the module that a stage chooses by a value (UserError: the value has no module)."""
-    return import_module(STAGES[name].modules.find(value))
+    return import_module(_chosen(name, value))
+
+
+def _chosen(name: str, value: str) -> str:
+    choice = STAGES[name].modules
+    assert choice is not None
+    if value not in choice.modules:
+        raise UserError(f"{choice.by}: {value!r} is unknown; choose from {', '.join(choice.modules)}.")
+    return choice.modules[value]
 
 
 @functools.cache  # rules ask for every job
 def code_of(name: str, value: str | None = None) -> str:
     """Hash the code that a stage executes with a value, without one what all values share, and its libraries' versions."""
     stage = STAGES[name]
-    chosen = () if value is None else (stage.modules.find(value),)
+    chosen = () if value is None else (_chosen(name, value),)
     return code_hash(stage.module, *chosen, libraries=stage.libraries)

@@ -21,18 +21,15 @@ from egosplat.pipeline.config import (
 )
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.model_sets import DEFAULTS, locate_checkpoints
+from egosplat.pipeline.model_sets import DEFAULTS, PUBLISHED, locate_checkpoints
 from egosplat.pipeline.options import keys_of
-from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import read_yaml
 
-# Key of a variant that names one or more variants to inherit keys from. Later ones win.
-EXTENDS = "extends"
-
-# Key of a variant with the name of the published method that it stands for. Variants that extend it inherit it.
-METHOD = "method"
+# Keys of a variant: one or more variants to inherit keys from, of which later ones win, and the name of the published method
+# that it stands for, which variants that extend it inherit.
+EXTENDS, METHOD = "extends", "method"
 
 # Largest number of variants listed in a message.
 NAMED = 8
@@ -40,20 +37,12 @@ NAMED = 8
 # Preset file by name of the variant.
 PRESET_FILES = {name: name for name in ("draft", "balanced", "accurate")} | {"paper_scaled": "paper"}
 
-# Sections and keys that define frames and queries. Scores with different values cannot be compared.
-QUESTIONS = {
-    "synthetic",
-    "annotations",
-    "metrics",
-    "frames.start_s",
-    "frames.end_s",
-    "frames.evaluation_frames",
-    "frames.holdout",
+# Sections and keys that keep the scene's value with every preset: those that define frames and queries, because scores with
+# different values cannot be compared, and models (no preset sets a key that follows models.set; transient.lr suits the encoder).
+_KEPT = {
+    *("formats", "synthetic", "annotations", "metrics", "models", "transient.lr", "frames.focal"),
+    *("frames.start_s", "frames.end_s", "frames.evaluation_frames", "frames.holdout"),
 }
-
-# Sections and keys that keep the scene's value with every preset.
-# No preset sets a key whose default follows models.set; transient.lr suits the scene's encoder.
-_KEPT = QUESTIONS | {"models", "transient.lr", "frames.focal"}
 
 # Further keys that keep the scene's value with ``paper_scaled``.
 _SCALED = {"frames.resolution"}
@@ -72,9 +61,10 @@ def read_scenes_with_presets(config: LayeredConfig, presets: Path) -> dict[tuple
 
 def with_presets(config: LayeredConfig, presets: Path, format: str) -> LayeredConfig:
     """Add the presets to the variants of a scene's configuration."""
-    own = config["variants"]
-    named = {name: preset_keys(name, presets, format) for name in PRESET_FILES if name not in own}
-    return LayeredConfig(config | {"variants": own | named}, config.layers)
+    named = {name: preset_keys(name, presets, format) for name in PRESET_FILES}
+    # The user's own variants stand first.
+    order = config["variants"] | named | config["variants"]
+    return LayeredConfig(config | {"variants": order}, config.layers)
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:
@@ -99,27 +89,28 @@ def owner(stage: str, base: LayeredConfig, name: str, where: str) -> str | None:
 
 
 def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
-    """Get the configuration of a scene's variant (UserError: there is none, or a key is not allowed)."""
-    if name not in base.variants:
-        base.variants[name] = _configure_variant(base, name, where)
-    return base.variants[name]
+    """Get the configuration of a scene's variant, whose keys, and those of variants that it extends, are above the scene's layers.
 
-
-def _configure_variant(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
-    """Put the keys of a variant, and of those that it extends, above the layers of its scene."""
+    Raises:
+        UserError: there is no such variant, or a key is not allowed.
+    """
+    if name in base.variants:
+        return base.variants[name]
     layers = []
-    for one in _ancestry(base["variants"], name, where):
-        keys = {key: value for key, value in base["variants"][one].items() if key not in (EXTENDS, METHOD)}
+    for ancestor in _ancestry(base["variants"], name, where):
+        keys = {
+            key: value for key, value in base["variants"][ancestor].items() if key not in (EXTENDS, METHOD)
+        }
         for key in (*keys_of(GeneralOptions), "tables", "tradeoff"):
             if keys.get(key, base[key]) != base[key]:
                 raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
-        layers.append(Layer(f"variant {one}", keys))
+        layers.append(Layer(f"variant {ancestor}", keys))
     # A variant's ``auto`` is the scene's set.
     config = configure([*base.layers, *layers], automatic=base["models"]["set"])
     if config["synthetic"] != base["synthetic"]:
-        raise UserError(
-            f"variant {name}: variants share the scene's recording; leave out the section synthetic"
-        )
+        told = "variants share the scene's recording; leave out the section synthetic"
+        raise UserError(f"variant {name}: {told}")
+    base.variants[name] = config
     return config
 
 
@@ -157,25 +148,23 @@ def artifact_path(stage: str, scene: Scene, variant: str | None) -> str:
 
 def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) -> list[str]:
     """Get a variant and all that it extends, in the order in which their keys are merged."""
-    merged: list[str] = []
+    merged: dict[str, None] = {}
 
     def visit(variant: str, above: tuple[str, ...]) -> None:
         if variant in above:
-            raise UserError(
-                f"variant {name}: circular inheritance {' -> '.join([*above, variant])}. Fix its key {EXTENDS!r}"
-            )
+            circle = " -> ".join([*above, variant])
+            raise UserError(f"variant {name}: circular inheritance {circle}. Fix its key {EXTENDS!r}")
         if variant not in variants:
             more = [f"{len(variants) - NAMED} more"] if len(variants) > NAMED else []
-            raise UserError(
-                f"{where}: no variant {variant!r}. Add it to the configuration key 'variants', "
-                f"or take one of: {', '.join([*list(variants)[:NAMED], *more]) or 'none'}"
-            )
+            known = ", ".join([*list(variants)[:NAMED], *more]) or "none"
+            advice = f"Add it to the configuration key 'variants', or take one of: {known}"
+            raise UserError(f"{where}: no variant {variant!r}. {advice}")
         for below in _extended(variants, variant):
             visit(below, (*above, variant))
-        merged.extend([variant] if variant not in merged else [])
+        merged.setdefault(variant)
 
     visit(name, ())
-    return merged
+    return [*merged]
 
 
 def _extended(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]:
@@ -199,12 +188,14 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
 @functools.cache
 def preset_keys(name: str, folder: Path, format: str) -> Config:
     """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
+    files = {file: read_yaml(folder / f"{file}.yaml") for file in PRESET_FILES.values()}
     kept = _KEPT | _SCALED if PRESET_FILES[name] != name else _KEPT
-    preset, usual = Layer(name, read_yaml(folder / f"{PRESET_FILES[name]}.yaml")), defaults()
+    preset, usual = Layer(name, files[PRESET_FILES[name]]), defaults()
     values = merge_layers(layers_of_format([preset, SHIPPED_LAYER], format))
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
+    parts = [part for file in files.values() for part in (file, *file.get("formats", {}).values())]
     keys: Config = {}
-    for section, key in _set_by_presets(folder):
+    for section, key in ((section, key) for part in parts for section in part for key in part[section]):
         if section not in kept and f"{section}.{key}" not in kept:
             value = values.get(section, {}).get(key, usual[section][key])
             keys.setdefault(section, {})[key] = value
@@ -212,11 +203,3 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
         for section in _OF_THE_PAPER:
             keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
     return keys
-
-
-@functools.cache
-def _set_by_presets(folder: Path) -> set[tuple[str, str]]:
-    """The section and name of each key that a preset sets."""
-    presets = [read_yaml(folder / f"{file}.yaml") for file in {*PRESET_FILES.values()}]
-    parts = [part for preset in presets for part in (preset, *preset.pop("formats", {}).values())]
-    return {(section, key) for part in parts for section, keys in part.items() for key in keys}

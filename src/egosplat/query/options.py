@@ -5,9 +5,8 @@ from typing import Annotated, Any, Self
 from pydantic import Field
 
 from egosplat.pipeline.messages import make_options
-from egosplat.pipeline.model_sets import DEFAULTS
+from egosplat.pipeline.model_sets import DEFAULTS, PUBLISHED
 from egosplat.pipeline.options import READING, Natural, Options, Positive, Share, Text
-from egosplat.pipeline.published import PUBLISHED
 from egosplat.pipeline.shared_options import BackendOptions, DeviceOptions
 
 # Phrases that fit any object; relevancy compares each query with them (paper, LERF, LangSplat).

@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from click.testing import CliRunner
 from egosplat.cli import cli
 from egosplat.errors import UserError
 from egosplat.models import needed
-from egosplat.pipeline import published
+from egosplat.pipeline import model_sets
 from tests.support.hub import Hub
 
 CONTENT = b"weights " * 100_000
@@ -33,16 +32,16 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def server(tmp_path, monkeypatch):
     """A hub that has every file of the catalogue, with one content; of the last, no digest is published."""
-    entries = [replace(one, sha256=SHA256) for one in published.CATALOGUE]
-    entries[-1] = replace(entries[-1], sha256=None)
-    monkeypatch.setattr(published, "CATALOGUE", tuple(entries))
+    entries = [one._replace(sha256=SHA256) for one in model_sets.CATALOGUE]
+    entries[-1] = entries[-1]._replace(sha256=None)
+    monkeypatch.setattr(model_sets, "CATALOGUE", tuple(entries))
     monkeypatch.setattr(needed, "CATALOGUE", tuple(entries))
     with Hub(CONTENT, monkeypatch, tmp_path / "hub") as running:
         yield running
 
 
 def address(file: str) -> str:
-    return published.model_of_file(Path(file)).address
+    return model_sets.named_model(Path(file).name).address
 
 
 def egosplat(*words: str) -> str:
@@ -62,7 +61,7 @@ def test_the_small_models_are_there(folder, server):
 def test_missing_models_come_with_place_license_size_and_digest(folder, server):
     """Listing fetches nothing; its last line is the command that does."""
     listed = egosplat("--config", "models.set=published", "--config", "models.cache=cache")
-    for key in published.LIBRARIES:
+    for key in model_sets.LIBRARIES:
         assert f"{key}: " in listed
     for file in FILES:
         assert f"cache/{file}: missing" in listed and address(file) in listed
@@ -173,7 +172,7 @@ def test_models_of_the_catalogue_are_fetched_by_name(folder, server):
     with pytest.raises(UserError, match="sam2.1_hiera_x: is not in the catalogue.*sam2.1_hiera_t"):
         egosplat("download", "sam2.1_hiera_x")
     listed = egosplat("--all")
-    assert all(one.file in listed for one in published.CATALOGUE)
+    assert all(one.file in listed for one in model_sets.CATALOGUE)
     assert (
         "egosplat models download sam2.1_hiera_t sam2.1_hiera_s sam2.1_hiera_b+ ViT-B-16 ViT-L-14" in listed
     )

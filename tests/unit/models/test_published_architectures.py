@@ -20,8 +20,7 @@ from egosplat.features import view_features_stage
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import build_model, load_open_clip, read_description
 from egosplat.pipeline.config import Config, resolve, stage_values
-from egosplat.pipeline.model_sets import locate_checkpoints
-from egosplat.pipeline.published import CATALOGUE, ENCODER, LIBRARIES, named_model
+from egosplat.pipeline.model_sets import CATALOGUE, ENCODER, LIBRARIES, locate_checkpoints, named_model
 from egosplat.query.text import encode_phrases
 from egosplat.segments import stage as segments_stage
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions

@@ -8,9 +8,8 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.pipeline import config
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.model_sets import DEFAULTS, locate_checkpoints
+from egosplat.pipeline.model_sets import CATALOGUE, DEFAULTS, LIBRARIES, locate_checkpoints, named_model
 from egosplat.pipeline.options import keys_of
-from egosplat.pipeline.published import CATALOGUE, LIBRARIES, model_of_file, named_model
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import reaches, scene_config, variant_config
@@ -217,7 +216,7 @@ def test_the_catalogue_is_consistent(monkeypatch):
     for one in CATALOGUE:
         assert one.sha256 is None or (len(one.sha256) == 64 and int(one.sha256, 16))
         assert one.library in LIBRARIES.values() and one.address.startswith("https://huggingface.co/")
-        assert model_of_file(Path("somewhere") / one.file) is named_model(one.architecture) is one
+        assert named_model(one.file) is named_model(one.architecture) is one
     with pytest.raises(UserError, match="ViT-B-17: .*ViT-B-16"):
         named_model("ViT-B-17")
     monkeypatch.setenv("HF_ENDPOINT", "https://mirror.example/")
