@@ -138,9 +138,6 @@ def test_hashing_imports_nothing_that_a_stage_needs():
     own = {one for one in modules if one.startswith("egosplat.")}
     assert own == {
         *("egosplat.errors", "egosplat.files", "egosplat.pipeline"),
-        *(
-            f"egosplat.pipeline.{one}"
-            for one in ("code_hash", "parsed_modules", "stage", "stages")
-        ),
+        *(f"egosplat.pipeline.{one}" for one in ("code_hash", "parsed_modules", "stage", "stages")),
     }
     assert not modules & {"numpy", "cv2"}

@@ -75,7 +75,6 @@ def recording_origin(format: str, recording: Path) -> Origin:
     return "synthetic" if isinstance(metadata, dict) and metadata.get("origin") == "synthetic" else "real"
 
 
-
 def digest_of_recording(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> str:
     """Digest of the names and bytes of all files that a stage opens, 16 hexadecimal digits; arguments as of ``opened_files``."""
     files = sorted({*opened_files(stage, format, recording, config)})

@@ -195,7 +195,7 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
     parts = [part for file in files.values() for part in (file, *file.get("formats", {}).values())]
     keys: Config = {}
-    for section, key in ((section, key) for part in parts for section in part for key in part[section]):
+    for section, key in ((name, key) for part in parts for name in part for key in part[name]):
         if section not in kept and f"{section}.{key}" not in kept:
             value = values.get(section, {}).get(key, usual[section][key])
             keys.setdefault(section, {})[key] = value
