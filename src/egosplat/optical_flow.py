@@ -20,9 +20,8 @@ def pixel_grid(height: int, width: int) -> Floats:
 
 def sample(image: NDArray, places: NDArray[np.floating]) -> NDArray:
     """The image at (h, w, 2) places [px, pixel centers at integers as in OpenCV]; beyond the border, that of the border."""
-    return cv2.remap(
-        image, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    x, y = cv2.split(places.astype(np.float32))
+    return cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
@@ -38,8 +37,9 @@ def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
     missing = (0, max(0, _MIN_SIDE - height)), (0, max(0, _MIN_SIDE - width))
     # A used search would start from the flow of the previous images.
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    padded = (np.pad(image, missing, mode="edge") for image in (source, target))
-    return search.calc(*padded, None)[:height, :width]
+    first, second = (np.pad(image, missing, mode="edge") for image in (source, target))
+    flow = search.calc(first, second, np.zeros((*first.shape, 2), np.float32))
+    return np.asarray(flow, np.float32)[:height, :width]
 
 
 def is_consistent(flow: Floats, reverse: Floats, tolerance: float) -> NDArray[np.bool_]:

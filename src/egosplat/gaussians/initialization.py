@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit
@@ -203,7 +203,7 @@ def densify(
         if not empty.any() or np.isnan(depth).all():
             continue
         # In the image, not in space: neighboring cells mostly show the same surface.
-        nearest = distance_transform_edt(np.isnan(depth), return_distances=False, return_indices=True)
+        _, nearest = distance_transform_edt(np.isnan(depth), return_indices=True)
         nearest_depth = depth[tuple(nearest)][empty]
         rays = (centers[empty] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
         local = np.column_stack([rays, np.ones(len(rays))]) * nearest_depth[:, None]
@@ -299,7 +299,7 @@ def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.flo
         return np.full(len(points), _LONE_SCALE * near_plane)
     neighbors = min(3, len(points) - 1)
     # The nearest match is the point itself or a duplicate of it, at distance zero.
-    distances, _ = cKDTree(points).query(points, k=neighbors + 1)
+    distances, _ = KDTree(points).query(points, k=neighbors + 1)
     least = _LEAST_SQUARED_DISTANCE * near_plane**2
     return np.sqrt(np.maximum((distances[:, 1:] ** 2).mean(axis=1), least))
 

@@ -29,12 +29,7 @@ def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: 
 
     Args:
         render: (H, W, 3) floating point; on the CPU fastest as a permuted view of planar (3, H, W).
-        target: (H, W, 3) in [0, 1].
-        weight: (H, W), clamped to [0, 1], or None for ones.
-        ssim_lambda: share of the SSIM term.
-
-    Returns:
-        () tensor, differentiable.
+        target, weight: (H, W, 3) in [0, 1]; (H, W), clamped to [0, 1], or None for ones.
 
     Raises:
         ValueError: shapes or dtypes do not match.
@@ -107,14 +102,7 @@ class Objective(ABC):
 
     @abstractmethod
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """Return the loss of one iteration.
-
-        Args:
-            image: (H, W, 3 + F) float32 render, colors and features, on the device of the views.
-
-        Returns:
-            () tensor, differentiable by ``image``.
-        """
+        """Return the () loss of one iteration, differentiable by ``image``, the (H, W, 3 + F) float32 colors and features."""
 
     def step(self) -> None:  # noqa: B027
         """Update the objective's own parameters, if any; called after each backward pass."""
@@ -134,5 +122,5 @@ class L1Ssim(Objective):
     ssim_lambda: float
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
-        """Return ``egosplat.gaussians.loss.l1_ssim`` of the colors."""
+        """Return ``l1_ssim`` of the colors."""
         return l1_ssim(image[..., :3], views.picture(index), views.weight(index), self.ssim_lambda)

@@ -48,7 +48,8 @@ class Coded:
 
 def open_code_targets(learnt_from: Sequence[Artifact], frames: Artifact, device: device) -> CodeTargets:
     """Open the codes of instances as targets; raises as ``CodeTargets``."""
-    return CodeTargets(*learnt_from, device)
+    instances, features = learnt_from
+    return CodeTargets(instances, features, device)
 
 
 @dataclass(frozen=True)

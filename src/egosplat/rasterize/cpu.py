@@ -32,10 +32,10 @@ def rasterization(arguments: Arguments) -> Render:
     means2d, conics, depths, seen, _, _, radii = (_batch(each) for each in zip(*projected, strict=True))
     images = [
         # Centers come from the batch, because density control reads the batch's gradient.
-        composite(means2d[index], *rest, _background(a, index), a.width, a.height)
-        for index, (_, *rest) in enumerate(projected)
+        composite(means2d[index], *each[1:], _background(a, index), a.width, a.height)
+        for index, each in enumerate(projected)
     ]
-    renders = _batch([_finished(*image, a.render_mode).permute(1, 2, 0) for image in images])
+    renders = _batch([_finished(render, alpha, a.render_mode).permute(1, 2, 0) for render, alpha in images])
     alphas = _batch([alpha[..., None] for _, alpha in images])
     meta = {"means2d": means2d, "radii": radii, "depths": depths, "conics": conics, "opacities": seen}
     return renders, alphas, meta | {"width": a.width, "height": a.height, "n_cameras": len(images)}

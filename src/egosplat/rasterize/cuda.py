@@ -111,7 +111,7 @@ def _compilers() -> int:
 
 def unsupported(version: str) -> str | None:
     """Why a version of gsplat (such as ``1.5.3+pt24cu124``) is unsupported: "is too old"; None if supported."""
-    numbers = tuple(int(part) for part in re.match(r"[\d.]*", version).group().split(".") if part)
+    numbers = tuple(int(part) for part in re.split(r"[^\d.]", version)[0].split(".") if part)
     if numbers < OLDEST_GSPLAT:
         return "is too old"
     if numbers >= TOO_NEW_GSPLAT:

@@ -56,7 +56,7 @@ def read_source(path: Path) -> Gaussians:
 
 def _read_ply(path: Path) -> Gaussians:
     table = read_vertices(path)
-    degree = _check_columns(table.dtype.names, path)
+    degree = _check_columns(table.dtype.names or (), path)
     count = (degree + 1) ** 2 - 1
 
     def columns(*names: str) -> NDArray[np.float32]:

@@ -41,7 +41,7 @@ def transient_instances(
 
 def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
     """(N,) whether less than the share ``least`` of an instance's pixels stand out; False if none was measured."""
-    return (outstanding.scores < least) & (outstanding.pixels > 0)
+    return np.asarray(outstanding.scores < least) & (outstanding.pixels > 0)
 
 
 def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ As in EgoLifter: a U-Net on the features of MobileNetV3-Small at half width.
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -36,6 +37,9 @@ _CLASSIFIER = ("conv_head.", "norm_head.", "classifier.")
 class TransientNet(nn.Module):
     """H, initialized from torch's global random generator."""
 
+    _mean: Tensor
+    _std: Tensor
+
     def __init__(self, input_size: int, sideways: bool) -> None:
         """Build the layers with random weights, for a square input of ``input_size`` [px], a multiple of 32.
 
@@ -44,7 +48,7 @@ class TransientNet(nn.Module):
         super().__init__()
         self._input_size = input_size
         self._sideways = sideways
-        self.encoder = timm.create_model(ENCODER, pretrained=False, features_only=True)
+        self.encoder: Any = timm.create_model(ENCODER, pretrained=False, features_only=True)
         self.decoder = Decoder(self.encoder.feature_info.channels(), DECODER_WIDTHS)
         self.head = nn.Conv2d(DECODER_WIDTHS[-1], 1, kernel_size=1)
         # Buffers follow the network to its device; not persistent, because they are constants.

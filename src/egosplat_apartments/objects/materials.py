@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.pictures import random_color
@@ -105,7 +105,7 @@ _SIDE = (256, 256)
 def mosaic(rng: Rng, colors: Sequence[Color], shape: tuple[int, int] = _SIDE, count: int = 90) -> Picture:
     """Irregular tiles with dark joints."""
     y, x = np.mgrid[: shape[0], : shape[1]]
-    tree = cKDTree(rng.uniform((0, 0), shape, (count, 2)))
+    tree = KDTree(rng.uniform((0, 0), shape, (count, 2)))
     distance, tile = tree.query(np.stack([y.ravel(), x.ravel()], axis=1), k=2)
     tints = np.asarray(colors)[rng.integers(len(colors), size=count)] * rng.normal(1, 0.12, (count, 1))
     picture = tints[tile[:, 0]].reshape(*shape, 3)

@@ -95,7 +95,7 @@ def sheet(corner: ArrayLike, right: ArrayLike, down: ArrayLike, step: float = _S
 
 def box(lower: ArrayLike, upper: ArrayLike, step: float = _STEP_M) -> Shape:
     """A box between two corners; the texture of each face begins at its top left as seen from outside."""
-    (x0, y0, z0), (x1, y1, z1) = lower, upper
+    (x0, y0, z0), (x1, y1, z1) = np.asarray(lower).tolist(), np.asarray(upper).tolist()
     w, h, d = x1 - x0, y1 - y0, z1 - z0
     return join(
         [

@@ -36,10 +36,10 @@ class _L1SSIM(torch.autograd.Function):
         ctx: Any, render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float
     ) -> Tensor:
         planar = render.permute(2, 0, 1).contiguous()
-        target, weight = plain(target), plain(weight)
+        inputs = planar, plain(target), plain(weight)
         gradient = torch.empty_like(planar) if ctx.needs_input_grad[0] else None
         _, height, width = planar.shape
-        addresses = map(address, (planar, target, weight, gradient))
+        addresses = map(address, (*inputs, gradient))
         kernel = function("l1_ssim", "iiid" + 4 * "p", "d")
         loss = kernel(width, height, torch.get_num_threads(), ssim_lambda, *addresses)
         ctx.save_for_backward(gradient)
