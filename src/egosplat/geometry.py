@@ -124,7 +124,7 @@ def rotate(rotation: NDArray, vectors: NDArray) -> NDArray:
     return x + y + z
 
 
-def compose(first: Array, second: Array) -> Array:
+def compose(first: NDArray[np.floating], second: NDArray[np.floating]) -> Array:
     """Product ``first @ second`` of (..., 4, 4) poses or (..., 3, 3) rotations."""
     # einsum has the same order of summation on every processor, as ``rotate``.
     return np.einsum("...ij,...jk->...ik", first, second)

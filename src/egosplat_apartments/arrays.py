@@ -1,10 +1,12 @@
-"""Types of arrays and of random numbers."""
+"""Types of arrays and of random numbers: Array holds float64 and Floats float32, which the stubs of NumPy cannot follow."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
+Array = NDArray[Any]
+Floats = NDArray[Any]
 Ints = NDArray[np.int32]
 Times = NDArray[np.int64]
 Rng = np.random.Generator

@@ -44,7 +44,7 @@ class Trainee(nn.Module, ABC):
 class Layers(nn.Module):
     """A decoder in training, without the normalization at the end; ``values`` are all weights and biases."""
 
-    def __init__(self, widths: tuple[int, ...], seed: int, device: torch.device, **more: object) -> None:
+    def __init__(self, widths: tuple[int, ...], seed: int, device: torch.device, **more: Any) -> None:
         """Start from random weights of ``seed``; the other arguments are those of ``Decoder``."""
         super().__init__()
         self._described = Decoder(widths, np.zeros(0, np.float32), **more)

@@ -47,6 +47,7 @@ def is_seen(centers: Centers, width: int, height: int) -> NDArray[np.bool_]:
 
     A Gaussian at a pixel without a median depth is not seen.
     """
+    assert centers.median_depth is not None
     border, size = BORDER * width, np.array([width, height])
     inside = (np.minimum(centers.pixel, size - 1 - centers.pixel) >= border).all(axis=1)
     return inside & (abs(centers.median_depth - centers.depth) <= TOLERANCE * centers.median_depth)

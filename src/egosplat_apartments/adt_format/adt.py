@@ -173,7 +173,7 @@ def write_trajectories(folder: Path, sequence: Sequence, truth_ns: Times, middle
     }
     for path, (period_us, pose) in files.items():
         # The needed times are rows of their own, so that a reader interpolates nothing there.
-        grid_us = np.arange(*span_us, period_us)
+        grid_us = np.arange(span_us[0], span_us[1], period_us)
         times_us = np.unique(np.concatenate([span_us, grid_us, needed_us]))
         trajectory_table(sequence, times_us, pose).to_csv(path, index=False)
     _write_points(slam / "semidense_points.csv.gz", sequence)

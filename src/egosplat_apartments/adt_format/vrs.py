@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal
 
-from numcodecs import zstd
+from numcodecs import zstd  # pyright: ignore[reportAttributeAccessIssue] (compiled)
 
 from egosplat.files import atomic_file
 from egosplat_apartments.adt_format.vrs_layout import CONFIGURATION, IMAGE_DATA

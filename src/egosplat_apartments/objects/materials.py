@@ -157,7 +157,7 @@ def bricks(rng: Rng, color: Color, mortar: Color, shape: tuple[int, int], rows: 
 def basket_parquet(rng: Rng, color: Color, shape: tuple[int, int], cell: int = 64) -> Picture:
     """Squares of boards, the boards of neighbors crossing."""
     picture = wood(rng, color, shape)
-    turned = np.swapaxes(wood(rng, color, shape[::-1]), 0, 1)
+    turned = np.swapaxes(wood(rng, color, (shape[1], shape[0])), 0, 1)
     y, x = np.mgrid[: shape[0], : shape[1]]
     across = ((y // cell + x // cell) % 2 == 0)[..., None]
     tint = rng.normal(1, 0.13, (shape[0] // cell + 1, shape[1] // cell + 1, 1))[y // cell, x // cell]

@@ -66,8 +66,8 @@ def clock_face(rng: Rng, ground: Color, ink: Color, side: int = 256) -> Picture:
     middle = side // 2
     for hour in range(1, 13):
         way = np.array([np.sin(hour * np.pi / 6), -np.cos(hour * np.pi / 6)])
-        ends = [tuple((middle + way * middle * r).astype(int).tolist()) for r in (0.82, 0.95)]
-        cv2.line(picture, *ends, ink, 5, cv2.LINE_AA)
+        begin, end = (tuple((middle + way * middle * r).astype(int).tolist()) for r in (0.82, 0.95))
+        cv2.line(picture, begin, end, ink, 5, cv2.LINE_AA)
         x, y = (middle + way * middle * 0.65).astype(int).tolist()
         _write(picture, str(hour), (x - 9 - 7 * (hour > 9), y + 10), 0.8, ink)
     for angle, length, width in ((rng.uniform(0, 6.28), 0.45, 9), (rng.uniform(0, 6.28), 0.72, 5)):

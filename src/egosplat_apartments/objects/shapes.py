@@ -173,7 +173,7 @@ def rod(start: ArrayLike, end: ArrayLike, radius: float, end_radius: float | Non
     profile = np.concatenate([low, high])
     profile[[0, -1], 0] = 0.0
     # Many rotations map the y axis to the direction; any of them suits a round bar.
-    turn, _ = Rotation.align_vectors([end - start], [[0.0, 1.0, 0.0]])
+    turn = Rotation.align_vectors([end - start], [[0.0, 1.0, 0.0]])[0]
     return lathe(profile, 12, 60.0).moved(start, turn)
 
 

@@ -175,7 +175,7 @@ def motifs(
     for _ in range(count):
         x, y = int(rng.integers(shape[1])), int(rng.integers(shape[0]))
         size, turn = int(rng.integers(*radius)), float(rng.uniform(0, 360))
-        tint = np.asarray(colors[rng.integers(len(colors))]) * rng.uniform(0.8, 1.15)
+        tint = np.asarray(colors[int(rng.integers(len(colors)))]) * rng.uniform(0.8, 1.15)
         petals = int(rng.integers(1, 7))
         for petal in range(petals):
             angle = turn + 360.0 * petal / petals

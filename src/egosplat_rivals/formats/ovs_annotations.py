@@ -63,7 +63,7 @@ def _check_names(folder: Path, classes: list[str]) -> None:
 
 def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
     """(H, W) bool: where the picture of ``size``, width and height, shows a class."""
-    mask = (read_rgb(path, turned=False) >= _WHITE).all(axis=2)
+    mask = np.asarray((read_rgb(path, turned=False) >= _WHITE).all(axis=2))
     if mask.shape[::-1] != size:
         raise UserError(
             f"{path}: {mask.shape[1]}x{mask.shape[0]} px, but its picture has {size[0]}x{size[1]}. Give the pictures that were labeled."

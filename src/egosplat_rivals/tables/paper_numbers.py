@@ -45,7 +45,7 @@ def _numbers() -> Mapping[tuple[str, ...], float]:
 
 
 def _read(name: str, **more: Any) -> pd.DataFrame:
-    with (resources.files(__package__) / name).open(encoding="utf-8") as file:
+    with (resources.files("egosplat_rivals.tables") / name).open(encoding="utf-8") as file:
         return pd.read_csv(file, **more)
 
 

@@ -229,7 +229,9 @@ def average_chance(scenes: Mapping[str, ScoredScene], answerer: str, group: str)
     scored = {name: cell for name, cell in cells.items() if cell.percent is not None}
     if not scored:
         return Cell()
-    return Cell(percent=sum(cell.percent for cell in scored.values()) / len(scored), scenes=tuple(scored))
+    return Cell(
+        percent=sum(cell.percent or 0.0 for cell in scored.values()) / len(scored), scenes=tuple(scored)
+    )
 
 
 def _presence_summary(scenes: Iterable[ScoredScene]) -> str | None:

@@ -29,7 +29,7 @@ def draw(numbers: pd.DataFrame, output: Path) -> None:
     scenes = {scene: mean_points(own) * scale for scene, own in numbers.groupby("scene", sort=False)}
     means = mean_points(numbers) * scale
     figure = plt.figure(figsize=(13.5, 10.5), layout="constrained")
-    title = f"{', '.join(scenes)}: speed against accuracy, {numbers.about.iloc[0]}"
+    title = f"{', '.join(map(str, scenes))}: speed against accuracy, {numbers.about.iloc[0]}"
     figure.suptitle(title, fontsize=13, wrap=True)
     panels = list(zip(figure.subplots(2, 2).flat, PANELS, strict=True))
     for axes, (cost, gain) in panels:
