@@ -3,17 +3,22 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import egosplat
 from egosplat.cli import scenes
-from egosplat.cli.collection import end_without_collection, without_collection
-from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, path_flags
+from egosplat.cli.flags import (
+    ARTIFACT,
+    OVERWRITE,
+    KeysCommand,
+    end_without_collection,
+    path_flags,
+    without_collection,
+)
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
@@ -24,22 +29,8 @@ from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
 from egosplat.progress import name_lines, show_log
 
-if TYPE_CHECKING:
-    from egosplat.models.needed import Needed
-
-# Half of the longest message about a flag [characters]; a value may be a whole file.
-_LONGEST = 500
-
-# Commands that are built on demand, because their keys come from the options of stages, with a line of help for each.
-_BUILT: dict[str, tuple[Callable[[], click.Command], str]] = {
-    "run": (scenes.run_command, "Make a scene of a video or photographs, and ask it."),
-    "query": (scenes.query_command, "Find things in a finished scene by words."),
-    "view": (scenes.view_command, "Look at a finished scene in the browser, and ask it."),
-    "page": (scenes.page_command, "Write a finished scene as one HTML file to share."),
-    "export": (scenes.export_command, "Write a finished scene for other programs."),
-    "movie": (scenes.movie_command, "Draw a moving picture of a scene that is asked."),
-}
-
+# The longest message about a flag [characters].
+_LONGEST = 1000
 
 # The groups of commands in ``--help``; all others are stages, or pages of several scenes.
 _GROUPS = {
@@ -50,34 +41,24 @@ _GROUPS = {
 
 
 class Commands(click.Group):
-    """Sub-commands that are built only when they are called."""
+    """Sub-commands; those of stages are built only when they are called, so that ``--help`` imports no stage."""
 
     def list_commands(self, context: click.Context) -> list[str]:
-        others = sorted([*super().list_commands(context), *_BUILT])
-        return [*(name.replace("_", "-") for name in STAGES), *others]
+        return [*(name.replace("_", "-") for name in STAGES), *super().list_commands(context)]
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        # Built on demand, so that ``--help`` imports neither PyTorch nor a stage.
-        if name in _BUILT:
-            return _BUILT[name][0]()
         stage = name.replace("-", "_")
         return stage_command(stage) if stage in STAGES else super().get_command(context, name)
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands by group, one line each."""
+        lines = {name.replace("_", "-"): stage.help for name, stage in STAGES.items()}
+        lines |= {name: command.get_short_help_str(100) for name, command in self.commands.items()}
         named = {name for names in _GROUPS.values() for name in names}
-        others = [name for name in self.list_commands(context) if name not in named]
+        others = [name for name in lines if name not in named]
         for title, names in {**_GROUPS, "Stages, which the workflow calls": others}.items():
-            longest = max(map(len, others))
             with formatter.section(title):
-                formatter.write_dl([(name.ljust(longest), self._about(name)) for name in names])
-
-    def _about(self, name: str) -> str:
-        """One line about a command."""
-        if name in _BUILT:
-            return _BUILT[name][1]
-        stage = name.replace("-", "_")
-        return STAGES[stage].help if stage in STAGES else self.commands[name].get_short_help_str()
+                formatter.write_dl([(name.ljust(max(map(len, others))), lines[name]) for name in names])
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -88,6 +69,10 @@ def cli() -> None:
     Each stage of the pipeline is a command. The workflow calls them in order and reruns only what is stale:
     snakemake --snakefile "$(egosplat snakefile)" --cores 2 results/adt/scene1/contact_sheet.png
     """
+
+
+for command in scenes.COMMANDS:
+    cli.add_command(command)
 
 
 @cli.command(short_help="Verify artifacts: checksums, schemas, what they come from.")
@@ -151,55 +136,37 @@ def doctor(configfile: tuple[Path, ...], config: tuple[str, ...]) -> None:
         raise SystemExit(1)
 
 
-@cli.group(invoke_without_command=True, short_help="List and download the checkpoints that are needed.")
-@CONFIGFILE
-@CONFIG
-@click.option("--all", "every", is_flag=True, help="List the whole catalogue of published checkpoints.")
-@click.pass_context
-def models(
-    context: click.Context, configfile: tuple[Path, ...], config: tuple[str, ...], every: bool
-) -> None:
-    """List the checkpoints that the configuration needs: place, license, size, SHA-256, and whether they are there."""
-    from egosplat.models.needed import listing
-
-    context.obj = (configfile, config)
-    if context.invoked_subcommand:
-        return
-    options = [word for path in configfile for word in ("--configfile", str(path))]
-    options += [word for one in config for word in ("--config", one)]
-    click.echo(listing(_checkpoints(configfile, config, every), options))
-
-
-@models.command()
+@cli.command(short_help="List and download the checkpoints that are needed.")
+@click.argument("action", required=False, type=click.Choice(["download"]))
 @click.argument("names", nargs=-1)
 @CONFIGFILE
 @CONFIG
-@click.pass_context
-def download(
-    context: click.Context, names: tuple[str, ...], configfile: tuple[Path, ...], config: tuple[str, ...]
+@click.option("--all", "every", is_flag=True, help="The whole catalogue of published checkpoints.")
+def models(
+    action: str | None,
+    names: tuple[str, ...],
+    configfile: tuple[Path, ...],
+    config: tuple[str, ...],
+    every: bool,
 ) -> None:
-    """Fetch the published checkpoints that the configuration needs and that are missing, or those of NAMES.
+    """List the checkpoints that the configuration needs: place, license, size, SHA-256, and whether they are there.
 
-    NAMES are architectures, as sam2.1_hiera_l. Proxies are those of the environment (https_proxy); HF_ENDPOINT names a
-    mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
+    With download, fetch those that are missing, or those of NAMES: architectures, as sam2.1_hiera_l. Proxies are those of the
+    environment (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
     """
-    from egosplat.models.needed import download as fetch
-
-    files, options = (*context.obj[0], *configfile), (*context.obj[1], *config)
-    for line in fetch(_checkpoints(files, options, bool(names), names)):
-        click.echo(line)
-
-
-def _checkpoints(
-    files: Sequence[Path], options: Sequence[str], catalogued: bool, names: Sequence[str] = ()
-) -> "list[Needed]":
-    """The checkpoints that a configuration needs, or those of the catalogue, all or by name."""
     from egosplat.doctor.inputs import read_configuration, read_configurations
-    from egosplat.models.needed import catalogue, find_needed
+    from egosplat.models.needed import catalogue, download, find_needed, listing
 
-    if catalogued:
-        return catalogue(read_configuration(files, options)[0], names)
-    return find_needed(read_configurations(files, options))
+    if every or names:
+        needed = catalogue(read_configuration(configfile, config)[0], names)
+    else:
+        needed = find_needed(read_configurations(configfile, config))
+    if action is None:
+        options = [word for path in configfile for word in ("--configfile", str(path))]
+        click.echo(listing(needed, [*options, *(word for pair in config for word in ("--config", pair))]))
+    else:
+        for line in download(needed):
+            click.echo(line)
 
 
 def stage_command(stage: str) -> click.Command:
@@ -242,8 +209,10 @@ def run_commands(group: click.Group) -> None:
     try:
         group.main(standalone_mode=False)
     except click.ClickException as error:
-        if len(text := error.message) > 2 * _LONGEST:
-            error.message = f"{text[:_LONGEST]} ... {text[-_LONGEST:]}"
+        # The value of a flag may be a whole file.
+        if len(text := error.message) > _LONGEST:
+            text = f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
+            error = click.UsageError(text, getattr(error, "ctx", None))
         error.show()
         sys.exit(2)
     except click.Abort:

@@ -1,7 +1,11 @@
-"""Options on the command line: ``--options`` and ``--set``, and the keys that they take, listed by ``--help``."""
+"""Flags of commands: paths of stages, and ``--options`` and ``--set`` with the keys that they take, listed by ``--help``."""
 
+import atexit
+import gc
 import json
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, get_args
 
@@ -19,42 +23,58 @@ ARTIFACT = click.Path(path_type=Path)
 
 OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --output if it is there."}
 
-PRESETS = sorted({*PRESET_FILES, *PRESET_FILES.values()})
+# The key with a flag of its own in commands on a scene.
+PLAIN = "min_score"
 
 # Flags that come from the table of scenes.
-SCENE = {
-    "title": click.Option(["--title"], default="scene", show_default=True, help="Title of the scene."),
-    "method": click.Option(
-        ["--method"], help="Published method that the codes stand for. [default: EgoSplat]"
-    ),
-    "preset": click.Option(["--preset"], type=click.Choice(PRESETS), help="Preset of the scene."),
-    "world_seed": click.Option(["--world-seed"], type=click.IntRange(0), help="synthetic.seed of the scene."),
-    "camera": click.Option(
-        ["--camera"], type=click.Choice(["ideal", "real"]), help="synthetic.camera of the scene."
-    ),
-    "format": click.Option(
-        ["--format"],
-        type=click.Choice(get_args(Format)),
-        required=True,
-        help="How the recording is laid out on disk.",
-    ),
+SCENE: dict[str, dict[str, Any]] = {
+    "title": {"default": "scene", "show_default": True, "help": "Title of the scene."},
+    "method": {"help": "Published method that the codes stand for. [default: EgoSplat]"},
+    "preset": {
+        "type": click.Choice(sorted({*PRESET_FILES, *PRESET_FILES.values()})),
+        "help": "Preset of the scene.",
+    },
+    "world_seed": {"type": click.IntRange(0), "help": "synthetic.seed of the scene."},
+    "camera": {"type": click.Choice(["ideal", "real"]), "help": "synthetic.camera of the scene."},
+    "format": {
+        "type": click.Choice(get_args(Format)),
+        "required": True,
+        "help": "How the recording is laid out on disk.",
+    },
+}
+
+# Flags of a stage whose frames jobs can share.
+CHUNKS: dict[str, dict[str, Any]] = {
+    "chunk": {
+        "type": click.IntRange(1),
+        "help": "Number of the chunk of frames to work on alone; the output is a file with its results.",
+    },
+    "gather": {
+        "type": ARTIFACT,
+        "multiple": True,
+        "help": "Results of a chunk. Repeated for all chunks, in order, they take the place of the work.",
+    },
 }
 
 
-# Flags of a stage whose frames jobs can share.
-CHUNKS = (
-    click.Option(
-        ["--chunk"],
-        type=click.IntRange(1),
-        help="Number of the chunk of frames to work on alone; the output is a file with its results.",
-    ),
-    click.Option(
-        ["--gather"],
-        type=ARTIFACT,
-        multiple=True,
-        help="Results of a chunk. Repeated for all chunks, in order, they take the place of the work.",
-    ),
-)
+@contextmanager
+def without_collection() -> Iterator[None]:
+    """Search for no garbage inside this context, and never again among what is left of it.
+
+    For imports, and for commands that end soon: while torch is imported, its half a million objects are searched tens of times.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def end_without_collection() -> None:
+    """Leave the objects of this process to the operating system when it ends, which takes Python longer than a query."""
+    # Triton reports each of its objects that is not freed as a leak.
+    atexit.register(lambda: (gc.unfreeze if "triton" in sys.modules else gc.freeze)())
 
 
 def parse_time(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
@@ -86,7 +106,7 @@ class KeysCommand(click.Command):
     Attributes:
         options: their class.
         own: section of the keys that are in no shared one.
-        plain: keys with a flag of their own. With such, only ``--help-all`` lists the keys.
+        brief: whether ``PLAIN`` has a flag of its own, and only ``--help-all`` lists the keys.
     """
 
     def __init__(
@@ -95,57 +115,52 @@ class KeysCommand(click.Command):
         options: type[Options],
         own: str,
         params: Sequence[click.Parameter],
-        plain: Sequence[str] = (),
+        brief: bool = False,
         **rest: Any,
     ) -> None:
-        self.options, self.own, self.plain = options, own, plain
-        given = {"callback": _parse_json, "metavar": "JSON", "default": "{}", "hidden": bool(plain)}
-        text = f"Value of a key{', see --help-all' if plain else ''}. May be repeated."
-        every = "Show all keys with their whole descriptions."
+        self.options, self.own, self.brief = options, own, brief
+        about = f"Value of a key{', see --help-all' if brief else ''}. May be repeated."
+        given = {"callback": _parse_json, "metavar": "JSON", "default": "{}", "hidden": brief}
         shows = {"is_flag": True, "is_eager": True, "expose_value": False, "callback": _show_all}
         flags = [
-            *map(self._plain_flag, plain),
             click.Option(["--options", "given"], help="Values of keys as JSON.", **given),
-            click.Option(["--set", "pairs"], multiple=True, metavar="KEY=VALUE", help=text),
-            click.Option(["--help-all"], help=every, **shows),
+            click.Option(["--set", "pairs"], multiple=True, metavar="KEY=VALUE", help=about),
+            click.Option(["--help-all"], help="Show all keys with their whole descriptions.", **shows),
         ]
+        if brief:
+            flag = f"--{PLAIN.replace('_', '-')}"
+            flags.insert(0, click.Option([flag], metavar="VALUE", help=self._about(PLAIN, whole=False)))
         super().__init__(name, params=[*params, *flags], **rest)
 
     def invoke(self, context: click.Context) -> Any:
         """Call the callback with checked options."""
         given, pairs = context.params.pop("given"), context.params.pop("pairs")
-        flags = {name: context.params.pop(name) for name in self.plain}
-        pairs = [*(f"{name}={value}" for name, value in flags.items() if value is not None), *pairs]
+        if (value := context.params.pop(PLAIN, None)) is not None:
+            pairs = [f"{PLAIN}={value}", *pairs]
         context.params["options"] = read_options(self.options, self.own, given, pairs)
         return super().invoke(context)
-
-    def _plain_flag(self, name: str) -> click.Option:
-        about = _about(describe(self.options, name), keys_of(self.options)[name], whole=False)
-        return click.Option([f"--{name.replace('_', '-')}", name], metavar="VALUE", help=about)
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the flags, then the keys."""
         super().format_options(context, formatter)
-        keys, every = keys_of(self.options), context.obj == "all"
-        if self.plain and not every:
+        whole = context.obj == "all"
+        if self.brief and not whole:
             return
-        sections = sections_of(self.options, self.own)
-        others = [name for own, names in sections.items() if own != self.own for name in names]
-        names = [*sections.get(self.own, ()), *others]
+        keys, sections = keys_of(self.options), dict(sections_of(self.options, self.own))
+        names = [*sections.pop(self.own, ()), *(name for shared in sections.values() for name in shared)]
         readings = [name for name in names if keys[name].get("reading")]
         parts = {"Keys": [name for name in names if name not in readings]}
-        parts |= {"Readings of the paper": readings} if every else {}
+        parts |= {"Readings of the paper": readings} if whole else {}
         for title, part in parts.items():
-            rows = [(name, _about(describe(self.options, name), keys[name], every)) for name in part]
-            if rows:
+            if part:
                 with formatter.section(title):
-                    formatter.write_dl(rows, col_max=28)
+                    formatter.write_dl([(name, self._about(name, whole)) for name in part], col_max=28)
 
-
-def _about(text: str, key: dict[str, Any], whole: bool) -> str:
-    """Describe a key: what it is, its default, and what is allowed."""
-    sentence = text if whole else text.split(". ")[0].rstrip(".") + "."
-    return f"{sentence} [default: {shown(key['default'])}; {describe_value(key)}]"
+    def _about(self, name: str, whole: bool) -> str:
+        """Describe a key: what it is, its default, and what is allowed."""
+        text, key = describe(self.options, name), keys_of(self.options)[name]
+        sentence = text if whole else text.split(". ")[0].rstrip(".") + "."
+        return f"{sentence} [default: {shown(key['default'])}; {describe_value(key)}]"
 
 
 def _show_all(context: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -172,14 +187,15 @@ def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[s
 def path_flags(stage: str) -> list[click.Parameter]:
     """Make the flags of a stage: its paths, and what the table of scenes says."""
     about = STAGES[stage]
-    paths = [
-        click.Option(
-            [f"--{name.replace('_', '-')}", name],
-            type=ARTIFACT,
-            required=name not in about.optional,
-            help=text[0].upper() + text[1:] + ".",
-        )
+    flags: dict[str, dict[str, Any]] = {
+        name: {
+            "type": ARTIFACT,
+            "required": name not in about.optional,
+            "help": f"{text[0].upper()}{text[1:]}.",
+        }
         for name, text in path_help(about).items()
-    ]
-    overwrite = [click.Option(["--overwrite"], **OVERWRITE)] if stage in FILES else []
-    return [*paths, *overwrite, *(CHUNKS if about.by_chunks else ()), *(SCENE[name] for name in about.scene)]
+    }
+    flags |= {"overwrite": OVERWRITE} if stage in FILES else {}
+    flags |= CHUNKS if about.by_chunks else {}
+    flags |= {name: SCENE[name] for name in about.scene}
+    return [click.Option([f"--{name.replace('_', '-')}", name], **flag) for name, flag in flags.items()]

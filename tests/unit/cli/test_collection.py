@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from egosplat.cli.collection import without_collection
+from egosplat.cli.flags import without_collection
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +45,7 @@ def test_triton_reports_no_leaks():
     """It is frozen by the context, and freed at the end all the same."""
     pytest.importorskip("triton")
     code = (
-        "from egosplat.cli.collection import end_without_collection, without_collection\n"
+        "from egosplat.cli.flags import end_without_collection, without_collection\n"
         "end_without_collection()\n"
         "with without_collection():\n    import triton"
     )
