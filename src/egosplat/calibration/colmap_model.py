@@ -1,32 +1,58 @@
 """Read a COLMAP model folder: ``cameras``, ``images`` and ``points3D``, all as .bin or all as .txt."""
 
-import re
 import struct
 import tempfile
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.calibration.contents import Contents
-from egosplat.calibration.files import MODEL_FILES, MODEL_SUFFIXES, model_files, next_image, text_names
+from egosplat.calibration.files import MODEL_FILES, MODEL_SUFFIXES, model_files, next_image
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import invert, make_pose
 
-# A word of a line; a picture's name has an extension.
-_NOT_FINITE = re.compile(rb"(?<!\S)[-+]?(nan|inf|infinity)(?!\S)", re.IGNORECASE)
 
-# A quaternion that was written with few digits.
-_MAX_LENGTH_ERROR = 1e-3
+@dataclass(frozen=True)
+class Contents:
+    """Calibration, poses and points from one file or folder, whichever its format.
 
-# Number of parameters of each camera model, by its number in a file.
-_PARAMETERS = {
-    int(number): len(pycolmap.Camera.create_from_model_name(1, name, 1.0, 1, 1).params)
-    for name, number in pycolmap.CameraModelId.__members__.items()
-    if name != "INVALID"
-}
+    Attributes:
+        cameras: of N full-size pictures.
+        names: of the pictures, as the file spells them.
+        camera_to_world: (N, 4, 4) float64, OpenCV axes, in the file's own world and unit.
+        points, point_rgb: (P, 3) float64 in the same world, (P, 3) uint8.
+        point_views, point_error_px: (P,) int64 number of pictures that see each point, and (P,) float64 mean reprojection error
+            [px of the full-size pictures]; 0 where the file does not say.
+        masks: the mask of each picture, black where it is not to be used, or None; empty if there is none.
+        unread: keys of the file that do not count.
+        notes: further facts, as plain JSON.
+    """
+
+    cameras: list[Lens]
+    names: list[str]
+    camera_to_world: NDArray[np.float64]
+    points: NDArray[np.float64]
+    point_rgb: NDArray[np.uint8]
+    point_views: NDArray[np.int64]
+    point_error_px: NDArray[np.float64]
+    masks: list[Path | None] = field(default_factory=list)
+    unread: list[str] = field(default_factory=list)
+    notes: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def lenses(self) -> list[Lens]:
+        """The cameras without repetition."""
+        return list(dict.fromkeys(self.cameras))
+
+    @property
+    def lens_of(self) -> NDArray[np.int64]:
+        """(N,) the index of each picture's lens."""
+        index_of = {lens: index for index, lens in enumerate(self.lenses)}
+        return np.array([index_of[camera] for camera in self.cameras], np.int64)
 
 
 def read_model(folder: Path) -> Contents:
@@ -38,45 +64,9 @@ def read_model(folder: Path) -> Contents:
             f"{folder}: has no {', '.join(f'{name}{suffix}' for name in missing)}. A COLMAP model has cameras, images and "
             "points3D, all .bin or all .txt."
         )
-    model = _read(folder, files)
-    images = sorted(
-        (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
-    )
-    if not images:
-        raise UserError(f"{folder}: has no image with a pose.")
-    used = [model.cameras[image.camera_id] for image in images]
-    cameras = [
-        Lens(camera.model_name, camera.width, camera.height, tuple(map(float, camera.params)))
-        for camera in used
-    ]
-    lenses = list(dict.fromkeys(cameras))
-    world_to_camera = np.stack([_world_to_camera(image) for image in images])
-    points = [point for _, point in sorted(model.points3D.items())]
-    return Contents(
-        camera_file=str(folder / f"cameras{suffix}"),
-        pose_file=str(folder / f"images{suffix}"),
-        lenses=lenses,
-        lens_of=np.array([lenses.index(camera) for camera in cameras], np.int64),
-        names=[image.name for image in images],
-        camera_to_world=invert(make_pose(world_to_camera[:, :, :3], world_to_camera[:, :, 3])),
-        points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
-        point_rgb=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
-        point_views=np.array([point.track.length() for point in points], np.int64),
-        point_error_px=np.array([max(point.error, 0.0) for point in points], np.float64),
-    )
-
-
-def _world_to_camera(image: pycolmap.Image) -> NDArray[np.float64]:
-    """The (3, 4) matrix of an image, which is no rotation if its quaternion has another length than 1."""
-    motion = image.cam_from_world()
-    matrix, length = motion.matrix(), np.linalg.norm(motion.rotation.quat)
-    # pycolmap takes a quaternion of zeros, or of a scale alone, for no rotation.
-    return matrix if abs(length - 1) < _MAX_LENGTH_ERROR else matrix * [length, length, length, 1.0]
-
-
-def _read(folder: Path, files: list[Path]) -> pycolmap.Reconstruction:
-    for file in files:
-        (_check_whole if file.suffix == ".bin" else _check_finite)(file)
+    if suffix == ".bin":
+        for file in files:
+            _check_whole(file)
     # COLMAP reads every file that it finds; here the three that are checked.
     with tempfile.TemporaryDirectory(prefix="egosplat-model-") as scratch:
         for file in files:
@@ -86,27 +76,21 @@ def _read(folder: Path, files: list[Path]) -> pycolmap.Reconstruction:
         except (ValueError, IndexError, RuntimeError, OSError) as error:
             reason = str(error).replace(f"{scratch}/", "").partition("\n")[0][-200:]
             raise UserError(f"{folder}: not a readable COLMAP model ({reason}). Export it again.") from error
-    path = folder / "images.txt"
-    # COLMAP reads a name to its first space.
-    if path in files and (broken := next((name for name in text_names(path) if " " in name), None)):
-        raise UserError(
-            f"{path}: {broken}: the text format holds no names with spaces. Export the model as .bin."
-        )
-    return model
-
-
-def _check_finite(path: Path) -> None:
-    """Raise UserError unless a text file has finite numbers: COLMAP tells neither the file nor the line of another one."""
-    content = path.read_bytes()
-    for match in _NOT_FINITE.finditer(content):
-        begin = content.rfind(b"\n", 0, match.start()) + 1
-        # COLMAP writes means into comments, which are not finite if there is nothing to average.
-        if content[begin : begin + 1] != b"#":
-            line = content.count(b"\n", 0, begin) + 1
-            raise UserError(
-                f"{path}: line {line}: {match[0].decode()} is no finite number. Export the "
-                "model again, or leave out what the line describes."
-            )
+    posed = [image for image in model.images.values() if image.has_pose]
+    if not posed:
+        raise UserError(f"{folder}: has no image with a pose.")
+    images = sorted(posed, key=lambda image: image.name)
+    world_to_camera = np.stack([image.cam_from_world().matrix() for image in images])
+    points = [point for _, point in sorted(model.points3D.items())]
+    return Contents(
+        cameras=[Lens.of_colmap(model.cameras[image.camera_id]) for image in images],
+        names=[image.name for image in images],
+        camera_to_world=invert(make_pose(world_to_camera[:, :, :3], world_to_camera[:, :, 3])),
+        points=np.array([point.xyz for point in points], np.float64).reshape(-1, 3),
+        point_rgb=np.array([point.color for point in points], np.uint8).reshape(-1, 3),
+        point_views=np.array([point.track.length() for point in points], np.int64),
+        point_error_px=np.array([max(point.error, 0.0) for point in points], np.float64),
+    )
 
 
 def _check_whole(path: Path) -> None:
@@ -114,19 +98,15 @@ def _check_whole(path: Path) -> None:
     content, position = path.read_bytes(), 8
     try:
         for _ in range(*struct.unpack_from("<Q", content)):
-            position = _next_record(path.stem, content, position)
-            if position > len(content):
-                break
-    except (struct.error, ValueError, KeyError):
+            if path.stem == "cameras":
+                (model,) = struct.unpack_from("<i", content, position + 4)
+                camera = pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId(model), 1.0, 1, 1)
+                position += 24 + 8 * len(camera.params)
+            elif path.stem == "points3D":
+                position += 51 + 8 * struct.unpack_from("<Q", content, position + 43)[0]
+            else:
+                position = next_image(content, position)[1]
+    except (struct.error, ValueError):
         position = -1
     if position != len(content):
         raise UserError(f"{path}: damaged or incomplete ({len(content)} bytes). Copy it again.")
-
-
-def _next_record(kind: str, content: bytes, position: int) -> int:
-    """The end of a camera, an image or a point that begins at a position."""
-    if kind == "cameras":
-        return position + 24 + 8 * _PARAMETERS[struct.unpack_from("<ii", content, position)[1]]
-    if kind == "points3D":
-        return position + 51 + 8 * struct.unpack_from("<Q", content, position + 43)[0]
-    return next_image(content, position)[1]

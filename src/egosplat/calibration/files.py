@@ -9,7 +9,7 @@ import math
 import os
 import re
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
@@ -57,9 +57,6 @@ _SEQUENCE = re.compile(r"(?:^|/)" + "[/_]".join(rf"({letter}\d+)" for letter in 
 # nerfstudio writes this file beside a training's config.yml: from the world of the data to that of the Gaussians.
 DATAPARSER = "dataparser_transforms.json"
 
-# Registering fewer frames is no loss to accept: most of the recording would be missing.
-_LEAST_ADVISED = 0.5
-
 
 def recording_origin(format: str, recording: Path) -> Origin:
     """``synthetic`` for an ADT sequence that egosplat rendered, as its ``metadata.json`` says, else ``real`` (UserError: it
@@ -76,71 +73,15 @@ def recording_origin(format: str, recording: Path) -> Origin:
 
 
 def digest_of_recording(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> str:
-    """Digest of the names and bytes of all files that a stage opens, 16 hexadecimal digits; arguments as of ``opened_files``."""
-    files = sorted({*opened_files(stage, format, recording, config)})
-    return digest_of_files(files, f"{stage} {recording.absolute()}") if files else "none"
+    """Digest of the names and bytes of all files that a stage opens, 16 hexadecimal digits; arguments as of ``opened_files``.
 
-
-def opened_files(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> list[Path]:
-    """The existing files of a recording that the stage frames, annotations or poses opens.
-
-    Args:
-        format: of the recording, as in the table of scenes.
-        recording: folder, video file, or name of a HOI4D sequence.
-        config: the configuration, of which ``frames.known_poses``, ``poses.method`` and ``poses.trajectory`` count.
+    Bytes are read again where size, time or inode of a file changed since the last call.
     """
-    known = config["frames"]["known_poses"]
-    if stage == "poses":
-        source = chosen_poses(format, recording, config)
-        if source == "known":
-            files = known_pose_files(recording, known)
-        else:
-            trajectory = recording / TRAJECTORIES[config["poses"]["trajectory"]]
-            files = [trajectory, find_points(recording / MPS_FOLDER)] if source == "device" else []
-    elif format == "adt":
-        more = [recording / ADT_INSTANCES, find_segmentation(recording)]
-        files = [adt_video(recording), *([recording / METADATA] if stage == "frames" else more)]
-    elif format == "hoi4d":
-        files = _hoi4d_files(stage, recording)
-    elif stage == "annotations" and not is_annotated(format, recording):
-        files = []
-    else:
-        files = _picture_files(stage, format, recording, known)
-    return [path for path in files if path is not None and os.path.lexists(path)]
-
-
-def _hoi4d_files(stage: str, recording: Path) -> list[Path]:
-    with suppress(UserError):
-        folder = find_sequence(recording)
-        if stage == "frames":
-            return [folder / HOI4D_VIDEO, *intrinsics_files(folder)[:1]]
-        masks = find_masks(folder)
-        return list_masks(masks) if masks else []
-    return []
-
-
-def _picture_files(stage: str, format: str, recording: Path, known: str) -> list[Path]:
-    """The pictures or the video, the masks of single pictures, the known poses, and companions or annotations."""
-    files = [recording] if recording.is_file() else []
-    for folder in picture_folders(recording, known) if recording.is_dir() else ():
-        files += [*list_pictures(folder), *dynamic_masks(folder)]
-    files += [*known_pose_files(recording, known), *mask_files(recording, known)]
-    if format != "plain":
-        for label in labels_of(format, recording).values():
-            files += list_masks(label) if label.is_dir() else [label]
-        files.append(labels_folder(format, recording) / OVS_CLASSES)
-    elif stage == "annotations":
-        folder = companion_path(recording, ANNOTATIONS)
-        files += [folder / INSTANCES_TABLE, *list_masks(folder)]
-    if stage == "frames":
-        files += [companion_path(recording, name) for name in (CAMERA_FILE, VALID_MASK)]
-    return files
-
-
-def digest_of_files(files: Iterable[Path], use: str) -> str:
-    """Digest of the names and bytes of files; bytes are read again where size, time or inode changed since the last call of a use."""
-    cache = user_cache() / "digests" / f"{hashlib.sha256(use.encode()).hexdigest()[:16]}.json"
-    known: dict[str, list[Any]] = {}
+    files = sorted({*opened_files(stage, format, recording, config)})
+    if not files:
+        return "none"
+    use = hashlib.sha256(f"{stage} {recording.absolute()}".encode()).hexdigest()[:16]
+    cache, known = user_cache() / "digests" / f"{use}.json", {}
     with suppress(OSError, ValueError):
         known = read_json(cache)
     told = {str(path): _digest_of_file(path, known.get(str(path))) for path in files}
@@ -161,6 +102,59 @@ def _digest_of_file(path: Path, known: list[Any] | None) -> list[Any]:
         return known
     with path.open("rb") as file:
         return [*identity, hashlib.file_digest(file, "sha256").hexdigest()[:16]]
+
+
+def opened_files(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> list[Path]:
+    """The existing files of a recording that the stage frames, annotations or poses opens.
+
+    Args:
+        format: of the recording, as in the table of scenes.
+        recording: folder, video file, or name of a HOI4D sequence.
+        config: the configuration, of which ``frames.known_poses``, ``poses.method`` and ``poses.trajectory`` count.
+    """
+    known, files = config["frames"]["known_poses"], []
+    if stage == "poses":
+        source = chosen_poses(format, recording, config)
+        if source == "known":
+            files = known_pose_files(recording, known)
+        elif source == "device":
+            files = [
+                recording / TRAJECTORIES[config["poses"]["trajectory"]],
+                find_points(recording / MPS_FOLDER),
+            ]
+    elif format == "adt":
+        more = [recording / ADT_INSTANCES, find_segmentation(recording)]
+        files = [adt_video(recording), *([recording / METADATA] if stage == "frames" else more)]
+    elif format == "hoi4d":
+        with suppress(UserError):
+            folder = find_sequence(recording)
+            masks = find_masks(folder)
+            of_frames = [folder / HOI4D_VIDEO, *intrinsics_files(folder)[:1]]
+            files = of_frames if stage == "frames" else list_masks(masks) if masks else []
+    elif stage == "frames" or is_annotated(format, recording):
+        files = _picture_files(stage, format, recording, known)
+    return [path for path in files if path is not None and os.path.lexists(path)]
+
+
+def _picture_files(stage: str, format: str, recording: Path, known: str) -> list[Path]:
+    """The pictures or the video, the masks of single pictures, the known poses, and companions or annotations."""
+    files = [recording] if recording.is_file() else []
+    for folder in picture_folders(recording, known) if recording.is_dir() else ():
+        files += [*list_pictures(folder), *dynamic_masks(folder)]
+    files += known_pose_files(recording, known)
+    if "transforms" in present_known_poses(recording, known):
+        path = known_poses_path(recording, "transforms")
+        files += [path.parent / name for name in dict.fromkeys(_texts(_document(path), "mask_path"))]
+    if format != "plain":
+        for label in labels_of(format, recording).values():
+            files += list_masks(label) if label.is_dir() else [label]
+        files.append(labels_folder(format, recording) / OVS_CLASSES)
+    elif stage == "annotations":
+        folder = companion_path(recording, ANNOTATIONS)
+        files += [folder / INSTANCES_TABLE, *list_masks(folder)]
+    if stage == "frames":
+        files += [companion_path(recording, name) for name in (CAMERA_FILE, VALID_MASK)]
+    return files
 
 
 def chosen_poses(format: str, recording: Path, config: Mapping[str, Any]) -> str:
@@ -225,8 +219,9 @@ def labels_of(format: str, recording: Path) -> dict[str, Path]:
 
 def adt_video(folder: Path) -> Path:
     """The recording of a sequence of Aria glasses, whether it exists or not."""
-    paths = [folder / name for name in ADT_VIDEOS]
-    return next(filter(os.path.lexists, paths), paths[0])
+    return next(
+        (path for name in ADT_VIDEOS if os.path.lexists(path := folder / name)), folder / ADT_VIDEOS[0]
+    )
 
 
 def find_segmentation(folder: Path) -> Path | None:
@@ -287,8 +282,8 @@ def present_known_poses(recording: Path, wanted: str) -> list[str]:
 def known_poses_path(recording: Path, kind: str) -> Path:
     """The file or folder with the known poses of a kind, which need not exist."""
     path = companion_path(recording, KNOWN_POSES[kind])
-    places = (path, *(recording / place for place in PROJECT_MODELS)) if kind == "colmap" else ()
-    return next((place for place in places if model_files(place)), path)
+    folders = (path, *(recording / name for name in PROJECT_MODELS)) if kind == "colmap" else ()
+    return next(filter(model_files, folders), path)
 
 
 def known_pose_files(recording: Path, wanted: str) -> list[Path]:
@@ -296,8 +291,11 @@ def known_pose_files(recording: Path, wanted: str) -> list[Path]:
     files: list[Path] = []
     for kind in present_known_poses(recording, wanted):
         path = known_poses_path(recording, kind)
-        points = None if kind == "colmap" else points_path(path, _document(path))
-        files += model_files(path) if kind == "colmap" else [path, points] if points else [path]
+        if kind == "colmap":
+            files += model_files(path)
+        else:
+            points = _document(path).get("ply_file_path")
+            files += [path, path.parent / points] if isinstance(points, str) else [path]
     return files
 
 
@@ -307,20 +305,6 @@ def model_files(folder: Path) -> list[Path]:
     return max(([file for file in files if file.is_file()] for files in every), key=len)
 
 
-def points_path(path: Path, document: Any) -> Path | None:
-    """The PLY file that the document of a ``transforms.json`` at ``path`` names; None if it names none."""
-    name = document.get("ply_file_path") if isinstance(document, dict) else None
-    return path.parent / name if isinstance(name, str) else None
-
-
-def mask_files(recording: Path, wanted: str) -> list[Path]:
-    """The masks of single pictures that a recording's ``transforms.json`` names."""
-    if "transforms" not in present_known_poses(recording, wanted):
-        return []
-    path = known_poses_path(recording, "transforms")
-    return [path.parent / name for name in dict.fromkeys(_texts(_document(path), "mask_path"))]
-
-
 def picture_folders(recording: Path, wanted: str) -> list[Path]:
     """The folders with the pictures of a folder's recording: those that its known poses name, or the folder itself.
 
@@ -328,17 +312,15 @@ def picture_folders(recording: Path, wanted: str) -> list[Path]:
     """
     names = [name for kind in present_known_poses(recording, wanted) for name in _names(recording, kind)]
     roots = [root for root in (recording, recording / PROJECT_PICTURES) if root.is_dir()]
-    places = [*(_named_folders(recording, root, names) for root in roots), *([root] for root in roots)]
-    return next((folders for folders in places if any(map(_has_pictures, folders))), [recording])
+    choices = [*(_named_folders(recording, root, names) for root in roots), *([root] for root in roots)]
+    return next((folders for folders in choices if any(map(_has_pictures, folders))), [recording])
 
 
 def _named_folders(recording: Path, root: Path, names: list[str]) -> list[Path]:
     """The folders of a recording to which names lead from ``root``."""
-    named = (os.path.normpath((root / name.replace("\\", "/")).parent) for name in names)
+    named = dict.fromkeys(os.path.normpath((root / name.replace("\\", "/")).parent) for name in names)
     whole = os.path.normpath(recording)
-    return [
-        each for each in map(Path, dict.fromkeys(named)) if each.is_relative_to(whole) and os.path.isdir(each)
-    ]
+    return [folder for folder in map(Path, named) if folder.is_relative_to(whole) and os.path.isdir(folder)]
 
 
 def _has_pictures(folder: Path) -> bool:
@@ -350,19 +332,19 @@ def _names(recording: Path, kind: str) -> list[str]:
     path = known_poses_path(recording, kind)
     if kind == "transforms":
         return _texts(_document(path), "file_path")
-    images = next((file for file in model_files(path) if file.stem == "images"), None)
+    names: list[str] = []
     with suppress(OSError, ValueError, IndexError, struct.error):
-        if images is not None:
-            return [*(text_names(images) if images.suffix == ".txt" else _binary_names(images.read_bytes()))]
-    return []
-
-
-def _binary_names(content: bytes) -> Iterator[str]:
-    """The names in COLMAP's ``images.bin``."""
-    position = 8
-    for _ in range(*struct.unpack_from("<Q", content)):
-        name, position = next_image(content, position)
-        yield name.decode()
+        for file in (file for file in model_files(path) if file.stem == "images"):
+            if file.suffix == ".txt":
+                lines = file.read_text(encoding="utf-8").splitlines()
+                # The tenth word of every second line.
+                rows = [line for line in lines if not line.startswith("#")][::2]
+                return [line.split(maxsplit=9)[9].strip() for line in rows if line.strip()]
+            content, position = file.read_bytes(), 8
+            for _ in range(*struct.unpack_from("<Q", content)):
+                name, position = next_image(content, position)
+                names.append(name.decode())
+    return names
 
 
 def next_image(content: bytes, position: int) -> tuple[bytes, int]:
@@ -371,24 +353,17 @@ def next_image(content: bytes, position: int) -> tuple[bytes, int]:
     return content[position + 64 : end], end + 9 + 24 * struct.unpack_from("<Q", content, end + 1)[0]
 
 
-def text_names(path: Path) -> Iterator[str]:
-    """The names in COLMAP's ``images.txt``: the tenth word of every second line, spaces included."""
-    lines = iter(path.read_text(encoding="utf-8").splitlines())
-    for line in lines:
-        if line.strip() and not line.startswith("#"):
-            yield line.split(maxsplit=9)[9].strip()
-            next(lines, None)
-
-
-def _document(path: Path) -> Any:
+def _document(path: Path) -> dict[str, Any]:
+    """The content of a ``transforms.json``; nothing of a damaged one, whose reader reports it."""
+    document = None
     with suppress(OSError, ValueError):
-        return read_json(path)
-    return None
+        document = read_json(path)
+    return document if isinstance(document, dict) else {}
 
 
-def _texts(document: Any, key: str) -> list[str]:
+def _texts(document: dict[str, Any], key: str) -> list[str]:
     """The texts of a key in the frames of a ``transforms.json``."""
-    frames = document.get("frames") if isinstance(document, dict) else None
+    frames = document.get("frames")
     entries = [frame for frame in frames if isinstance(frame, dict)] if isinstance(frames, list) else []
     return [text for frame in entries if isinstance(text := frame.get(key), str) and text]
 
@@ -410,4 +385,4 @@ def accept_advice(registered: int, frames: int) -> str:
     """How to accept the loss of frames without a pose; empty if most of them have none."""
     # Rounded down, so that the suggested value accepts this model.
     share = math.floor(100 * registered / frames) / 100
-    return f"accept the loss: poses.min_registered={share:g}" if share >= _LEAST_ADVISED else ""
+    return f"accept the loss: poses.min_registered={share:g}" if share >= 0.5 else ""

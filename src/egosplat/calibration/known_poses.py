@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from egosplat.calibration.colmap_model import read_model
-from egosplat.calibration.contents import Contents
+from egosplat.calibration.colmap_model import Contents, read_model
 from egosplat.calibration.files import KNOWN_POSES, known_poses_path, present_known_poses
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
@@ -39,8 +38,9 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
     """
     present = present_known_poses(recording, wanted)
     if wanted in KNOWN_POSES and not present:
-        path = known_poses_path(recording, wanted)
-        raise UserError(f"{path}: not found, but frames.known_poses is {wanted}.")
+        raise UserError(
+            f"{known_poses_path(recording, wanted)}: not found, but frames.known_poses is {wanted}."
+        )
     if len(present) > 1:
         folder = recording if recording.is_dir() else recording.parent
         names = " and ".join(os.path.relpath(known_poses_path(recording, kind), folder) for kind in present)
@@ -49,7 +49,7 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
 
 
 def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Contents:
-    """Read the known poses of a recording.
+    """Read the known poses of a recording, with poses that are rigid.
 
     Args:
         kind: from ``find_known_poses``.
@@ -60,42 +60,28 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
     """
     path = known_poses_path(recording, kind)
     contents = read_model(path) if kind == "colmap" else read_transforms(path, width, height)
-    for index, lens in enumerate(contents.lenses):
-        first = contents.names[int((contents.lens_of == index).argmax())]
-        lens.check(f"{contents.camera_file}: {first}" if len(contents.lenses) > 1 else contents.camera_file)
-    wheres = [f"{contents.pose_file}: {name}" for name in contents.names]
-    poses = np.stack([_rigid(*pair) for pair in zip(contents.camera_to_world, wheres, strict=True)])
-    _check_positions(poses[:, :3, 3], wheres)
-    return replace(contents, camera_to_world=poses)
-
-
-def _check_positions(centers: NDArray[np.float64], wheres: Sequence[str]) -> None:
-    """Raise UserError unless the origin and all cameras are near each other, as float32 needs."""
-    # The largest coordinate stands for the length, whose square may overflow.
-    away = np.abs(centers - np.median(centers, axis=0)).max(axis=1)
-    spread = float(np.quantile(away, _MOST, method="lower"))
-    farthest = int(np.abs(centers).max(axis=1).argmax())
-    reach = float(np.abs(centers[farthest]).max())
-    # Cameras at one place have no spread.
-    if reach > _MAX_REACH * (spread or 1.0):
+    for lens in contents.lenses:
+        lens.check(f"{path}: {contents.names[contents.cameras.index(lens)]}")
+    poses = contents.camera_to_world.copy()
+    if (odd := ~is_rigid(poses, _MAX_DEVIATION)).any():
         raise UserError(
-            f"{wheres[farthest]}: {reach:.3g} from the origin, but most cameras lie within {spread:.3g} of each other. "
-            "Remove the pose, or subtract an offset from all positions and points."
+            f"{path}: {contents.names[odd.argmax()]}: the pose is not a rotation and a translation of finite numbers (is it "
+            "scaled or mirrored?)."
         )
-
-
-def _rigid(pose: NDArray[np.float64], where: str) -> NDArray[np.float64]:
-    """Return a pose whose rotation is orthonormal; up to ``_MAX_DEVIATION`` it is corrected."""
-    if not np.isfinite(pose).all():
-        raise UserError(f"{where}: the pose has a value that is not finite.")
-    if is_rigid(pose):
-        return pose
-    if not is_rigid(pose, _MAX_DEVIATION):
-        raise UserError(f"{where}: the pose is not a rotation and a translation (is it scaled or mirrored?).")
-    corrected = pose.copy()
-    corrected[:3, :3] = Rotation.from_matrix(pose[:3, :3]).as_matrix()
-    corrected[3] = [0.0, 0.0, 0.0, 1.0]
-    return corrected
+    if (rough := ~is_rigid(poses)).any():
+        poses[rough, :3, :3] = Rotation.from_matrix(poses[rough, :3, :3]).as_matrix()
+        poses[rough, 3] = [0.0, 0.0, 0.0, 1.0]
+    # The largest coordinate stands for the length, whose square may overflow.
+    centers = poses[:, :3, 3]
+    away = np.abs(centers - np.median(centers, axis=0)).max(axis=1)
+    spread, reach = float(np.quantile(away, _MOST, method="lower")), np.abs(centers).max(axis=1)
+    # Cameras at one place have no spread.
+    if reach.max() > _MAX_REACH * (spread or 1.0):
+        raise UserError(
+            f"{path}: {contents.names[reach.argmax()]}: {reach.max():.3g} from the origin, but most cameras lie within "
+            f"{spread:.3g} of each other. Remove the pose, or subtract an offset from all positions and points."
+        )
+    return replace(contents, camera_to_world=poses)
 
 
 def match_pictures(
@@ -114,24 +100,26 @@ def match_pictures(
     Raises:
         UserError: two entries match one picture, an entry matches two, or no entry matches any.
     """
-    endings: dict[tuple[str, ...], list[int]] = {}
+    by_stem: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
     for index, parts in enumerate(map(_parts, pictures)):
-        for start in range(len(parts)):
-            endings.setdefault(parts[start:], []).append(index)
-    numbers: dict[int | None, int] = {}
-    if all(re.fullmatch("[0-9]+", picture) for picture in pictures):
-        numbers = {int(picture): index for index, picture in enumerate(pictures)}
+        by_stem.setdefault(parts[-1], []).append((index, parts))
+    is_video = all(re.fullmatch("[0-9]+", picture) for picture in pictures)
+    numbers = {int(picture): index for index, picture in enumerate(pictures)} if is_video else {}
     row, unmatched = np.full(len(pictures), -1, np.int64), []
     for entry, name in enumerate(names):
-        picture = numbers.get(number_of(name)) if numbers else _picture_of(name, endings, pictures, path)
-        if picture is None:
-            unmatched.append(name)
-        elif row[picture] >= 0:
-            raise UserError(
-                f"{path}: {names[row[picture]]} and {name} are both the picture {pictures[picture]}."
-            )
-        else:
+        matches = _matches(_parts(name), by_stem)
+        if is_video:
+            matches = [numbers[number] for number in [_number_of(name)] if number in numbers]
+        if len(matches) > 1:
+            first, second = (pictures[index] for index in matches[:2])
+            raise UserError(f"{path}: {name} is both {first} and {second}; name its folder.")
+        for picture in matches:
+            if row[picture] >= 0:
+                both = f"{names[row[picture]]} and {name}"
+                raise UserError(f"{path}: {both} are both the picture {pictures[picture]}.")
             row[picture] = entry
+        if not matches:
+            unmatched.append(name)
     if not (row >= 0).any():
         raise UserError(
             f"{path}: none of its {len(names)} names, such as {', '.join(unmatched[:_MAX_NAMES])}, is the name of a "
@@ -140,41 +128,36 @@ def match_pictures(
     return row, unmatched
 
 
+def _matches(own: tuple[str, ...], by_stem: dict[str, list[tuple[int, tuple[str, ...]]]]) -> list[int]:
+    """The picture with the longest name that ends an entry's own; without any, all whose name the entry ends."""
+    named = [
+        (index, parts)
+        for index, parts in by_stem.get(own[-1], ())
+        if all(mine == other for mine, other in zip(own[::-1], parts[::-1], strict=False))
+    ]
+    whole = sorted((pair for pair in named if len(pair[1]) <= len(own)), key=lambda pair: -len(pair[1]))
+    return [index for index, _ in whole[:1] or named]
+
+
 def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
     """Raise UserError if an entry numbers a frame that a video of ``count`` has not, as where numbers begin at 1."""
-    for name in names:
-        if (number_of(name) or 0) >= count:
-            raise UserError(
-                f"{path}: {name}: the video has the frames 0 to {count - 1}. Do the numbers begin at 1?"
-            )
-
-
-def number_of(name: str) -> int | None:
-    """The number of a video's frame that an entry is named by; None if it is no number."""
-    stem = _parts(name)[-1]
-    return int(stem) if re.fullmatch("[0-9]+", stem) else None
-
-
-def _picture_of(
-    name: str, endings: dict[tuple[str, ...], list[int]], pictures: Sequence[str], path: Path
-) -> int | None:
-    """The picture that an entry means, by the longest ending of its name that is the whole name of one of the two."""
-    parts = _parts(name)
-    tails = [parts[start:] for start in range(len(parts))]
-    whole = [index for tail in tails for index in endings.get(tail, ()) if _parts(pictures[index]) == tail]
-    matches = whole[:1] or endings.get(parts, [])
-    if len(matches) > 1:
-        first, second = (pictures[index] for index in matches[:2])
-        raise UserError(f"{path}: {name} is both {first} and {second}; name its folder.")
-    return matches[0] if matches else None
+    if beyond := next((name for name in names if (_number_of(name) or 0) >= count), None):
+        raise UserError(
+            f"{path}: {beyond}: the video has the frames 0 to {count - 1}. Do the numbers begin at 1?"
+        )
 
 
 def unmatched_line(unmatched: list[str], path: Path) -> str:
     """The log line about entries without a picture."""
     more = ", ..." if len(unmatched) > _MAX_NAMES else ""
-    listed = ", ".join(unmatched[:_MAX_NAMES])
     plural = "s" if len(unmatched) > 1 else ""
-    return f"{path}: ignores {len(unmatched)} name{plural} without a picture: {listed}{more}"
+    return f"{path}: ignores {len(unmatched)} name{plural} without a picture: {', '.join(unmatched[:_MAX_NAMES])}{more}"
+
+
+def _number_of(name: str) -> int | None:
+    """The number of a video's frame that an entry is named by; None if it is no number."""
+    stem = _parts(name)[-1]
+    return int(stem) if re.fullmatch("[0-9]+", stem) else None
 
 
 def _parts(name: str) -> tuple[str, ...]:

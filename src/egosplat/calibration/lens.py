@@ -20,7 +20,7 @@ from egosplat.geometry import Camera
 # FISHEYE624.
 _PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 _FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
-MODELS = (*_PERSPECTIVE, *_FISHEYE)
+_MODELS = (*_PERSPECTIVE, *_FISHEYE)
 
 # Points on each side of the picture at which the rectified field of view is measured.
 _BORDER_POINTS = 200
@@ -31,8 +31,7 @@ _ROWS_PER_BLOCK = 256
 _OUTSIDE = -10.0
 
 # The calibration of a plain recording: the numbers that the file must have, and those of OpenCV that it may have.
-_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
-_DISTORTION = ("k1", "k2", "p1", "p2")
+_KEYS, _DISTORTION = ("width", "height", "fx", "fy", "cx", "cy"), ("k1", "k2", "p1", "p2")
 
 
 @dataclass(frozen=True)
@@ -57,21 +56,32 @@ class Lens:
         """The lens of a plain JSON object with its attributes."""
         return cls(**{**facts, "params": tuple(facts["params"])})
 
+    @classmethod
+    def of_colmap(cls, camera: pycolmap.Camera) -> "Lens":
+        """The lens of a camera of pycolmap."""
+        return cls(camera.model_name, camera.width, camera.height, tuple(map(float, camera.params)))
+
+    def colmap(self) -> pycolmap.Camera:
+        """This camera as pycolmap represents it."""
+        return pycolmap.Camera(
+            model=self.model, width=self.width, height=self.height, params=list(self.params)
+        )
+
     def check(self, source: str) -> "Lens":
         """Return self; UserError, of ``source``, if the model is unsupported, a parameter impossible, or no ``pinhole``."""
-        if self.model not in MODELS:
+        if self.model not in _MODELS:
             raise UserError(
-                f"{source}: camera model {self.model} is not supported. Supported: {', '.join(MODELS)}."
+                f"{source}: camera model {self.model} is not supported. Supported: {', '.join(_MODELS)}."
             )
         camera = self.colmap()
         if not camera.verify_params():
             raise UserError(
                 f"{source}: {len(self.params)} parameters; {self.model} has {camera.params_info}."
             )
-        finite = all(map(math.isfinite, self.params))
         fx, fy, cx, cy = self._linear()
         sizes = self.width, self.height, self.radius or 1, fx, fy
-        if not (finite and min(sizes) > 0 and 0 <= cx < self.width and 0 <= cy < self.height):
+        inside = 0 <= cx < self.width and 0 <= cy < self.height
+        if not (all(map(math.isfinite, self.params)) and min(sizes) > 0 and inside):
             raise UserError(
                 f"{source}: fx, fy must be positive, (cx, cy) inside the image, and all numbers finite."
             )
@@ -81,12 +91,6 @@ class Lens:
             raise UserError(f"{source}: {error}") from error
         return self
 
-    def colmap(self) -> pycolmap.Camera:
-        """This camera as pycolmap represents it."""
-        return pycolmap.Camera(
-            model=self.model, width=self.width, height=self.height, params=list(self.params)
-        )
-
     def _linear(self) -> tuple[float, float, float, float]:
         """Focal lengths and principal point [px]."""
         (fx, _, cx), (_, fy, cy), _ = self.colmap().calibration_matrix().tolist()
@@ -95,18 +99,13 @@ class Lens:
     @property
     def is_pinhole(self) -> bool:
         """Whether the camera has no distortion."""
-        camera = self.colmap()
-        extra = [self.params[index] for index in camera.extra_params_idxs()]
-        return self.model in _PERSPECTIVE and not any(extra)
+        return self.model in _PERSPECTIVE and self.colmap().is_undistorted()
 
     @cached_property
     def pinhole(self) -> Camera:
         """The pinhole camera of the rectified pictures: of the same size, with the largest view without blank pixels.
 
-        A camera without distortion is returned as it is.
-
-        Raises:
-            UserError: the view is too wide for a pinhole camera, or the distortion cannot be inverted.
+        A camera without distortion is returned as it is. UserError as for ``inner_view``.
         """
         fx, fy, cx, cy = self._linear()
         if self.is_pinhole:
@@ -119,49 +118,43 @@ class Lens:
         cy = float(np.clip(cy, self.height - bottom * fy, -top * fy))
         return Camera(self.width, self.height, fx, fy, cx, cy)
 
-    def _border(self) -> tuple[float, float, float, float]:
-        """Left, top, right, bottom [px] of the picture, or of the square in the lens circle."""
+    def inner_view(self) -> tuple[float, float, float, float]:
+        """Left, top, right, bottom of the largest rectangle in the undistorted border of the picture, at depth 1.
+
+        UserError if the view is too wide for a pinhole camera, or the distortion cannot be inverted.
+        """
         # Half a pixel inside, so that bilinear sampling has all its neighbors.
         left, top, right, bottom = 0.5, 0.5, self.width - 0.5, self.height - 0.5
-        if self.radius is None:
-            return left, top, right, bottom
-        (_, _, cx, cy), half = self._linear(), self.radius / math.sqrt(2)
-        return max(left, cx - half), max(top, cy - half), min(right, cx + half), min(bottom, cy + half)
-
-    def inner_view(self) -> tuple[float, float, float, float]:
-        """Left, top, right, bottom of the largest rectangle in the undistorted border of the picture, at depth 1."""
+        if self.radius is not None:
+            # The square in the lens circle.
+            (_, _, cx, cy), half = self._linear(), self.radius / math.sqrt(2)
+            left, top, right, bottom = (
+                *(max(left, cx - half), max(top, cy - half)),
+                *(min(right, cx + half), min(bottom, cy + half)),
+            )
         along = np.linspace(0.0, 1.0, _BORDER_POINTS)
-        left, top, right, bottom = self._border()
         x, y = left + along * (right - left), top + along * (bottom - top)
         sides = [(left, y), (x, top), (right, y), (x, bottom)]
         border = np.concatenate([np.stack(np.broadcast_arrays(*side), 1) for side in sides])
-        rays = self.colmap().cam_from_img(border)
-        again = self.colmap().img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
-        if not (np.abs(again - border) <= _MAX_ROUND_TRIP_PX).all():
-            raise UserError(
-                f"the {self.model} lens {list(self.params)} cannot be rectified to a pinhole camera: its view is "
-                "too wide, or the distortion folds the picture. Crop the pictures, or calibrate again."
-            )
+        camera = self.colmap()
+        rays = camera.cam_from_img(border)
+        assert rays is not None
+        again = camera.img_from_cam(np.column_stack([rays, np.ones(len(rays))]))
         west, north, east, south = np.split(rays, 4)
         view = west[:, 0].max(), north[:, 1].max(), east[:, 0].min(), south[:, 1].min()
-        if not (view[0] < 0 < view[2] and view[1] < 0 < view[3]):
-            raise UserError(f"the {self.model} lens {list(self.params)} leaves no view: calibrate again.")
-        left, top, right, bottom = map(float, view)
-        return left, top, right, bottom
+        if (np.abs(again - border) <= _MAX_ROUND_TRIP_PX).all() and max(view[:2]) < 0 < min(view[2:]):
+            left, top, right, bottom = map(float, view)
+            return left, top, right, bottom
+        raise UserError(
+            f"the {self.model} lens {list(self.params)} cannot be rectified to a pinhole camera: its view is "
+            "too wide, or the distortion folds the picture. Crop the pictures, or calibrate again."
+        )
 
     def scaled_to(self, width: int, height: int) -> "Lens":
-        """The lens of the pictures resized to ``width`` x ``height``; ValueError if it is not radial."""
-        if self.model != "RADIAL":
-            raise ValueError(f"only radial lenses are scaled, not {self.model}")
+        """The lens, a radial one, of the pictures resized to ``width`` x ``height``."""
         f, cx, cy, k1, k2 = self.params
         x, y = width / self.width, height / self.height
         return Lens("OPENCV", width, height, (f * x, f * y, cx * x, cy * y, k1, k2, 0.0, 0.0))
-
-    def bend_px(self, other: Camera, pixels: NDArray[np.float64]) -> float:
-        """Largest distance [px] between where this lens and a pinhole camera show the rays of (N, 2) pixels."""
-        rays = self.colmap().cam_from_img(pixels)
-        shown = rays * [other.fx, other.fy] + [other.cx, other.cy]
-        return float(np.linalg.norm(shown - pixels, axis=1).max())
 
 
 def shared_pinhole(lenses: Sequence[Lens], share: Sequence[int]) -> Camera:
@@ -180,30 +173,34 @@ def shared_pinhole(lenses: Sequence[Lens], share: Sequence[int]) -> Camera:
 
 
 class Rectifier:
-    """Maps full-size pictures, label maps and masks of a lens to a pinhole camera."""
+    """Maps full-size pictures, label maps and masks of a lens to a pinhole camera, by default that of the lens."""
 
     def __init__(self, lens: Lens, target: Camera | None = None) -> None:
-        """Compute where each pixel of the pinhole camera ``target``, by default that of the lens, lies in the picture."""
         target = target or lens.pinhole
         self.is_identity = lens.is_pinhole and target == lens.pinhole
-        if not self.is_identity:
-            self._u, self._v = _source_positions(lens, target)
+        if self.is_identity:
+            return
+        # Of each pixel of the pinhole camera, column and row in the picture [px, pixel centers at integers as in OpenCV].
+        camera, positions = lens.colmap(), np.empty((target.height, target.width, 2), np.float32)
+        x = (np.arange(target.width) + 0.5 - target.cx) / target.fx
+        for start in range(0, target.height, _ROWS_PER_BLOCK):
+            y = (np.arange(start, min(start + _ROWS_PER_BLOCK, target.height)) + 0.5 - target.cy) / target.fy
+            rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1)
+            shown = np.asarray(camera.img_from_cam(rays.reshape(-1, 3))).reshape(len(y), len(x), 2)
+            positions[start : start + len(y)] = np.nan_to_num(shown - 0.5, nan=_OUTSIDE)
+        self._u, self._v = map(np.ascontiguousarray, np.moveaxis(positions, -1, 0))
 
     def image(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 picture -> (H, W, 3) uint8 of the pinhole camera, sampled bilinearly."""
-        if self.is_identity:
-            return picture
-        return cv2.remap(picture, self._u, self._v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return picture if self.is_identity else np.asarray(self._sampled(picture), np.uint8)
 
     def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(H, W) bool -> (H, W) bool of the pinhole camera: True where all sampled pixels are in the mask."""
-        if self.is_identity:
-            return mask
-        # Neighbors outside the picture do not count, as ``image`` repeats its border.
-        filled = cv2.remap(
-            mask.astype(np.float32), self._u, self._v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        return filled > 1 - 1e-4
+        return mask if self.is_identity else self._sampled(mask.astype(np.float32)) > 1 - 1e-4
+
+    def _sampled(self, values: NDArray) -> NDArray:
+        # Neighbors outside the picture do not count: its border is repeated.
+        return cv2.remap(values, self._u, self._v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def labels(self, labels: NDArray[np.int32]) -> NDArray[np.int32]:
         """(H, W) labels -> (H, W) labels of the pinhole camera, by nearest neighbor."""
@@ -213,19 +210,6 @@ class Rectifier:
         rows = np.clip(np.rint(self._v), 0, height - 1).astype(np.int64)
         columns = np.clip(np.rint(self._u), 0, width - 1).astype(np.int64)
         return labels[rows, columns]
-
-
-def _source_positions(lens: Lens, target: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Column and row, (H, W) float32 [px, pixel centers at integers as in OpenCV], of each pixel of the pinhole camera."""
-    camera = lens.colmap()
-    positions = np.empty((target.height, target.width, 2), np.float32)
-    x = (np.arange(target.width) + 0.5 - target.cx) / target.fx
-    for start in range(0, target.height, _ROWS_PER_BLOCK):
-        y = (np.arange(start, min(start + _ROWS_PER_BLOCK, target.height)) + 0.5 - target.cy) / target.fy
-        rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1)
-        shown = camera.img_from_cam(rays.reshape(-1, 3)).reshape(len(y), len(x), 2)
-        positions[start : start + len(y)] = np.nan_to_num(shown - 0.5, nan=_OUTSIDE)
-    return np.ascontiguousarray(positions[..., 0]), np.ascontiguousarray(positions[..., 1])
 
 
 def read_camera_file(path: Path, width: int, height: int) -> Lens:

@@ -90,7 +90,7 @@ def calibrate(path: Path, kind: str | None, source: Video | ImageFolder) -> Lens
     if (frame := _misfit(lenses, source)) is not None:
         lens, (width, height) = lenses.lenses[lenses.index(frame)], source.sizes[frame]
         raise UserError(
-            f"{contents.camera_file}: for {lens.width}x{lens.height} px, but the frames are {width}x{height} "
+            f"{known}: for {lens.width}x{lens.height} px, but the frames are {width}x{height} "
             f"({source.names[frame]})."
         )
     return lenses

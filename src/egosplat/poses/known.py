@@ -72,7 +72,7 @@ def known_poses(
         "frames": len(pictures),
         "registered": int(registered.sum()),
         "points": int(kept.sum()),
-        "points_read": len(kept),
+        "points_read": len(known.points),
         "scale": "arbitrary" if options.meters_per_unit is None else "meters",
         "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], points),
         **known.notes,

@@ -106,12 +106,3 @@ def test_a_view_without_a_pinhole_camera_is_rejected(lens):
     """No frames with invented pixels: the message says what the lens is."""
     with pytest.raises(UserError, match=f"{lens.model} lens"):
         _ = lens.pinhole
-
-
-def test_the_bend_of_a_lens_is_measured_in_pixels():
-    """The evidence for rectifying: a known shift of one axis, and none for a pinhole camera."""
-    pixels = np.array([[1.0, 2.0], [50.0, 60.0]])
-    straight = Lens("PINHOLE", WIDTH, HEIGHT, PINHOLE)
-    assert straight.bend_px(Camera(WIDTH, HEIGHT, *PINHOLE), pixels) < 1e-9
-    shifted = Camera(WIDTH, HEIGHT, PINHOLE[0], PINHOLE[1], PINHOLE[2] + 3.0, PINHOLE[3])
-    assert straight.bend_px(shifted, pixels) == pytest.approx(3.0)

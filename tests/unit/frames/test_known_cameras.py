@@ -123,9 +123,7 @@ def test_a_camera_of_another_size_is_named(folder, kind):
         write_model(folder, NAMES, ["PINHOLE 128 96 120 120 64 48"], [1] * 4)
     else:
         write_transforms(folder, NAMES, CAMERA | {"w": 128, "h": 96})
-    with pytest.raises(
-        UserError, match=r"(cameras.txt|transforms.json): for 128x96 px, but .* 64x48 \(1.png\)"
-    ):
+    with pytest.raises(UserError, match=r"(colmap|transforms.json): for 128x96 px, but .* 64x48 \(1.png\)"):
         open_recording(folder, OPTIONS)
 
 
