@@ -22,7 +22,7 @@ from egosplat.drawing import middles_of_parts, plt, save_figure, show
 from egosplat.language.rendering import render_codes
 from egosplat.pipeline.variants import variant_folder
 from egosplat.query.scene import TrainedScene, read_trained_scene
-from egosplat.report.sheets.language_sheet import blend, principal_colors
+from egosplat.report.sheets.language_sheet import blend, code_colors
 
 # Number of frames, and width of an image [inches].
 ROWS, CELL = 4, 2.6
@@ -82,11 +82,12 @@ def code_picture(folder: Path, variant: str | None, poses: Artifact, frame: int)
     (path,) = locate(folder / variant_folder(variant), "language")
     language = open_artifact(path, LANGUAGE)
     code, share = language.read("code"), language.read("share")
-    on_device = (torch.from_numpy(part).to(scene.gaussians.means.device) for part in (code, share))
+    colors = code_colors(code, share)
+    on_device = (torch.from_numpy(part).to(scene.gaussians.means.device) for part in (colors, share))
     pose = camera_poses(poses, splats)[frame]
     found = render_codes(scene.gaussians, *on_device, scene.camera, pose, scene.settings)
     coverage = found.coverage[-1].cpu().numpy()
-    return blend(principal_colors(code, share).of(found.codes[-1].cpu().numpy()), coverage)
+    return blend(found.codes[-1].cpu().numpy(), coverage)
 
 
 def draw_codes(folder: Path, variants: tuple[str, ...]) -> list[list[tuple[NDArray, str]]]:

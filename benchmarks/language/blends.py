@@ -25,7 +25,7 @@ from egosplat.language.lifting import Lifted, lift
 from egosplat.language.method import Coded
 from egosplat.pipeline.scene_folder import title_of
 from egosplat.query.views import Asker
-from egosplat.report.sheets.queries_asking import evaluation_of, open_scored
+from egosplat.report.sheets.queries_sheet import evaluation_of, open_scored
 
 MEANS, ONE = "mean of the codes of its pixels", "code of the instance that it shows most"
 RENDERED = {PIXELS: "codes; pixels are decoded", GAUSSIANS: "relevancies of Gaussians"}

@@ -10,7 +10,7 @@ from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.scores import Result, ask_of, run_queries
 from egosplat.pipeline.config import Config, stage_values
-from egosplat.report.sheets.queries_asking import evaluation_of, open_scored
+from egosplat.report.sheets.queries_sheet import evaluation_of, open_scored
 
 
 @dataclass(frozen=True)

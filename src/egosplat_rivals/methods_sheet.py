@@ -9,12 +9,11 @@ from matplotlib.figure import SubFigure
 
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
 from egosplat.evaluation.scored_scenes import read_scored_scene
-from egosplat.report.sheets.queries_asking import (
+from egosplat.report.sheets.queries_sheet import (
     ScoredQuery,
     ShownQuery,
     ask_again,
     best_and_worst,
-    is_in_time,
     open_scored,
     scored_queries,
     scoring_options,
@@ -45,12 +44,13 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
         UserError: a file cannot be read, its artifacts are gone, or other queries were scored.
     """
     scenes = [read_scored_scene(path) for path in metrics]
-    by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]
+    by_scene = [{(one.frame, one.category): one for one in scored_queries(each)} for each in scenes]
     chosen = best_and_worst(over_methods(by_scene), ROWS)
     best, worst = ([(one.frame, one.category) for one in queries] for queries in chosen)
     shown = []
     for scene, queries in zip(scenes, by_scene, strict=True):
-        opened = open_scored(scene.path.parent, scoring_options(scene), in_time=is_in_time(scene))
+        in_time = "histories.zarr" in scene.document["provenance"]["inputs"]
+        opened = open_scored(scene.path.parent, scoring_options(scene), in_time=in_time)
         answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene)
         shown.append({(one.scored.frame, one.scored.category): one for one in answers})
     names = [scene.method or OWN for scene in scenes]

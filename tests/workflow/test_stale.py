@@ -95,7 +95,7 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
         ("query/maps.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {*AFTER_QUERIES, "scene_page"}),
         ("viewing/source/main.js", "const FLUENT = 60", "const FLUENT = 50", {"scene_page"}),
         ("evaluation/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
-        ("report/sheets/queries_asking.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
+        ("report/sheets/queries_sheet.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
         ("report/sheets/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
         (
             "frames/adt_annotations.py",

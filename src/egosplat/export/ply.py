@@ -16,7 +16,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.histories.known import Rests
 from egosplat.progress import log
 from egosplat.query.scene import instances_of_gaussians
-from egosplat.report.sheets.from_above import palette
+from egosplat.report.sheets.sheet import palette
 
 Columns = dict[str, NDArray[Any]]
 

@@ -197,7 +197,7 @@ _STAGES = (
     ),
     _sheet(
         *("instances_sheet", "Draw the instances of each level in frames and from above.", "instances.png"),
-        inputs=("frames", "poses", "segments", "instances"),
+        inputs=("frames", "poses", "instances"),
     ),
     _sheet("splats_sheet", "Draw held-out frames next to their renders.", "splats.png", ("frames", "splats")),
     _sheet(
@@ -258,7 +258,7 @@ def path_help(stage: Stage) -> dict[str, str]:
 def run_stage(name: str, options: Any, **given: Any) -> None:
     """Run a stage, with options if it has keys, on its paths and its values from the table of scenes, by name."""
     stage = STAGES[name]
-    # ``run`` takes the path of an input as ``frames_path``; inside it, ``frames`` is the opened artifact.
+    # ``run`` takes the path of an input as ``frames_path``; ``frames`` is the opened artifact.
     inputs = {*stage.inputs, *stage.optional}
     arguments = {f"{key}_path" if key in inputs else key: value for key, value in given.items()}
     import_module(stage.module).run(**arguments, **({"options": options} if options else {}))

@@ -1,12 +1,17 @@
 """Pages as figures, before they are files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations
+from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
 
 from egosplat import drawing as figure
+from egosplat.pipeline.stages import STAGES, run_stage
 
 
 @pytest.fixture
@@ -33,3 +38,17 @@ def unreadable() -> Callable[[Figure], list[str]]:
         return overlapping + [text for text, box, page in headings if box.x0 < page.x0 or box.x1 > page.x1]
 
     return find
+
+
+@pytest.fixture
+def draw(tmp_path: Path) -> Callable[..., NDArray[np.int64]]:
+    """``draw(stage, artifacts, title)``: the (H, W, 3) page of a stage, which is all that it writes."""
+
+    def page(stage: str, artifacts: Sequence[Path], title: str = "a scene") -> NDArray[np.int64]:
+        output = tmp_path / STAGES[stage].output
+        given = dict(zip(STAGES[stage].inputs, artifacts, strict=True))
+        run_stage(stage, None, **given, output=output, title=title)
+        assert [path.name for path in tmp_path.iterdir() if path.suffix == ".png"] == [output.name]
+        return np.asarray(Image.open(output).convert("RGB")).astype(int)
+
+    return page

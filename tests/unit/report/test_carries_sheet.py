@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
 from egosplat.drawing import ground_axes
-from egosplat.report.sheets.carries_sheet import COLUMNS, PICTURES, run, window
+from egosplat.report.sheets.carries_sheet import COLUMNS, PICTURES
 from tests.support.scenes import UP, put_scene
 
 NAMES = ("frames", "poses", "splats", "histories")
@@ -44,15 +44,19 @@ def put_carries(folder, first, last, chained=False):
     return put_scene(folder, NAMES, arrays, facts, chained=chained, origin="real")
 
 
-def page(folder, drawn, first, last):
-    """The figure of a scene with these carries."""
-    run(*put_carries(folder, first, last), folder / "carries.png", title="mine/kitchen")
-    assert (folder / "carries.png").stat().st_size > 10_000
-    return drawn[0]
+@pytest.fixture
+def page(tmp_path, draw, drawn):
+    """``page(first, last)``: the figure of a scene with these carries."""
+
+    def make(first, last):
+        draw("carries_sheet", put_carries(tmp_path, first, last), "mine/kitchen")
+        return drawn[0]
+
+    return make
 
 
-def test_an_arrow_leads_from_start_to_end_and_has_the_number_and_the_color_of_its_bar(tmp_path, drawn):
-    figure = page(tmp_path, drawn, [3, 61], [8, 64])
+def test_an_arrow_leads_from_start_to_end_and_has_the_number_and_the_color_of_its_bar(page):
+    figure = page([3, 61], [8, 64])
     above, times = figure.get_axes()[:2]
     arrows = [text for text in above.texts if isinstance(text, Annotation)]
     places = np.array([[[0, 0, 0], [2, -0.5, 0]], [[0, 0, 1], [2, -0.5, 1]]])
@@ -69,11 +73,11 @@ def test_an_arrow_leads_from_start_to_end_and_has_the_number_and_the_color_of_it
     assert {"0:00", "1:00"} <= set(ticks) and len(set(ticks)) == len(ticks)
 
 
-def test_photographs_show_the_longest_first_in_the_frames_that_show_most(tmp_path, drawn, unreadable):
+def test_photographs_show_the_longest_first_in_the_frames_that_show_most(page, unreadable):
     first = list(range(0, 42, 3))
     last = [second + 1 + number % 3 * 0.5 for number, second in enumerate(first)]
     last[4] = first[4] + 40
-    figure = page(tmp_path, drawn, first, last)
+    figure = page(first, last)
     titles = [axes.get_title() for axes in figure.get_axes()[2:]]
     assert len(titles) == PICTURES == 2 * COLUMNS and titles[0] == "5: 0:12 to 0:52"
     parts = [re.fullmatch(r"(\d+): (\d):(\d\d) to (\d):(\d\d)", title).groups() for title in titles]
@@ -85,33 +89,22 @@ def test_photographs_show_the_longest_first_in_the_frames_that_show_most(tmp_pat
     assert (cell.images[0].get_array() == 13 * SECOND).all()
     (box,) = cell.patches
     assert (box.get_width(), box.get_height()) == (10, 8)
-    assert box.get_x() + 0.5 == 30 - window(np.array([30, 20, 40, 28]), HEIGHT, WIDTH)[0]
+    # A square of the least side around the box.
+    assert cell.images[0].get_array().shape[:2] == (48, 48)
+    assert (box.get_x(), box.get_y()) == (30 - (70 - 48) // 2 - 0.5, 20 - 0 - 0.5)
     assert unreadable(figure) == []
 
 
-def test_the_title_counts_carries_and_tells_the_origin(tmp_path, drawn):
-    figure = page(tmp_path, drawn, [3], [8])
+def test_the_title_counts_carries_and_tells_the_origin(page):
+    figure = page([3], [8])
     title = figure.get_suptitle().partition("\n")[0]
     assert title.startswith("mine/kitchen: 1 carry ") and title.endswith("origin real")
 
 
-def test_a_scene_without_carries_says_so_and_shows_the_scene(tmp_path, drawn):
-    figure = page(tmp_path, drawn, [], [])
+def test_a_scene_without_carries_says_so_and_shows_the_scene(page):
+    figure = page([], [])
     assert "nothing is carried" in figure.get_suptitle() and "origin real" in figure.get_suptitle()
     (above,) = figure.get_axes()
     assert not above.texts
     shown = above.collections[0].get_offsets()
     assert 300 < len(shown) < 500, "what is higher than the cameras is left out"
-
-
-@pytest.mark.parametrize(
-    "box, expected",
-    [
-        ([30, 20, 60, 40], (15, 0, 60)),  # twice the longer side
-        ([30, 20, 34, 24], (8, 0, 48)),  # the least side
-        ([0, 50, 10, 60], (0, 12, 48)),  # beside the border
-        ([0, 0, 80, 60], (10, 0, 60)),  # larger than what there is
-    ],
-)
-def test_a_photograph_is_a_square_inside_the_frame(box, expected):
-    assert window(np.array(box, np.int32), HEIGHT, WIDTH) == expected

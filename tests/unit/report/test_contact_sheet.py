@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from egosplat.drawing import ground_axes
 from egosplat.geometry import Camera
-from egosplat.report.sheets.contact_sheet import overlay, run
+from egosplat.report.sheets.sheet import palette, tint
 from tests.support.scenes import camera_facts, put
 
 HEIGHT, WIDTH = 24, 24
@@ -46,11 +45,11 @@ def scene(folder, frames: int, evaluation: int, points: int, instances: int, reg
     return [folder / f"{name}.zarr" for name in ("frames", "annotations", "poses")]
 
 
-def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, drawn, unreadable):
+def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, draw, drawn, unreadable):
     """Titles lay over one another."""
     monkeypatch.setitem(globals(), "HEIGHT", 32)
     monkeypatch.setitem(globals(), "WIDTH", 18)
-    run(*scene(tmp_path, 20, 6, 50, 7, 20), tmp_path / "page.png", title="own/portrait")
+    draw("contact_sheet", scene(tmp_path, 20, 6, 50, 7, 20))
     (figure,) = drawn
     assert unreadable(figure) == []
 
@@ -60,12 +59,11 @@ def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, drawn, u
     [(20, 5, 500, 7, 20), (3, 1, 1, 1, 2), (2, 0, 0, 0, 1)],
     ids=["usual", "few", "almost nothing"],
 )
-def test_the_page_is_written_as_one_picture(tmp_path, frames, evaluation, points, instances, registered):
-    output = tmp_path / "sheet.png"
-    run(*scene(tmp_path, frames, evaluation, points, instances, registered), output, title="a scene")
-    picture = np.asarray(Image.open(output).convert("L"))
+def test_the_page_is_written_as_one_picture(
+    tmp_path, draw, frames, evaluation, points, instances, registered
+):
+    picture = draw("contact_sheet", scene(tmp_path, frames, evaluation, points, instances, registered))
     assert picture.shape[1] > 1000 and picture.std() > 10
-    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".png") == ["sheet.png"]
 
 
 @pytest.mark.parametrize(
@@ -78,8 +76,9 @@ def test_ground_axes_are_orthonormal_and_seen_from_above(up):
     assert np.linalg.det(frame) == pytest.approx(1.0)  # right x ahead = up: not mirrored
 
 
-def test_overlay_tints_instances_apart_and_leaves_the_rest():
+def test_a_tint_tells_instances_apart_and_leaves_the_rest():
     picture = np.full((2, 2, 3), 100, np.uint8)
-    tinted = overlay(picture, np.array([[-1, 0], [1, 0]], np.int32))
+    tinted = tint(picture, np.array([[-1, 0], [1, 0]], np.int32), palette(2))
     assert (tinted[0, 0] == 100).all()
     assert (tinted[0, 1] == tinted[1, 1]).all() and (tinted[0, 1] != tinted[1, 0]).any()
+    assert (tint(picture, np.full((2, 2), -1), palette(0)) == 100).all()

@@ -2,18 +2,14 @@
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from egosplat.features.aggregation import NORMS, aggregate
 from egosplat.report.sheets.crops_sheet import (
     COLUMNS,
     DISTINCT,
     MOST_OUTLIERS,
-    Table,
     choose_instances,
     choose_views,
-    overlap,
-    run,
 )
 from tests.support.scenes import put_scene
 
@@ -65,20 +61,17 @@ def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "
 @pytest.mark.parametrize(
     "frames, instances, every_outlier", [(20, 6, 5), (2, 1, 100), (1, 0, 2)], ids=["usual", "few", "nothing"]
 )
-def test_the_page_is_written_as_one_picture(tmp_path, frames, instances, every_outlier):
-    output = tmp_path / "crops.png"
-    run(*scene(tmp_path, frames, instances, every_outlier), output, title="a scene")
-    picture = np.asarray(Image.open(output).convert("RGB")).astype(int)
+def test_the_page_is_written_as_one_picture(tmp_path, draw, frames, instances, every_outlier):
+    picture = draw("crops_sheet", scene(tmp_path, frames, instances, every_outlier))
     assert picture.shape[1] > 1000 and picture.std() > 5
     red = (picture[..., 0] > 150) & (picture[..., 1:].max(axis=2) < 90)
     assert (red.sum() > 300) == (frames > 2)  # of two views none is an outlier
-    assert [path.name for path in tmp_path.iterdir() if path.suffix == ".png"] == ["crops.png"]
 
 
 @pytest.mark.parametrize("norm", NORMS)
-def test_the_number_above_a_crop_decides_whether_it_is_struck_out(tmp_path, drawn, norm):
+def test_the_number_above_a_crop_decides_whether_it_is_struck_out(tmp_path, draw, drawn, norm):
     """A view with 0.39 was struck out while one with 0.31 stayed: the number was another than the one decided on."""
-    run(*scene(tmp_path, 11, 3, 4, norm), tmp_path / "crops.png", title="a scene")
+    draw("crops_sheet", scene(tmp_path, 11, 6, 4, norm))
     (figure,) = drawn
     struck: dict[int, list[float]] = {True: [], False: []}
     for strip in figure.subfigs:
@@ -97,59 +90,32 @@ def test_the_number_above_a_crop_decides_whether_it_is_struck_out(tmp_path, draw
         assert norm != "element" or max(struck[False]) <= 0.01
 
 
-def table(counts: list[int], outliers: dict[int, list[int]], meaning: list[int] | None = None) -> Table:
-    """``counts`` views of each instance; outliers by instance; and the axis that each instance means."""
-    count = len(counts)
-    instance = np.repeat(np.arange(count, dtype=np.int32), counts)
-    place = np.concatenate([np.arange(number, dtype=np.int32) for number in counts])
-    inlier = np.array([p not in outliers.get(int(i), []) for i, p in zip(instance, place, strict=True)], bool)
-    box = instance[:, None] * 10 + np.array([0, 0, 5, 5], np.int32)
-    consistent = np.eye(count)[range(count) if meaning is None else meaning]
-    return Table(instance, place, box, inlier, np.zeros(count, np.int8), consistent, hull=False)
-
-
-def move(some: Table, instance: int, to: int, by: int = 0) -> Table:
-    """Lay the boxes of an instance on those of another one, moved by ``by`` of their 5 pixels."""
-    some.box[some.rows(instance)] = some.box[some.rows(to)][: len(some.rows(instance))] + [by, 0, by, 0]
-    return some
+def choose(counts: list[int], outliers: dict[int, int], meaning: list[int], level: list[int]) -> list[int]:
+    """The instances to show, of ``counts`` views each, the first of which are outliers; ``meaning`` is the axis of each."""
+    owner = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+    first = np.concatenate([np.arange(count) < outliers.get(one, 0) for one, count in enumerate(counts)])
+    return choose_instances(owner, ~first, np.array(level, np.int8), np.eye(len(counts))[meaning])
 
 
 def test_the_instance_with_most_views_and_those_unlike_it_that_are_often_seen():
-    some = table([5, 9, 8, 1, 8, 3, 2, 2], {}, meaning=[0, 1, 1, 2, 3, 1, 4, 5])
-    assert choose_instances(some) == [1, 4, 0, 2]
+    assert choose([5, 9, 8, 1, 8, 3, 2, 2], {}, [0, 1, 1, 2, 3, 1, 4, 5], [0] * 8) == [1, 4, 0, 2]
 
 
 def test_one_thing_at_several_levels_is_shown_once():
     """The same wall took three of eight rows, the floor three more."""
-    some = move(move(table([9, 9, 9, 9], {}, meaning=[0, 0, 0, 1]), 1, 0), 2, 0, by=1)
-    assert choose_instances(some) == [0, 3]
-
-
-def test_a_part_beside_its_whole_may_be_shown():
-    assert set(choose_instances(move(table([9, 9], {}), 1, 0, by=3))) == {0, 1}
+    assert choose([9, 9, 9, 9], {}, [0, 0, 1, 1], [2, 1, 2, 0]) == [0, 2]
 
 
 def test_those_with_most_outliers_come_last_and_not_twice():
-    outliers = {7: [0, 1, 2], 8: [0, 1], 9: [0], 0: [1]}
-    some = table([9, 9, 9, 9, 9, 9, 9, 3, 3, 3], outliers, meaning=[0, 1, 2, 3, 4, 5, 6, 0, 0, 0])
-    chosen = choose_instances(some)
+    outliers = {7: 3, 8: 2, 9: 1, 0: 1}
+    chosen = choose([9] * 7 + [3] * 3, outliers, [0, 1, 2, 3, 4, 5, 6, 0, 0, 0], [1] * 7 + [1, 0, 0])
     assert len(chosen) == DISTINCT + MOST_OUTLIERS == len(set(chosen)) and chosen[-2:] == [7, 8]
-    assert choose_instances(move(some, 8, 7))[-2:] == [7, 9]
-
-
-@pytest.mark.parametrize("by, share", [(0, 1.0), (5, 0.0), (1, 20 / 30)])
-def test_overlap_is_the_iou_of_the_boxes(by, share):
-    assert overlap(move(table([4, 4], {}), 1, 0, by), 0, 1) == pytest.approx(share)
-
-
-def test_overlap_counts_the_frames_in_which_only_one_is():
-    assert overlap(move(table([4, 1], {}), 1, 0), 0, 1) == pytest.approx(1 / 4)
 
 
 def test_views_are_in_order_of_time_with_the_outliers_among_them():
-    some = table([40, 5], {0: [3, 31]})
-    rows = choose_views(some, 0)
+    inlier = np.ones(40, bool)
+    inlier[[3, 31]] = False
+    rows = choose_views(inlier)
     assert len(rows) == COLUMNS and {3, 31, 0, 39} <= set(rows.tolist()) and (np.diff(rows) > 0).all()
-    assert choose_views(some, 1).tolist() == [40, 41, 42, 43, 44]
-    wrong = choose_views(table([40], {0: list(range(1, 40))}), 0)
-    assert len(wrong) == COLUMNS // 2 + 1
+    assert choose_views(np.ones(5, bool)).tolist() == [0, 1, 2, 3, 4]
+    assert len(choose_views(np.arange(40) < 1)) == COLUMNS // 2 + 1

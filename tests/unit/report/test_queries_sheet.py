@@ -14,16 +14,16 @@ from egosplat.evaluation import stage
 from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.evaluation.scores import iou
 from egosplat.query import finished_scene
-from egosplat.report.sheets.queries_asking import (
+from egosplat.report.sheets.queries_sheet import (
     ScoredQuery,
     ask_again,
     best_and_worst,
-    is_in_time,
     open_scored,
+    run,
     scored_queries,
     scoring_options,
+    summary,
 )
-from egosplat.report.sheets.queries_sheet import run, summary
 from tests.support.scenes import put
 
 NAMES = ("frames", "poses", "annotations", "splats", "language", "features")
@@ -101,7 +101,7 @@ def test_the_maps_are_those_that_were_scored(word_scene):
     folder = word_scene()
     scored = read_scored_scene(score(folder, resolution=40, canonical=["thing"], box_filter=0.1))
     scene = open_scored(folder, scoring_options(scored))
-    queries = scored_queries(scored.document)
+    queries = scored_queries(scored)
     shown = {one.scored: one for one in ask_again(queries, scene, scored)}
     assert len(shown) == len(queries) == 4
     valid = scene.valid
@@ -126,14 +126,12 @@ def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
         {"gaussians/sh": np.zeros((0, 1, 3), np.float32)},
         made_from=["frames", "poses", "splats"],
     )
-    assert not is_in_time(read_scored_scene(score(folder)))
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in (*NAMES, "histories")}
     options = stage.MetricsOptions(negatives=["basketball"])
     stage.run(**paths, output=folder / "metrics.json", options=options, title="a/scene")
     scored = read_scored_scene(folder / "metrics.json")
-    assert is_in_time(scored)
     scene = open_scored(folder, scoring_options(scored), in_time=True)
-    assert len(list(ask_again(scored_queries(scored.document)[:1], scene, scored))) == 1
+    assert len(list(ask_again(scored_queries(scored)[:1], scene, scored))) == 1
     assert scene.rests is not None and open_scored(folder, scoring_options(scored)).rests is None
 
 

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from egosplat.geometry import Camera
-from egosplat.report.sheets.splats_sheet import error_map, run
 from tests.support.scenes import camera_facts, put_scene
 
 HEIGHT, WIDTH = 20, 30
@@ -62,18 +60,6 @@ def scene(folder, held_out: int, records: int, corrections: int):
     [(8, 300, 0), (1, 1, 2), (0, 3, 1)],
     ids=["usual", "few, corrected", "nothing held out, corrections of 0"],
 )
-def test_the_page_is_written_as_one_picture(tmp_path, held_out, records, corrections):
-    output = tmp_path / "splats.png"
-    run(*scene(tmp_path, held_out, records, corrections), output, title="a scene")
-    picture = np.asarray(Image.open(output).convert("L"))
+def test_the_page_is_written_as_one_picture(tmp_path, draw, held_out, records, corrections):
+    picture = draw("splats_sheet", scene(tmp_path, held_out, records, corrections))
     assert picture.shape[1] > 700 and picture.std() > 10
-    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".png") == ["splats.png"]
-
-
-def test_the_error_is_the_mean_over_the_channels_and_only_where_valid():
-    black = np.zeros((1, 2, 3), np.uint8)
-    other = np.array([[[255, 0, 0], [255, 255, 255]]], np.uint8)
-    error = error_map(black, other, np.array([[True, False]]))
-    assert error[0, 0] == pytest.approx(1 / 3) and np.isnan(error[0, 1])
-    swapped = error_map(other, black, np.array([[True, True]]))
-    assert swapped[0] == pytest.approx([1 / 3, 1.0])

@@ -5,11 +5,10 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from egosplat.report.sheets.transient_sheet import LABELS, MOVING, PICTURES, choose_frames, largest, run
+from egosplat.report.sheets.transient_sheet import LABELS, MOVING, PICTURES, choose_frames
 from tests.support.scenes import put_scene
 
 HEIGHT, WIDTH = 20, 30
@@ -57,14 +56,6 @@ def scene(folder, frames: int, instances: int, moving: int, digests: bool = Fals
     )
 
 
-def drawn(folder, *what: int) -> np.ndarray:
-    """(H, W, 3) int of the page, which is the only picture there is."""
-    output = folder / "transient.png"
-    run(*scene(folder, *what), output, title="a scene")
-    assert [path.name for path in folder.iterdir() if path.suffix == ".png"] == [output.name]
-    return np.asarray(Image.open(output).convert("RGB")).astype(int)
-
-
 def count(picture: np.ndarray, low: list[int], high: list[int]) -> int:
     """Pixels whose color lies in a box."""
     return int(((picture >= low) & (picture <= high)).all(axis=2).sum())
@@ -75,8 +66,8 @@ def count(picture: np.ndarray, low: list[int], high: list[int]) -> int:
     [(12, 6, 3), (1, 1, 0), (2, 0, 0), (2, 100, 95)],
     ids=["usual", "one that stays", "no instance", "more bars than are named"],
 )
-def test_the_page_is_written_as_one_picture(tmp_path, frames, instances, moving):
-    picture = drawn(tmp_path, frames, instances, moving)
+def test_the_page_is_written_as_one_picture(tmp_path, draw, frames, instances, moving):
+    picture = draw("transient_sheet", scene(tmp_path, frames, instances, moving))
     assert picture.shape[1] > 700 and picture.std() > 10
     crimson = count(picture, [215, 15, 55], [225, 25, 65])  # bars of what moves
     assert (crimson > 2000) == (moving > 0)
@@ -85,20 +76,19 @@ def test_the_page_is_written_as_one_picture(tmp_path, frames, instances, moving)
     assert count(picture, [0, 180, 0], [100, 255, 100]) > 500  # the Gaussians are green
 
 
-def test_mismatched_artifacts_are_rejected(tmp_path):
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-    paths = scene(tmp_path / "one", 1, 2, 1, True)
-    run(*paths, tmp_path / "transient.png", title="a scene")
-    other = dict(zip(NAMES, scene(tmp_path / "two", 2, 2, 1, True), strict=True))
-    for name in ("instances", "masks", "splats"):
-        mixed = [other[one] if one == name else path for one, path in zip(NAMES, paths, strict=True)]
-        with pytest.raises(UserError, match=f"two/{name}.zarr: was made from another"):
-            run(*mixed, tmp_path / "none.png", title="a scene")
-    shutil.rmtree(other["masks"])
-    with pytest.raises(UserError, match="masks.zarr"):
-        run(*paths[:4], other["masks"], paths[5], tmp_path / "none.png", title="a scene")
-    assert not (tmp_path / "none.png").exists()
+def test_mismatched_artifacts_are_rejected(tmp_path, draw):
+    paths, other = [], []
+    for folder, found, frames in ((tmp_path / "one", paths, 1), (tmp_path / "two", other, 2)):
+        folder.mkdir()
+        found += scene(folder, frames, 2, 1, digests=True)
+    for index in (3, 4, 5):
+        mixed = [*paths[:index], other[index], *paths[index + 1 :]]
+        with pytest.raises(UserError, match=f"two/{NAMES[index]}.zarr: was made from another"):
+            draw("transient_sheet", mixed)
+    shutil.rmtree(other[4])
+    with pytest.raises(UserError, match=r"masks\.zarr"):
+        draw("transient_sheet", [*paths[:4], other[4], paths[5]])
+    assert not list(tmp_path.glob("*.png"))
 
 
 def test_frames_where_most_is_masked_spread_in_time_and_one_where_nothing_is():
@@ -129,14 +119,9 @@ def test_frames_chosen_when_much_or_nothing_moves(masked, expected):
     assert choose_frames(np.array(masked), np.ones(len(masked), bool)) == expected
 
 
-def test_the_largest_of_what_moves_are_named():
-    labels = np.full((2, 40, 40), -1, np.int32)
-    for instance, pixels in enumerate((300, 36, 400, 171)):
-        labels[instance % 2].ravel()[400 * (instance // 2) :][:pixels] = instance
-    assert largest(labels, np.array([True, True, False, True])) == [0, 3, 1]
-    assert largest(labels, np.zeros(4, bool)) == []
-
-
-def test_the_number_of_labels_is_limited():
-    labels = np.arange(64, dtype=np.int32).reshape(1, 8, 8)
-    assert len(largest(labels, np.ones(64, bool))) == LABELS
+def test_the_largest_of_what_moves_are_named(tmp_path, draw, drawn):
+    """In each frame with masked pixels; what stays has no name."""
+    draw("transient_sheet", scene(tmp_path, 3, 9, 6))
+    named = [[text.get_text() for text in axes.texts] for axes in drawn[0].get_axes()]
+    assert [len(names) for names in named if names] == [LABELS] * 2
+    assert {name.partition(":")[0] for names in named for name in names} <= set("012345")

@@ -7,7 +7,7 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
-from egosplat.report.sheets.queries_asking import ScoredQuery
+from egosplat.report.sheets.queries_sheet import ScoredQuery
 from egosplat_rivals.methods_sheet import over_methods, run
 
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")

@@ -13,8 +13,7 @@ from egosplat.drawing import add_name, empty_grid, ground_axes, plt, show, split
 from egosplat.geometry import Array
 from egosplat.histories.known import read_spans
 from egosplat.histories.told import clock
-from egosplat.report.sheets.from_above import below_cameras, palette
-from egosplat.report.sheets.sheet import sheet
+from egosplat.report.sheets.sheet import POINTS, below_cameras, palette, sheet
 
 # Maximum number of photographs, and of those in a row.
 PICTURES, COLUMNS = 12, 6
@@ -24,9 +23,6 @@ CELL, BAR, CHARTS = 2.7, 0.23, 8.0
 
 # Side of a photograph by the longer side of the thing's box, and its least side [px].
 AROUND, LEAST_SIDE = 2.0, 48
-
-# Maximum number of Gaussians from above.
-GAUSSIANS = 60_000
 
 # Light of the colors by that of instances: yellow on white is hard to see.
 DARKER = 0.8
@@ -38,30 +34,29 @@ BEND = 0.15
 TICKS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600)
 
 
-@sheet(warned=("histories",))
+@sheet("histories")
 def run(frames: Artifact, poses: Artifact, splats: Artifact, histories: Artifact) -> tuple[Figure, str]:
     """Draw the ways of the carries from above, their times, and photographs of the longest."""
     times = seconds_of(frames)
     first, last, _ = read_spans(histories, "carries", ("first_frame", "last_frame", "best_frame"), len(times))
     spans = np.stack([times[first], times[last]], axis=1)
+    count, colors = len(spans), DARKER * palette(len(spans))
     longest = np.argsort(spans[:, 0] - spans[:, 1], kind="stable")[:PICTURES]
-    rows, colors = -(-len(longest) // COLUMNS), DARKER * palette(len(spans))
-    heights = [max(CHARTS, BAR * len(spans)), *([rows * (CELL + 0.3) + 0.4] if rows else [])]
+    rows = -(-len(longest) // COLUMNS)
+    heights = [max(CHARTS, BAR * count), *([rows * (CELL + 0.3) + 0.4] if rows else [])]
     figure = plt.figure(figsize=(CELL * COLUMNS, sum(heights) + 0.9), layout="constrained")
     parts = split_page(figure, len(heights), 1, height_ratios=heights)
     above, *beside = parts[0].subplots(1, len(heights), squeeze=False)[0]
     _draw_from_above(above, poses, splats, histories, colors)
-    if rows:
+    if count:
         _draw_times(beside[0], spans, times[-1], colors)
         _draw_photographs(parts[1], frames, histories, spans, colors, longest)
-    return figure, _summary(histories)
-
-
-def _summary(histories: Artifact) -> str:
-    count, tracks = histories.shape("carries/start")[0], histories.facts["tracks"]
     carried = {0: "nothing is carried from place to place", 1: "1 carry"}.get(count, f"{count} carries")
     key = "\na carry has the same number and color everywhere" if count else ""
-    return f"{carried} (tracks of what moves: {tracks}), origin {histories.origin}{key}"
+    return (
+        figure,
+        f"{carried} (tracks of what moves: {histories.facts['tracks']}), origin {histories.origin}{key}",
+    )
 
 
 def _draw_from_above(
@@ -70,25 +65,21 @@ def _draw_from_above(
     """Draw an arrow for each carry over the Gaussians, without what is higher than the cameras."""
     plane, xyz = ground_axes(poses.read("up")), splats.read("means").astype(np.float64)
     xyz = xyz[below_cameras(poses, xyz)]
-    axes.scatter(*(xyz[:: len(xyz) // GAUSSIANS + 1] @ plane.T).T, s=1.5, c="0.8", linewidths=0)
-    starts, ends = histories.read("carries/start"), histories.read("carries/end")
+    axes.scatter(*(xyz[:: len(xyz) // POINTS + 1] @ plane.T).T, s=1.5, c="0.8", linewidths=0)
+    starts, ends = (histories.read(f"carries/{name}") @ plane.T for name in ("start", "end"))
     # Where one of both is not known, the other alone is drawn.
     starts, ends = np.where(np.isfinite(starts), starts, ends), np.where(np.isfinite(ends), ends, starts)
-    for number, (start, end, color) in enumerate(
-        zip(starts @ plane.T, ends @ plane.T, colors, strict=True), 1
-    ):
-        if np.isnan(end).any():
-            continue
+    for index in np.flatnonzero(np.isfinite(ends).all(axis=1)):
+        start, end, color = starts[index], ends[index], colors[index]
         style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", end, start, arrowprops=style | {"connectionstyle": f"arc3,rad={BEND}"})
         # An arrow does not widen the axes, so its end is a dot without a size.
         axes.scatter(*np.stack([start, end], axis=1), s=(14, 0), color=color)
-        middle = (start + end) / 2 + BEND / 2 * (end - start)[::-1] * (1, -1)
+        x, y = (start + end) / 2 + BEND / 2 * (end - start)[::-1] * (1, -1)
         box = {"facecolor": "white", "edgecolor": color, "pad": 0.5}
         # Names move apart by their letters: spaces keep their frames apart, too.
-        add_name(axes, middle[0], middle[1], f" {number} ", color="black", bbox=box, zorder=4)
-    unit = length_unit(poses)
-    title = "From above: where things are taken up and put down"
+        add_name(axes, x, y, f" {index + 1} ", color="black", bbox=box, zorder=4)
+    unit, title = length_unit(poses), "From above: where things are taken up and put down"
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
 
 
@@ -97,7 +88,9 @@ def _draw_times(axes: Axes, spans: Array, last: float, colors: Array) -> None:
     numbers = np.arange(1, len(spans) + 1)
     axes.barh(numbers, np.ptp(spans, axis=1), left=spans[:, 0], color=colors, height=0.7, zorder=2)
     axes.set(title="When", xlabel="min:s", yticks=numbers, ylim=(len(spans) + 0.6, 0.4), xlim=(0, last))
-    axes.xaxis.set_major_locator(MultipleLocator(next((one for one in TICKS if last <= 10 * one), TICKS[-1])))
+    axes.xaxis.set_major_locator(
+        MultipleLocator(next((tick for tick in TICKS if last <= 10 * tick), TICKS[-1]))
+    )
     axes.xaxis.set_major_formatter(FuncFormatter(lambda second, _: clock(second)))
     axes.grid(alpha=0.3)
 
@@ -116,17 +109,12 @@ def _draw_photographs(
     page.suptitle(f"The frame that shows most of the thing, the longest carry first{rest}")
     cells = empty_grid(page, -(-len(chosen) // COLUMNS), COLUMNS)
     best, boxes = (histories.read(f"carries/{name}") for name in ("best_frame", "box"))
-    for cell, one in zip(cells.flat, chosen.tolist(), strict=False):
-        picture, box = frames.row("rgb", int(best[one])), boxes[one]
-        left, top, side = window(box, *picture.shape[:2])
-        told = f"{one + 1}: {clock(spans[one, 0])} to {clock(spans[one, 1])}"
-        show(cell, picture[top : top + side, left : left + side], told, 10)
-        (x, y), size = box[:2] - (left, top) - 0.5, box[2:] - box[:2]
-        cell.add_patch(Rectangle((x, y), *size, fill=False, edgecolor=colors[one], linewidth=1.5))
-
-
-def window(box: NDArray[np.int32], height: int, width: int) -> tuple[int, int, int]:
-    """Left, top and side of the square to show of an image, around a box x0, y0, x1, y1, the ends exclusive [px]."""
-    side = min(max(LEAST_SIDE, round(AROUND * int((box[2:] - box[:2]).max()))), height, width)
-    left, top = np.clip((box[:2] + box[2:] - side) // 2, 0, [width - side, height - side]).tolist()
-    return left, top, side
+    for axes, index in zip(cells.flat, chosen.tolist(), strict=False):
+        picture, box = frames.row("rgb", int(best[index])), boxes[index]
+        height, width, _ = picture.shape
+        side = min(max(LEAST_SIDE, round(AROUND * int((box[2:] - box[:2]).max()))), height, width)
+        left, top = np.clip((box[:2] + box[2:] - side) // 2, 0, [width - side, height - side]).tolist()
+        told = f"{index + 1}: {clock(spans[index, 0])} to {clock(spans[index, 1])}"
+        show(axes, picture[top : top + side, left : left + side], told, 10)
+        corner, size = (box[0] - left - 0.5, box[1] - top - 0.5), box[2:] - box[:2]
+        axes.add_patch(Rectangle(corner, *size, fill=False, edgecolor=colors[index], linewidth=1.5))

@@ -1,11 +1,7 @@
 """Draw the OpenCLIP crops of some instances on one page, in order of time, with outlier views struck out."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
@@ -20,21 +16,13 @@ from egosplat.report.sheets.sheet import sheet
 # Maximum number of views of an instance.
 COLUMNS = 12
 
-# Number of often seen instances with the most different features.
-DISTINCT = 6
+# Number of often seen instances with the most different features, and of further ones, those with the most outliers.
+DISTINCT, MOST_OUTLIERS = 6, 2
 
-# Share of all instances, those with the most views, that count as often seen: rows of one or two views say little.
+# Share of the instances, those with the most views, that count as often seen: rows of one or two views say little.
 OFTEN = 0.5
 
-# Number of further instances, those with the most outliers.
-MOST_OUTLIERS = 2
-
-# Minimum IoU of two instances' boxes, averaged over the frames of either, at which they show one object at
-# two levels.
-SAME_THING = 0.5
-
-# Description of the number above each crop, by ``features.mad_norm``; the number decides which views are
-# outliers.
+# What the number above each crop is, by ``features.mad_norm``; it decides whether the view is an outlier.
 NUMBERS = {
     "element": "the share of feature channels that disagree with the other views",
     "euclidean": "its distance to the median of all views",
@@ -42,160 +30,97 @@ NUMBERS = {
     "none": "no number, because every view counts",
 }
 
-# Side of a crop on the page [inches].
-CELL = 1.25
-
-# Gray level around objects, 0..1: it separates masked pixels from dark objects.
-BACKGROUND = 0.12
+# Side of a crop [inches], and gray level around objects, 0..255: it separates masked pixels from dark objects.
+CELL, BACKGROUND = 1.25, 30
 
 
-@dataclass(frozen=True)
-class Table:
-    """R views, sorted by instance, then frame, of N instances; boxes are (R, 4) int32.
-
-    Attributes:
-        consistent: (N, D) float64 features of unit norm, 0 without views.
-        hull: whether crops show convex hulls, see ``cut_crop``.
-    """
-
-    instance: NDArray[np.int32]
-    frame: NDArray[np.int32]
-    box: NDArray[np.int32]
-    inlier: NDArray[np.bool_]
-    level: NDArray[np.int8]
-    consistent: NDArray[np.float64]
-    hull: bool
-
-    def rows(self, instance: int) -> NDArray[np.int64]:
-        """Rows of the views of an instance."""
-        return np.arange(*np.searchsorted(self.instance, [instance, instance + 1]))
-
-
-@sheet(warned=("features",))
+@sheet("features")
 def run(
     frames: Artifact, instances: Artifact, view_features: Artifact, features: Artifact
 ) -> tuple[Figure, str]:
     """Draw the crops of some instances in order of time, with outlier views struck out."""
-    instance, frame, box = map(view_features.read, ("instance", "frame", "box"))
-    table = Table(
-        instance,
-        frame,
-        box,
-        features.read("inlier"),
-        view_features.read("instances/level"),
-        unit(features.read("consistent")),
-        view_features.provenance["options"]["cut"] == "hull",
-    )
-    chosen = choose_instances(table)
+    facts, norm = features.facts, features.provenance["options"]["mad_norm"]
+    owner, level = view_features.read("instance"), view_features.read("instances/level")
+    inlier = features.read("inlier")
+    chosen = choose_instances(owner, inlier, level, unit(features.read("consistent")))
     height = max(len(chosen), 1)
     figure = plt.figure(figsize=(COLUMNS * CELL + 0.4, height * (CELL + 0.62) + 1.0), layout="constrained")
-    strips = split_page(figure, height, 1)
-    for strip, instance in zip(strips, chosen, strict=False):
-        numbers, limit = _numbers(view_features, features, table.rows(instance))
-        strip.suptitle(_caption(features, table, instance, limit), fontsize=10, x=0.01, ha="left")
-        cells = empty_grid(strip, 1, COLUMNS)[0]
-        rows = choose_views(table, instance)
-        _draw_views(cells, frames, instances, table, rows, numbers, view_features.facts["turned"])
-    return figure, _summary(features, table)
-
-
-def choose_instances(table: Table) -> list[int]:
-    """Choose the instances to show, each of a different object.
-
-    First the instance with the most views. Then, repeatedly, the often seen instance whose feature is least similar to
-    all chosen ones. Last, the instances with the most outliers.
-    """
-    views = np.bincount(table.instance, minlength=len(table.level))
-    outliers = np.bincount(table.instance[~table.inlier], minlength=len(table.level))
-    often = (views > 0) & (views >= np.quantile(views[views > 0], 1 - OFTEN) if views.any() else False)
-    similarity = np.full(len(views), -1.0)
-    shown: list[int] = []
-    while len(shown) < DISTINCT and often.any():
-        instance = int(np.lexsort((-views, np.where(often, similarity, np.inf)))[0])
-        often[instance] = False
-        if _is_new(table, instance, shown):
-            shown.append(instance)
-            similarity = np.maximum(similarity, table.consistent @ table.consistent[instance])
-    end = len(shown) + MOST_OUTLIERS
-    for instance in np.argsort(-outliers, kind="stable").tolist():
-        if len(shown) < end and outliers[instance] and _is_new(table, instance, shown):
-            shown.append(instance)
-    return shown
-
-
-def _is_new(table: Table, instance: int, shown: list[int]) -> bool:
-    """Whether an instance is not shown yet, at this or at another level."""
-    return instance not in shown and all(overlap(table, instance, one) < SAME_THING for one in shown)
-
-
-def overlap(table: Table, one: int, other: int) -> float:
-    """IoU of two instances' boxes, averaged over all frames that show either."""
-    first, second = table.rows(one), table.rows(other)
-    common, left, right = np.intersect1d(table.frame[first], table.frame[second], return_indices=True)
-    a, b = table.box[first[left]].astype(np.int64), table.box[second[right]].astype(np.int64)
-    sides = np.minimum(a[:, 2:], b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
-    both = np.clip(sides, 0, None).prod(axis=1)
-    either = (a[:, 2:] - a[:, :2]).prod(axis=1) + (b[:, 2:] - b[:, :2]).prod(axis=1) - both
-    frames = len(first) + len(second) - len(common)
-    return float((both / np.maximum(either, 1)).sum() / max(frames, 1))
-
-
-def choose_views(table: Table, instance: int) -> NDArray[np.int64]:
-    """Choose the rows of views to show, in order of time: evenly spaced; outliers take up to half of the strip."""
-    rows = table.rows(instance)
-    outliers, others = rows[~table.inlier[rows]], rows[table.inlier[rows]]
-    outliers = outliers[evenly_spaced(len(outliers), COLUMNS // 2)]
-    others = others[evenly_spaced(len(others), COLUMNS - len(outliers))]
-    return np.sort(np.concatenate([outliers, others]))
-
-
-def _draw_views(
-    cells: NDArray[Any],
-    frames: Artifact,
-    instances: Artifact,
-    table: Table,
-    rows: NDArray[np.int64],
-    numbers: Mapping[int, str],
-    turned: bool,
-) -> None:
-    for cell, row in zip(cells, rows.tolist(), strict=False):
-        frame, instance = int(table.frame[row]), int(table.instance[row])
-        labels = instances.row("labels", frame)[table.level[instance]]
-        crop = cut_crop(frames.row("rgb", frame), labels, instance, table.box[row], hull=table.hull)
-        crop = np.rot90(crop, -1) if turned else crop
-        shown = np.where((crop == 0).all(axis=2, keepdims=True), np.uint8(255 * BACKGROUND), crop)
-        cell.imshow(shown, interpolation="nearest" if len(crop) < 24 else "antialiased")
-        if not table.inlier[row]:
-            cell.plot([0, 1], [0, 1], color="crimson", linewidth=2.5, transform=cell.transAxes)
-        color = "black" if table.inlier[row] else "crimson"
-        number = f": {numbers[row]}" if numbers[row] else ""
-        cell.set_title(f"{frame}{number}", fontsize=8, pad=2, color=color)
-
-
-def _numbers(views: Artifact, features: Artifact, rows: NDArray[np.int64]) -> tuple[dict[int, str], float]:
-    """The number above each view of an instance, by row, and the limit above which a view is an outlier."""
-    options = features.provenance["options"]
-    if options["mad_norm"] == "none":
-        return dict.fromkeys(rows.tolist(), ""), 0.0
-    values, limit = disagreement(views.read("feature")[rows], options["mad_norm"], options["mad_k"])
-    return {int(row): f"{value:.2f}" for row, value in zip(rows, values, strict=True)}, limit
-
-
-def _caption(features: Artifact, table: Table, instance: int, limit: float) -> str:
-    rows = table.rows(instance)
-    level = features.facts["levels"][table.level[instance]]
-    outliers = int((~table.inlier[rows]).sum())
-    struck = f", struck out above {limit:.2f}" if outliers else ""
-    return f"instance {instance}, {level}: {len(rows)} views, {outliers} outliers{struck}"
-
-
-def _summary(features: Artifact, table: Table) -> str:
-    facts, options = features.facts, features.provenance["options"]
+    for strip, instance in zip(split_page(figure, height, 1), chosen, strict=False):
+        name, rows = (
+            f"instance {instance}, {facts['levels'][level[instance]]}",
+            np.flatnonzero(owner == instance),
+        )
+        _draw_instance(strip, frames, instances, view_features, features, rows, name)
     model = "small" if facts["clip"]["small"] else facts["clip"]["model"]
     encoder = "ImageNet's classes" if model == PHOTOS else f"OpenCLIP ({model})"
-    norm = options["mad_norm"]
-    return (
+    return figure, (
         f"crops encoded by {encoder}, origin {features.origin}\n"
-        f"{len(table.instance)} views of {len(np.unique(table.instance))} instances, {facts['outliers']} outliers "
-        f"(MAD {norm}, k = {options['mad_k']:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
+        f"{len(owner)} views of {len(np.unique(owner))} instances, {facts['outliers']} outliers (MAD {norm}, "
+        f"k = {features.provenance['options']['mad_k']:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
     )
+
+
+def choose_instances(
+    owner: NDArray[np.int32],
+    inlier: NDArray[np.bool_],
+    level: NDArray[np.int8],
+    feature: NDArray[np.float64],
+) -> list[int]:
+    """Choose the instances to show.
+
+    First the instance with the most views, then, repeatedly, the often seen one whose feature is least similar to all chosen
+    ones: all of the coarsest level, where no two show one thing. Last, of all levels, the instances with the most outliers.
+
+    Args:
+        owner, inlier: (R,) instance of each view, and whether the view counts.
+        level, feature: (N,) level of each instance, and (N, D) feature of unit norm, 0 without views.
+    """
+    views, outliers = (np.bincount(rows, minlength=len(level)) for rows in (owner, owner[~inlier]))
+    seen = (views > 0) & (level == level.max(initial=0))
+    often = seen & (views >= np.quantile(views[seen], 1 - OFTEN)) if seen.any() else seen
+    similarity = np.where(often, -1.0, np.inf)
+    shown: list[int] = []
+    while len(shown) < DISTINCT and np.isfinite(similarity).any():
+        shown.append(int(np.lexsort((-views, similarity))[0]))
+        similarity = np.maximum(similarity, feature @ feature[shown[-1]])
+        similarity[shown] = np.inf
+    worst = np.argsort(-outliers, kind="stable").tolist()
+    return shown + [one for one in worst if outliers[one] and one not in shown][:MOST_OUTLIERS]
+
+
+def choose_views(inlier: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Choose the views of an instance to show, in order of time: evenly spaced; outliers take up to half of the strip."""
+    outliers, others = np.flatnonzero(~inlier), np.flatnonzero(inlier)
+    outliers = outliers[evenly_spaced(len(outliers), COLUMNS // 2)]
+    return np.sort(np.concatenate([outliers, others[evenly_spaced(len(others), COLUMNS - len(outliers))]]))
+
+
+def _draw_instance(
+    strip: SubFigure,
+    frames: Artifact,
+    instances: Artifact,
+    views: Artifact,
+    features: Artifact,
+    rows: NDArray[np.int64],
+    name: str,
+) -> None:
+    """Draw the views of an instance, which have these rows, below its name, each with its frame and the number that decides."""
+    options, inlier = features.provenance["options"], features.read("inlier")[rows]
+    values, limit = disagreement(views.read("feature")[rows], options["mad_norm"], options["mad_k"])
+    struck = "" if inlier.all() else f", struck out above {limit:.2f}"
+    caption = f"{name}: {len(rows)} views, {int((~inlier).sum())} outliers{struck}"
+    strip.suptitle(caption, fontsize=10, x=0.01, ha="left")
+    at, boxes, owner = (views.read(key)[rows] for key in ("frame", "box", "instance"))
+    level, hull = views.read("instances/level")[owner[0]], views.provenance["options"]["cut"] == "hull"
+    for axes, view in zip(empty_grid(strip, 1, COLUMNS)[0], choose_views(inlier), strict=False):
+        frame = int(at[view])
+        labels = instances.row("labels", frame)[level]
+        crop = cut_crop(frames.row("rgb", frame), labels, owner[0], boxes[view], hull=hull)
+        crop = np.rot90(crop, -1) if views.facts["turned"] else crop
+        shown = np.where((crop == 0).all(axis=2, keepdims=True), np.uint8(BACKGROUND), crop)
+        axes.imshow(shown, interpolation="nearest" if len(crop) < 24 else "antialiased")
+        if not inlier[view]:
+            axes.plot([0, 1], [0, 1], color="crimson", linewidth=2.5, transform=axes.transAxes)
+        number = "" if options["mad_norm"] == "none" else f": {values[view]:.2f}"
+        color = "black" if inlier[view] else "crimson"
+        axes.set_title(f"{frame}{number}", fontsize=8, pad=2, color=color)

@@ -1,17 +1,19 @@
-"""Draw the best and the worst answers of a scene's queries on one page."""
+"""Draw the best and the worst answers of a scene's queries on one page; they are answered again, to get the maps behind the scores."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from egosplat.artifacts.consistency import check_inputs
+from egosplat.artifacts.lineage import open_histories
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import HISTORIES
+from egosplat.artifacts.schemas import ANNOTATIONS, HISTORIES
 from egosplat.drawing import (
     HIT,
     MISS,
@@ -22,18 +24,16 @@ from egosplat.drawing import (
     empty_grid,
     plt,
     save_figure,
+    show,
     split_page,
 )
-from egosplat.evaluation.evaluation_frames import SCORED
-from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene, read_scored_scene
-from egosplat.query.finished_scene import open_encoded, scene_of
-from egosplat.report.sheets.queries_asking import (
-    ShownQuery,
-    ask_again,
-    best_and_worst,
-    scored_queries,
-    scoring_options,
-)
+from egosplat.evaluation.evaluation_frames import SCORED, Evaluation, read_evaluation
+from egosplat.evaluation.options import MetricsOptions, recorded_options
+from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, read_layers
+from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
+from egosplat.evaluation.scores import ask_of, bounding_boxes
+from egosplat.query.answers import ViewMatch
+from egosplat.query.finished_scene import Scene, open_artifacts, open_encoded, scene_of
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4
@@ -44,6 +44,29 @@ CELL = 2.9
 # Titles of the two blocks.
 BEST = "best: hits with the highest IoU, one per category"
 WORST = "worst: misses with the lowest IoU, then the highest relevancy, one per category"
+
+
+@dataclass(frozen=True)
+class ScoredQuery:
+    """A query of ``metrics.json``, scored against all instances of its category; relevancy and IoU are 0..1."""
+
+    frame: int
+    category: str
+    relevancy: float
+    hit: bool
+    iou: float
+
+
+@dataclass(frozen=True, eq=False)
+class ShownQuery:
+    """A query with its (H, W, 3) uint8 photograph, float32 view in [0, 1], (H, W) bool target, and the (B, 4) boxes to hit, if any."""
+
+    scored: ScoredQuery
+    photograph: NDArray[np.uint8]
+    view: NDArray[np.float32]
+    target: NDArray[np.bool_]
+    boxes: NDArray[np.int64]
+    answer: ViewMatch
 
 
 def run(
@@ -60,9 +83,8 @@ def run(
     tiles_path: Path | None = None,
     histories_path: Path | None = None,
 ) -> None:
-    """Draw the page as PNG, atomically.
+    """Draw the page as PNG, whole or not at all, with the options and the scores of ``metrics.json``.
 
-    Queries are answered again with the options of ``metrics.json``; the scores are those of ``metrics.json``.
     ``histories_path`` is required if the scores are of frames at their own time.
 
     Raises:
@@ -73,78 +95,142 @@ def run(
     artifacts = [*map(open_artifact, paths, SCORED), open_encoded(features_path, tiles_path)]
     artifacts += [] if histories_path is None else [open_artifact(histories_path, HISTORIES)]
     scene = scene_of(artifacts, scoring_options(scored))
-    best, worst = best_and_worst(scored_queries(scored.document), ROWS)
-    shown = {one.scored: one for one in ask_again([*best, *worst], scene, scored)}
-    figure = plt.figure(layout="constrained")
-    if shown:
-        blocks = ([shown[one] for one in queries] for queries in (best, worst))
-        _draw(figure, *blocks, boxes=_hits_boxes(scored))
-    else:
-        figure.set_size_inches(6 * CELL, CELL)
+    blocks = best_and_worst(scored_queries(scored), ROWS)
+    shown = {query.scored: query for query in ask_again([*blocks[0], *blocks[1]], scene, scored)}
+    rows, (height, width) = max(map(len, blocks)), scene.valid.shape
+    size = 6 * CELL, (CELL * height / width + 0.12) * rows + 0.9 if rows else CELL
+    figure = plt.figure(figsize=size, layout="constrained")
+    if not rows:
         figure.text(0.5, 0.4, "No annotated frame with a pose has a category to query.", ha="center")
+    for page, name, block in zip(split_page(figure, 1, 2, wspace=0.02), (BEST, WORST), blocks, strict=True):
+        if rows:
+            page.suptitle(
+                name if block else f"{name.partition(':')[0]}: none", fontsize=11, fontweight="bold"
+            )
+            for cells, query in zip(empty_grid(page, rows, 3), block, strict=False):
+                _draw_query(cells, shown[query])
     draw_heading(figure, f"{title}: {summary(scored)}", scored.warnings)
     save_figure(figure, output)
+
+
+def scored_queries(scored: ScoredScene) -> list[ScoredQuery]:
+    """All queries of a ``metrics.json``."""
+    return [
+        ScoredQuery(
+            one["frame"], one["category"], one["relevancy"], *map(one["groups"]["all"].get, ("hit", "iou"))
+        )
+        for one in scored.document["queries"]
+    ]
+
+
+def best_and_worst(queries: Sequence[ScoredQuery], count: int) -> tuple[list[ScoredQuery], list[ScoredQuery]]:
+    """Choose at most ``count`` best and ``count`` worst queries, each of a different category.
+
+    The best ones hit; they are ordered by decreasing IoU. The worst ones miss, and their category is not among the best;
+    they are ordered by increasing IoU, then by decreasing relevancy. Ties are ordered by frame and category.
+    """
+    ordered = sorted(queries, key=lambda query: (query.frame, query.category))
+    hits = sorted((query for query in ordered if query.hit), key=lambda query: -query.iou)
+    misses = sorted(
+        (query for query in ordered if not query.hit), key=lambda query: (query.iou, -query.relevancy)
+    )
+    best = _first_of_each(hits)[:count]
+    shown = {query.category for query in best}
+    return best, _first_of_each(query for query in misses if query.category not in shown)[:count]
+
+
+def _first_of_each(queries: Iterable[ScoredQuery]) -> list[ScoredQuery]:
+    first: dict[str, ScoredQuery] = {}
+    for query in queries:
+        first.setdefault(query.category, query)
+    return [*first.values()]
+
+
+def open_scored(folder: Path, options: MetricsOptions, *, in_time: bool = False) -> Scene:
+    """Open a finished scene or variant with its annotations; ``in_time`` to ask frames at their own time, if they can be.
+
+    Raises:
+        UserError: as ``open_artifacts``, or the artifacts do not belong together.
+    """
+    frames, poses, splats, *others = open_artifacts(folder)
+    annotations = open_artifact(frames.path.with_name("annotations.zarr"), ANNOTATIONS)
+    histories = open_histories(folder, splats) if in_time else None
+    more = [annotations] if histories is None else [annotations, histories]
+    return scene_of([frames, poses, splats, *others, *more], options)
+
+
+def evaluation_of(scene: Scene) -> Evaluation:
+    """Read the evaluation frames of a scene that was opened with its annotations."""
+    return read_evaluation(*map(scene.artifact, ("frames", "poses", "annotations", "splats")))
+
+
+def scoring_options(scored: ScoredScene) -> MetricsOptions:
+    """The options of the stage ``metrics`` that scored a scene, on any device."""
+    recorded = recorded_options(scored.document["provenance"]["options"])
+    return recorded.change(device="auto", backend="auto")
+
+
+def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) -> Iterator[ShownQuery]:
+    """Answer queries again as in the stage ``metrics``, frame by frame.
+
+    Args:
+        chosen: queries of the scene.
+        scene: the scored scene with its annotations and ``scoring_options``.
+
+    Raises:
+        UserError: the scene was scored with other artifacts, or the OpenCLIP model that made the features is missing.
+    """
+    check_inputs(scored.path, scored.document["provenance"]["inputs"], scene.given)
+    if not chosen:
+        return
+    evaluation, options = evaluation_of(scene), scoring_options(scored)
+    queries = find_queries(evaluation.annotations, evaluation.valid, options)
+    asked = {(query.frame, query.category): query for query in queries}
+    shown = [asked[query.frame, query.category] for query in chosen]
+    ask = ask_of(evaluation, scene.asker(phrases_to_ask(shown, evaluation.instances, options)), options.masks)
+    for frame in sorted({query.frame for query in chosen}):
+        in_frame = [query for query in chosen if query.frame == frame]
+        photograph, view = scene.frames[frame], scene.render(frame)
+        answers = ask(frame, [query.category for query in in_frame])
+        for query, answer in zip(in_frame, answers, strict=True):
+            place = asked[frame, query.category]
+            target = read_layers(evaluation.annotations, place.row, evaluation.valid), place.instances["all"]
+            boxes = bounding_boxes(*target)[: None if options.hit_region == "box" else 0]
+            yield ShownQuery(query, photograph, view, mask_of(*target), boxes, answer)
 
 
 def summary(scored: ScoredScene) -> str:
     """Scores of all queries with data and checkpoints; on the second line, a legend of the page."""
     about = f"origin {scored.origin}, {scored.checkpoints}"
-    if not scored.document["scores"]["all"]["count"]:
+    if not (count := scored.document["scores"]["all"]["count"]):
         return f"no queries; {about}"
-    accuracy, mean_iou = (scored.cell(name, "all") for name in ("accuracy", "mean_iou"))
+    scores = []
+    for key, name in (("accuracy", "accuracy"), ("mean_iou", "mIoU")):
+        cell = scored.cell(key, "all")
+        interval = f" ({cell.interval[0]:.1f} to {cell.interval[1]:.1f})" if cell.interval else ""
+        scores.append(f"{name} {cell.percent:.1f} %{interval}")
     chance = ", ".join(f"{name} {scored.chance(key, 'all').percent:.1f} %" for key, name in CHANCE.items())
+    boxes = ", dashed: their boxes" if scored.document["provenance"]["options"]["hit_region"] == "box" else ""
     return (
-        f"{accuracy.queries} queries; accuracy {_percent(accuracy)}, mIoU {_percent(mean_iou)}; chance: {chance}; "
-        f"{about}\nwhite: annotated instances{', dashed: their boxes' if _hits_boxes(scored) else ''}; "
+        f"{count} queries; {', '.join(scores)}; chance: {chance}; {about}\nwhite: annotated instances{boxes}; "
         "colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel, green for a hit, red for a miss"
     )
 
 
-def _hits_boxes(scored: ScoredScene) -> bool:
-    """Whether the boxes of instances had to be hit, not their pixels."""
-    return scored.document["provenance"]["options"]["hit_region"] == "box"
-
-
-def _percent(score: Cell) -> str:
-    """A score in percent, with its interval if it has one."""
-    interval = f" ({score.interval[0]:.1f} to {score.interval[1]:.1f})" if score.interval else ""
-    return f"{score.percent:.1f} %{interval}"
-
-
-def _draw(figure: Figure, best: Sequence[ShownQuery], worst: Sequence[ShownQuery], boxes: bool) -> None:
-    """Draw the best queries on the left and the worst ones on the right."""
-    height, width = (*best, *worst)[0].target.shape
-    rows = max(len(best), len(worst))
-    figure.set_size_inches(6 * CELL, (CELL * height / width + 0.12) * rows + 0.9)
-    left, right = split_page(figure, 1, 2, wspace=0.02)
-    for page, name, queries in ((left, BEST, best), (right, WORST, worst)):
-        page.suptitle(name if queries else f"{name.partition(':')[0]}: none", fontsize=11, fontweight="bold")
-        for cells, query in zip(empty_grid(page, rows, 3), queries, strict=False):
-            _draw_query(cells, query, boxes)
-
-
-def _draw_query(cells: NDArray[Any], query: ShownQuery, boxes: bool) -> None:
+def _draw_query(cells: NDArray[Any], query: ShownQuery) -> None:
     """Draw the photograph, the relevancy and the mask of a query."""
     photograph, heat, mask = cells
     scored, answer = query.scored, query.answer
-    photograph.imshow(query.photograph)
-    photograph.set_title(f'"{scored.category}", frame {scored.frame}', fontsize=9)
-    draw_heat(heat, query.view, answer.relevancy)
     verdict, marker, color = HIT if scored.hit else MISS
+    show(photograph, query.photograph, f'"{scored.category}", frame {scored.frame}')
+    draw_heat(heat, query.view, answer.relevancy)
     heat.set_title(f"{verdict}, relevancy {scored.relevancy:.2f}", fontsize=9, color=color)
     draw_mask(mask, query.view, answer.mask)
     mask.set_title(f"mask: IoU {scored.iou:.2f}", fontsize=9)
     for axes in cells:
         draw_outline(axes, query.target)
-    if boxes:
-        _draw_boxes(photograph, query.boxes)
-        _draw_boxes(heat, query.boxes)
+    for axes, (x0, y0, x1, y1) in product((photograph, heat), query.boxes):
+        box = (x0 - 0.5, y0 - 0.5), x1 - x0 + 1, y1 - y0 + 1
+        axes.add_patch(Rectangle(*box, fill=False, edgecolor="white", linestyle="--", linewidth=0.9))
     if answer.pixel is not None:
         heat.scatter(*answer.pixel, s=110, marker=marker, color=color, edgecolors="white", linewidths=1.5)
-
-
-def _draw_boxes(axes: Axes, boxes: NDArray[np.int64]) -> None:
-    """Draw dashed boxes around the outermost pixels."""
-    for x0, y0, x1, y1 in boxes:
-        place, size = (x0 - 0.5, y0 - 0.5), (x1 - x0 + 1, y1 - y0 + 1)
-        axes.add_patch(Rectangle(place, *size, fill=False, edgecolor="white", linestyle="--", linewidth=0.9))

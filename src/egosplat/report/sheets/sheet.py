@@ -1,28 +1,35 @@
-"""What every sheet does: open its artifacts, check that they belong together, write a heading with warnings, and save."""
+"""What the sheets share: opening artifacts, headings with warnings, colors of things, and what a view from above shows."""
 
 import functools
-from collections.abc import Callable, Sequence
-from inspect import Parameter, Signature, signature
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+from matplotlib.colors import hsv_to_rgb
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.drawing import draw_heading, save_figure
 
 # Draws artifacts; returns the figure and a summary for its heading.
 Draw = Callable[..., tuple[Figure, str]]
 
+# Points up to this share of the cameras' height above the floor are drawn from above: no ceiling hides the rest.
+BELOW = 1.1
 
-def sheet(warned: Sequence[str], fontsize: int = 12) -> Callable[[Draw], Callable[..., None]]:
-    """Make the function of a stage from one that draws its artifacts; they have the names of its parameters.
+# Maximum number of points that are drawn from above.
+POINTS = 60_000
 
-    The made function takes the artifacts' paths as ``NAME_path``, ``output`` and ``title``, writes a PNG atomically, and
-    raises UserError if the artifacts do not belong together.
+
+def sheet(*warned: str, fontsize: int = 12) -> Callable[[Draw], Callable[..., None]]:
+    """Make the function of a stage from one that draws its artifacts, which are named as they are.
+
+    The made function takes the artifacts' paths as ``NAME_path``, ``output`` and ``title``. It writes a PNG, whole or not at all,
+    and raises UserError if an artifact is missing or damaged, or was made from another one than given.
 
     Args:
         warned: names of the artifacts whose notices and alarms are in the heading.
@@ -30,26 +37,47 @@ def sheet(warned: Sequence[str], fontsize: int = 12) -> Callable[[Draw], Callabl
     """
 
     def decorate(draw: Draw) -> Callable[..., None]:
-        names = list(signature(draw).parameters)
-        places = [
-            Parameter(f"{name}_path", Parameter.POSITIONAL_OR_KEYWORD, annotation=Path) for name in names
-        ]
-        output = Parameter("output", Parameter.POSITIONAL_OR_KEYWORD, annotation=Path)
-        title = Parameter("title", Parameter.KEYWORD_ONLY, annotation=str)
-        made = Signature([*places, output, title])
-
         @functools.wraps(draw)
-        def run(*given: Any, **named: Any) -> None:
-            values = made.bind(*given, **named).arguments
-            opened = {name: open_artifact(values[f"{name}_path"], SCHEMAS[name]) for name in names}
+        def run(*, output: Path, title: str, **paths: Path) -> None:
+            names = [name.removesuffix("_path") for name in paths]
+            opened = {name: open_artifact(paths[f"{name}_path"], SCHEMAS[name]) for name in names}
             for artifact in opened.values():
                 check_made_from(artifact, *(other for other in opened.values() if other is not artifact))
             figure, summary = draw(**opened)
             warnings = warnings_of(*(opened[name] for name in warned))
-            draw_heading(figure, f"{values['title']}: {summary}", warnings, fontsize)
-            save_figure(figure, values["output"])
+            draw_heading(figure, f"{title}: {summary}", warnings, fontsize)
+            save_figure(figure, output)
 
-        vars(run)["__signature__"] = made
         return run
 
     return decorate
+
+
+def below_cameras(poses: Artifact, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) bool: which of (N, 3) points show the scene from above, without what is higher than the cameras."""
+    if not len(xyz):
+        return np.zeros(0, bool)
+    up = poses.read("up")
+    height = xyz @ up
+    camera = np.median(poses.read("camera_to_world")[poses.read("registered"), :3, 3] @ up)
+    # Stray points far outside would shrink the rest.
+    low, high = np.percentile(xyz, [1, 99], axis=0)
+    floor = np.percentile(height, 1)
+    return ((xyz >= low) & (xyz <= high)).all(axis=1) & (height < floor + BELOW * (camera - floor))
+
+
+def palette(count: int) -> NDArray[np.float64]:
+    """(count, 3) colors in 0..1; consecutive ones have very different hues."""
+    hues = (np.arange(count) * 0.61803398875) % 1.0
+    value = 0.75 + 0.25 * ((np.arange(count) // 7) % 2)
+    return hsv_to_rgb(np.stack([hues, np.full(count, 0.85), value], axis=1)).reshape(count, 3)
+
+
+def tint(
+    picture: NDArray[np.uint8], labels: NDArray[np.integer], colors: NDArray[np.float64], opacity: float = 0.4
+) -> NDArray[np.uint8]:
+    """Tint an (H, W, 3) uint8 image by (H, W) labels in (N, 3) colors in 0..1; pixels without a label, -1, stay as they are."""
+    if not len(colors):
+        return picture
+    mixed = (1 - opacity) * picture + opacity * 255 * colors[labels]
+    return np.where((labels >= 0)[..., None], mixed, picture).astype(np.uint8)
