@@ -79,8 +79,7 @@ def draw_masks(folder: Path) -> list[list[tuple[NDArray, str]]]:
 def code_picture(folder: Path, variant: str | None, poses: Artifact, frame: int) -> NDArray[np.float64]:
     """The codes of the largest level as colors, each variant with principal colors of its own."""
     splats, scene = trained(folder, variant)
-    (path,) = locate(folder / variant_folder(variant), "language")
-    language = open_artifact(path, LANGUAGE)
+    language = open_artifact(*locate(folder / variant_folder(variant), "language"), LANGUAGE)
     code, share = language.read("code"), language.read("share")
     colors = code_colors(code, share)
     on_device = (torch.from_numpy(part).to(scene.gaussians.means.device) for part in (colors, share))

@@ -96,14 +96,24 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
         ("viewing/source/main.js", "const FLUENT = 60", "const FLUENT = 50", {"scene_page"}),
         ("evaluation/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
         ("report/sheets/queries_sheet.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
-        ("report/sheets/splats_sheet.py", "PICTURES = 4", "PICTURES = 3", {"splats_sheet"}),
+        (
+            "report/sheets/splats_sheet.py",
+            "PICTURES, CELL, CORRECTIONS = 4",
+            "PICTURES, CELL, CORRECTIONS = 3",
+            {"splats_sheet"},
+        ),
         (
             "frames/adt_annotations.py",
             "\nclass ",
             "\nCHANGED = 1\n\n\nclass ",
             {"annotations", "contact_sheet", *AFTER_QUERIES},
         ),
-        ("report/sheets/contact_sheet.py", "PICTURES = 8", "PICTURES = 6", {"contact_sheet"}),
+        (
+            "report/sheets/contact_sheet.py",
+            "PICTURES, COLUMNS = 8",
+            "PICTURES, COLUMNS = 6",
+            {"contact_sheet"},
+        ),
         (
             "../egosplat_apartments/objects/textures.py",
             "\ndef ",
