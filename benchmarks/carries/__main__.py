@@ -18,7 +18,7 @@ from benchmarks.carries.true_tracks import with_true_tracks
 from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests, recording_of
 from benchmarks.common import command, markdown, scene_folders
 from egosplat.histories.told import Carried
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene, open_scene

@@ -18,7 +18,7 @@ from benchmarks.common import command, markdown, scene_folders
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.errors import UserError
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.stage import run
 

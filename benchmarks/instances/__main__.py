@@ -30,7 +30,7 @@ from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, find_things, single_masks
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.progress import log
 
 # Every so many frames are scored, at every second pixel of both axes.

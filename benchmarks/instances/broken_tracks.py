@@ -29,7 +29,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, POSES, SEGMENTS
 from egosplat.artifacts.writer import create
 from egosplat.pipeline import config as configuration
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.progress import log, track
 
 # Frames after which every track gets a new name, share of frames in which two visible tracks swap their names, and

@@ -33,7 +33,7 @@ from egosplat.language.options import LanguageOptions
 from egosplat.language.rendering import render_codes
 from egosplat.language.targets import CodeTargets, Targets
 from egosplat.language.views import CodeViews, select_code_views
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.progress import log
 from egosplat_rivals.langsplat import PlainCodes
 from egosplat_rivals.loop import train

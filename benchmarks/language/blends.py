@@ -23,7 +23,7 @@ from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import Lifted, lift
 from egosplat.language.method import Coded
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.query.views import Asker
 from egosplat.report.sheets.queries_sheet import evaluation_of, open_scored
 

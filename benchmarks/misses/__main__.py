@@ -38,7 +38,7 @@ from egosplat.language.dominant import mean_of_dominant, target_votes
 from egosplat.language.rendering import render_codes
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.query.finished_scene import Scene, open_scene
 
 CAUSES = ("no mask", "masked", "no Gaussians", "wrong pixel", "wrong name")

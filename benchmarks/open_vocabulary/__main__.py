@@ -24,7 +24,7 @@ from benchmarks.scores import METHOD, Paired, accuracy_difference, differences, 
 from egosplat.doctor.inputs import read_configuration
 from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
 from egosplat.evaluation.scored_scenes import VALIDATION, Cell, percent_bounds
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.progress import log
 

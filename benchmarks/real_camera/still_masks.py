@@ -14,7 +14,7 @@ from benchmarks.common import command, markdown, scene_folders, survey_of
 from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import MASKS, TRANSIENT
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.pipeline.survey_file import read_survey
 
 COLUMNS = (

@@ -19,7 +19,7 @@ from benchmarks.scores import METHOD, accuracy_difference, iou_difference, pair_
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import INSTANCES
 from egosplat.evaluation.scored_scenes import FULL, read_scored_scene
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.pipeline.survey_file import read_survey
 
 

@@ -17,7 +17,7 @@ from benchmarks.common import command, markdown, scene_folders
 from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, accuracy_difference, chance, format_score, iou_difference, pair_answers
 from egosplat.evaluation.scored_scenes import ScoredScene
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat_rivals.tables.paper_tables import average
 from egosplat_rivals.tradeoff.measured import (
     COSTS,

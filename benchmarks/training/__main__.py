@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.common import command, markdown, scene_folders
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import SPLATS
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 
 
 def row(folder: Path) -> dict[str, object]:

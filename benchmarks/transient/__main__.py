@@ -20,7 +20,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, TRANSIENT, is_track
 from egosplat.moving_regions import InstanceScores
 from egosplat.pipeline.config import defaults
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from egosplat.progress import log
 from egosplat.transient.masks_stage import (
     looks_static,

@@ -35,8 +35,8 @@ from egosplat.artifacts.writer import create
 from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config, stage_values
+from egosplat.pipeline.home import title_of
 from egosplat.pipeline.running import run_stage
-from egosplat.pipeline.scene_folder import title_of
 from egosplat.progress import log, track
 
 PRESETS = ROOT / "config" / "presets"

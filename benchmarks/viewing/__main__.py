@@ -15,7 +15,7 @@ from benchmarks.viewing import pages
 from benchmarks.viewing.multiplied import multiply
 from egosplat.artifacts import provenance
 from egosplat.pipeline.config import defaults
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 
 # Sizes of the page; the last is the default limit.
 SIZES = (10_000, 50_000, defaults()["scene_page"]["max_gaussians"])

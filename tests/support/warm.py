@@ -167,8 +167,6 @@ def _next_call(listener: socket.socket, program: str) -> dict[str, Any] | None:
 
 @cache
 def _preload(program: str) -> None:
-    # jsonschema would import it, which takes a second; egosplat.pipeline.validation leaves it out, too.
-    sys.modules["rfc3987_syntax"] = None  # type: ignore[assignment]
     leave_flushing()
     for name in PRELOADED[program]:
         import_module(name)

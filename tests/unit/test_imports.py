@@ -37,7 +37,6 @@ def imported_by(code: str) -> set[str]:
             "".join(f"import egosplat.pipeline.{one};" for one in PIPELINE),
             {"torch", "zarr", "cv2", "sam2", "open_clip", "pycolmap"},
         ),
-        ("import egosplat.pipeline.config", {"rfc3987_syntax"}),
         (
             "from egosplat.cli import cli; cli.get_command(None, 'query')",
             {"torch", "numpy", "matplotlib", "cv2", "zarr", "snakemake"},
@@ -47,7 +46,7 @@ def imported_by(code: str) -> set[str]:
             {"torch", "sam2", "open_clip", "hydra"},
         ),
     ],
-    ids=["rules", "schemas", "help of query", "hashes of models"],
+    ids=["rules", "help of query", "hashes of models"],
 )
 def test_a_quick_start_imports_nothing_heavy(code, heavy):
     """Snakemake imports the pipeline for every job, and help is shown at once."""

@@ -20,7 +20,7 @@ from benchmarks.survey.__main__ import survey_of
 from egosplat.artifacts.reader import open_any
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.pipeline.scene_folder import title_of
+from egosplat.pipeline.home import title_of
 from tests.support.tables import cells
 
 NAME = "adt/scene1"

@@ -69,16 +69,17 @@ def params(stage):
 def request(stage):
     """Get the memory, time and GPUs that a job requests, for the rule to unpack; they are <TBD> until its inputs exist."""
 
-    def evaluated(function):
-        def value(wildcards, input, attempt):
-            job = job_of(wildcards)
-            return function(stage, job.config, input, attempt, bool(job.chunk))
-
-        return value
+    def requested(wildcards, input, attempt):
+        job = job_of(wildcards)
+        return costs.request(stage, job.config, input, attempt, bool(job.chunk))
 
     found = {
-        "mem_mb": evaluated(costs.memory_mb),
-        "runtime": evaluated(costs.runtime_min),
+        "mem_mb": lambda wildcards, input, attempt: (
+            requested(wildcards, input, attempt)["mem_mb"]
+        ),
+        "runtime": lambda wildcards, input, attempt: (
+            requested(wildcards, input, attempt)["runtime"]
+        ),
     }
     if costs.can_use_gpu(stage):
         found["gpu"] = asked(lambda job: costs.gpus(stage, job.config))

@@ -7,8 +7,9 @@ from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks
 from egosplat.pipeline.scenes import default_scenes, find_scene, is_own
 from egosplat.pipeline.variants import read_scenes_with_presets
 
-settings = or_exit(resolve, config, presets_folder())
-scenes = or_exit(read_scenes_with_presets, settings, presets_folder())
+presets = find_home(PRESETS)
+settings = or_exit(resolve, config, presets)
+scenes = or_exit(read_scenes_with_presets, settings, presets)
 
 # A killed Snakemake leaves its locks. Removing them lets the same command continue without --unlock, but not while its jobs on a
 # cluster are queued or run.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.pipeline.strict_yaml import read_yaml
-from egosplat.pipeline.home import config_file, presets_folder
+from egosplat.pipeline.home import CONFIG, PRESETS, find_home
 from egosplat.pipeline.process_guards import name_user
 
 
@@ -23,4 +23,4 @@ def or_exit(function, *given):
 
 
 name_user()
-or_exit(read_yaml, config_file())
+or_exit(read_yaml, find_home(CONFIG))

@@ -23,7 +23,7 @@ from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
 from egosplat.pipeline.config_table import json_schema, keys_page
-from egosplat.pipeline.home import snakefile
+from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
@@ -111,7 +111,7 @@ def keys(schema: bool) -> None:
 @cli.command(name="snakefile", short_help="Print the path of the workflow, for snakemake --snakefile.")
 def print_snakefile() -> None:
     """Print the path of the workflow: snakemake --snakefile "$(egosplat snakefile)" results/adt/scene1/metrics.json"""
-    click.echo(snakefile().absolute())
+    click.echo(find_home(SNAKEFILE).absolute())
 
 
 CONFIGFILE = click.option(

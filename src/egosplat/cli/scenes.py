@@ -11,8 +11,8 @@ from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, parse_time, wit
 from egosplat.export.formats import FORMATS, check_export
 from egosplat.files import check_output
 from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.home import ASKED, check_scene_folder
 from egosplat.pipeline.options import Options
-from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
 from egosplat.pipeline.stages import STAGES
 from egosplat.query.options import MOST, AskingOptions
 from egosplat.viewing.options import PageOptions, ScenePageOptions

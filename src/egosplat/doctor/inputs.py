@@ -10,7 +10,7 @@ from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, LayeredConfig, merge, read_yaml, resolve
-from egosplat.pipeline.home import config_file, presets_folder
+from egosplat.pipeline.home import CONFIG, PRESETS, find_home
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.scenes import Scene, is_own, read_scenes, tables_of
 from egosplat.pipeline.strict_yaml import load_yaml
@@ -70,11 +70,11 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[L
     Raises:
         UserError: a file or an option cannot be read, or a key or value is not allowed.
     """
-    read = [config_file(), *files]
+    read = [find_home(CONFIG), *files]
     config: Config = {}
     for layer in [*map(read_yaml, read), *map(_parsed, options)]:
         config = merge(config, layer)
-    return resolve(config, presets_folder()), [*map(str, read), *options]
+    return resolve(config, find_home(PRESETS)), [*map(str, read), *options]
 
 
 def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[LayeredConfig]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from egosplat.errors import UserError
 from egosplat.files import check_new_folder, check_output
-from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
+from egosplat.pipeline.home import ASKED, check_scene_folder
 from egosplat.pipeline.stages import STAGES
 
 _CAMERAS, _PAGE = ("frames", "poses", "splats"), STAGES["scene_page"].inputs

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
-from egosplat.pipeline.chunks import CHUNK_FRAMES
 from egosplat.pipeline.config import Config, stage_sections, stage_values
 from egosplat.pipeline.dag import merges_masks
 from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.survey_file import CHUNK_FRAMES
 
 # Frames of a recording that is not read yet: two minutes of 30 frames per second.
 UNREAD_FRAMES = 3600
@@ -25,11 +25,7 @@ _DAY_MIN = 1440
 
 
 def gigapixels(stage: str, config: Config, inputs: Iterable[str], chunk: bool = False) -> float:
-    """Count the pixels of the frames that a job reads: of frames.zarr, if it is an input, else of the recording to come.
-
-    Args:
-        inputs: paths of the job's inputs.
-        chunk: whether the job works on a chunk of the frames alone.
+    """Count the pixels of the frames among a job's inputs, or of the recording to come; of a chunk, those of its frames alone.
 
     Raises:
         FileNotFoundError: frames.zarr is an input and is not made yet; ``filename`` is its path.
@@ -37,48 +33,46 @@ def gigapixels(stage: str, config: Config, inputs: Iterable[str], chunk: bool = 
     if stage == "synthetic":
         film = config["synthetic"]
         return film["seconds"] * film["fps"] * film["size"] ** 2 / 1e9
-    read = next((Path(path) for path in inputs if Path(path).name == "frames.zarr"), None)
-    if read is None:
-        return UNREAD_FRAMES * config["frames"]["resolution"] ** 2 / 1e9 if stage == "frames" else 0.0
-    try:
-        frames, height, width, _ = json.loads((read / "rgb" / "zarr.json").read_text())["shape"]
-    except OSError:
-        raise FileNotFoundError(errno.ENOENT, "is still to be made", str(read)) from None
-    return (min(frames, CHUNK_FRAMES) if chunk else frames) * height * width / 1e9
+    if stage == "frames":
+        return UNREAD_FRAMES * config["frames"]["resolution"] ** 2 / 1e9
+    for path in inputs:
+        if Path(path).name == "frames.zarr":
+            header = Path(path) / "rgb" / "zarr.json"
+            if not header.exists():
+                raise FileNotFoundError(errno.ENOENT, "is still to be made", path)
+            frames, height, width, _ = json.loads(header.read_text())["shape"]
+            return (min(frames, CHUNK_FRAMES) if chunk else frames) * height * width / 1e9
+    return 0.0
 
 
-def memory_mb(stage: str, config: Config, inputs: Iterable[str], attempt: int, chunk: bool = False) -> int:
-    """Memory to request, a multiple of 100 [MB]; attempt n, from 1, requests n times as much. Raises as ``gigapixels``."""
-    base, slope = STAGES[stage].memory
-    more = _CUDA_MB * gpus(stage, config) + _PUBLISHED_MB * _is_published(stage, config)
-    needed = base + slope * gigapixels(stage, config, inputs, chunk) + more
-    return attempt * 100 * math.ceil(needed / 100)
-
-
-def runtime_min(stage: str, config: Config, inputs: Iterable[str], attempt: int, chunk: bool = False) -> int:
-    """Time to request, in whole minutes, a day at most for each attempt; arguments and errors as for ``memory_mb``."""
-    base, slope = STAGES[stage].minutes
-    factor = _PUBLISHED_TIMES if _is_published(stage, config) and not gpus(stage, config) else 1
-    needed = base + factor * slope * gigapixels(stage, config, inputs, chunk)
-    return attempt * math.ceil(min(needed, _DAY_MIN))
+def request(
+    stage: str, config: Config, inputs: Iterable[str], attempt: int, chunk: bool = False
+) -> dict[str, int]:
+    """Get what to request, attempt n, from 1, n times as much: ``mem_mb``, a multiple of 100 [MB], and ``runtime``, a day at most
+    [min]. Raises as ``gigapixels``.
+    """
+    (base_mb, slope_mb), (base_min, slope_min) = STAGES[stage].memory, STAGES[stage].minutes
+    values, size = stage_values(stage, config), gigapixels(stage, config, inputs, chunk)
+    is_published = any(values.get(key, _SMALL) != _SMALL for key in ("sam2_config", "clip_model"))
+    devices = gpus(stage, config)
+    megabytes = base_mb + slope_mb * size + _CUDA_MB * devices + _PUBLISHED_MB * is_published
+    times = _PUBLISHED_TIMES if is_published and not devices else 1
+    minutes = min(base_min + times * slope_min * size, _DAY_MIN)
+    return {"mem_mb": attempt * 100 * math.ceil(megabytes / 100), "runtime": attempt * math.ceil(minutes)}
 
 
 def can_use_gpu(stage: str) -> bool:
     """Whether a stage has a key that lets models or rendering run on a GPU."""
-    return any({"device", "backend"} & {*keys} for keys in stage_sections(stage).values())
+    return not {"device", "backend"}.isdisjoint(stage_sections(stage).get("run", ()))
 
 
 def gpus(stage: str, config: Config) -> int:
     """GPUs that a job of the stage can use: 1 if a key lets models or rendering run on one, else 0."""
-    if stage == "segments" and config["segments"]["segmenter"] == "classical":
-        return 0
     # Tracks are copied as they are.
-    if stage == "instances" and not merges_masks(config):
-        return 0
+    idle = {
+        "segments": config["segments"]["segmenter"] == "classical",
+        "instances": not merges_masks(config),
+    }
     values = stage_values(stage, config)
-    return int(any(values.get(key) in ("auto", "cuda") for key in ("device", "backend")))
-
-
-def _is_published(stage: str, config: Config) -> bool:
-    values = stage_values(stage, config)
-    return any(values.get(key, _SMALL) != _SMALL for key in ("sam2_config", "clip_model"))
+    wanted = any(values.get(key) in ("auto", "cuda") for key in ("device", "backend"))
+    return int(wanted and not idle.get(stage))

@@ -3,10 +3,9 @@
 import json
 from collections.abc import Iterable
 
-from egosplat.pipeline.chunks import split_frames
 from egosplat.pipeline.config import Config, merge, stage_sections, stage_values
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
+from egosplat.pipeline.survey_file import Survey, frames_of_gaussians, split_frames
 
 AUTO = "auto"
 
@@ -15,12 +14,11 @@ ALL_FRAMES = "all"
 # Keys of the section camera that the survey can decide; survey.json has its decisions under the same names.
 CAMERA = ("refine_poses", "compensate_exposure")
 
-# Artifacts with the masks, by splats.masking.
+# Artifacts with the masks, by splats.masking. The survey may choose any of the three; "masks" is the longest chain of stages.
 _MASKS: dict[str, tuple[str, ...]] = {
     "none": (),
     "initial": ("transient",),
     "refined": ("masks",),
-    # The survey may choose any of the three; "masks" is the longest chain of stages.
     AUTO: ("masks",),
 }
 
@@ -48,17 +46,6 @@ def tracks_what_moves(config: Config) -> bool:
     return segments_single_frames(config) and config["segments"]["track_moving"] != "never"
 
 
-def tells_histories(config: Config) -> bool:
-    """Whether answers and pages tell where carried things were: what moves is tracked, and Gaussians mean something."""
-    lifted = config["splats"]["language"] != "joint" and config["language"]["method"] == "lifted"
-    return lifted and tracks_what_moves(config)
-
-
-def takes_splat(config: Config) -> bool:
-    """Whether another program trained the scene's Gaussians. No camera is corrected."""
-    return config["splats"]["source"] is not None
-
-
 def merges_masks(config: Config) -> bool:
     """Whether masks are merged into instances; else each track, or mask of a frame, is one."""
     source = config["instances"]["source"]
@@ -72,14 +59,14 @@ def merges_on_splats(config: Config) -> bool:
     """
     keys = config["splats"]
     still = segments_single_frames(config) and not tracks_what_moves(config) and keys["masking"] == "none"
-    return merges_masks(config) and (takes_splat(config) or (still and keys["language"] == "after"))
+    return merges_masks(config) and bool(keys["source"] or (still and keys["language"] == "after"))
 
 
 def decided_by_survey(config: Config) -> set[tuple[str, str]]:
-    """Get section and name of the keys whose value ``auto`` the survey replaces."""
+    """Get section and name of the keys whose value ``auto`` the survey replaces; no camera of given Gaussians is corrected."""
     keys = {("splats", "masking")}
     keys |= {("segments", "track_moving")} if tracks_what_moves(config) else set()
-    keys |= set() if takes_splat(config) else {("camera", name) for name in CAMERA}
+    keys |= set() if config["splats"]["source"] else {("camera", name) for name in CAMERA}
     return {(section, name) for section, name in keys if config[section][name] == AUTO}
 
 
@@ -106,38 +93,36 @@ def decide(config: Config, survey: Survey) -> Config:
 
 def inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the stages whose artifacts a stage reads, and the survey if it decides which."""
-    always = tuple(name for name in STAGES[stage].inputs if name in STAGES)
     optional = optional_inputs_of(stage, config)
-    found = always + optional
+    names = tuple(name for name in STAGES[stage].inputs if name in STAGES) + optional
     # Snakemake must run the survey before it knows whether the stage needs masks, or what moves.
     sections = {section for section, _ in decided_by_survey(config)}
-    masked = "splats" in sections and "masks" in STAGES[stage].optional
-    corrected = "camera" in sections and "camera" in stage_sections(stage)
-    tracked = "segments" in sections and (stage == "segments" or "histories" in optional)
-    merged = stage == "instances" and merges_masks(config) and not sections.isdisjoint({"splats", "segments"})
-    by_survey = masked or corrected or tracked or merged
-    return (*found, "survey") if by_survey and "survey" not in found else found
+    waits_for = {"splats"} if "masks" in STAGES[stage].optional else set()
+    waits_for |= {"camera"} if "camera" in stage_sections(stage) else set()
+    waits_for |= {"segments"} if stage == "segments" or "histories" in optional else set()
+    waits_for |= {"splats", "segments"} if stage == "instances" and merges_masks(config) else set()
+    return names if "survey" in names or sections.isdisjoint(waits_for) else (*names, "survey")
 
 
 def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the optional inputs of a stage that a configuration needs."""
     views = ("survey",) if leaves_frames_out(config) else ()
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
-        moving = ("transient",) if tracks_what_moves(config) else ()
-        return (*views, *moving)
-    if stage == "splats" and takes_splat(config):
+        return (*views, "transient") if tracks_what_moves(config) else views
+    if stage == "splats" and config["splats"]["source"]:
         return ()
     given = ("splats",) if stage == "instances" and merges_on_splats(config) else ()
-    tracked = ("histories",) if tells_histories(config) else ()
+    # Answers and pages tell where carried things were if what moves is tracked and Gaussians mean something.
+    lifted = config["splats"]["language"] != "joint" and config["language"]["method"] == "lifted"
+    tracked = ("histories",) if lifted and tracks_what_moves(config) else ()
     wanted = views + given + _MASKS[config["splats"]["masking"]] + tracked
     return tuple(name for name in wanted if name in STAGES[stage].optional) + learnt_from(stage, config)
 
 
 def learnt_from(stage: str, config: Config) -> tuple[str, ...]:
     """Get the optional inputs of a stage that codes are learnt from. No survey decides them."""
-    if config["splats"]["language"] == "joint":
-        wanted = _INSTANCES
-    else:
+    wanted = _INSTANCES
+    if config["splats"]["language"] != "joint":
         wanted = () if stage == "splats" else _LEARNT_FROM.get(config["language"]["method"], _INSTANCES)
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
@@ -154,7 +139,7 @@ def stages_behind(stages: Iterable[str], config: Config) -> list[str]:
 
 def training_frames(stage: str, config: Config, survey: Survey) -> str:
     """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
-    if not leaves_frames_out(config) or (stage == "splats" and takes_splat(config)):
+    if not leaves_frames_out(config) or (stage == "splats" and config["splats"]["source"]):
         return ALL_FRAMES
     if stage != "splats":
         return survey["views"]["digest"]
@@ -188,16 +173,15 @@ def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
     """Get the stages whose outputs a scene's story tells of; the configuration has the survey's decisions."""
     pages = _pages_of_codes(config)
     stages = [*stages_behind(["language", *pages], config), *pages]
-    if annotated:
-        stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"]
+    stages += ["annotations", "contact_sheet", "metrics", "queries_sheet"] if annotated else []
     return list(dict.fromkeys([*stages, "survey"] if surveyed else stages))
 
 
 def _pages_of_codes(config: Config) -> list[str]:
     """Get the stages that draw what a scene's codes are made from."""
-    moving = ["transient_sheet"] if config["splats"]["masking"] == "refined" else []
-    of_instances = _PAGES_OF_INSTANCES if "instances" in learnt_from("language", config) else ()
+    pages = [*_PAGES_OF_INSTANCES] if "instances" in learnt_from("language", config) else []
     # The survey may still decide against tracks, as against masks.
-    tracked = tracks_what_moves(config) and config["segments"]["track_moving"] != AUTO
-    carried = ["carries_sheet"] if tracked and of_instances else []
-    return [*of_instances, *moving, *carried, "splats_sheet", "language_sheet"]
+    is_tracked = tracks_what_moves(config) and config["segments"]["track_moving"] != AUTO
+    carried = ["carries_sheet"] if pages and is_tracked else []
+    moving = ["transient_sheet"] if config["splats"]["masking"] == "refined" else []
+    return [*pages, *moving, *carried, "splats_sheet", "language_sheet"]

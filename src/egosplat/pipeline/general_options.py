@@ -1,14 +1,14 @@
 """Options of the configuration as a whole: preset, scenes, variants, and what pages compare."""
 
 import re
-from importlib import resources
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field
 from typing_extensions import TypedDict
 
 from egosplat.pipeline.options import UNIQUE, Options, Text, check_with
-from egosplat.pipeline.strict_yaml import load_yaml
+from egosplat.pipeline.strict_yaml import read_yaml
 
 _NAME = check_with(
     lambda name: re.fullmatch("[A-Za-z0-9_-]{1,200}", name),
@@ -26,7 +26,7 @@ _OF_FORMATS = Literal[
 ]
 
 # Protocols of public benchmarks, under ``formats``, and ``variants``.
-SHIPPED: dict[str, dict[str, Any]] = load_yaml((resources.files(__package__) / "shipped.yaml").read_text())
+SHIPPED: dict[str, dict[str, Any]] = read_yaml(Path(__file__).with_name("shipped.yaml"))
 
 
 class VariantKeys(TypedDict, total=False):

@@ -2,51 +2,40 @@
 
 import re
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 
 from egosplat import __version__
-
-_PACKAGE = Path(__file__).resolve().parents[1]
+from egosplat.errors import UserError
 
 # setup.py copies workflow/ and config/ into this folder of a wheel.
+_PACKAGE = Path(__file__).resolve().parents[1]
 _SHIPPED = _PACKAGE / "shipped"
 
 # Relative to a folder with a workflow of its own, which Snakemake finds by itself.
 SNAKEFILE = Path("workflow/Snakefile")
-
-# Where Snakemake looks for the workflow of a project.
-_SNAKEFILES = ("Snakefile", "snakefile", SNAKEFILE)
+CONFIG, PRESETS = Path("config/config.yaml"), Path("config/presets")
 
 # Where the workflow puts results, which its targets name from the folder of the workflow.
 _RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
+_SCENE = re.compile(r"(?:\./)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?")
 
-_CONFIG, _PRESETS, _SCENES = Path("config/config.yaml"), Path("config/presets"), Path("config/scenes.tsv")
+# Example of a scene folder for messages.
+EXAMPLE = "results/adt/scene1"
 
-
-def snakefile() -> Path:
-    """Get the path of the Snakefile: that of the working directory, else of ``_home``."""
-    return _here_or_home(SNAKEFILE)
-
-
-def config_file() -> Path:
-    """Get the configuration that is read first: that of the working directory, else of ``_home``."""
-    return _here_or_home(_CONFIG)
+# Artifacts of a scene that can be asked; its codes name one more, features or tiles.
+ASKED = ("frames", "poses", "splats", "language")
 
 
-def presets_folder() -> Path:
-    """Get the folder of the presets: that of the working directory, else of ``_home``."""
-    return _here_or_home(_PRESETS)
-
-
-def scenes_table(named: Path) -> Path:
-    """Get the table of scenes that a configuration names; for the default name without a file, that of ``_home``."""
-    return _here_or_home(named) if named == _SCENES else named
-
-
-def _here_or_home(path: Path) -> Path:
-    """A file of the working directory, unless a Snakemake project of its own lives there; else that of ``_home``."""
-    is_other = any(Path(name).is_file() for name in _SNAKEFILES) and not has_workflow(Path())
-    return path if path.exists() and not is_other else _home() / path
+def find_home(path: Path) -> Path:
+    """Find a file of the workflow or its configuration, as ``config/config.yaml``: in the working directory, else as it comes
+    with egosplat, in a checkout or the installed package.
+    """
+    # Another Snakemake project may live in the working directory.
+    is_other = any(Path(name).is_file() for name in ("Snakefile", "snakefile", SNAKEFILE))
+    if path.exists() and (has_workflow(Path()) or not is_other):
+        return path
+    return (_SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parents[1]) / path
 
 
 def has_workflow(folder: Path) -> bool:
@@ -64,28 +53,18 @@ def how_to_reinstall() -> str:
     return f"install the source distribution: run pip install {fresh} egosplat-{__version__}.tar.gz"
 
 
-def _home() -> Path:
-    """Get the folder of ``workflow`` and ``config``: a checkout, or a folder of the installed package."""
-    return _SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parents[1]
-
-
-def snakemake_in(folder: Path) -> str:
-    """The command ``snakemake`` in a folder; without a workflow of its own, with the one that comes with egosplat."""
-    return "snakemake" if has_workflow(folder) else 'snakemake --snakefile "$(egosplat snakefile)"'
-
-
 def make_command(path: Path, flag: str = "") -> str:
     """The shell command that makes a result, from any working directory; ``flag`` ends with a blank."""
-    place = path.as_posix()
-    if (found := _RESULT.search(place)) is None:
+    if (match := _RESULT.search(path.as_posix())) is None:
         return "run its command again"
-    root, target = Path(place[: found.start(1)]), shlex.quote(found[1])
-    if root.resolve() == Path.cwd():
-        return f"{snakemake_in(root)} --cores 2 {flag}{target}"
+    root, target = Path(path.as_posix()[: match.start(1)]), shlex.quote(match[1])
+    folder = shlex.quote(str(root))
     # Results may lie apart from the workflow, by Snakemake's option --directory.
-    if has_workflow(Path()) and not has_workflow(root):
-        return f"snakemake --cores 2 {flag}--directory {shlex.quote(str(root))} {target}"
-    return f"cd {shlex.quote(str(root))} && {snakemake_in(root)} --cores 2 {flag}{target}"
+    if root.resolve() != Path.cwd() and has_workflow(Path()) and not has_workflow(root):
+        return f"snakemake --cores 2 {flag}--directory {folder} {target}"
+    snakemake = "snakemake" if has_workflow(root) else 'snakemake --snakefile "$(egosplat snakefile)"'
+    place = "" if root.resolve() == Path.cwd() else f"cd {folder} && "
+    return f"{place}{snakemake} --cores 2 {flag}{target}"
 
 
 def shared_with(folder: Path) -> list[Path]:
@@ -94,3 +73,27 @@ def shared_with(folder: Path) -> list[Path]:
     if folder.parent.name != "variants":
         return []
     return [folder.parent.parent, *sorted(folder.parent.iterdir())]
+
+
+def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
+    """Check that a folder holds artifacts, without reading them (UserError: names what makes those missing)."""
+    if folder.suffix == ".zarr" or (folder / "zarr.json").is_file():
+        raise UserError(f"{folder}: is a single artifact; give the folder of its scene, {folder.parent}")
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f"{folder}: is a file; give the folder of a scene, such as {EXAMPLE}")
+    places = [folder, *shared_with(folder)] if folder.exists() else []
+    names = [f"{stage}.zarr" for stage in stages]
+    missing = [name for name in names if not any((place / name).exists() for place in places)]
+    if missing:
+        lack = f"lacks {', '.join(missing)}" if folder.exists() else "does not exist"
+        advice = f"Give the folder of a finished scene, such as {EXAMPLE}"
+        if match := _SCENE.fullmatch(folder.as_posix()):
+            what = "variant" if match[1] else "scene"
+            advice = f"Make the {what}: {make_command(folder / 'metrics.json')}"
+        raise UserError(f"{folder}: {lack}. {advice}")
+
+
+def title_of(folder: Path) -> str:
+    """Title of a scene or variant, such as ``adt/scene1`` or ``adt/scene1, baseline``, from its folder."""
+    *_, dataset, scene, variants, name = ("", "", *folder.absolute().parts)
+    return f"{dataset}/{scene}, {name}" if variants == "variants" else f"{variants}/{name}"

@@ -3,7 +3,6 @@
 import csv
 import os
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,7 +86,7 @@ class PublishedModel(NamedTuple):
 
 # The digests of SAM2.1 are those of the same files on Meta's server; the others are on the files' pages of the hub. No digest
 # of the DataComp weights was found.
-_TABLE = (resources.files("egosplat.pipeline") / "published.tsv").read_text()
+_TABLE = Path(__file__).with_name("published.tsv").read_text(encoding="utf-8")
 CATALOGUE = [
     PublishedModel(*names, float(megabytes), sha256 or None)
     for *names, megabytes, sha256 in [*csv.reader(_TABLE.splitlines(), delimiter="\t")][1:]

@@ -1,5 +1,6 @@
 """Guards of a run's processes: stages exit with their Snakemake, and stale locks are removed."""
 
+import contextlib
 import fcntl
 import getpass
 import os
@@ -26,19 +27,14 @@ def end_with_snakemake() -> None:
 
 
 def _watch(process: int) -> None:
-    while _alive(process):
-        time.sleep(_POLL_S)
+    with contextlib.suppress(ProcessLookupError):
+        while True:
+            with contextlib.suppress(PermissionError):
+                os.kill(process, 0)  # signal 0 is not sent; only the process id is checked
+            time.sleep(_POLL_S)
     log("Snakemake ended, so this stage ends too; the same command continues from here")
     # Not ``sys.exit``, which in a thread ends only the thread.
     os._exit(1)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)  # signal 0 is not sent; only the process id is checked
-    except OSError as error:
-        return isinstance(error, PermissionError)
-    return True
 
 
 # File descriptors that stay open until the process ends, and with them their locks.
@@ -48,8 +44,8 @@ _HELD: list[int] = []
 def clear_stale_locks(folder: Path) -> bool:
     """Remove the locks in Snakemake's ``folder`` unless a running Snakemake may hold them, and tell whether there were any.
 
-    This process counts as running until it ends. Jobs in SLURM's queue outlive a killed Snakemake, so locks of their folder stay. On a file system without file locks nothing is removed, and the
-    user has to call `snakemake --unlock`.
+    This process counts as running until it ends. Jobs in SLURM's queue outlive a killed Snakemake, so locks of their folder
+    stay. On a file system without file locks nothing is removed, and the user has to call `snakemake --unlock`.
     """
     locks = folder / "locks"
     try:
@@ -58,26 +54,26 @@ def clear_stale_locks(folder: Path) -> bool:
     except OSError:
         return False  # Snakemake itself reports a folder that cannot be written
     _HELD.append(handle)
-    stale = _taken(handle, fcntl.LOCK_EX) and locks.is_dir() and any(locks.iterdir())
-    stale = stale and not _has_queued_jobs(folder.absolute().parent)
-    if stale:
+    is_stale = _take(handle, fcntl.LOCK_EX) and locks.is_dir() and any(locks.iterdir())
+    is_stale = is_stale and str(folder.absolute().parent) not in _folders_of_queued_jobs()
+    if is_stale:
         shutil.rmtree(locks)
         locks.mkdir()
     # A shared lock: several runs may be alive, and each keeps the others from clearing the locks.
-    _taken(handle, fcntl.LOCK_SH)
-    return stale
+    _take(handle, fcntl.LOCK_SH)
+    return is_stale
 
 
-def _has_queued_jobs(folder: Path) -> bool:
-    """Whether SLURM, where there is one, has jobs of this user that work in a folder."""
+def _folders_of_queued_jobs() -> list[str]:
+    """The folders in which jobs of this user work that SLURM, where there is one, has."""
     if shutil.which("squeue") is None:
-        return False
+        return []
     words = ["squeue", "--me", "--noheader", "--format=%Z"]
     listed = subprocess.run(words, capture_output=True, text=True, check=False).stdout
-    return str(folder) in map(str.strip, listed.splitlines())
+    return [line.strip() for line in listed.splitlines()]
 
 
-def _taken(handle: int, kind: int) -> bool:
+def _take(handle: int, kind: int) -> bool:
     try:
         fcntl.flock(handle, kind | fcntl.LOCK_NB)
     except OSError:

@@ -13,8 +13,8 @@ from egosplat.calibration.files import recording_origin
 from egosplat.errors import UserError
 from egosplat.files import expand_home, read_user_text
 from egosplat.pipeline.config import Config, Layer, LayeredConfig, of_format, parse_options
-from egosplat.pipeline.general_options import Format
-from egosplat.pipeline.home import scenes_table
+from egosplat.pipeline.general_options import Format, GeneralOptions
+from egosplat.pipeline.home import find_home
 from egosplat.pipeline.messages import make_options
 from egosplat.pipeline.model_sets import PHOTOS, SMALL, locate_checkpoints
 from egosplat.pipeline.options import Options, Text, check_with
@@ -107,7 +107,8 @@ def read_scenes(config: LayeredConfig) -> dict[tuple[str, str], Scene]:
 
 def tables_of(config: Config) -> list[Path]:
     """Get the tables of scenes that are there; the one that the configuration names if there is none."""
-    named = scenes_table(expand_home(config["scenes"]))
+    named = expand_home(config["scenes"])
+    named = find_home(named) if named == Path(GeneralOptions().scenes) else named
     return [path for path in (named, local_table(config)) if path.exists()] or [named]
 
 

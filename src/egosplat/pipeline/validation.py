@@ -1,42 +1,28 @@
 """Validation of results against the JSON schemas of their files."""
 
 import functools
-import sys
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import yaml
+from jsonschema import Draft202012Validator
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.messages import not_allowed, shorten
 
-# jsonschema imports a checker for each format whose library is installed. rfc3987_syntax builds a grammar on import,
-# which takes a second. No schema here uses a format. None makes its import fail.
-_SLOW = "rfc3987_syntax"
-sys.modules.setdefault(_SLOW, None)  # type: ignore[arg-type]
-try:
-    from jsonschema import Draft202012Validator, ValidationError
-finally:
-    if sys.modules[_SLOW] is None:
-        del sys.modules[_SLOW]
-
-__all__ = ["Draft202012Validator", "ValidationError", "read_document", "schema"]
-
 
 @functools.cache
 def schema(name: str) -> dict[str, Any]:
     """Load the schema of a JSON file; an object has just the properties that it lists, all but those in ``optional``."""
-    text = (resources.files(__package__ or "") / "schemas" / f"{name}.schema.yaml").read_text()
-    document = yaml.safe_load(text)
+    document = yaml.safe_load((Path(__file__).parent / "schemas" / f"{name}.schema.yaml").read_text())
     _close(document)
     return document
 
 
 def _close(part: Any) -> None:
-    """Spell the rule of ``schema`` out where an object does not say itself what it may lack or have besides."""
+    """Spell out the rule of ``schema`` where an object does not say itself what it may lack or have besides."""
     if isinstance(part, dict) and "properties" in part and not {"additionalProperties", "required"} & {*part}:
         optional = part.pop("optional", [])
         part |= {"type": part.get("type", "object"), "additionalProperties": False}

@@ -21,7 +21,7 @@ from egosplat.histories.known import Histories, Rests
 from egosplat.histories.told import Carried
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_clip_of
-from egosplat.pipeline.scene_folder import ASKED, check_scene_folder
+from egosplat.pipeline.home import ASKED, check_scene_folder
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query.answers import Answer, Thing, ViewMatch
 from egosplat.query.grades import Evidence, Grading, grading_of, judge, judge_view, measure_evidence

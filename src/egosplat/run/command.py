@@ -15,7 +15,7 @@ from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.files import read_user_text, write_text
 from egosplat.pipeline.config import LayeredConfig
-from egosplat.pipeline.home import SNAKEFILE, snakefile
+from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.scenes import Scene, local_table, read_rows, scene_of_row, tables_of
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
@@ -78,7 +78,7 @@ def _parsed(pairs: Iterable[str]) -> dict[str, str]:
 
 def _command(scene: Scene, cores: int, settings: Sequence[str]) -> list[str]:
     """The words of Snakemake's command."""
-    path = snakefile()
+    path = find_home(SNAKEFILE)
     place = [] if path == SNAKEFILE else ["--snakefile", str(path)]
     config = ["--config", *settings] if settings else []
     # Two jobs on one GPU may exceed its memory.

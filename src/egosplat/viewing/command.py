@@ -10,7 +10,7 @@ from egosplat.artifacts.lineage import locate, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.pipeline.scene_folder import check_scene_folder, title_of
+from egosplat.pipeline.home import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
 from egosplat.query.options import AskingOptions

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from jsonschema import ValidationError
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.lineage import check_tree
@@ -20,7 +21,7 @@ from egosplat.evaluation.evaluation_frames import SCORED, read_evaluation
 from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.scores import ask_of
 from egosplat.models.suitability import notice
-from egosplat.pipeline.validation import Draft202012Validator, ValidationError, schema
+from egosplat.pipeline.validation import Draft202012Validator, schema
 from egosplat.query import finished_scene
 from tests.support.scenes import put
 

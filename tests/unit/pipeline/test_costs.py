@@ -22,11 +22,11 @@ def frames(tmp_path):
 
 def test_memory_and_time_grow_with_the_pixels_and_the_attempt(frames):
     base, slope = STAGES["masks"].memory
-    assert costs.memory_mb("masks", CONFIG, [], 1) == base
-    assert costs.memory_mb("masks", CONFIG, [frames], 1) == base + slope
-    assert costs.memory_mb("masks", CONFIG, [frames], 2) == 2 * (base + slope)
+    assert costs.request("masks", CONFIG, [], 1)["mem_mb"] == base
+    assert costs.request("masks", CONFIG, [frames], 1)["mem_mb"] == base + slope
+    assert costs.request("masks", CONFIG, [frames], 2)["mem_mb"] == 2 * (base + slope)
     base, slope = STAGES["masks"].minutes
-    assert costs.runtime_min("masks", CONFIG, [frames], 1) == base + slope
+    assert costs.request("masks", CONFIG, [frames], 1)["runtime"] == base + slope
 
 
 def test_a_chunk_has_its_own_frames_alone(frames):
@@ -43,14 +43,14 @@ def test_a_recording_to_come_counts_as_it_is_filmed_or_read():
 def test_an_input_that_is_still_to_be_made_is_named(tmp_path):
     """Snakemake shows <TBD> then."""
     with pytest.raises(FileNotFoundError) as error:
-        costs.memory_mb("masks", CONFIG, [str(tmp_path / "frames.zarr")], 1)
+        costs.request("masks", CONFIG, [str(tmp_path / "frames.zarr")], 1)
     assert error.value.filename == str(tmp_path / "frames.zarr")
 
 
 def test_no_job_asks_for_more_than_a_day_at_once(frames):
     published = merge(CONFIG, {"models": {"sam2_config": "sam2.1_hiera_b+"}, "run": {"device": "cpu"}})
-    assert costs.runtime_min("segments", published, [frames], 1) == 1440
-    assert costs.runtime_min("segments", published, [frames], 2) == 2880
+    assert costs.request("segments", published, [frames], 1)["runtime"] == 1440
+    assert costs.request("segments", published, [frames], 2)["runtime"] == 2880
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 
 from egosplat import cli
 from egosplat.errors import UserError
-from egosplat.pipeline.scene_folder import check_scene_folder, title_of
+from egosplat.pipeline.home import check_scene_folder, title_of
 
 STAGES = ("frames", "poses", "features", "splats", "language")
 SCENE = "results/adt/scene1"

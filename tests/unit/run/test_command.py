@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from egosplat.cli import cli
 from egosplat.cli.scenes import spread
 from egosplat.errors import UserError
-from egosplat.pipeline.home import config_file, make_command, snakefile
+from egosplat.pipeline.home import CONFIG, SNAKEFILE, find_home, make_command
 from egosplat.run import command
 from egosplat.run.command import make_scene
 from tests.unit.run.conftest import write_pictures
@@ -62,7 +62,7 @@ def test_the_workflow_of_the_working_directory_is_taken_first(calls, tmp_path):
     shutil.copy(ROOT / "workflow/Snakefile", "workflow")
     Path("config").mkdir()
     Path("config/presets").symlink_to(ROOT / "config/presets")
-    assert snakefile() == Path("workflow/Snakefile")
+    assert find_home(SNAKEFILE) == Path("workflow/Snakefile")
     make_scene(tmp_path / "photos", name="kitchen")
     assert "--snakefile" not in calls[0] and calls[0][-1] == "results/mine/kitchen/scene.html"
 
@@ -74,7 +74,7 @@ def test_the_project_of_another_workflow_is_left_alone(calls, tmp_path, place):
         Path(path).write_text(text)
     make_scene(tmp_path / "photos")
     assert calls[0][1:3] == ["--snakefile", str(ROOT / "workflow/Snakefile")]
-    assert config_file() == ROOT / "config/config.yaml"
+    assert find_home(CONFIG) == ROOT / "config/config.yaml"
     assert make_command(Path("results/mine/photos/scene.html")).startswith("snakemake --snakefile ")
 
 
