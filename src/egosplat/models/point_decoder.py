@@ -101,26 +101,14 @@ class PointDecoder:
 
     def logits(self, attended: Attended) -> Tensor:
         """(P, 3, 4h, 4w) logits of the masks."""
-        parts = self.parts(attended).flatten(2)
-        return parts.gather(2, self.cells.flatten().expand(*parts.shape[:2], -1)).unflatten(
-            2, self.cells.shape
-        )
-
-    def parts(self, attended: Attended, pixels: Tensor | slice = slice(None)) -> Tensor:
-        """(P, 3, K, 16) logits of the cells in K of the N pixels, in an order of their own (``by_part``)."""
         upscaling: Any = self.sam2.video_predictor.sam_mask_decoder.output_upscaling
         twice, norm, activation, again, last = upscaling
-        middle = _parts(twice, attended.image[:, pixels], self.middle[pixels])
+        middle = _parts(twice, attended.image, self.middle)
         middle = activation(F.layer_norm(middle, middle.shape[-1:], norm.weight, norm.bias, norm.eps))
-        fine = last(_parts(again, middle, self.fine[pixels]))
-        values = torch.matmul(attended.weights, fine.flatten(1, 3).transpose(1, 2))
-        return values.unflatten(2, (-1, 16))
-
-    def by_part(self, cells: Tensor) -> Tensor:
-        """(4h, 4w) values of cells -> (N, 16), in the order of ``parts``."""
-        values = torch.empty_like(cells.flatten())
-        values[self.cells.flatten()] = cells.flatten()
-        return values.unflatten(0, (-1, 16))
+        fine = last(_parts(again, middle, self.fine))
+        parts = torch.matmul(attended.weights, fine.flatten(1, 3).transpose(1, 2))
+        cells = self.cells.flatten().expand(*parts.shape[:2], -1)
+        return parts.gather(2, cells).unflatten(2, self.cells.shape)
 
 
 def _rows(image: Tensor) -> Tensor:

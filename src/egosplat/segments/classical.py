@@ -59,8 +59,7 @@ def propagate(
 ) -> Labels:
     """Propagate (H, W) int32 labels, -1 for none, to the next frame: a fine region takes the label of most of its pixels.
 
-    A pixel that was hidden, out of view or without a label has no vote. ``rows``, ``columns``, ``known``: from ``find_origins``;
-    ``regions``: (H, W) int32 fine regions of the next frame, -1 for none.
+    A pixel that was hidden, out of view or without a label has no vote. ``rows``, ``columns``, ``known``: from ``find_origins``.
     """
     brought = np.where(known, labels[rows, columns], np.int32(-1))
     has_label = brought >= 0
@@ -81,10 +80,7 @@ def propagate(
 
 
 def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float) -> Labels:
-    """Start tracks, numbered from ``first``, for (H, W) regions of which no track covers ``least_pixels`` or more pixels.
-
-    Labels and regions are (H, W) int32, -1 for none; so is what is returned.
-    """
+    """Start tracks, numbered from ``first``, for (H, W) regions of which no track covers ``least_pixels`` or more pixels."""
     uncovered = (labels < 0) & (regions >= 0)
     count = int(regions.max(initial=-1)) + 1
     large = np.flatnonzero(np.bincount(regions[uncovered], minlength=count) >= max(1, least_pixels))
@@ -96,11 +92,9 @@ def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float
 def find_origins(
     previous: WorkingImage, current: WorkingImage
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Bools]:
-    """Trace every pixel back by dense inverse search (Kroeger et al. 2016), with a forward-backward check.
+    """(H, W) int64 row and column of each pixel in the previous image, and (H, W) bool: whether that is known.
 
-    Returns:
-        (H, W) int64 row and column of each pixel in the previous image, and (H, W) bool: whether that is known. Pixels
-        that do not show the scene have no influence and are no origins.
+    By dense inverse search (Kroeger et al. 2016), with a forward-backward check, among pixels that show the scene.
     """
     height, width = current.shown.shape
     # CIELAB lightness, 0 to 100, as uint8: optical flow needs one 8-bit channel.
@@ -111,9 +105,8 @@ def find_origins(
     agrees = is_consistent(backward, forward, _FLOW_ERROR * previous.unit)
     agrees &= _look_alike(previous, current, backward)
     scale = np.array([width / shape[1], height / shape[0]], dtype=np.float32)
-    if (height, width) != shape:
-        backward = cv2.resize(backward, (width, height), interpolation=cv2.INTER_LINEAR)
-        agrees = cv2.resize(agrees.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    backward = cv2.resize(backward, (width, height), interpolation=cv2.INTER_LINEAR)
+    agrees = cv2.resize(agrees.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
     rows, columns = np.indices((height, width))
     rows = np.rint(rows + backward[..., 1] * scale[1]).astype(np.int64)
     columns = np.rint(columns + backward[..., 0] * scale[0]).astype(np.int64)
@@ -135,15 +128,16 @@ def _flow(source: Gray, target: Gray, motion: NDArray[np.float64]) -> Floats:
     # Remove the camera's motion, a homography, first: a turning head moves pixels further than the search
     # finds among repeating textures.
     start = pixel_grid(*source.shape)
-    target = sample(target, cv2.perspectiveTransform(start, motion))
-    return cv2.perspectiveTransform(start + find_flow(source, target), motion) - start
+    target = sample(target, np.asarray(cv2.perspectiveTransform(start, motion), np.float32))
+    ends = cv2.perspectiveTransform(start + find_flow(source, target), motion)
+    return np.asarray(ends, np.float32) - start
 
 
 def _camera_motion(source: Gray, target: Gray) -> NDArray[np.float64]:
     """(3, 3) homography from pixels (x, y) of one (h, w) image to another; the identity if none is found."""
     if min(source.shape) < _LEAST_SIDE:
         return np.eye(3)
-    finder = cv2.ORB_create(_FEATURES, fastThreshold=_FAST_THRESHOLD)
+    finder = cv2.ORB.create(_FEATURES, fastThreshold=_FAST_THRESHOLD)
     (here, here_codes), (there, there_codes) = (
         finder.detectAndCompute(one, None) for one in (source, target)
     )
@@ -164,4 +158,4 @@ def _camera_motion(source: Gray, target: Gray) -> NDArray[np.float64]:
     moved = cv2.perspectiveTransform(corners, found)
     near = np.linalg.norm(moved - corners, axis=2).max() < max(source.shape)
     in_order = cv2.isContourConvex(moved) and cv2.contourArea(moved, oriented=True) > 0
-    return found if ahead and near and in_order else np.eye(3)
+    return np.asarray(found, np.float64) if ahead and near and in_order else np.eye(3)

@@ -128,11 +128,9 @@ def filter_masks(found: Candidates, limits: MaskFilter) -> Candidates:
 
 
 def drop_covered(found: Candidates, others: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
-    """Drop candidates that (K, M, M) bool masks of the same level show already.
+    """Drop candidates of which (K, M, M) bool masks of the same level together cover a larger share than ``cover_thresh``.
 
-    Args:
-        cover_thresh: drop candidates of which the others together cover a larger share; 1 for none.
-        iou_thresh: drop candidates whose IoU with any other mask is larger.
+    And those whose IoU with any of them is larger than ``iou_thresh``.
     """
     if len(others) == 0:
         return found

@@ -23,15 +23,11 @@ class MaskFilter:
     """Which of SAM2's masks of a frame are kept (docs/method.md#mask-filters). The paper names none; those of LangSplat.
 
     Attributes:
-        pred_iou_thresh: least IoU as predicted by SAM2. LangSplat has 0.7; the small SAM2 predicts lower values.
-        stability_score_thresh: least stability score, the IoU of the mask at a slightly higher and a slightly lower
-            threshold. LangSplat has 0.85.
-        stability_score_offset: of those two thresholds [logits]. 1 suits the published SAM2 models, whose logits are
-            steep; it would reject half of the small model's masks.
-        nms_score_thresh: masks with this score (predicted IoU x stability) or less are dropped. LangSplat has 0.7.
-        nms_iou_thresh: mask IoU above which the mask with the lower score is dropped.
-        nms_inner_thresh: a mask nested in another that covers less than half of it is dropped if 1 - (fraction of the
-            outer x fraction of the inner) exceeds 1 - this value (docs/method.md#nested-masks).
+        pred_iou_thresh: least IoU as predicted by SAM2.
+        stability_score_thresh, stability_score_offset: least IoU of the mask at a slightly higher and a slightly lower
+            threshold, and their distance from 0 [logits]. 1 would reject half of the small model's masks.
+        nms_score_thresh: masks with this score (predicted IoU x stability) or less are dropped.
+        nms_iou_thresh, nms_inner_thresh: see ``masks.mask_nms``.
         box_nms_thresh: box IoU above which the mask with the lower predicted IoU is dropped.
     """
 

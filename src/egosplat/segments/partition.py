@@ -61,17 +61,19 @@ def reduce_image(image: NDArray[np.uint8], shown: Bools) -> WorkingImage:
     size = max(1, round(width * scale)), max(1, round(height * scale))
     weight = cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     kept = np.where(shown[..., None], image, 0).astype(np.float32) / 255
-    rgb = cv2.resize(kept, size, interpolation=cv2.INTER_AREA)
     valid = weight > 1e-6
-    rgb /= np.where(valid, weight, 1)[..., None]  # the mean over valid pixels only
+    # The mean over valid pixels only.
+    rgb = cv2.resize(kept, size, interpolation=cv2.INTER_AREA) / np.where(valid, weight, 1)[..., None]
     if valid.any() and not valid.all():
         _, nearest = cv2.distanceTransformWithLabels(
             (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
         )
+        nearest = np.asarray(nearest, np.int32)
         color_of = np.zeros((nearest.max() + 1, 3), np.float32)
         color_of[nearest[valid]] = rgb[valid]
         rgb = color_of[nearest]
-    return WorkingImage(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), valid, shown, max(size) / _SIDE)
+    lab = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), np.float32)
+    return WorkingImage(lab, valid, shown, max(size) / _SIDE)
 
 
 def partition(image: WorkingImage) -> Labels:
@@ -89,9 +91,7 @@ def partition(image: WorkingImage) -> Labels:
         return np.full((4, height, width), -1, np.int32)
     superpixels = _superpixels(image)
     merging = _Merging(image, superpixels)
-    merging.clean(LEAST_AREA * image.valid.sum(), _LEAST_WIDTH * image.unit)
     levels = [merging.region.copy()]
-    merging.queue_all()
     for threshold in _LEVELS:
         merging.merge_below(threshold)
         levels.append(merging.region.copy())
@@ -108,9 +108,8 @@ def _superpixels(image: WorkingImage) -> Labels:
         k=float(_GRANULARITY * pixels),
         min_size=max(1, int(LEAST_AREA * pixels / 2)),
     )
-    found = cutter.processImage(image.lab)
-    labels = np.full(found.shape, -1, dtype=np.int32)
-    labels[image.valid] = np.unique(found[image.valid], return_inverse=True)[1]
+    labels = np.full(image.valid.shape, -1, dtype=np.int32)
+    labels[image.valid] = np.unique(cutter.processImage(image.lab)[image.valid], return_inverse=True)[1]
     return labels
 
 
@@ -128,16 +127,16 @@ def _profiles(image: WorkingImage, labels: Labels, count: int) -> Floats:
         (lab[..., 2], _COLOR, 1.0),
         (texture, _TEXTURE, _TEXTURE_WEIGHT),
     )
-    first, found = labels[image.valid] * np.int64(_BINS), []
+    first, profiles = labels[image.valid] * np.int64(_BINS), []
     for values, (low, high), weight in channels:
-        place = np.clip((values[image.valid] - low) / (high - low), 0, 1) * (_BINS - 1)
-        lower = np.minimum(place.astype(np.int64), _BINS - 2)
+        bins = np.clip((values[image.valid] - low) / (high - low), 0, 1) * (_BINS - 1)
+        lower = np.minimum(bins.astype(np.int64), _BINS - 2)
         # A value between the centers of two bins counts for both: else slow changes of light would appear as jumps.
-        upper_share, cells = place - lower, first + lower
+        upper_share, cells = bins - lower, first + lower
         counts = np.bincount(cells, 1 - upper_share, count * _BINS)
         counts += np.bincount(cells + 1, upper_share, count * _BINS)
-        found.append(counts.reshape(count, _BINS).cumsum(axis=1) * (weight * (high - low) / (_BINS - 1)))
-    return np.stack(found, axis=1)
+        profiles.append(counts.reshape(count, _BINS).cumsum(axis=1) * (weight * (high - low) / (_BINS - 1)))
+    return np.stack(profiles, axis=1)
 
 
 Neighbors = list[dict[int, tuple[float, float]]]
@@ -147,7 +146,7 @@ Neighbors = list[dict[int, tuple[float, float]]]
 def _neighbors(image: WorkingImage, labels: Labels, count: int) -> Neighbors:
     smooth = cv2.GaussianBlur(image.lab, (0, 0), _EDGE_SCALE * image.unit)
     along = [cv2.Sobel(smooth, cv2.CV_32F, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))]
-    gradient = np.sqrt(sum(np.square(one).sum(axis=2) for one in along))
+    gradient = np.sqrt(np.square(along[0]).sum(axis=2) + np.square(along[1]).sum(axis=2))
     keys, edges = [], []
     for before, after in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         here, there = labels[before], labels[after]
@@ -155,8 +154,7 @@ def _neighbors(image: WorkingImage, labels: Labels, count: int) -> Neighbors:
         low, high = np.minimum(here, there)[touch], np.maximum(here, there)[touch]
         keys.append(low * np.int64(count) + high)
         edges.append(np.maximum(gradient[before], gradient[after])[touch])
-    pairs, number = np.unique(np.concatenate(keys), return_inverse=True)
-    length = np.bincount(number, minlength=len(pairs)).astype(np.float64)
+    pairs, number, length = np.unique(np.concatenate(keys), return_inverse=True, return_counts=True)
     edge = np.bincount(number, np.concatenate(edges), len(pairs))
     found: Neighbors = [{} for _ in range(count)]
     for pair, *boundary in zip(pairs.tolist(), length.tolist(), edge.tolist(), strict=True):
@@ -169,6 +167,7 @@ class _Merging:
     """A partition that becomes coarser; a region has the number of one of its superpixels."""
 
     def __init__(self, image: WorkingImage, labels: Labels) -> None:
+        """Start from superpixels, without those that are too small or too thin."""
         count = int(labels.max()) + 1
         self.region = np.arange(count)
         self._members = [[number] for number in range(count)]
@@ -177,31 +176,11 @@ class _Merging:
         self._sum = _profiles(image, labels, count)
         self._mean = self._sum / self._area[:, None, None]
         self._neighbors = _neighbors(image, labels, count)
-        self._outline = np.array([_length(one) for one in self._neighbors])
+        self._outline = np.array([self._length(number) for number in range(count)])
         # Merging a region raises its version: queue entries of an older version are ignored.
         self._version = [0] * count
         self._queue: list[tuple[float, int, int, int, int]] = []
-
-    def clean(self, least_area: float, least_width: float) -> None:
-        """Merge regions that are too small or too thin, the smallest first, into their most similar neighbor."""
-
-        def is_poor(number: int) -> bool:
-            area = self._area[number]
-            return area < least_area or 2 * area < least_width * self._outline[number]
-
-        queue = [(self._area[one], one) for one in self.region.tolist() if is_poor(one)]
-        heapq.heapify(queue)
-        while queue:
-            area, number = heapq.heappop(queue)
-            if area != self._area[number] or not self._neighbors[number]:
-                continue  # an outdated entry: the region was merged meanwhile
-            others = list(self._neighbors[number])
-            kept = self._merge(number, others[int(np.argmin(self._differences(number, others)))])
-            if is_poor(kept):
-                heapq.heappush(queue, (self._area[kept], kept))
-
-    def queue_all(self) -> None:
-        """Queue all pairs of neighbors."""
+        self._clean(LEAST_AREA * image.valid.sum(), _LEAST_WIDTH * image.unit)
         for number, neighbors in enumerate(self._neighbors):
             self._push(number, [other for other in neighbors if other > number])
 
@@ -213,27 +192,39 @@ class _Merging:
                 kept = self._merge(a, b)
                 self._push(kept, list(self._neighbors[kept]))
 
+    def _clean(self, least_area: float, least_width: float) -> None:
+        """Merge regions that are too small or too thin, the smallest first, into their most similar neighbor."""
+        queue = [(area, number) for number, area in enumerate(self._area)]
+        heapq.heapify(queue)
+        while queue:
+            area, number = heapq.heappop(queue)
+            large = area >= least_area and 2 * area >= least_width * self._outline[number]
+            # An outdated entry is one of a region that was merged meanwhile.
+            if large or area != self._area[number] or not self._neighbors[number]:
+                continue
+            others = list(self._neighbors[number])
+            kept = self._merge(number, others[int(np.argmin(self._differences(number, others)))])
+            heapq.heappush(queue, (self._area[kept], kept))
+
     def _push(self, number: int, others: list[int]) -> None:
+        """Queue pairs of a region and K neighbors by their differences, weighed by their sizes and common boundaries."""
         if not others:
             return
-        weighed = self._differences(number, others) * self._size_weight(number, others)
-        mine = self._version[number]
+        length = np.array([self._neighbors[number][other][0] for other in others])
+        # As in Ward's criterion: about the smaller area if the areas differ much, half of it if they are equal.
+        size = self._area[others] * self._area[number] / (self._area[others] + self._area[number])
+        contact = length / np.minimum(self._outline[others], self._outline[number])
+        weight = (size / self._hundredth) ** _SIZE_POWER * (1 - _CONTACT_WEIGHT * contact)
+        weighed = self._differences(number, others) * weight
         for difference, other in zip(weighed.tolist(), others, strict=True):
-            heapq.heappush(self._queue, (difference, number, other, mine, self._version[other]))
+            versions = self._version[number], self._version[other]
+            heapq.heappush(self._queue, (difference, number, other, *versions))
 
     def _differences(self, number: int, others: list[int]) -> Floats:
         """(K,) difference of a region to each of K neighbors [CIELAB]."""
         apart = np.abs(self._mean[others] - self._mean[number]).sum(axis=2)
         boundary = np.array([self._neighbors[number][other] for other in others])
         return np.sqrt(np.square(apart).sum(axis=1)) + _EDGE_WEIGHT * (boundary[:, 1] / boundary[:, 0])
-
-    def _size_weight(self, number: int, others: list[int]) -> Floats:
-        """(K,) factors of the differences for the regions' sizes and common boundaries."""
-        length = np.array([self._neighbors[number][other][0] for other in others])
-        # As in Ward's criterion: about the smaller area if the areas differ much, half of it if they are equal.
-        size = self._area[others] * self._area[number] / (self._area[others] + self._area[number])
-        contact = length / np.minimum(self._outline[others], self._outline[number])
-        return (size / self._hundredth) ** _SIZE_POWER * (1 - _CONTACT_WEIGHT * contact)
 
     def _merge(self, a: int, b: int) -> int:
         """Merge two neighbors; returns the number of the larger, which the region keeps."""
@@ -246,17 +237,16 @@ class _Merging:
         self._version[gone] = -1
         self.region[self._members[gone]] = kept
         self._members[kept] += self._members[gone]
-        del self._neighbors[gone][kept], self._neighbors[kept][gone]
-        mine = self._neighbors[kept]
-        for other, (length, edge) in self._neighbors[gone].items():
+        mine, its = self._neighbors[kept], self._neighbors[gone]
+        del its[kept], mine[gone]
+        for other, (length, edge) in its.items():
             del self._neighbors[other][gone]
             known_length, known_edge = mine.get(other, (0.0, 0.0))
             mine[other] = self._neighbors[other][kept] = (known_length + length, known_edge + edge)
-        self._neighbors[gone] = {}
-        self._outline[kept] = _length(mine)
+        its.clear()
+        self._outline[kept] = self._length(kept)
         return kept
 
-
-def _length(neighbors: dict[int, tuple[float, float]]) -> float:
-    """Total length of the boundaries to all neighbors [px]."""
-    return sum(length for length, _ in neighbors.values())
+    def _length(self, number: int) -> float:
+        """Total length of the boundaries of a region [px]."""
+        return sum(length for length, _ in self._neighbors[number].values())

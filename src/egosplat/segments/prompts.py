@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.models.image_encoder import EncodedImage
-from egosplat.models.point_decoder import Attended, PointDecoder
+from egosplat.models.point_decoder import PointDecoder
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.masks import Candidates, areas, join, stability_score
 from egosplat.segments.options import MaskFilter, SegmentsOptions
@@ -16,9 +16,6 @@ from egosplat.segments.options import MaskFilter, SegmentsOptions
 # Points per call of the mask decoder: as in SAM2's automatic mask generator; on a CPU, as many as have this many pixels of
 # features together. Larger batches leave its caches, smaller ones have too few rows for a product of matrices.
 _POINTS_A_BATCH, _PIXELS_A_BATCH_ON_CPU = 64, 8192
-
-# Distance of the pixels of features whose cells tell whether a mask is too large [pixels].
-_SAMPLE_STRIDE = 4
 
 
 @dataclass(frozen=True)
@@ -69,25 +66,11 @@ def prompt(
     batches = []
     for batch in points.split(size):
         attended = decoder.attend(batch)
-        possible = attended.ious > limits.pred_iou_thresh
-        if bounds.border is not None:
-            possible &= ~_exceeds(decoder, attended, bounds.most, bounds.border)
         # Indices, because each selection by a mask would make the CPU wait for a GPU.
-        attended = attended.take(possible.any(1).nonzero()[:, 0])
+        attended = attended.take((attended.ious > limits.pred_iou_thresh).any(1).nonzero()[:, 0])
         levels = zip(decoder.logits(attended).unbind(1), attended.ious.unbind(1), strict=True)
         batches.append([_good_masks(logits.float(), ious.float(), limits, bounds) for logits, ious in levels])
     return [join(level) for level in zip(*batches, strict=True)]
-
-
-def _exceeds(decoder: PointDecoder, attended: Attended, most: float, border: Tensor) -> Tensor:
-    """(P, 3) bool: masks of which a sample of cells, in a fraction of the time of all, shows that they are out of bounds."""
-    # All cells of the border, and those of each fourth pixel of features in both directions.
-    taken, step = border.clone(), 4 * _SAMPLE_STRIDE
-    taken[step // 2 :: step, step // 2 :: step] = True
-    pixels = decoder.by_part(taken).any(1).nonzero()[:, 0]
-    masks = decoder.parts(attended, pixels).flatten(2) > 0
-    large = areas(masks.flatten(0, 1)).view(masks.shape[:2]) > most * border.numel()
-    return large | masks[..., decoder.by_part(border)[pixels].flatten().nonzero()[:, 0]].any(2)
 
 
 def _good_masks(logits: Tensor, ious: Tensor, limits: MaskFilter, bounds: Bounds) -> Candidates:

@@ -53,12 +53,11 @@ class Group:
     @staticmethod
     def restored(saved: State, device: torch.device) -> "Group":
         """The group of which ``saved`` are the attributes, on a device."""
-        begun, *recent = (
-            {name: values.to(device) for name, values in memory.items()}
-            for memory in (saved["begun"], *saved["recent"].values())
-        )
-        moved = {"position": saved["position"].to(device), "begun": begun}
-        return Group(**saved | moved | {"recent": dict(zip(saved["recent"], recent, strict=True))})
+        group = Group(**saved)
+        group.position = group.position.to(device)
+        for memory in (group.begun, *group.recent.values()):
+            memory.update({name: values.to(device) for name, values in memory.items()})
+        return group
 
     def end(self, ids: set[int]) -> None:
         """Search for these objects in no later frame, in neither direction."""
@@ -85,15 +84,13 @@ class Propagator:
         *,
         lost_tracks_end: bool = False,
     ) -> None:
-        """Set up for a video.
+        """Set up for a video of so many frames.
 
         Args:
             encoded: returns the features of a frame; called for those in which an object is searched for.
-            frames: number of frames of the video.
-            lost_track_stride: search for an object that was not seen for this many frames only in every frame whose
-                index is a multiple of it. In the other frames it counts as absent and its memory stays as it was.
-            lost_tracks_end: whether an object that was not seen for as many frames as SAM2's memory holds is never
-                searched for again.
+            lost_track_stride: search for an object that was not seen for this many frames only in frames that are a
+                multiple of it. In the others it counts as absent and its memory stays as it was.
+            lost_tracks_end: whether to search no more for what is out of view for as long as SAM2's memory reaches.
         """
         self._model, self._encoded = sam2.video_predictor, encoded
         self._frames, self._lost_track_stride = frames, lost_track_stride
@@ -127,19 +124,21 @@ class Propagator:
         count, side = len(group.ids), self._model.image_size // 4
         # SAM2's logit of an absent object, for the objects that are not searched for in this frame.
         logits = group.begun["obj_ptr"].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
-        chosen = self._searched(group, frame)
+        # Frame indices, not the age of a track: lost tracks of all groups are then searched for in the same frames.
+        patience = self._patience if frame % self._lost_track_stride == 0 else self._lost_track_stride
+        chosen = [row for row, unseen in enumerate(group.unseen) if unseen < min(patience, self._patience)]
         memory = dict(group.recent.get(frame + 1 if reverse else frame - 1, group.begun))
         if chosen:  # only these objects pass through the model
             found, new = self._track(frame, group, chosen, reverse)
-            rows = range(len(chosen)) if accepts is None else accepts(found).nonzero()[:, 0].tolist()
+            rows = [*range(len(chosen))] if accepts is None else accepts(found).nonzero()[:, 0].tolist()
             kept = [chosen[row] for row in rows]
-            logits[kept] = found[list(rows)]
+            logits[kept] = found[rows]
             if len(kept) == count:
                 memory = new
             elif kept:
                 for name, values in new.items():
                     memory[name] = memory[name].clone()
-                    memory[name][kept] = values[list(rows)].to(memory[name].dtype)
+                    memory[name][kept] = values[rows].to(memory[name].dtype)
         group.recent[frame] = memory
         seen = (logits > 0).flatten(1).any(1).tolist()
         group.unseen = [0 if one else before + 1 for one, before in zip(seen, group.unseen, strict=True)]
@@ -149,16 +148,6 @@ class Propagator:
     def ended(self, group: Group) -> bool:
         """Whether no object of a group is searched for again: it has no mask in any later frame, and needs no memory."""
         return min(group.unseen) >= self._patience
-
-    def _searched(self, group: Group, frame: int) -> list[int]:
-        """Places in the batch of the objects to search for in a frame."""
-        stride = self._lost_track_stride
-        # Frame indices, not the age of a track: lost tracks of all groups are then searched for in the same frames.
-        return [
-            place
-            for place, unseen in enumerate(group.unseen)
-            if unseen < self._patience and (unseen < stride or frame % stride == 0)
-        ]
 
     def _inputs(self, frame: int, count: int) -> dict[str, Any]:
         """What SAM2 takes for a batch of objects in a frame."""

@@ -34,13 +34,9 @@ _OUTSIDE = -10.0
 
 
 def segment_frame(sam2: Sam2, video: Video, frame: int, options: SegmentsOptions) -> State:
-    """Prompt a frame with the whole grid of points.
+    """Prompt a frame with the whole grid of points, and crops of it at SAM2's own image size: they are larger anyway.
 
-    Args:
-        sam2: at its own image size. Only the whole frame is prompted at that of the options: crops are larger anyway.
-
-    Returns:
-        Its compressed ``labels``, and ``[level, predicted IoU, stability]`` of each of its ``masks``.
+    Returns its compressed ``labels``, and ``[level, predicted IoU, stability]`` of each of its ``masks``.
     """
     image, shown = video.image(frame), video.shown(frame)
     labels, instances = [], []
@@ -61,11 +57,7 @@ def segment_frame(sam2: Sam2, video: Video, frame: int, options: SegmentsOptions
 def join_frames(
     found: Sequence[State], frames: Sequence[int], length: int, size: tuple[int, ...]
 ) -> Segmented:
-    """Number the masks of single frames through a video of a length and (height, width); other frames show nothing.
-
-    Args:
-        found: what ``segment_frame`` returned for each of ``frames``.
-    """
+    """Number the masks that ``segment_frame`` found in each of ``frames`` through a video of a length and (height, width)."""
     labels, instances = LabelMaps((length, len(LEVELS), *size)), []
     for frame, state in zip(frames, found, strict=True):
         own = unpack(state["labels"], (len(LEVELS), *size))
@@ -100,8 +92,7 @@ def prompt_with_crops(
     """Add masks of small things, from crops, to the candidates of each level that the whole frame gave.
 
     Args:
-        image: (H, W, 3) uint8 RGB.
-        shown: (H, W) bool, pixels that show the scene; others are not prompted.
+        shown: (H, W) bool, pixels of the (H, W, 3) image that show the scene; others are not prompted.
 
     Returns:
         Candidates; their logits have the size of the frame's, or the larger one of ``crops_per_side`` times the crops'.

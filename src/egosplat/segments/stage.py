@@ -32,9 +32,7 @@ def run(
     chunk: int | None = None,
     gather: Sequence[Path] = (),
 ) -> None:
-    """Write the segments artifact of ``frames``.
-
-    A run with SAM2 that was killed resumes from its last checkpoint, with the same result.
+    """Write the segments artifact of ``frames``. A killed run with SAM2 resumes, with the same result.
 
     Args:
         survey_path: frames that the survey drops are skipped; all their labels are -1.
@@ -57,7 +55,7 @@ def run(
     rows, valid = np.flatnonzero(kept), frames.read("valid")
     video = Video(
         len(rows),
-        lambda place: frames.row("rgb", rows[place]),
+        lambda place: frames.row("rgb", int(rows[place])),
         lambda place: shown_pixels(frames, int(rows[place]), valid),
     )
     about = "segments", options.as_dict() | by_survey
@@ -116,12 +114,9 @@ def _segment_with_sam2(
     work: Work,
     tracks: Checkpoint,
 ) -> Segmented | None:
-    """Segment the frames, or those of a chunk, and track; None for a chunk.
+    """Segment the frames, of which ``training`` may be prompted, and track; None for a chunk.
 
-    Args:
-        rows: indices of the video's frames in frames.zarr.
-        training: places in the video of the training frames.
-        tracks: the checkpoint of tracking.
+    ``rows``: indices of the video's frames in frames.zarr. ``tracks``: the checkpoint of tracking.
     """
     # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
@@ -145,7 +140,7 @@ def _segment_with_sam2(
     segmented = join_frames(found, frames.tolist(), video.length, video.shown(0).shape)
     if transient is None:
         return segmented
-    probability = lambda place: transient.row("probability", rows[place])
+    probability = lambda place: transient.row("probability", int(rows[place]))
     return add_tracks(segmented, track_moving(sam2, video, options, probability, training, tracks))
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterable
 from functools import lru_cache
+from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint, State, UnusableState
-from egosplat.models.image_encoder import EncodedImage, encode
+from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
 from egosplat.segments.masks import Candidates, areas, drop_covered, filter_masks, paint
@@ -28,13 +30,10 @@ _MAX_COVERED_NEW = 0.5
 # Objects per SAM2 batch. The order of sums, and so the last digit, depends on it.
 BATCH = 16
 
-# All three are decided by the mean probability of a mask or track. The last one, of a track over all training frames, has to
-# reach masks.threshold: the transient network is surer of what moves than of static things, whose tracks reach 0.60 to 0.70,
-# true ones 0.70 to 1 (benchmarks/transient/README.md). A mask is less sure than its track, so a track starts at this share:
-_STARTS = 6 / 7
-
-# A track is lost in frames in which SAM2 follows something else, or the thing rests: below this share.
-_LOST = 3 / 7
+# A track starts from a mask, and is lost where SAM2 follows something else or the thing rests, by its mean probability as a
+# share of masks.threshold. The track as a whole has to reach the threshold: the transient network is surer of what moves
+# than of static things, whose tracks reach 0.60 to 0.70, true ones 0.70 to 1 (benchmarks/transient/README.md).
+_STARTS, _LOST = 6 / 7, 3 / 7
 
 
 class Tracker:
@@ -51,84 +50,71 @@ class Tracker:
         """Set up, without reading a frame's image.
 
         Args:
-            moves: returns the (H, W) float32 probability that a frame's pixels move: only those that may move are prompted,
-                and a track is lost where they hardly do. None: tracks follow everything.
+            moves: returns the (H, W) probability that a frame's pixels move: only those that may move are prompted, and a
+                track is lost where they hardly do. None: tracks follow everything.
             prompted: frames in which objects are searched for.
         """
         self._sam2, self._video, self._options, self._moves = sam2, video, options, moves
         self._searched = frozenset(prompted)
         self._groups: list[list[Group]] = [[] for _ in LEVELS]
         self._overlaps = [Overlaps() for _ in LEVELS]
-        self._instances: list[Track] = []
         self._labels = LabelMaps((video.length, len(LEVELS), *video.shown(0).shape))
+        self._instances: list[Track] = []
         self._prompted: list[int] = []
-        self._ahead = self._back = 0
+        self._steps = 0  # frames done forwards, and then backwards
         self._side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
         # Of the last frame that was asked for.
-        self._encoded: Callable[[int], EncodedImage] = lru_cache(1)(
-            lambda frame: encode(sam2, video.image(frame))
-        )
-        self._moving: Callable[[int], Tensor] = lru_cache(1)(lambda frame: self._shrunk(self._moves(frame)))
-        self._inside: Callable[[int], Tensor] = lru_cache(1)(
-            lambda frame: self._shrunk(np.float32(video.shown(frame))) > 0.5
-        )
+        self._encoded = lru_cache(1)(lambda frame: encode(sam2, video.image(frame)))
+        self._moving = lru_cache(1)(self._read_moving)
+        self._inside = lru_cache(1)(lambda frame: self._shrunk(video.shown(frame).astype(np.float32)) > 0.5)
         # What moves again later is prompted again. Or else the time would grow with tracks times frames.
-        self._propagator = Propagator(
-            sam2, self._encoded, video.length, options.lost_track_stride, lost_tracks_end=moves is not None
-        )
+        ends = moves is not None
+        stride = options.lost_track_stride
+        self._propagator = Propagator(sam2, self._encoded, video.length, stride, lost_tracks_end=ends)
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
         """Track the video in both directions, resuming from the checkpoint if it holds a state."""
         if checkpoint is not None and (saved := checkpoint.load()) is not None:
             try:
-                self._load(saved, checkpoint)
-                log(f"tracking resumes after {self._ahead} frames forwards and {self._back} backwards")
+                self._load(saved, checkpoint.file.parent)
+                log(f"tracking resumes after {self._steps} steps")
             except (OSError, UnusableState) as error:
                 log(f"{checkpoint.file.parent}: labels: {error}; the stage starts again")
+        frames = self._video.length
         with self._sam2.compute.inference():
-            for frame in track(range(self._ahead, self._video.length), "tracking instances forwards"):
-                self._forwards(frame)
-                self._ahead += 1
-                self._save(checkpoint)
-            # The backward pass starts from each track's first frame; a resumed one has started already.
-            if not self._back:
-                for group in self._all_groups():
-                    group.restart()
-            # No track begins after frame ``last``, so later frames have nothing to track backwards.
-            last = max((group.first_frame for group in self._all_groups()), default=0)
-            for frame in track(range(last - 1 - self._back, -1, -1), "tracking instances backwards"):
-                self._backwards(frame)
-                self._back += 1
-                self._save(checkpoint)
+            for step in track(range(self._steps, 2 * frames), "tracking instances forwards and backwards"):
+                if step < frames:
+                    self._forwards(step)
+                else:
+                    self._backwards(2 * frames - 1 - step)
+                self._steps += 1
+                if checkpoint is not None:
+                    checkpoint.save_if_due(lambda: self._state(checkpoint.file.parent))
         return Segmented(self._labels, self._instances, self._same(), self._prompted)
 
-    def _save(self, checkpoint: Checkpoint | None) -> None:
-        if checkpoint is None:
-            return
-        checkpoint.save_if_due(
-            lambda: {
-                "ahead": self._ahead,
-                "back": self._back,
-                "prompted": self._prompted,
-                "instances": [vars(instance) for instance in self._instances],
-                # Rewriting all labels at each checkpoint would write 200 GB in a long run.
-                "labels": self._labels.save(checkpoint.file.parent),
-                "groups": [[vars(group) for group in groups] for groups in self._groups],
-                "overlaps": [torch.from_numpy(overlaps.sums) for overlaps in self._overlaps],
-            }
-        )
+    def _state(self, folder: Path) -> State:
+        return {
+            "steps": self._steps,
+            "prompted": self._prompted,
+            "instances": [vars(instance) for instance in self._instances],
+            # Rewriting all labels at each checkpoint would write 200 GB in a long run.
+            "labels": self._labels.save(folder),
+            "groups": [[vars(group) for group in groups] for groups in self._groups],
+            "overlaps": [torch.from_numpy(overlaps.sums) for overlaps in self._overlaps],
+        }
 
-    def _load(self, state: State, checkpoint: Checkpoint) -> None:
-        self._labels.load(checkpoint.file.parent, state["labels"])
-        self._ahead, self._back, self._prompted = state["ahead"], state["back"], state["prompted"]
+    def _load(self, state: State, folder: Path) -> None:
+        self._labels.load(folder, state["labels"])
+        self._steps, self._prompted = state["steps"], state["prompted"]
         self._instances = [Track(**values) for values in state["instances"]]
         device = self._sam2.compute.device
         self._groups = [[Group.restored(saved, device) for saved in groups] for groups in state["groups"]]
         for overlaps, sums in zip(self._overlaps, state["overlaps"], strict=True):
             overlaps.sums = sums.numpy()
 
-    def _all_groups(self) -> list[Group]:
-        return [group for groups in self._groups for group in groups]
+    def _read_moving(self, frame: int) -> Tensor:
+        """(M, M) probability; 1 where everything is tracked."""
+        return self._inside(frame).float() if self._moves is None else self._shrunk(self._moves(frame))
 
     def _shrunk(self, values: NDArray[np.float32]) -> Tensor:
         """(M, M) means of (H, W) values, at the size of the model's masks."""
@@ -138,25 +124,24 @@ class Tracker:
     def _may_move(self, masks: Tensor, frame: int, share: float) -> Tensor:
         """(K,) bool, which (K, M, M) bool masks have a mean probability of at least a share of the threshold."""
         if self._moves is None:
-            return torch.ones(len(masks), dtype=torch.bool, device=masks.device)
+            return torch.ones_like(masks[:, 0, 0])
         # Summed instead of multiplied as matrices, which bfloat16 would round.
         sums = (masks * self._moving(frame)).flatten(1).sum(1)
         return sums >= share * self._options.threshold * areas(masks)
 
     def _propagated(self, frame: int, *, reverse: bool) -> list[LevelMasks]:
         """The masks of each level's tracks in the next frame of a direction."""
-        step = self._propagator.step
-        accepts = None if self._moves is None else lambda logits: self._may_move(logits > 0, frame, _LOST)
-        found = []
+        propagator, found = self._propagator, []
         for groups in self._groups:
-            going = [
-                group
-                for group in groups
-                if not (reverse and group.first_frame <= frame) and not self._propagator.ended(group)
-            ]
-            logits = [step(frame, group, reverse, accepts) for group in going]
-            none = torch.zeros(0, self._side, self._side, device=self._sam2.compute.device)
-            found.append(([number for group in going for number in group.ids], torch.cat([none, *logits])))
+            ids, logits = [], [torch.zeros(0, self._side, self._side, device=self._sam2.compute.device)]
+            for group in groups:
+                if propagator.ended(group) or (reverse and group.first_frame <= frame):
+                    continue
+                ids += group.ids
+                logits.append(
+                    propagator.step(frame, group, reverse, lambda new: self._may_move(new > 0, frame, _LOST))
+                )
+            found.append((ids, torch.cat(logits)))
         return found
 
     def _forwards(self, frame: int) -> None:
@@ -166,13 +151,13 @@ class Tracker:
         for overlaps, (ids, logits) in zip(self._overlaps, seen, strict=True):
             masks = (logits > 0) & self._inside(frame)
             overlaps.add(ids, masks, ids, masks)
-        shown = self._video.shown(frame)
-        self._labels[frame] = np.stack([paint(*masks, shown) for masks in seen])
-        if frame in self._searched:
-            # Tracks of what an earlier track follows as well end; the two are merged.
-            duplicates = {later for _, later in self._same()}
-            for group in self._all_groups():
-                group.end(duplicates)
+        self._labels[frame] = np.stack([paint(*masks, self._video.shown(frame)) for masks in seen])
+        # Tracks of what an earlier track follows as well end; the two are merged.
+        duplicates = {later for _, later in self._same()} if frame in self._searched else set()
+        for group in chain(*self._groups):
+            group.end(duplicates)
+            if frame == self._video.length - 1:
+                group.restart()
 
     def _same(self) -> list[tuple[int, int]]:
         """Pairs of instances of a level that are one object, as far as they have been tracked."""
@@ -180,8 +165,10 @@ class Tracker:
         return [pair for overlaps in self._overlaps for pair in overlaps.same(*limits)]
 
     def _backwards(self, frame: int) -> None:
-        labels, shown = self._labels[frame], self._video.shown(frame)
         seen = self._propagated(frame, reverse=True)
+        if not any(ids for ids, _ in seen):
+            return
+        labels = self._labels[frame]
         for own, overlaps, (ids, logits) in zip(labels, self._overlaps, seen, strict=True):
             masks = (logits > 0) & self._inside(frame)
             overlaps.add(ids, masks, ids, masks)
@@ -190,39 +177,31 @@ class Tracker:
             overlaps.add(ids, masks, *ahead)
             overlaps.add(*ahead, ids, masks)
             # Labels of the forward pass take precedence.
-            own[:] = np.where(own >= 0, own, paint(ids, logits, shown))
+            own[:] = np.where(own >= 0, own, paint(ids, logits, self._video.shown(frame)))
         self._labels[frame] = labels
 
     def _search_area(self, frame: int) -> Tensor:
         """(M, M) bool pixels in which objects are searched for."""
-        inside = self._inside(frame)
-        return (
-            inside
-            if self._moves is None
-            else inside & (self._moving(frame) >= _STARTS * self._options.threshold)
-        )
+        return self._inside(frame) & (self._moving(frame) >= _STARTS * self._options.threshold)
 
     def _add_new_tracks(self, frame: int, seen: list[LevelMasks]) -> None:
         """Prompt the pixels that a level does not cover, and start tracks of the new objects found there."""
-        inside, area = self._inside(frame), self._search_area(frame)
-        tracked = [(logits > 0) & inside for _, logits in seen]
+        area, options = self._search_area(frame), self._options
+        tracked = [(logits > 0) & self._inside(frame) for _, logits in seen]
         free = [area & ~masks.any(0) for masks in tracked]
         # Hands are small: as few pixels as a mask may have are searched.
-        least = self._options.min_area * area.numel()
+        least = options.min_area * area.numel()
         searched = [level for level, pixels in enumerate(free) if float(pixels.sum()) > least]
         # SAM2 gives the masks of all levels for one prompt, so a point is prompted if any level needs it.
         wanted = torch.zeros_like(area)
         for level in searched:
             wanted |= free[level]
-        points = grid_points(self._options.points_per_side)
+        points = grid_points(options.points_per_side)
         points = points[lie_in(points, wanted).cpu()]
         if not len(points):
             return
         self._prompted.append(frame)
-        found, limits = (
-            prompt(self._sam2, self._encoded(frame), points, self._options),
-            self._options.mask_filter,
-        )
+        found, limits = prompt(self._sam2, self._encoded(frame), points, options), options.mask_filter
         for level in reversed(searched):
             new = found[level].take(self._may_move(found[level].masks, frame, _STARTS))
             new = filter_masks(new, limits)

@@ -38,10 +38,9 @@ class Video:
 
 @dataclass(frozen=True)
 class Track:
-    """An instance as it was first found.
+    """An instance of a level, an index into ``options.LEVELS``, as it was first found.
 
     Attributes:
-        level: index into ``options.LEVELS``.
         first_frame: the frame whose prompts found it.
         predicted_iou, stability: scores of its first mask.
         moving: tracked because the transient network says that it moves.
@@ -68,7 +67,7 @@ def unpack(packed: Tensor, shape: tuple[int, ...]) -> Labels:
 class LabelMaps:
     """(F, L, H, W) int32 labels, compressed in memory; written and read by frame. -1, no label, until written."""
 
-    def __init__(self, shape: tuple[int, int, int, int]) -> None:
+    def __init__(self, shape: tuple[int, ...]) -> None:
         self._shape = shape
         self._frames: dict[int, Tensor] = {}
         # Frames that no file of a checkpoint holds yet, and the number of its files.
@@ -89,7 +88,7 @@ class LabelMaps:
     def save(self, folder: Path) -> int:
         """Write the frames set since the last call, as one more file; returns the number of files."""
         changed = {frame: self._frames[frame] for frame in sorted(self._changed)}
-        write_state(folder / f"labels{self._files}", "labels", changed)
+        write_state(folder / f"labels{self._files}", "labels", {"frames": changed})
         self._files, self._changed = self._files + 1, set()
         return self._files
 
@@ -97,7 +96,7 @@ class LabelMaps:
         """Replace the content by that of so many files; OSError or UnusableState if they do not hold it."""
         frames: dict[int, Tensor] = {}
         for number in range(files):
-            frames |= read_state(folder / f"labels{number}", "labels")
+            frames |= read_state(folder / f"labels{number}", "labels")["frames"]
         self._frames, self._files, self._changed = frames, files, set()
 
 
@@ -106,8 +105,7 @@ class Segmented:
     """A segmented video, before duplicates are merged and fragments dropped.
 
     Attributes:
-        labels: instance number of each pixel, by frame and level.
-        instances: by number.
+        labels: number of the instance of each pixel, by frame and level.
         same: pairs of numbers that are the same object.
         prompted: frames in which instances were searched for.
     """

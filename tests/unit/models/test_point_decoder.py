@@ -63,30 +63,6 @@ def test_masks_are_those_of_sam2(sam2, points):
     assert torch.allclose(ious, expected_ious, atol=1e-5)
 
 
-def test_some_pixels_have_the_logits_that_all_give(sam2):
-    """The cells of single pixels, wherever ``by_part`` says that they are, and of points taken from others."""
-    image = np.random.default_rng(1).integers(0, 256, (48, 64, 3), np.uint8)
-    with sam2.compute.inference():
-        decoder = PointDecoder.of(sam2, encode(sam2, image))
-        attended = decoder.attend(torch.tensor([[0.2, 0.3], [0.7, 0.6], [0.1, 0.9]]))
-        masks, pixels = decoder.logits(attended), torch.tensor([0, 9, 63])
-        parts = decoder.parts(attended.take(torch.tensor([2])), pixels)
-        none = decoder.logits(attended.take(torch.zeros(0, dtype=torch.int64)))
-    expected = torch.stack([decoder.by_part(mask)[pixels] for mask in masks[2]])
-    assert torch.allclose(parts[0], expected, atol=1e-5 * float(masks.abs().max()))
-    assert none.shape == (0, 3, 32, 32)
-
-
-def test_cells_of_a_pixel_lie_side_by_side(sam2):
-    """Row 1 and column 2 of 8 pixels have the rows 4 to 7 and the columns 8 to 11 of 32 cells."""
-    with sam2.compute.inference():
-        decoder = PointDecoder.of(sam2, encode(sam2, np.zeros((8, 8, 3), np.uint8)))
-    cells = torch.zeros(32, 32, dtype=torch.bool)
-    cells[4:8, 8:12] = True
-    assert decoder.by_part(cells).all(1).nonzero()[:, 0].tolist() == [10]
-    assert int(decoder.by_part(cells).sum()) == 16
-
-
 def test_autocast_keeps_the_residuals(sam2):
     """With bfloat16 the masks stay as close to float32 as SAM2's own do."""
     image = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from egosplat.models.image_encoder import encode
-from egosplat.models.point_decoder import Attended, PointDecoder
 from egosplat.segments import prompts, single_frames
 from egosplat.segments.masks import Candidates
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
@@ -70,24 +69,6 @@ def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
     merged = single_frames._merge(candidates(coarse), candidates(fine), 40, SegmentsOptions())
     assert len(merged) == 2
     assert torch.equal(merged.masks[0], torch.from_numpy(fine[0]))
-
-
-def test_a_sample_of_cells_excludes_no_mask_that_is_used(sam2, monkeypatch):
-    """Of discs of all sizes, it finds most that are too large or at a border inside the frame, and no other."""
-    with sam2.compute.inference():
-        decoder = PointDecoder.of(sam2, encode(sam2, np.zeros((64, 64, 3), np.uint8)))
-    bounds = bounds_of(0.04, 64)
-    x, y, radius = np.random.default_rng(0).random((3, 300, 1, 1)) * [[[[64]]], [[[64]]], [[[24]]]]
-    masks = (np.arange(64) - x) ** 2 + (np.arange(64)[:, None] - y) ** 2 < radius**2
-    parts = (
-        torch.stack([decoder.by_part(mask) for mask in torch.from_numpy(masks)]).float().view(100, 3, -1, 16)
-    )
-    monkeypatch.setattr(PointDecoder, "parts", lambda _, attended, pixels: attended.image[:, :, pixels])
-    attended = Attended(parts, parts, parts)
-    excluded = prompts._exceeds(decoder, attended, bounds.most, bounds.border).flatten()
-    used = prompts.within(torch.from_numpy(masks), bounds)
-    assert not (excluded & used).any()
-    assert used.sum() > 30 and excluded.sum() > 0.5 * (~used).sum()
 
 
 def labels_of(sam2, image, shown, options) -> np.ndarray:

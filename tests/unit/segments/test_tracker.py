@@ -120,7 +120,7 @@ def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, m
     tracker._forwards(0)
     for _ in ("forwards", "backwards"):
         assert [group.unseen for group in groups] == [[0, 0], [np.inf]]
-        assert tracker._propagator.ended(groups[1]) and tracker._propagator._searched(groups[1], 3) == []
+        assert tracker._propagator.ended(groups[1])
         for group in groups:
             group.restart()
 
