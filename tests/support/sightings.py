@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from egosplat.histories.moves import find_carries
-from egosplat.histories.sightings import Sightings
+from egosplat.histories.sightings import SIGHTING
 
 # Frames a second, and the size of the thing [m].
 RATE, SIZE = 5, 0.2
@@ -21,30 +21,17 @@ def way(*legs):
     return np.concatenate(parts)
 
 
-def sightings(*tracks, inside=None, edge=0.0, size=SIZE):
+def sightings(*tracks, edge=0.0, size=SIZE):
     """Sightings of tracks, each (first frame, (S, 3) centers); the camera stands still at the origin."""
     rows = [
-        (begin + place, number, center)
+        (begin + place, number, 400, edge, center, center, size, (0, 0, 0, 0))
         for number, (begin, centers) in enumerate(tracks)
         for place, center in enumerate(centers)
     ]
-    rows.sort(key=lambda one: one[:2])
-    frame, track, center = (np.array(column) for column in zip(*rows, strict=True))
-    count = len(rows)
-    return Sightings(
-        frame=frame,
-        track=track,
-        area=np.full(count, 400),
-        edge=np.full(count, edge),
-        center=center,
-        local=center,
-        size=np.full(count, size),
-        box=np.zeros((count, 4), np.int32),
-        inside=inside or {},
-    )
+    return np.array(sorted(rows, key=lambda row: row[:2]), SIGHTING).view(np.recarray)
 
 
-def found(*tracks, seconds=None, **more):
+def found(*tracks, inside=None, seconds=None, **more):
     """The carries among the sightings of tracks, by default at ``RATE``."""
     seen = sightings(*tracks, **more)
-    return find_carries(seen, np.arange(200) / RATE if seconds is None else seconds)
+    return find_carries(seen, inside or {}, np.arange(200) / RATE if seconds is None else seconds)

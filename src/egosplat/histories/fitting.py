@@ -13,7 +13,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Array, invert, transform
-from egosplat.histories.places import Place, PlaceView, Scenery
+from egosplat.histories.places import End, PlaceView, Recording
 from egosplat.rasterize.view import sum_over_pixels
 
 # Points that a thing starts from, in this part of the place's radius.
@@ -40,12 +40,12 @@ _HALF = 0.5
 _CHANGED = 0.05
 
 
-def start_points(place: Place, views: Sequence[PlaceView], scene: Scenery) -> Gaussians:
-    """Gaussians in the sphere of a place, with the mean color of the pixels that show them."""
-    draw = np.random.default_rng(scene.seed)
+def start_points(end: End, views: Sequence[PlaceView], recording: Recording) -> Gaussians:
+    """Gaussians in the sphere of an end of a carry, with the mean color of the pixels that show them."""
+    draw = np.random.default_rng(recording.seed)
     direction = draw.normal(size=(_POINTS, 3))
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    points = place.center + _WITHIN * place.radius * direction * draw.random((_POINTS, 1)) ** (1 / 3)
+    points = end.center + _WITHIN * end.radius * direction * draw.random((_POINTS, 1)) ** (1 / 3)
     total, count = np.zeros((_POINTS, 3)), np.zeros((_POINTS, 1))
     for view in views:
         pixels = view.camera.project(transform(invert(view.camera_to_world), points))
@@ -54,32 +54,25 @@ def start_points(place: Place, views: Sequence[PlaceView], scene: Scenery) -> Ga
         total[inside] += view.picture[row, column]
         count[inside] += 1
     colors = np.where(count > 0, total / np.maximum(count, 1), 127.0).astype(np.uint8)
-    degree = scene.gaussians.sh_degree
-    made = from_points(
-        points,
-        colors,
-        sh_degree=degree,
-        feature_channels=0,
-        max_points=_POINTS,
-        seed=scene.seed,
-        near_plane=scene.settings.near_plane,
-    )
-    return made.to(scene.gaussians.means.device)
+    how = {"feature_channels": 0, "max_points": _POINTS, "seed": recording.seed}
+    degree, near_plane = recording.gaussians.sh_degree, recording.settings.near_plane
+    made = from_points(points, colors, sh_degree=degree, near_plane=near_plane, **how)
+    return made.to(recording.gaussians.means.device)
 
 
 def fit(
-    start: Gaussians, views: Sequence[PlaceView], scene: Scenery, radius: float, iterations: int
+    start: Gaussians, views: Sequence[PlaceView], recording: Recording, radius: float, iterations: int
 ) -> Gaussians:
     """Train Gaussians that explain views on top of the scene; one view an iteration."""
     copies = {name: value.detach().clone() for name, value in start.parameters().items()}
     gaussians = Gaussians(**copies).requires_grad_()
     optimizer = Adam(gaussians, LearningRates(means=_RATE * radius, **_RATES))
-    draw, order = np.random.default_rng(scene.seed), []
+    draw, order = np.random.default_rng(recording.seed), []
     for _ in range(iterations):
         order = order or draw.permutation(len(views)).tolist()
         view = views[order.pop()]
         optimizer.zero_grad()
-        image, weight = view.render(scene, gaussians), torch.from_numpy(view.shown)
+        image, weight = view.render(recording, gaussians), torch.from_numpy(view.shown)
         loss = l1_ssim(image, view.colors.to(image), weight.to(image), _SSIM_LAMBDA)
         (loss + _OPACITY_WEIGHT * gaussians.opacities.mean()).backward()
         optimizer.step(None)
@@ -88,44 +81,44 @@ def fit(
 
 
 @torch.no_grad()
-def essential(gaussians: Gaussians, views: Sequence[PlaceView], scene: Scenery) -> Gaussians:
+def essential(gaussians: Gaussians, views: Sequence[PlaceView], recording: Recording) -> Gaussians:
     """Those Gaussians that are mostly where the error falls; the others repeat the scene around the thing."""
     total = torch.zeros(gaussians.count, 2, dtype=torch.float64)
     for view in views:
-        pixels = torch.stack(
-            [torch.from_numpy(one).float() for one in (improved(view, gaussians, scene), view.shown)], dim=-1
-        )
-        every = view.with_scene(scene, gaussians)
-        seen = view_of(every, view.camera, view.camera_to_world, scene.settings)
+        pixels = torch.from_numpy(
+            np.stack([improved(view, gaussians, recording), view.shown], axis=-1)
+        ).float()
+        every = view.with_scene(recording, gaussians)
+        seen = view_of(every, view.camera, view.camera_to_world, recording.settings)
         total += sum_over_pixels(seen, pixels.to(every.means.device))[-gaussians.count :].double().cpu()
     kept = (total[:, 0] > _HALF * total[:, 1]).to(gaussians.means.device)
     return gaussians.select(kept & gaussians.finite() & (gaussians.opacities >= _LEAST_OPACITY))
 
 
 @torch.no_grad()
-def improved(view: PlaceView, gaussians: Gaussians, scene: Scenery) -> NDArray[np.bool_]:
+def improved(view: PlaceView, gaussians: Gaussians, recording: Recording) -> NDArray[np.bool_]:
     """(h, w) bool: shown pixels whose error is clearly lower with Gaussians than without."""
-    before, after = _errors(view, gaussians, scene)
+    before, after = _errors(view, gaussians, recording)
     return (before - after > _CHANGED).cpu().numpy() & view.shown
 
 
 @torch.no_grad()
-def explained(gaussians: Gaussians, views: Sequence[PlaceView], scene: Scenery) -> Array:
+def explained(gaussians: Gaussians, views: Sequence[PlaceView], recording: Recording) -> Array:
     """(V, 3) float64 for the pixels of each view that Gaussians change: by how much their absolute error falls, the larger of
     the errors without and with them, and the number of pixels."""
-    found = []
+    rows = []
     for view in views:
-        before, after = _errors(view, gaussians, scene)
+        before, after = _errors(view, gaussians, recording)
         changed = ((before - after).abs() > _CHANGED) & torch.from_numpy(view.shown).to(before.device)
         before, after = before[changed].double(), after[changed].double()
         larger = torch.maximum(before, after)
-        found.append((float((before - after).sum()), float(larger.sum()), int(changed.sum())))
-    return np.array(found, np.float64).reshape(-1, 3)
+        rows.append((float((before - after).sum()), float(larger.sum()), int(changed.sum())))
+    return np.array(rows, np.float64).reshape(-1, 3)
 
 
-def _errors(view: PlaceView, gaussians: Gaussians, scene: Scenery) -> tuple[Tensor, Tensor]:
+def _errors(view: PlaceView, gaussians: Gaussians, recording: Recording) -> tuple[Tensor, Tensor]:
     """(h, w) absolute errors, summed over colors, without and with Gaussians."""
-    images = view.render(scene), view.render(scene, gaussians)
+    images = view.render(recording), view.render(recording, gaussians)
     colors = view.colors.to(images[0])
     before, after = ((image.clamp(0.0, 1.0) - colors).abs().sum(dim=-1) for image in images)
     return before, after

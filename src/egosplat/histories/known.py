@@ -24,11 +24,8 @@ _NOWHERE = np.full(3, np.nan)
 
 
 def read_spans(histories: Artifact, group: str, names: Sequence[str], count: int) -> list[NDArray[np.int64]]:
-    """Read ``names``, arrays of ``carries`` or ``rests`` with frames: those in which spans begin, those in which they end, and others.
-
-    Raises:
-        ArtifactError: a frame is none of ``count``, or a span ends before it begins, as in a file that was edited.
-    """
+    """Read ``names``, arrays of ``carries`` or ``rests`` with frames: those in which spans begin, those in which they end, and others
+    (ArtifactError: a frame is none of ``count``, or a span ends before it begins, as in a file that was edited)."""
     frames = {f"{group}/{name}": histories.read(f"{group}/{name}") for name in names}
     for name, values in frames.items():
         if (values >= count).any():
@@ -45,14 +42,12 @@ class Rests:
     """K Gaussians of R rests of T things.
 
     Attributes:
-        gaussians: on the device of the renderer.
-        rest: (K,) int64 rest of each.
-        thing: (R,) int64 thing of each rest.
+        gaussians, rest: on the device of the renderer, and (K,) int64 rest of each.
+        thing: (R,) int64 thing of each rest; ``feature`` (T, D) float32 of unit norm, of each thing; zeros without one.
         from_s, until_s: (R,) float64 seconds since the first frame, both included.
-        feature: (T, D) float32 of unit norm, of each thing; zeros without one.
         absent_s: (2, R) float64 time of the last frame before and the first one after that shows the place without it; NaN without one.
-        center: (R, 3) float64 in the world; ``size`` (R,) [m].
-        frame: (R,) int64 the frame that shows most of it; ``box`` (R, 4) x0, y0, x1, y1 around it there [px].
+        center, size: (R, 3) float64 in the world, and (R,) [m].
+        frame, box: (R,) int64 the frame that shows most of it, and (R, 4) x0, y0, x1, y1 around it there [px].
         links: (3, C) int32 of each carry: its thing, the rest before and the rest after it, -1 for none.
     """
 
@@ -97,12 +92,8 @@ class Rests:
 
 
 class Histories:
-    """The carries of things that are seen to rest somewhere, ready to be asked.
-
-    Attributes:
-        things: of each thing its carries, in the order of time, with score 0.
-        features: (T, D) float32 of unit norm, of each thing; zeros without one.
-    """
+    """The carries of T things that are seen to rest somewhere, in the order of time, with score 0; and their (T, D) float32
+    ``features`` of unit norm, zeros without one."""
 
     def __init__(self, histories: Artifact, rests: Rests, seconds: Array) -> None:
         """Read the carries of histories.zarr; ``rests`` are of the same artifact. Raises as ``read_spans``."""
@@ -116,7 +107,7 @@ class Histories:
             # Two rests at one place, without a carry between them, are one that was not seen for a while.
             if ways := _ways([one for row, one in every if row >= 0 or not _stays(one)]):
                 things[thing] = ways
-        self.things = tuple(things.values())
+        self.things: tuple[tuple[Carried, ...], ...] = tuple(things.values())
         self.features = rests.feature[list(things)].cpu()
 
     @property
@@ -188,11 +179,8 @@ def _ways(carries: Sequence[Carried]) -> tuple[Carried, ...]:
     """The carries of one thing in the order of time: of those at the same time, the longest."""
     kept: list[Carried] = []
     for one in sorted(carries, key=lambda one: one.from_s - one.until_s):
-        if not any(_together(one, other) for other in kept):
+        # The other ones are longer.
+        both = [min(one.until_s, other.until_s) - max(one.from_s, other.from_s) for other in kept]
+        if not any(time >= _TOGETHER * (one.until_s - one.from_s) for time in both):
             kept.append(one)
     return tuple(sorted(kept, key=lambda one: one.from_s))
-
-
-def _together(one: Carried, other: Carried) -> bool:
-    both = min(one.until_s, other.until_s) - max(one.from_s, other.from_s)
-    return both >= _TOGETHER * min(one.until_s - one.from_s, other.until_s - other.from_s)

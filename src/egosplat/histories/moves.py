@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
-from egosplat.histories.sightings import Ints, Sightings
+from egosplat.histories.sightings import Nesting, Sightings
 
 # A track that no frame shows for longer than this begins anew [s].
 _GAP_S = 0.7
@@ -36,7 +36,7 @@ class Carry:
     """A thing on its way.
 
     Attributes:
-        seen: sightings of the track that shows most of it, in the order of time, with those of the rests before and after.
+        seen: of the track that shows most of it, in the order of time, with those of the rests before and after.
         moving: (S,) bool, which of these are on the way.
         lost: whether it is fast where it is seen last on its way.
         others: tracks that show the same thing or parts of it.
@@ -81,27 +81,26 @@ class Carry:
     @property
     def size(self) -> float:
         """Median size [m]."""
-        return float(np.median(self.seen.size))
+        return float(np.median(self.seen.side))
 
 
-def find_carries(seen: Sightings, seconds: Array) -> list[Carry]:
-    """Find the carries of a recording, in the order of time.
+def find_carries(seen: Sightings, inside: Nesting, seconds: Array) -> list[Carry]:
+    """Find the carries of a recording, in the order of time, in the sightings of all tracks of what moves.
 
     Args:
-        seen: sightings of all tracks of what moves.
+        seen, inside: as ``see_tracks`` returns them.
         seconds: (F,) float64 time of each frame [s].
     """
-    found = [carry for run in _runs(seen, seconds) for carry in _carries(run, seconds)]
+    every = [carry for run in _runs(seen, seconds) for carry in _carries(run, seconds)]
     # The longest first: it stands for all that show the same.
-    found.sort(key=lambda one: (-len(one.seen.frame), -float(np.median(one.seen.area)), one.track))
+    every.sort(key=lambda one: (-len(one.seen), -float(np.median(one.seen.area)), one.track))
     kept: list[Carry] = []
-    for carry in found:
-        same = next((place for place, one in enumerate(kept) if _same(one, carry)), None)
+    for carry in every:
+        same = next((index for index, longer in enumerate(kept) if _same(longer, carry, inside)), None)
         if same is None:
             kept.append(carry)
         else:
-            one = kept[same]
-            kept[same] = replace(one, others=(*one.others, carry.track))
+            kept[same] = replace(kept[same], others=(*kept[same].others, carry.track))
     return sorted(kept, key=lambda one: (one.first, one.track))
 
 
@@ -111,16 +110,15 @@ def _runs(seen: Sightings, seconds: Array) -> Iterator[Sightings]:
         mine = np.flatnonzero(seen.track == number)
         mine = mine[np.argsort(seen.frame[mine], kind="stable")]
         gaps = np.diff(seconds[seen.frame[mine]]) > _GAP_S
-        for part in np.split(mine, np.flatnonzero(gaps | _jumps(seen.take(mine))) + 1):
-            if len(part) >= _LEAST_FRAMES and np.median(seen.edge[part]) <= _MOST_EDGE:
-                yield seen.take(part)
+        for rows in np.split(mine, np.flatnonzero(gaps | _jumps(seen[mine])) + 1):
+            if len(rows) >= _LEAST_FRAMES and np.median(seen.edge[rows]) <= _MOST_EDGE:
+                yield seen[rows]
 
 
 def _jumps(run: Sightings) -> NDArray[np.bool_]:
     """(S - 1,) bool: whether the next sighting is elsewhere. What the wearer carries moves little before the camera, a still thing in the world."""
-    far = np.linalg.norm(np.diff(run.center, axis=0), axis=1) > _JUMP_SIZES * np.maximum(
-        run.size[:-1], run.size[1:]
-    )
+    larger = np.maximum(run.side[:-1], run.side[1:])
+    far = np.linalg.norm(np.diff(run.center, axis=0), axis=1) > _JUMP_SIZES * larger
     # The depth of what is held is not known: Gaussians show what is behind it.
     ray = run.local / np.linalg.norm(run.local, axis=1, keepdims=True)
     return far & (np.linalg.norm(np.diff(ray, axis=0), axis=1) > _JUMP_ANGLE)
@@ -137,8 +135,8 @@ def _carries(run: Sightings, seconds: Array) -> Iterator[Carry]:
     for number, (begin, end) in enumerate(ways):
         after = ways[number - 1][1] if number else 0
         before = ways[number + 1][0] if number + 1 < len(ways) else len(moving)
-        part = np.arange(after, before)
-        carry = Carry(run.take(part), (part >= begin) & (part < end))
+        rows = np.arange(after, before)
+        carry = Carry(run[rows], (rows >= begin) & (rows < end))
         way = [*carry.seen.center[carry.moving], carry.end]
         far = np.linalg.norm(way - (carry.start if begin > after else way[0]), axis=1).max()
         if end - begin >= _LEAST_FRAMES - 1 and far > _FAR * carry.size:
@@ -154,13 +152,11 @@ def _is_fast(centers: Array, time: Array, size: float) -> bool:
 
 def _moving(run: Sightings, time: Array) -> NDArray[np.bool_]:
     """(S,) bool: sightings around which the thing does not stay at one place."""
-    tolerance = _OF_SIZE * run.size + _OF_DEPTH * run.depth
-    found = np.zeros(len(time), bool)
-    for place, now in enumerate(time):
+    away = np.zeros(len(time))
+    for row, now in enumerate(time):
         near = run.center[np.abs(time - now) <= _STILL_S]
-        away = np.linalg.norm(near - np.median(near, axis=0), axis=1)
-        found[place] = away.max() > tolerance[place]
-    return found
+        away[row] = np.linalg.norm(near - np.median(near, axis=0), axis=1).max()
+    return away > _OF_SIZE * run.side + _OF_DEPTH * run.local[:, 2]
 
 
 def _stretches(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -169,12 +165,11 @@ def _stretches(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(steps[::2].tolist(), steps[1::2].tolist(), strict=True))
 
 
-def _same(one: Carry, other: Carry) -> bool:
+def _same(longer: Carry, other: Carry, inside: Nesting) -> bool:
     """Whether the masks of the shorter carry lie in those of the longer one, or these in them, while it moves."""
-    frames: Ints = np.intersect1d(one.seen.frame, other.seen.frame[other.moving])
-    if len(frames) < max(1, _COVERED * other.moving.sum()) or one.track == other.track:
+    frames = np.intersect1d(longer.seen.frame, other.seen.frame[other.moving])
+    if len(frames) < max(1, _COVERED * other.moving.sum()) or longer.track == other.track:
         return False
-    inside = one.seen.inside
-    pairs = (other.track, one.track), (one.track, other.track)
+    pairs = (other.track, longer.track), (longer.track, other.track)
     shares = [max(inside.get((frame, *pair), 0.0) for pair in pairs) for frame in frames.tolist()]
     return float(np.mean(shares)) >= _COVERED

@@ -1,17 +1,23 @@
-"""What the training frames show of places where things rest: small crops around each."""
+"""What the frames show of the ends of carries: small crops around each."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import camera_poses, is_track
+from egosplat.gaussians.device import training_device
 from egosplat.gaussians.exposure import expose
+from egosplat.gaussians.io import read_exposure, read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Array, Camera, invert, transform
+from egosplat.histories.options import HistoriesOptions
 from egosplat.images import shrunk_size
 from egosplat.progress import track
 
@@ -28,41 +34,98 @@ _REACH = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Scenery:
-    """The Gaussians of a scene, which stay as they are.
+class Recording:
+    """The frames of a recording, and the Gaussians of its scene, which stay as they are.
 
     Attributes:
-        gaussians: on the device of the renderer.
-        sh_degree: degree in use.
+        frames, instances, masks: artifacts; there may be no refined masks.
         seed: of all random choices.
-        compression: of highlights by the camera, see ``egosplat.gaussians.exposure``; None for 0.
+        gaussians: on the device of the renderer.
+        camera_to_world: (F, 4, 4) float64.
+        log_gains, compression: (F, 3) of the exposure, and of highlights, see ``egosplat.gaussians.exposure``; None for 0.
     """
 
+    frames: Artifact
+    instances: Artifact
+    masks: Artifact | None
+    seed: int
     gaussians: Gaussians
     settings: RenderSettings
     sh_degree: int
-    seed: int
-    compression: Tensor | None = None
+    camera: Camera
+    camera_to_world: Array
+    log_gains: Tensor | None
+    compression: Tensor | None
+
+    @staticmethod
+    def read(
+        frames: Artifact,
+        poses: Artifact,
+        instances: Artifact,
+        splats: Artifact,
+        masks: Artifact | None,
+        options: HistoriesOptions,
+    ) -> "Recording":
+        """Read the scene of artifacts that belong together (UserError: the backend cannot run)."""
+        gaussians, facts = read_gaussians(splats).to(training_device(options.backend)), splats.facts
+        settings, camera = read_render_settings(splats, options.backend), Camera(**facts["camera"])
+        scene = gaussians, settings, facts["sh_degree_in_use"], camera, camera_poses(poses, splats)
+        return Recording(frames, instances, masks, options.seed, *scene, *read_exposure(splats))
+
+    @cached_property
+    def valid(self) -> Mask:
+        """(H, W) bool pixels that show the scene."""
+        return self.frames.read("valid")
+
+    @cached_property
+    def is_track(self) -> Mask:
+        """(N,) bool instances that are tracks."""
+        return is_track(self.instances)
+
+    def labels(self, frame: int) -> NDArray[np.int32]:
+        """(L, H, W) int32 instances of a frame."""
+        return self.instances.row("labels", frame)
+
+    def moving(self, frame: int, labels: NDArray[np.int32]) -> Mask:
+        """(H, W) bool pixels of what moves in a frame with these labels: tracks, and refined masks if there are any."""
+        # Label -1 indexes the last entry.
+        tracks = np.asarray(np.append(self.is_track, False)[labels].any(axis=0))
+        return tracks if self.masks is None else tracks | self.masks.row("refined", frame)
+
+    @torch.inference_mode()
+    def depth(self, frame: int) -> Array:
+        """(h, w) float64 expected camera z [m] of the surfaces that the scene shows in a frame; 0 where it is empty."""
+        small = self.camera.scaled_to(*shrunk_size(self.camera.width, self.camera.height, _SIDE))
+        view = self.gaussians, small, self.camera_to_world[frame], self.settings
+        surface, _, _ = render(*view, sh_degree=0, background=None, render_mode="ED")
+        return surface[..., 0].double().cpu().numpy()
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """Where a thing rests.
+class End:
+    """An end of a carry.
 
     Attributes:
-        center: (3,) float64 [m].
-        radius: of the sphere that holds the thing [m].
+        carry: its number.
+        after: whether the thing rests after the carry; else before.
+        center, radius: of the sphere in which it rests [m].
+        size: of the thing [m].
+        second: when the carry begins or ends [s].
         track: instance of the thing in instances.zarr; its own masks do not hide it.
     """
 
+    carry: int
+    after: bool
     center: Array
     radius: float
+    size: float
+    second: float
     track: int
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceView:
-    """A crop of a training frame around a place.
+    """A crop of a training frame around an end of a carry.
 
     Attributes:
         frame: index in frames.zarr.
@@ -71,7 +134,6 @@ class PlaceView:
         near: (K,) int64 Gaussians of the scene that may reach into it.
         picture: (h, w, 3) uint8 sRGB.
         shown: (h, w) bool pixels that show the scene, and nothing else that moves.
-        log_gain: (3,) of the frame's exposure; None for 0.
     """
 
     frame: int
@@ -81,135 +143,74 @@ class PlaceView:
     near: Tensor
     picture: NDArray[np.uint8]
     shown: Mask
-    log_gain: Tensor | None
 
     @property
     def colors(self) -> Tensor:
         """(h, w, 3) float32 in [0, 1]."""
         return torch.from_numpy(self.picture).float() / 255.0
 
-    def with_scene(self, scene: Scenery, more: Gaussians | None) -> Gaussians:
+    def with_scene(self, recording: Recording, more: Gaussians | None) -> Gaussians:
         """The Gaussians of the scene that may be seen here, then more."""
-        near = scene.gaussians.select(self.near)
+        near = recording.gaussians.select(self.near)
         return near if more is None else Gaussians.concatenate([near, more])
 
-    def render(self, scene: Scenery, more: Gaussians | None = None) -> Tensor:
+    def render(self, recording: Recording, more: Gaussians | None = None) -> Tensor:
         """Render (h, w, 3) as the camera would take it, with more Gaussians than the scene's."""
-        image, _, _ = render(
-            self.with_scene(scene, more),
-            self.camera,
-            self.camera_to_world,
-            scene.settings,
-            sh_degree=scene.sh_degree,
-            background=scene.settings.still_background,
-        )
-        if self.log_gain is None:
+        view = self.with_scene(recording, more), self.camera, self.camera_to_world, recording.settings
+        background = recording.settings.still_background
+        image, _, _ = render(*view, sh_degree=recording.sh_degree, background=background)
+        if recording.log_gains is None:
             return image[..., :3]
-        colors = self.colors.to(image)
-        return expose(image[..., :3], self.log_gain, scene.compression, colors)
+        log_gain, colors = recording.log_gains[self.frame], self.colors.to(image)
+        return expose(image[..., :3], log_gain, recording.compression, colors)
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """What views of places are cut from; functions take the index of a frame.
-
-    Attributes:
-        picture: (H, W, 3) uint8.
-        labels: (L, H, W) int32 instances.
-        moving: (H, W) bool pixels of what moves; also takes the labels of the frame.
-        depth: (h, w) float64 camera z of the scene, at any size [m].
-        log_gain: (3,) of the exposure; None for 0.
-        valid: (H, W) bool pixels that show the scene.
-        camera_to_world: (F, 4, 4) float64.
-    """
-
-    picture: Callable[[int], NDArray[np.uint8]]
-    labels: Callable[[int], NDArray[np.int32]]
-    moving: Callable[[int, NDArray[np.int32]], Mask]
-    depth: Callable[[int], Array]
-    log_gain: Callable[[int], Tensor | None]
-    valid: Mask
-    camera: Camera
-    camera_to_world: Array
-
-
-def scene_depth(scene: Scenery, camera: Camera, camera_to_world: Array) -> Callable[[int], Array]:
-    """Tell the (h, w) float64 expected camera z [m] of the surfaces that the scene shows in a frame; 0 where it is empty."""
-    small = camera.scaled_to(*shrunk_size(camera.width, camera.height, _SIDE))
-
-    @torch.inference_mode()
-    def depth(frame: int) -> Array:
-        view = scene.gaussians, small, camera_to_world[frame], scene.settings
-        surface, _, _ = render(*view, sh_degree=0, background=None, render_mode="ED")
-        return surface[..., 0].double().cpu().numpy()
-
-    return depth
-
-
-def see_places(
-    places: Sequence[Place], frames: NDArray[np.int64], recording: Recording, scene: Scenery
-) -> list[list[PlaceView]]:
-    """Cut the views of each place, in the order of ``frames``, each of which is read once."""
-    means = scene.gaussians.means.double().cpu().numpy()
-    reach = _REACH * scene.gaussians.scales.amax(dim=1).double().cpu().numpy()
-    found: list[list[PlaceView]] = [[] for _ in places]
+def see_places(ends: Sequence[End], frames: NDArray[np.int64], recording: Recording) -> list[list[PlaceView]]:
+    """Cut the views of the place of each end, in the order of ``frames``, each of which is read once."""
+    means = recording.gaussians.means.double().cpu().numpy()
+    reach = _REACH * recording.gaussians.scales.amax(dim=1).double().cpu().numpy()
+    views: list[list[PlaceView]] = [[] for _ in ends]
     for frame in track(frames.tolist(), "looking at places", unit="frame"):
-        pose = recording.camera_to_world[frame]
-        crops = {
-            number: crop
-            for number, place in enumerate(places)
-            if (crop := _crop_of(place, recording.camera, pose, scene.settings.near_plane)) is not None
-        }
-        depth = recording.depth(frame) if crops else np.zeros((1, 1))
-        crops = {
-            number: crop
-            for number, crop in crops.items()
-            if _is_open(places[number], recording.camera, pose, depth)
-        }
-        if crops:
-            cut = _cutter(frame, recording, transform(invert(pose), means), reach)
-            for number, crop in crops.items():
-                found[number].append(cut(*crop, places[number].track))
-    return found
+        pose, depth, picture = recording.camera_to_world[frame], None, None
+        for end, seen in zip(ends, views, strict=True):
+            point = transform(invert(pose), end.center)
+            if (crop := _crop_of(point, end.radius, recording)) is None:
+                continue
+            depth = recording.depth(frame) if depth is None else depth
+            if not _is_open(point, end.radius, recording.camera, depth):
+                continue
+            if picture is None:
+                picture, labels = recording.frames.row("rgb", frame), recording.labels(frame)
+                shows, local = (
+                    recording.valid & ~recording.moving(frame, labels),
+                    transform(invert(pose), means),
+                )
+            left, top, right, bottom = crop
+            cut, full = np.s_[top:bottom, left:right], recording.camera
+            own = (labels[:, top:bottom, left:right] == end.track).any(axis=0) & recording.valid[cut]
+            camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
+            near, colors = _near(local, reach, camera), picture[cut].copy()
+            seen.append(PlaceView(frame, (left, top), camera, pose, near, colors, shows[cut] | own))
+    return views
 
 
-def _cutter(frame: int, recording: Recording, local: Array, reach: Array) -> Callable[..., PlaceView]:
-    """Read a frame once for all places; the scene's Gaussians are at (N, 3) points of its camera's axes, with their (N,) reach."""
-    picture, labels = recording.picture(frame), recording.labels(frame)
-    moving, full = recording.moving(frame, labels), recording.camera
-
-    def cut(left: int, top: int, right: int, bottom: int, track: int) -> PlaceView:
-        part = np.s_[top:bottom, left:right]
-        own = (labels[:, top:bottom, left:right] == track).any(axis=0)
-        camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
-        near, pose = _near(local, reach, camera), recording.camera_to_world[frame]
-        shown, log_gain = recording.valid[part] & (own | ~moving[part]), recording.log_gain(frame)
-        return PlaceView(frame, (left, top), camera, pose, near, picture[part].copy(), shown, log_gain)
-
-    return cut
-
-
-def _crop_of(
-    place: Place, camera: Camera, pose: Array, near_plane: float
-) -> tuple[int, int, int, int] | None:
-    """Left, top, right and bottom of a crop around a place whose middle is in the picture; else None."""
-    local = transform(invert(pose), place.center)
-    if local[2] < near_plane + place.radius or not camera.contains(camera.project(local)):
+def _crop_of(point: Array, radius: float, recording: Recording) -> tuple[int, int, int, int] | None:
+    """Left, top, right and bottom of a crop around a point in the camera's axes that is in the picture; else None."""
+    camera = recording.camera
+    if point[2] < recording.settings.near_plane + radius or not camera.contains(camera.project(point)):
         return None
-    x, y = camera.project(local)
-    reach = camera.fx * place.radius / local[2] + _MARGIN
+    x, y = camera.project(point)
+    reach = camera.fx * radius / point[2] + _MARGIN
     left, top = max(0, int(x - reach)), max(0, int(y - reach))
     right, bottom = min(camera.width, int(x + reach) + 1), min(camera.height, int(y + reach) + 1)
     return (left, top, right, bottom) if min(right - left, bottom - top) >= _SMALLEST else None
 
 
-def _is_open(place: Place, camera: Camera, pose: Array, depth: Array) -> bool:
-    """Whether no surface of the scene hides the middle of a place."""
-    local = transform(invert(pose), place.center)
-    x, y = camera.project(local)
+def _is_open(point: Array, radius: float, camera: Camera, depth: Array) -> bool:
+    """Whether no surface of the scene hides a point in the camera's axes."""
+    x, y = camera.project(point)
     row, column = int(y * depth.shape[0] / camera.height), int(x * depth.shape[1] / camera.width)
-    surface = depth[row, column]
-    return not 0 < surface < local[2] * (1 - _OF_DEPTH) - place.radius
+    return not 0 < depth[row, column] < point[2] * (1 - _OF_DEPTH) - radius
 
 
 def _near(local: Array, reach: Array, camera: Camera) -> Tensor:

@@ -28,8 +28,7 @@ class Carried:
         from_s, until_s: seconds since the first frame.
         start, end: (3,) float64 the places; NaN if not known.
         size: of the thing [m].
-        frame: the frame that shows most of it.
-        box: x0, y0, x1, y1 around it in that frame, the ends exclusive [px].
+        frame, box: the frame that shows most of it, and x0, y0, x1, y1 around it there, the ends exclusive [px].
         certain: whether it left one place for another: else a hand may only have hidden it meanwhile.
     """
 
@@ -85,12 +84,9 @@ class Place:
 
 
 def place_at(history: Sequence[Carried], second: float) -> Place | None:
-    """Where a thing was at a time [s], by its carries in the order of time; None without any.
+    """Where a thing was at a time [s], by its carries in the order of time; None without any (UserError: the time is NaN).
 
     A time before the recording is as its first frame, a time after it as its last.
-
-    Raises:
-        UserError: the time is NaN.
     """
     if math.isnan(second):
         raise UserError("nan is no time; give seconds since the first frame, as 65")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from egosplat.histories import rests as finding
-from egosplat.histories.places import Place
-from egosplat.histories.rests import End, ends_of, link
+from egosplat.histories.places import End
+from egosplat.histories.rests import ends_of, link
 from egosplat.histories.things import features_of, group, match
 
 SECONDS = np.arange(100) / 10
@@ -47,12 +47,11 @@ def test_views_in_which_little_changes_tell_little():
 def rest(x, first, last, evidence=1.0, radius=0.2):
     """A rest at x [m]."""
     center = np.array([x, 0.0, 0.0])
-    place = Place(center, radius, 0)
-    return SimpleNamespace(center=center, place=place, frames=(first, last), evidence=evidence)
+    return SimpleNamespace(center=center, radius=radius, frames=(first, last), evidence=evidence)
 
 
 def end(carry, after, x, second, size=0.3):
-    return End(carry, after, Place(np.array([x, 0.0, 0.0]), 0.75 * size, 0), size, second)
+    return End(carry, after, np.array([x, 0.0, 0.0]), 0.75 * size, size, second, 0)
 
 
 def links(ends, rests, carries):
@@ -122,21 +121,23 @@ def test_parts_of_a_thing_do_not_join_what_rests_elsewhere_at_once():
 
 
 def test_a_thing_looks_like_its_rests_and_carries():
-    looks = [SimpleNamespace(feature=np.array([1.0, 0.0])), SimpleNamespace(feature=np.zeros(2))]
-    carried = np.array([[0, 1], [0, 0]], np.float32)
-    found = features_of(np.array([0, 1]), looks, np.array([0, 1]), carried)
+    every = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    found = features_of(np.array([0, 1, 0, 1]), every)
     np.testing.assert_allclose(found, [[0.5**0.5, 0.5**0.5], [0, 0]], rtol=1e-6)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_places_are_relative_to_the_sizes_of_things(scale):
     """An end that is not known has none."""
-    unknown = np.full((2, 3), np.nan)
-    carries = {"instance": [0, 1], "first_frame": [0, 0], "last_frame": [5, 9], "start": unknown}
-    carries |= {"end": scale * np.eye(2, 3), "size": scale * np.array([1.0, 3.0])}
+    carries = [
+        SimpleNamespace(
+            track=track, first=0, last=last, start=np.full(3, np.nan), end=scale * end, size=scale * size
+        )
+        for track, last, end, size in ((0, 5, np.eye(3)[0], 1.0), (1, 9, np.eye(3)[1], 3.0))
+    ]
     ends = ends_of(carries, SECONDS)
-    np.testing.assert_allclose([one.place.radius for one in ends], [0.9 * scale, 2.1 * scale])
-    assert [(one.carry, one.after, one.second, one.place.track) for one in ends] == [
+    np.testing.assert_allclose([one.radius for one in ends], [0.9 * scale, 2.1 * scale])
+    assert [(one.carry, one.after, one.second, one.track) for one in ends] == [
         (0, True, 0.5, 0),
         (1, True, 0.9, 1),
     ]
