@@ -44,10 +44,9 @@ class DensityControl:
         """Collect the statistics of one iteration; called after ``backward``, before ``step``.
 
         Args:
-            means2d_grad: (C, N, 2) float32, d loss / d means2d in pixels, for a loss that is the mean over the C cameras;
-                None if the loss does not depend on any Gaussian. Values that are not finite are skipped.
+            means2d_grad: (C, N, 2) float32 gradient by means2d [1/px] of a loss that is the mean over the C cameras; None if
+                the loss depends on no Gaussian. Values that are not finite are skipped.
             radii: (C, N, 2) int32 screen radii of the rasterizer [px]; 0 if culled.
-            width, height: image size [px].
 
         Raises:
             ValueError: wrong shape, or another number of Gaussians than at the last call.
@@ -72,12 +71,7 @@ class DensityControl:
     def step(
         self, iteration: int, gaussians: Gaussians, optimizer: Adam, generator: torch.Generator
     ) -> Gaussians:
-        """Grow, prune and reset when scheduled; called after the optimizer's step.
-
-        Args:
-            iteration: the iteration just done, from 1.
-            gaussians: leaves, attached to ``optimizer``.
-            optimizer: optimizer of these Gaussians.
+        """Grow, prune and reset when scheduled; called after the optimizer's step of ``iteration``, counted from 1.
 
         Returns:
             Gaussians attached to ``optimizer``; the same object if no row was added or removed.
@@ -191,11 +185,7 @@ def reset_opacities(gaussians: Gaussians, optimizer: Adam, largest: float) -> No
 def replace_rows(
     gaussians: Gaussians, optimizer: Adam, keep: Tensor, new: Gaussians | None = None
 ) -> Gaussians:
-    """Keep the rows ``keep`` and append ``new`` with zero moments, in Gaussians and optimizer.
-
-    Args:
-        keep: (N,) bool.
-        new: Gaussians to append.
+    """Keep the rows ``keep``, (N,) bool, and append ``new`` with zero moments, in Gaussians and optimizer.
 
     Returns:
         Leaves that require gradients, attached to ``optimizer``; ``gaussians`` itself if nothing changes.

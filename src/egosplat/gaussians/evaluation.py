@@ -46,13 +46,9 @@ def evaluate(
     sh_degree: int,
     show: Callable[[int, NDArray[np.uint8]], object] = lambda index, picture: None,
 ) -> Scores:
-    """Render and score every view.
+    """Render and score every view; there may be none.
 
-    Args:
-        gaussians: on the device of the views.
-        views: photographs to compare with; may be empty.
-        sh_degree: active SH degree.
-        show: called with the index and the rendered (H, W, 3) uint8 image of each view.
+    ``show`` is called with the index and the rendered (H, W, 3) uint8 image of each.
     """
     scores = np.empty((len(views), 2))
     for index in range(len(views)):

@@ -65,7 +65,6 @@ def starting_gaussians(
     Args:
         max_points: size of the random subset of the points, or number of random points.
         densify_init: add points where a view shows none, see ``densify``.
-        sh_degree: degree of the allocated SH coefficients.
         near_plane: smallest camera z of a visible point [m].
 
     Returns:
@@ -178,18 +177,15 @@ def densify(
     *,
     near_plane: float,
 ) -> tuple[Points, Colors]:
-    """Add points so that each image cell shows at least one.
+    """Add points so that each image cell of the V (V, 4, 4) poses shows at least one, if the photograph shows any.
 
-    A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell with points, its
-    color that of the photograph. Points added for one photograph count for the next. A photograph that shows no
-    point at all gets none.
+    A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell with points, its color
+    that of the photograph. Points added for one photograph count for the next.
 
     Args:
         xyz, rgb: (P, 3) float64 world points [m], finite, and (P, 3) uint8.
-        camera_to_world: (V, 4, 4) float64.
         images: V images (H, W, 3) uint8, read one at a time.
         valid: (H, W) bool; cells with an invalid middle get no point.
-        near_plane: smallest camera z [m].
 
     Returns:
         (P + N, 3) float64 and (P + N, 3) uint8: the given points, then the new ones.
@@ -251,19 +247,14 @@ def from_points(
     seed: int,
     near_plane: float = 0.1,
 ) -> Gaussians:
-    """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS).
+    """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU.
 
     Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1, rotation
     the identity; features and SH coefficients above degree 0 are zero.
 
     Args:
         xyz, rgb: (P, 3) float64 world points [m], duplicates allowed, and (P, 3) uint8.
-        sh_degree: degree of the allocated SH coefficients.
-        feature_channels: F.
         near_plane: smallest camera z [m], the unit of the least sizes.
-
-    Returns:
-        Gaussians on the CPU that do not require gradients.
 
     Raises:
         ValueError: wrong shape or dtype.
@@ -307,14 +298,10 @@ def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.flo
 def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
     """Return the scene size [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS).
 
-    The learning rate of the means and the split and prune sizes scale with it.
-
-    Args:
-        camera_to_world: (F, 4, 4) float64, registered frames only, F >= 1.
-        near_plane: smallest camera z [m]; the result is at least 10 times as large.
+    The learning rate of the means and the split and prune sizes scale with it. It is at least 10 near planes [m].
 
     Raises:
-        ValueError: there is no pose, or a pose is not finite.
+        ValueError: there is no (F, 4, 4) pose, or one is not finite.
     """
     centers = camera_to_world[:, :3, 3]
     if not len(centers) or not np.isfinite(centers).all():
@@ -361,14 +348,10 @@ def random_points(
 ) -> tuple[Points, Colors]:
     """Sample points and colors for a scene without points, uniformly in the viewing volumes of (F, 4, 4) cameras.
 
-    Draws a camera, then a point in its frustum between ``near_plane`` and three scene extents. Every point is
-    visible, and regions seen by more cameras get more points.
+    They lie between ``near_plane`` and three scene extents; regions seen by more cameras get more points.
 
     Returns:
         (count, 3) float64 world points [m] and (count, 3) uint8 colors, for ``from_points``.
-
-    Raises:
-        ValueError: see ``scene_extent``.
     """
     generator = np.random.default_rng(seed)
     far_plane = near_plane + _REACH * scene_extent(camera_to_world, near_plane)

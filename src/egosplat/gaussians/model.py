@@ -11,18 +11,14 @@ PARAMETERS = ("means", "quats", "log_scales", "logit_opacities", "sh", "features
 
 @dataclass
 class Gaussians:
-    """N Gaussians as unconstrained parameters (Kerbl et al. 2023), float32, all on one device.
+    """N Gaussians as unconstrained parameters (Kerbl et al. 2023), float32, all on one device; ValueError if shapes do not match.
 
     Attributes:
-        means: (N, 3) centers in the world [m].
-        quats: (N, 4) rotations as wxyz quaternions, not normalized.
+        means, quats: (N, 3) centers in the world [m]; (N, 4) rotations as wxyz quaternions, not normalized.
         log_scales: (N, 3) natural logarithm of the standard deviations along the axes [m].
         logit_opacities: (N,) logit of the opacity.
         sh: (N, K, 3) spherical harmonics of the color, K = (degree + 1)²; coefficient 0 is the constant one.
         features: (N, F) further channels that are rendered like colors; F may be 0.
-
-    Raises:
-        ValueError: shapes, dtypes or devices do not match.
     """
 
     means: Tensor

@@ -46,8 +46,7 @@ class Adam:
     Attributes:
         gaussians: optimized in place; contiguous float32 leaves.
         means_lr: learning rate of the means [m], set by the caller before each step.
-        step_count: steps taken.
-        skipped_rows: rows skipped for a gradient that is not finite, summed over all steps.
+        step_count, skipped_rows: steps taken; rows skipped in all of them.
     """
 
     def __init__(self, gaussians: Gaussians, learning_rates: LearningRates) -> None:
@@ -63,12 +62,8 @@ class Adam:
     def step(self, visible: Tensor | None) -> None:
         """Update all parameters from their ``grad``; a gradient of None counts as zero.
 
-        Args:
-            visible: (N,) bool, a superset of the rows with a gradient, or None if all rows may have one.
-                Rows that were never visible have zero gradient and moments; skipping them only saves time.
-
-        Raises:
-            ValueError: ``visible`` has the wrong shape.
+        ``visible`` (N,) bool is a superset of the rows with a gradient; None if all rows may have one. Rows that were never
+        visible have zero gradient and moments; skipping them only saves time. ValueError if its shape is another.
         """
         if visible is None:
             self._ever_visible.fill_(True)
@@ -210,14 +205,7 @@ def torch_step(
 
 
 def broken_rows(grads: list[Tensor]) -> Tensor:
-    """Return the rows with a gradient that is not finite or exceeds ``LARGEST_GRADIENT``.
-
-    Args:
-        grads: at least one (N, columns) float32 tensor, all with the same N.
-
-    Returns:
-        (B,) int64 row indices.
-    """
+    """(B,) int64 rows of (N, columns) float32 tensors with a gradient that is not finite or exceeds ``LARGEST_GRADIENT``."""
     # One pass without a copy decides for nearly every step that there are none; NaN compares as False.
     extremes = [torch.aminmax(grad) for grad in grads if grad.numel()]
     sound = [(low >= -LARGEST_GRADIENT) & (high <= LARGEST_GRADIENT) for low, high in extremes]

@@ -24,7 +24,6 @@ class RenderSettings:
         near_plane: smallest rendered camera z [m].
         background: ``black``, ``white``, or ``random``: a new color in each training iteration, black elsewhere.
         antialiased: dim Gaussians smaller than a pixel (Yu et al. 2024) instead of enlarging them.
-        backend: see ``egosplat.rasterize.api.rasterization``.
     """
 
     near_plane: float
@@ -81,15 +80,13 @@ def render(
 
     Args:
         camera_to_world: (4, 4) float64, OpenCV axes, meters; a tensor gets a gradient.
-        settings: render settings; the argument ``background`` overrides ``settings.background``.
         sh_degree: active SH degree, at most ``gaussians.sh_degree``.
-        background: (3,) float32 color behind the scene, None for black. Features and depth have background 0.
+        background: (3,) float32 color behind the scene, None for black, whatever the settings say. Features and depth have 0.
         render_mode: "RGB", "D", "ED", "RGB+D" or "RGB+ED"; "D" and "ED" render neither colors nor features.
 
     Returns:
-        render: (H, W, X) float32; X = 3 + F, plus 1 for depth (1 alone in "D" and "ED").
-        alpha: (H, W, 1) float32, accumulated opacity.
-        meta: output of the rasterizer for one camera: ``means2d`` (1, N, 2), ``radii`` (1, N, 2), ...
+        (H, W, X) float32 image, X = 3 + F, plus 1 for depth (1 alone in "D" and "ED"); (H, W, 1) accumulated opacity; and
+        the rasterizer's meta for one camera: ``means2d`` (1, N, 2), ``radii`` (1, N, 2), ...
 
     Raises:
         ValueError: see ``egosplat.rasterize.api.rasterization``.

@@ -15,8 +15,7 @@ class Schedule:
     """Milestones in iterations, counted from 1; the defaults are those of 3DGS (Kerbl et al. 2023).
 
     Attributes:
-        densify_from, densify_until: density control runs strictly between these two.
-        densify_every: iterations between two steps of density control.
+        densify_from, densify_until, densify_every: density control runs strictly between the first two, at this interval.
         reset_every: iterations between two opacity resets; None for no resets.
         reset_at_start: also reset at ``densify_from``, as 3DGS does with a white background.
         sh_interval: iterations after which the SH degree increases by one.
@@ -74,13 +73,10 @@ STOCK = Schedule()
 
 
 def scaled(schedule: Schedule, iterations: int) -> Schedule:
-    """Scale a schedule to a run of another length.
+    """Scale a schedule to a run of at least 1 iteration.
 
     The end of density control and the learning rate keep their fraction of the run. Intervals grow with a longer
     run but do not shrink with a shorter one, unless they would be most of it.
-
-    Args:
-        iterations: length of the run, at least 1.
     """
     # Shorter intervals would do harm: a gradient averaged over 25 views instead of 100 multiplies Gaussians before
     # they have moved, and opacities need their 3,000 iterations to recover from a reset. A run of fewer than

@@ -95,16 +95,9 @@ def split_layers(values: Tensor, widths: tuple[int, ...]) -> list[tuple[Tensor, 
 
 
 def decode(codes: Tensor, decoder: Decoder) -> Tensor:
-    """Decode codes to features of unit norm.
+    """Decode (..., C) codes to (..., D) features of unit norm; one that vanishes is zero. ValueError if C is not the decoder's.
 
-    Args:
-        codes: (..., C) floats. Divide rendered codes by alpha first: layers have biases.
-
-    Returns:
-        (..., D), same dtype and device; a feature that vanishes is zero.
-
-    Raises:
-        ValueError: codes have another number of channels.
+    Divide rendered codes by alpha first: layers have biases.
     """
     if codes.shape[-1] != decoder.widths[0]:
         raise ValueError(f"codes have {codes.shape[-1]} channels, the decoder takes {decoder.widths[0]}")

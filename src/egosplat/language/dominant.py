@@ -38,9 +38,7 @@ def mean_of_dominant(
     """Average the codes of each Gaussian's dominant instance.
 
     Args:
-        votes: (N, R) weights of N Gaussians on R targets.
-        instance: (R,) instance of each target.
-        codes: (R, C).
+        votes: (N, R) weights of N Gaussians on R targets, which have the (R,) ``instance`` and (R, C) ``codes``.
 
     Returns:
         (N, C) mean codes by weight, 0 without votes, and (N,) float32 votes for all instances.

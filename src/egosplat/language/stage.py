@@ -44,14 +44,11 @@ def run(
     """Write the language artifact of ``splats``.
 
     Codes of joint training are copied, whatever the method. Transient pixels are masked as in the training of the
-    splats, which needs the same artifact.
+    splats, which needs the same artifact, ``transient_path`` or ``masks_path``.
 
     Args:
         survey_path: excludes frames from training.
-        transient_path: required if the splats' masking is ``initial``.
-        masks_path: required if the splats' masking is ``refined``.
-        instances_path, features_path: required unless the method learns from tiles of the frames.
-        tiles_path: required if it does.
+        instances_path, features_path, tiles_path: what the method learns from.
 
     Raises:
         UserError: an input is missing or does not belong to the others, jointly trained codes are of other features,

@@ -79,12 +79,9 @@ def composite(view: View, values: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def sum_over_pixels(view: View, image: Tensor) -> Tensor:
-    """Sum an (H, W, X) image over each Gaussian's compositing weights: the transposed map of ``composite``.
+    """Sum an (H, W, X) image over each Gaussian's compositing weights, (N, X): the transposed map of ``composite``.
 
     The backend cpu renders no image for it; the others take the gradient of one. Not differentiable.
-
-    Returns:
-        (N, X).
 
     Raises:
         ValueError: the image has another size, dtype or device than the view.
@@ -106,12 +103,9 @@ def sum_over_pixels(view: View, image: Tensor) -> Tensor:
 
 @torch.no_grad()
 def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
-    """Composite (N, X) values of which few are not 0, on background 0. Not differentiable.
+    """Composite (N, X) values of which few are not 0, on background 0: (X, H, W). Not differentiable.
 
     The backend cpu takes time by their number; the others render the dense values.
-
-    Returns:
-        (X, H, W).
 
     Raises:
         ValueError: the values are not the rows of a matrix of this dtype, with a row for each Gaussian.
@@ -140,13 +134,10 @@ def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
 
 
 def pixel_renderer(view: View, pixels: Tensor) -> Callable[[Tensor], Tensor]:
-    """Prepare to composite values at single pixels: ``composite`` without the rest of the image.
+    """Prepare to composite values at (P, 2) single pixels, column and row: ``composite`` without the rest of the image.
 
     The backend cpu lists what each pixel shows once, so that a render takes time by its pixels and no longer by the
     image; the others render the whole image.
-
-    Args:
-        pixels: (P, 2) integers, column and row, on the CPU.
 
     Returns:
         A function of (N, X) values that gives (P, X) on background 0, differentiable by the values.
@@ -163,13 +154,10 @@ def pixel_renderer(view: View, pixels: Tensor) -> Callable[[Tensor], Tensor]:
 
 
 def pixel_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """List what single pixels show.
+    """List what (P, 2) single pixels, column and row, show.
 
     The compiled kernels make the list on the CPU also for the backend cuda, because gsplat has none. The reference
     renders every Gaussian by itself, so it suits small scenes.
-
-    Args:
-        pixels: (P, 2) integers, column and row, on the CPU.
 
     Returns:
         On the CPU: begin (P + 1,) int64, where each pixel's list begins, and the end; Gaussians (M,) int64, nearest
@@ -187,14 +175,10 @@ def pixel_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 def own_weights(view: View, pixels: Tensor) -> Tensor:
     """Find the weight of each Gaussian at one pixel of its own, on the CPU as ``pixel_lists`` does.
 
-    Args:
-        pixels: (N, 2) integers, column and row, on the CPU; outside the image, such as -1, for none.
+    ``pixels`` are (N, 2) integers, column and row; outside the image, such as -1, for none.
 
     Returns:
-        (N,) on the CPU, alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.
-
-    Raises:
-        ValueError: the pixels are not (N, 2).
+        (N,) alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.
     """
     if pixels.shape != (len(view.means), 2):
         raise ValueError(f"pixels are {tuple(pixels.shape)}; ({len(view.means)}, 2) is needed")

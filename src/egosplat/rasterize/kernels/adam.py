@@ -21,9 +21,8 @@ def adam_step(
 ) -> int:
     """Update ``param`` and its moments in place, as ``torch.optim.Adam`` does (Kingma & Ba 2015, algorithm 1).
 
-    A parameter whose gradient and moments are zero keeps its bits. A row is skipped, moments included, if one of
-    its gradients is not finite or larger than 1e18 (its square would overflow). Results do not depend on the
-    number of threads.
+    A parameter whose gradient and moments are zero keeps its bits. A row is skipped, moments included, if one of its
+    gradients is not finite or larger than 1e18. Results do not depend on the number of threads.
 
     Args:
         param, grad, exp_avg, exp_avg_sq: (N, columns) float32 on the CPU, contiguous; not checked.
@@ -32,9 +31,6 @@ def adam_step(
 
     Returns:
         Number of skipped rows.
-
-    Raises:
-        UserError: the kernels are not built.
     """
     rows, columns = param.shape
     rates = rates if isinstance(rates, Tensor) else torch.full((columns,), rates)

@@ -104,12 +104,7 @@ def cpu_features(cpuinfo: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
 
 
 def choose(folder: Path, features: frozenset[str], wanted: str | None) -> Variant:
-    """Choose the best variant with a library in ``folder`` that a processor with ``features`` supports.
-
-    Args:
-        folder: folder of the libraries.
-        features: the processor's features, see ``cpu_features``.
-        wanted: name of the only variant to consider; None for any.
+    """Choose the best variant with a library in ``folder`` for a processor with ``features``, or the one ``wanted`` by name.
 
     Raises:
         UserError: there is none.

@@ -50,10 +50,8 @@ def sum_pixels(projected: Projected, image: Tensor) -> Tensor:
 def composite_sparse(projected: Projected, values: tuple[Tensor, Tensor, Tensor], channels: int) -> Tensor:
     """Composite values of which a Gaussian has few that are not 0, on background 0. Not differentiable.
 
-    Args:
-        values: begin (N + 1,) int64, channel (M,) int64 and value (M,) float32, the rows of a sparse (N, X) matrix: Gaussian i
-            has the values ``begin[i]`` to ``begin[i + 1]``, of the channels that are named there. The caller checks them.
-        channels: X.
+    ``values`` are begin (N + 1,) int64, channel (M,) int64 and value (M,) float32, the rows of a sparse (N, X) matrix:
+    Gaussian i has the values ``begin[i]`` to ``begin[i + 1]``. The caller checks them.
 
     Returns:
         (X, height, width), what ``kernels.raster.composite`` renders of the dense values.
@@ -94,8 +92,7 @@ def list_weights(projected: Projected, pixels: Tensor) -> tuple[Tensor, Tensor, 
 def own_weights(projected: Projected, pixels: Tensor) -> Tensor:
     """Find the weight of each Gaussian at one pixel of its own, in a tenth of the time of ``list_weights``.
 
-    Args:
-        pixels: (N, 2) integers, column and row; outside the image, such as -1, for none.
+    ``pixels`` are (N, 2) integers, column and row; outside the image, such as -1, for none.
 
     Returns:
         (N,) float32, alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.

@@ -10,21 +10,10 @@ from egosplat.rasterize.kernels.library import address, function, plain
 
 
 def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
-    """The loss of ``egosplat.gaussians.loss``, differentiable with respect to the render only.
+    """The () float32 loss of ``egosplat.gaussians.loss``, differentiable with respect to the render only.
 
-    The result does not depend on the number of threads. The caller has checked shapes, dtypes and devices.
-
-    Args:
-        render: (H, W, 3); a permuted view of planar (3, H, W) needs no copy.
-        target: (H, W, 3).
-        weight: (H, W) in [0, 1], or None for ones.
-        ssim_lambda: weight of the SSIM term.
-
-    Returns:
-        () float32.
-
-    Raises:
-        UserError: the kernels are not built.
+    The result does not depend on the number of threads. The caller has checked shapes, dtypes and devices. A render that is a
+    permuted view of planar (3, H, W) needs no copy.
     """
     # A detached render skips the gradient, which saves a third of the time.
     return _L1SSIM.apply(render if torch.is_grad_enabled() else render.detach(), target, weight, ssim_lambda)

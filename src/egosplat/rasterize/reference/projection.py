@@ -57,21 +57,11 @@ def project(
     eps2d: float,
     antialiased: bool,
 ) -> Projected:
-    """Project Gaussians and cull those that cannot be seen.
+    """Project Gaussians and cull those that cannot be seen; arguments as of ``api.rasterization``, for one camera.
 
     A Gaussian is culled if it lies outside the near and far planes, has an opacity below 1/255, has both radii
     at most ``radius_clip``, misses the image, or has a projection that is not finite and positive definite
-    (as with a quaternion of length 0). Gradients reach ``means``, ``quats``, ``scales``, ``opacities`` and
-    ``viewmat``.
-
-    Args:
-        means: (N, 3) in the world [m].
-        quats: (N, 4) wxyz, of any length.
-        scales: (N, 3) standard deviations [m].
-        opacities: (N,).
-        viewmat: (4, 4) world_to_camera, OpenCV axes.
-        K: (3, 3) without skew [px].
-        eps2d: added to both variances in the image [px²].
+    (as with a quaternion of length 0). Gradients reach ``means``, ``quats``, ``scales``, ``opacities`` and ``viewmat``.
     """
     arguments = (viewmat, *K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), width, height, eps2d, antialiased)
     # Cull first, without a graph, so that culled Gaussians cannot put NaN into the gradients.

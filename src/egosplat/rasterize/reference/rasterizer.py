@@ -72,16 +72,11 @@ def rasterization(arguments: Arguments) -> Render:
 
 
 def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, radii: Tensor) -> Tensor:
-    """Colors of the visible Gaussians from a camera center: ``max(SH + 0.5, 0)``; 0 for the others.
+    """(N, 3) colors of the visible Gaussians from a camera center: ``max(SH + 0.5, 0)``; 0 for the others.
 
     Args:
-        means: (N, 3) [m].
-        coeffs: (N, K, 3).
-        center: (3,) camera center in the world [m].
+        means, coeffs, center: (N, 3) [m], (N, K, 3), and (3,) in the world [m].
         radii: (N, 2), 0 where culled.
-
-    Returns:
-        (N, 3).
     """
     rows = (radii > 0).all(dim=-1).nonzero().squeeze(-1)
     dirs = means.index_select(0, rows) - center
@@ -130,15 +125,13 @@ def composite(
     width: int,
     height: int,
 ) -> tuple[Tensor, Tensor]:
-    """Composite the channels of Gaussians in one image, nearest first, without a background.
+    """Composite the (N, X) channels of Gaussians in one image, nearest first, without a background.
 
     Gradients reach ``means2d``, ``conics``, ``opacities`` and ``channels``.
 
     Args:
-        means2d: (N, 2) centers [px]; pixel centers lie at integer + 0.5.
+        means2d, opacities: (N, 2) centers [px], where pixel centers lie at integer + 0.5; (N,).
         conics: (N, 3) upper triangle of a positive definite inverse covariance [1/px²].
-        opacities: (N,).
-        channels: (N, X).
         depths: (N,); equal depths keep the order of the Gaussians.
         radii: (N, 2) int32 half extents [px]; Gaussians with radius 0 are skipped.
 
@@ -162,11 +155,7 @@ def composite(
 def intersect_tiles(
     means2d: Tensor, depths: Tensor, radii: Tensor, columns: int, rows: int
 ) -> tuple[Tensor, Tensor]:
-    """Find the Gaussians that reach each tile, by their bounding rectangles.
-
-    Args:
-        means2d, depths, radii: as for ``composite``.
-        columns, rows: number of tiles.
+    """Find the Gaussians that reach each of ``columns`` x ``rows`` tiles, by their bounding rectangles.
 
     Returns:
         (I,) int64 indices of Gaussians, tile after tile (row-major) and nearest first within each;

@@ -8,15 +8,9 @@ from torch import Tensor
 
 
 def spherical_harmonics(degree: int, dirs: Tensor, coeffs: Tensor) -> Tensor:
-    """Evaluate spherical harmonics, without the constant 0.5 of 3DGS colors.
+    """(N, 3) sums of spherical harmonics up to ``degree``, 0 to 3, without the constant 0.5 of 3DGS colors.
 
-    Args:
-        degree: highest degree to evaluate, 0 to 3.
-        dirs: (N, 3) of any length.
-        coeffs: (N, K, 3) with K >= (degree + 1)²; further ones are ignored.
-
-    Returns:
-        (N, 3).
+    ``dirs`` are (N, 3) of any length, ``coeffs`` (N, K, 3) with K >= (degree + 1)²; further ones are ignored.
     """
     basis = sh_basis(degree, F.normalize(dirs, dim=-1))
     return torch.einsum("nk,nkc->nc", basis, coeffs[:, : basis.shape[-1]])
