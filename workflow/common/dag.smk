@@ -47,9 +47,11 @@ def configured(stage):
     """Get the inputs that depend on configuration and survey, for the rule to unpack."""
 
     def decided(job):
+        paths = jobs.decided_paths(stage, job)
+        if "survey" in paths:
+            job.survey  # which is made first
         # The survey's decisions are parameters of the rule, so a newer file alone must not rerun it.
-        paths = jobs.surveyed_paths(stage, job).items()
-        return [ancient(path) if name == "survey" else path for name, path in paths]
+        return [ancient(path) if name == "survey" else path for name, path in paths.items()]
 
     return {
         "learnt": asked(lambda job: [*jobs.learnt_paths(stage, job).values()]),

@@ -95,14 +95,6 @@ def decided_paths(stage: str, job: Job) -> dict[str, str]:
     return {name: path_of(name, job) for name in names if name not in others}
 
 
-def surveyed_paths(stage: str, job: Job) -> dict[str, str]:
-    """Get ``decided_paths``, once the survey is there if it is one of them."""
-    paths = decided_paths(stage, job)
-    if "survey" in paths:
-        job.survey  # noqa: B018
-    return paths
-
-
 def chunk_files(stage: str, job: Job) -> list[str]:
     """Get the results of chunks that a job gathers; none where it does the work itself. The survey knows the frames."""
     if job.chunk or not STAGES[stage].by_chunks or not dag.is_surveyed(job.config):
@@ -125,14 +117,17 @@ def parameters(stage: str) -> dict[str, Callable[[str, Job], str]]:
     ``arguments`` and ``options`` are words of the command, the others make the job stale.
     """
     about = STAGES[stage]
-    conditions = {
-        "recording": "recording" in about.inputs,
-        "kept": "survey" in about.optional,
-        "models": "models" in stage_sections(stage),
-    }
-    functions = {"arguments": arguments, "options": options, "code": code}
-    functions |= {"recording": _recording, "kept": _training_frames, "models": _models}
-    return {name: function for name, function in functions.items() if conditions.get(name, True)}
+    functions = {"arguments": arguments, "options": options}
+    functions["code"] = lambda stage, job: code_of(stage, chosen_value(stage, job.scene, job.config))
+    if "recording" in about.inputs:
+        functions["recording"] = _recording
+    if "survey" in about.optional:
+        functions["kept"] = _training_frames
+    if keys := stage_sections(stage).get("models"):
+        functions["models"] = lambda stage, job: " ".join(
+            f"{key}={job.models[key]}" for key in keys if key in job.models
+        )
+    return functions
 
 
 def arguments(stage: str, job: Job) -> str:
@@ -148,28 +143,21 @@ def arguments(stage: str, job: Job) -> str:
 
 def scene_value(name: str, job: Job) -> str | None:
     """Get what a stage takes from the table of scenes and the variant, by name of its argument."""
-    scene, world = job.scene, job.scene.config["synthetic"]
-    match name:
-        case "title":
-            return f"{scene.name}, {job.variant}" if job.variant else scene.name
-        case "method":
-            return method_of(scene.config, job.variant, scene.name) if job.variant else None
-        case "preset":
-            return preset_of(scene.config, job.variant, scene.name)
-        case "format":
-            return scene.format
-        case _:
-            return str(world[name.removeprefix("world_")]) if scene.synthetic else None
+    scene = job.scene
+    if name == "title":
+        return f"{scene.name}, {job.variant}" if job.variant else scene.name
+    if name == "method":
+        return method_of(scene.config, job.variant, scene.name) if job.variant else None
+    if name == "preset":
+        return preset_of(scene.config, job.variant, scene.name)
+    if name == "format":
+        return scene.format
+    return str(scene.config["synthetic"][name.removeprefix("world_")]) if scene.synthetic else None
 
 
 def options(stage: str, job: Job) -> str:
     """Format the values of a stage's keys as JSON, sorted by name."""
     return dag.options_json(stage, job.decided if dag.follows_survey(stage) else job.config)
-
-
-def code(stage: str, job: Job) -> str:
-    """Get the hash of a stage's code."""
-    return code_of(stage, chosen_value(stage, job.scene, job.config))
 
 
 def _training_frames(stage: str, job: Job) -> str:
@@ -179,17 +167,10 @@ def _training_frames(stage: str, job: Job) -> str:
     return dag.training_frames(stage, job.config, job.survey)
 
 
-def _models(stage: str, job: Job) -> str:
-    keys = stage_sections(stage)["models"]
-    return " ".join(f"{key}={job.models[key]}" for key in keys if key in job.models)
-
-
 def _recording(stage: str, job: Job) -> str:
     """Get the digest of all files of the recording that a stage reads."""
-    scene = job.scene
-    if scene.synthetic:
-        return "none"
-    return digest_of_recording(stage, scene.format, scene.recording, job.config)
+    recording = job.scene.format, job.scene.recording
+    return "none" if job.scene.synthetic else digest_of_recording(stage, *recording, job.config)
 
 
 def encoder_weights(job: Job) -> str:
@@ -216,16 +197,14 @@ def story_files(job: Job) -> list[str]:
 
 
 def default_results(scene: Scene) -> list[str]:
-    """Get the paths that such a run makes for a scene, except those that its survey decides."""
+    """Get the paths that a run without a target makes for a scene, except those that its survey decides."""
     return [str(scene.results / name) for name in dag.default_pages(scene.config)]
 
 
 def results_by_survey(job: Job) -> list[str]:
     """Get the paths that such a run makes for a scene because its survey finds motion."""
-    moving = {("splats", "masking"), ("segments", "track_moving")}
-    if moving.isdisjoint(dag.decided_by_survey(job.scene.config)):
+    scene = job.scene
+    if {("splats", "masking"), ("segments", "track_moving")}.isdisjoint(dag.decided_by_survey(scene.config)):
         return []
-    pages = dag.default_pages(dag.decide(job.scene.config, job.survey))
-    return [
-        path for page in pages if (path := str(job.scene.results / page)) not in default_results(job.scene)
-    ]
+    pages, known = dag.default_pages(dag.decide(scene.config, job.survey)), default_results(scene)
+    return [path for page in pages if (path := str(scene.results / page)) not in known]

@@ -3,11 +3,10 @@
 import hashlib
 import os
 import re
-import shutil
 import zipfile
 import zlib
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import cv2
 
@@ -21,7 +20,7 @@ from egosplat.calibration.files import (
     present_known_poses,
 )
 from egosplat.calibration.known_poses import find_known_poses
-from egosplat.errors import MAKE_ROOM, UserError, reraise_as
+from egosplat.errors import UserError
 from egosplat.files import atomic_directory
 from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
@@ -38,9 +37,6 @@ _VIDEOS = (
     *(".mp4", ".m4v", ".mov", ".3gp", ".avi", ".mkv", ".webm", ".ts", ".mts", ".m2ts", ".mpg", ".mpeg"),
     *(".wmv", ".flv", ".h264", ".h265"),
 )
-
-# Folders in archives that hold no recording.
-_ASIDE = ("__MACOSX",)
 
 # Of a damaged archive, an encrypted one, and one with another compression.
 _FAULTS = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError)
@@ -88,10 +84,8 @@ def read_source(given: Path, unpacked: Path, known_poses: str = AUTO) -> Source:
         raise UserError(f"{given}: does not exist. {_TAKES}")
     # Not resolved: a link has the name that suits Snakemake.
     path, suffix = Path(os.path.abspath(given)), given.suffix.lower()
-    if path.is_dir():
-        return _read_folder(find_recording(path), known_poses)
-    if suffix == ".zip":
-        return _read_folder(find_recording(unpack(path, unpacked)), known_poses)
+    if path.is_dir() or suffix == ".zip":
+        return _read_folder(find_recording(path if path.is_dir() else unpack(path, unpacked)), known_poses)
     if suffix == ".vrs":
         return _read_glasses(path)
     if suffix in PICTURES:
@@ -103,14 +97,15 @@ def read_source(given: Path, unpacked: Path, known_poses: str = AUTO) -> Source:
 
 def find_recording(folder: Path) -> Path:
     """Find the folder of a recording in a folder: itself, or below it while there is a single folder to go on with."""
-    while not (_has_recording(folder) or _files(folder, _VIDEOS)) and len(inner := _folders(folder)) == 1:
+    while not (_has_recording(folder) or _videos(folder)) and len(inner := _folders(folder)) == 1:
         (folder,) = inner
     return folder
 
 
 def _folders(folder: Path) -> list[Path]:
-    found = [one for one in folder.iterdir() if one.is_dir() and one.name[0] != "."]
-    return sorted(one for one in found if one.name not in _ASIDE)
+    """Folders that may hold a recording; hidden ones, and what macOS packs into archives, hold none."""
+    inner = (path for path in folder.iterdir() if path.is_dir() and path.name != "__MACOSX")
+    return sorted(path for path in inner if path.name[0] != ".")
 
 
 def _has_recording(folder: Path) -> bool:
@@ -118,8 +113,8 @@ def _has_recording(folder: Path) -> bool:
     return bool(known or list_pictures(folder))
 
 
-def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
+def _videos(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in _VIDEOS)
 
 
 def _read_folder(folder: Path, known_poses: str) -> Source:
@@ -127,7 +122,7 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
         if (folder / name).exists():
             return _read_glasses(folder / name)
     if not _has_recording(folder):
-        others = _files(folder, _VIDEOS) or [one for one in _folders(folder) if _has_recording(one)]
+        others = _videos(folder) or [inner for inner in _folders(folder) if _has_recording(inner)]
         if others:
             names = ", ".join(path.name for path in others[:3])
             raise UserError(
@@ -136,9 +131,8 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
     kind = find_known_poses(folder, known_poses)
     pictures = open_source(folder, kind)
     assert isinstance(pictures, ImageFolder)
-    count = len(pictures.paths)
-    about = f"{count} pictures" + ("" if kind is None else f" with poses ({KNOWN_POSES[kind]})")
-    return Source("plain", folder, about)
+    poses = "" if kind is None else f" with poses ({KNOWN_POSES[kind]})"
+    return Source("plain", folder, f"{len(pictures.paths)} pictures{poses}")
 
 
 def _read_glasses(video: Path) -> Source:
@@ -146,15 +140,14 @@ def _read_glasses(video: Path) -> Source:
         raise UserError(
             f"{video}: a recording of Aria glasses is a folder with {' or '.join(ADT_VIDEOS)}; rename the file"
         )
-    folder = video.parent
-    found = next((name for name, path in TRAJECTORIES.items() if (folder / path).is_file()), None)
-    if found is None:
-        raise UserError(
-            f"{folder / TRAJECTORIES['closed_loop']}: does not exist, and poses come from there. Fetch the output of "
-            "Aria's machine perception services for this recording, and put its folder mps beside the .vrs"
-        )
-    about = f"a recording of Aria glasses with poses ({TRAJECTORIES[found]})"
-    return Source("adt", folder, about, {"poses.trajectory": found})
+    for trajectory, path in TRAJECTORIES.items():
+        if (video.parent / path).is_file():
+            about = f"a recording of Aria glasses with poses ({path})"
+            return Source("adt", video.parent, about, {"poses.trajectory": trajectory})
+    raise UserError(
+        f"{video.parent / TRAJECTORIES['closed_loop']}: does not exist, and poses come from there. Fetch the output of "
+        "Aria's machine perception services for this recording, and put its folder mps beside the .vrs"
+    )
 
 
 def _read_video(path: Path, known_poses: str) -> Source:
@@ -178,33 +171,16 @@ def stride_for(count: int, rate: float) -> int:
 
 def unpack(archive: Path, beside: Path) -> Path:
     """Unpack a .zip, unless this has been done, into the folder of this name and a digest (UserError: it cannot be)."""
-    with (
-        reraise_as(
-            lambda error: UserError(
-                f"{archive}: cannot be unpacked ({error}); copy it again, or pack it anew"
-            ),
-            _FAULTS,
-        ),
-        zipfile.ZipFile(archive) as opened,
-    ):
-        members = opened.infolist()
-        told = sorted((one.filename, one.file_size, one.CRC) for one in members)
-        folder = beside.with_name(f"{beside.name}-{hashlib.sha256(repr(told).encode()).hexdigest()[:8]}")
-        if not folder.is_dir():
-            _check(archive, members, beside)
-            with atomic_directory(folder) as scratch:
-                opened.extractall(scratch)
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            members = sorted((entry.filename, entry.file_size, entry.CRC) for entry in opened.infolist())
+            digest = hashlib.sha256(repr(members).encode()).hexdigest()[:8]
+            folder = beside.with_name(f"{beside.name}-{digest}")
+            if not folder.is_dir():
+                with atomic_directory(folder) as scratch:
+                    # Names outside of the folder, as ../a.png, lead into it.
+                    opened.extractall(scratch)
+    except _FAULTS as error:
+        told = f"{archive}: cannot be unpacked ({error}); copy it again, or pack it anew"
+        raise UserError(told) from error
     return folder
-
-
-def _check(archive: Path, members: list[zipfile.ZipInfo], beside: Path) -> None:
-    for one in members:
-        path = PurePosixPath(one.filename.replace("\\", "/"))
-        if path.is_absolute() or ".." in path.parts:
-            raise UserError(f"{archive}: names the file {one.filename[:80]} outside of itself; pack it anew")
-    existing = next(each for each in beside.absolute().parents if each.is_dir())
-    needed, free = sum(one.file_size for one in members), shutil.disk_usage(existing).free
-    if needed > free:
-        raise UserError(
-            f"{archive}: holds {needed / 1e6:,.0f} MB, and {existing} has room for {free / 1e6:,.0f}. {MAKE_ROOM}"
-        )
