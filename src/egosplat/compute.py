@@ -12,12 +12,9 @@ from egosplat.errors import UserError
 
 @dataclass(frozen=True)
 class Compute:
-    """Device and number type of a model.
+    """Device of a model's weights, and number type of its matrix products and convolutions: float32 or bfloat16.
 
-    Attributes:
-        device: holds the model's weights.
-        dtype: number type of matrix products and convolutions: float32 or bfloat16. Weights and sensitive operations
-            (norms, positions) stay in float32.
+    Weights and sensitive operations (norms, positions) stay in float32.
     """
 
     device: torch.device
@@ -43,9 +40,7 @@ def all_finite(values: Tensor) -> bool:
 def choose_compute(device: str, precision: str) -> Compute:
     """Device and number type for the configuration keys ``run.device`` and ``run.precision``.
 
-    Args:
-        device: ``auto`` (a GPU if there is one), ``cpu`` or ``cuda``.
-        precision: ``auto`` (bfloat16 on a GPU that supports it, else float32), ``float32`` or ``bfloat16``.
+    ``auto`` is a GPU if there is one, and bfloat16 on a GPU that supports it, else float32.
 
     Raises:
         UserError: ``cuda`` without a GPU, or ``bfloat16`` on a GPU without it.

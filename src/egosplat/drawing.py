@@ -210,10 +210,7 @@ def _place_names(axes: Axes) -> None:
 
 
 def save_figure(figure: Figure, output: Path) -> None:
-    """Write a figure as PNG and close it. The file is complete or absent.
-
-    Long titles are wrapped first, and names are moved inside their images.
-    """
+    """Arrange the texts of a figure, write it as PNG, complete or not at all, and close it."""
     # The size of a text is not quite proportional to the resolution.
     figure.set_dpi(DPI)
     arrange_texts(figure)
@@ -224,13 +221,9 @@ def save_figure(figure: Figure, output: Path) -> None:
 
 
 def ground_axes(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Two unit vectors that span the plane perpendicular to ``up``.
+    """(2, 3) float64 unit vectors that span the plane perpendicular to ``up``, a (3,) unit vector.
 
-    Args:
-        up: (3,) float64 unit vector.
-
-    Returns:
-        (2, 3) float64; seen from above, the first points to the right of the page and the second to its top.
+    Seen from above, the first points to the right of the page and the second to its top.
     """
     # The world axis least parallel to up gives the best-conditioned cross product.
     helper = np.eye(3)[np.argmin(np.abs(up))]

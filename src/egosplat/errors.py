@@ -58,12 +58,7 @@ def is_system_error(error: Exception) -> bool:
 def reraise_as(
     describe: Callable[[Exception], UserError], kinds: tuple[type[Exception], ...] = (Exception,)
 ) -> Iterator[None]:
-    """Replace errors that a library raises in the block by ``describe(error)``; system errors pass unchanged.
-
-    Args:
-        describe: makes the error to raise.
-        kinds: error classes to replace; all by default, for libraries that raise many.
-    """
+    """Replace errors of ``kinds`` that a library raises in the block by ``describe(error)``; system errors pass unchanged."""
     try:
         yield
     except kinds as error:

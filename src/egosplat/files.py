@@ -47,11 +47,9 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]:
-    """Yield an empty directory that is removed when the block ends. Also remove those that killed processes left.
+    """Yield an empty directory below ``parent``, or the system's for temporary files, that is removed when the block ends.
 
-    Args:
-        prefix: first part of the directory's name; no other use may share it.
-        parent: where the directory is made. None: the system's directory for temporary files.
+    Those that killed processes left are removed, too: no other use may share the ``prefix`` of its name.
     """
     parent = parent or Path(tempfile.gettempdir())
     for left in parent.glob(f"{prefix}*"):
@@ -106,10 +104,7 @@ def user_cache() -> Path:
 
 
 def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) -> Any:
-    """The content of a JSON file in UTF-8, with or without a byte order mark.
-
-    Args:
-        parse_constant: see ``json.loads``.
+    """The content of a JSON file in UTF-8, with or without a byte order mark; ``parse_constant`` as for ``json.loads``.
 
     Raises:
         OSError: the file cannot be read.
@@ -144,10 +139,8 @@ def check_writable(folders: Iterable[Path]) -> None:
 def check_output(path: Path, own_name: str, *, overwrite: bool) -> None:
     """Check, before any work is done, that a command may write a file (UserError); nothing is left behind.
 
-    A file that is there is replaced if it has the command's own name, or with the flag ``--overwrite``.
-
-    Args:
-        own_name: name that the command gives its file by default, whose suffix every other name must have, too.
+    A file that is there is replaced if it has the command's own name, or with the flag ``--overwrite``. Every other name
+    must have the suffix of ``own_name``, too.
     """
     suffix = Path(own_name).suffix
     if path.suffix.lower() != suffix:
@@ -162,7 +155,7 @@ def check_output(path: Path, own_name: str, *, overwrite: bool) -> None:
 
 def check_new_folder(path: Path) -> None:
     """Check, before any work is done, that a command may make a folder (UserError), where not even a link may be."""
-    if path.exists() or path.is_symlink():
+    if os.path.lexists(path):
         raise UserError(f"{path}: is there already; give another --output, or remove it first")
     _check_parent(path)
 
@@ -222,8 +215,7 @@ def _sweep(path: Path) -> None:
 
 
 def _sync(root: Path) -> None:
-    """Flush files, then directories, to the disk."""
-    # Otherwise a rename may reach the disk before the bytes, and a power failure leaves an empty file.
+    # Files, then directories: otherwise a rename may reach the disk before the bytes, and a power failure leaves an empty file.
     for folder, _, files in os.walk(root, topdown=False):
         for entry in [*(os.path.join(folder, name) for name in files), folder]:
             _sync_one(entry)

@@ -25,13 +25,7 @@ OPENGL_AXES = np.array([1.0, -1.0, -1.0, 1.0])
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera: ``u = fx x / z + cx``, ``v = fy y / z + cy``, in pixels.
-
-    Attributes:
-        width, height: image size in pixels.
-        fx, fy: focal lengths [px].
-        cx, cy: principal point [px]; the middle of the image is (width / 2, height / 2).
-    """
+    """A pinhole camera: ``u = fx x / z + cx``, ``v = fy y / z + cy``, in pixels; the middle is (width / 2, height / 2)."""
 
     width: int
     height: int
@@ -61,14 +55,7 @@ class Camera:
         return Camera(self.height, self.width, self.fy, self.fx, self.height - self.cy, self.cx)
 
     def project(self, points: Array) -> Array:
-        """Project points in camera axes.
-
-        Args:
-            points: (..., 3) float64 [m].
-
-        Returns:
-            (..., 2) float64 pixels; NaN where the point is not in front of the camera (z <= 0).
-        """
+        """Project (..., 3) float64 points in camera axes [m] to (..., 2) pixels; NaN where z <= 0."""
         points = np.asarray(points, dtype=np.float64)
         x, y, z = np.moveaxis(points, -1, 0)
         depth = np.where(z > 0, z, np.nan)
@@ -143,18 +130,12 @@ def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:
 
 
 def interpolate_poses(times: NDArray[np.int64], poses: Array, at: NDArray[np.int64]) -> Array:
-    """Interpolate poses: translations linearly, rotations along the shortest arc.
+    """Interpolate (N, 4, 4) poses: translations linearly, rotations along the shortest arc; (M, 4, 4) at ``at``.
 
-    Args:
-        times: (N,) int64 nanoseconds, strictly increasing, N >= 2.
-        poses: (N, 4, 4) float64.
-        at: (M,) int64 nanoseconds within ``times``.
-
-    Returns:
-        (M, 4, 4) float64.
+    ``times`` (N,) and ``at`` (M,) are int64 nanoseconds.
 
     Raises:
-        ValueError: ``times`` is not strictly increasing, or ``at`` reaches outside of it.
+        ValueError: fewer than two times, not strictly increasing, or ``at`` reaches outside of them.
     """
     times, at = np.asarray(times, dtype=np.int64), np.asarray(at, dtype=np.int64)
     if len(times) < 2 or (np.diff(times) <= 0).any():

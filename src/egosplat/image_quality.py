@@ -28,15 +28,7 @@ _MAX_VALUE = 255
 
 
 def psnr(render: Tensor, photograph: Tensor, region: Tensor) -> float:
-    """PSNR over the pixels of a region [dB].
-
-    Args:
-        render, photograph: (H, W, 3) uint8.
-        region: (H, W) bool, inside the valid pixels.
-
-    Returns:
-        Infinite for equal images, NaN for an empty region.
-    """
+    """PSNR of (H, W, 3) uint8 images over a region, (H, W) bool [dB]; infinite for equal images, NaN for an empty region."""
     difference = render[region].long() - photograph[region].long()
     count, error = difference.numel(), int(difference.square().sum())
     if not count:
@@ -45,14 +37,9 @@ def psnr(render: Tensor, photograph: Tensor, region: Tensor) -> float:
 
 
 def ssim_map(render: Tensor, photograph: Tensor, valid: Tensor) -> Tensor:
-    """SSIM of each pixel, averaged over the channels.
+    """SSIM of each pixel of (H, W, 3) uint8 images, averaged over the channels: (H, W) float32, at most 1.
 
-    Args:
-        render, photograph: (H, W, 3) uint8.
-        valid: (H, W) bool.
-
-    Returns:
-        (H, W) float32, at most 1; NaN where the window reaches outside the image or the valid pixels.
+    It is NaN where the window reaches outside the image or the ``valid`` pixels, (H, W) bool.
     """
     values = torch.full(valid.shape, math.nan, device=valid.device)
     height, width = valid.shape
@@ -67,26 +54,16 @@ def ssim_map(render: Tensor, photograph: Tensor, valid: Tensor) -> Tensor:
 
 
 def mean_ssim(values: Tensor, region: Tensor) -> float:
-    """Mean of (H, W) SSIM values over the pixels of a region that have one; NaN if none has.
-
-    Args:
-        values: (H, W), from ``ssim_map``.
-        region: (H, W) bool.
-    """
+    """Mean of the (H, W) values of ``ssim_map`` over the pixels of a region that have one; NaN if none has."""
     values = values[region].double()
     return float(values[~values.isnan()].mean())
 
 
 def structural_similarity(x: Tensor, y: Tensor, padding: int) -> Tensor:
-    """SSIM of each pixel and channel (Wang et al. 2004).
+    """SSIM of each pixel and channel (Wang et al. 2004) of (H, W, C) floating point images, 0 to 1.
 
-    Args:
-        x, y: (H, W, C) floating point, 0 to 1.
-        padding: width of the border of zeros [px]. 0 gives a map of whole windows only; ``WINDOW_RADIUS`` gives one
-            of the image's size, as in 3DGS's loss.
-
-    Returns:
-        (H, W, C), or (H - 10, W - 10, C).
+    ``padding`` is the width of the border of zeros [px]: 0 gives a map of whole windows, (H - 10, W - 10, C), and
+    ``WINDOW_RADIUS`` one of the image's size, as in 3DGS's loss.
     """
     x, y = x.permute(2, 0, 1), y.permute(2, 0, 1)
     mean_x, mean_y, mean_xx, mean_yy, mean_xy = _blur(torch.stack([x, y, x * x, y * y, x * y]), padding)

@@ -25,10 +25,7 @@ def sample(image: NDArray, places: NDArray[np.floating]) -> NDArray:
 
 
 def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
-    """Motion of each pixel of ``source`` to ``target`` by dense inverse search (Kroeger et al. 2016).
-
-    Args:
-        source, target: (h, w) uint8.
+    """Motion of each pixel of ``source`` to ``target``, (h, w) uint8, by dense inverse search (Kroeger et al. 2016).
 
     Returns:
         (h, w, 2) float32, to the right and down [px].
@@ -43,14 +40,9 @@ def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
 
 
 def is_consistent(flow: Floats, reverse: Floats, tolerance: float) -> NDArray[np.bool_]:
-    """Forward-backward check: following a pixel to the other image and back ends where it began.
+    """(h, w) bool forward-backward check: following a pixel to the other image and back ends where it began.
 
-    Args:
-        flow, reverse: (h, w, 2) flow to the other image and back [px].
-        tolerance: tolerated distance, in addition to a tenth of the flow's length [px].
-
-    Returns:
-        (h, w) bool.
+    ``flow`` and ``reverse`` are (h, w, 2) [px]; ``tolerance`` [px] is in addition to a tenth of the flow's length.
     """
     height, width = flow.shape[:2]
     returned = sample(reverse, pixel_grid(height, width) + flow)

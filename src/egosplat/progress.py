@@ -52,15 +52,10 @@ def name_lines(step: str) -> None:
 
 
 def track(items: Iterable[Item], what: str, total: int | None = None, unit: str = "frame") -> Iterator[Item]:
-    """Yield ``items`` and report progress, rate and remaining time.
+    """Yield ``items`` and report progress, rate and remaining time of ``what``, a few words, by ``unit`` in the singular.
 
-    A terminal gets a bar. A log file gets a line about every ten seconds and one at the end.
-
-    Args:
-        items: to iterate over.
-        what: the work in a few words, for example ``"reading frames"``.
-        total: number of items, if ``items`` has no length.
-        unit: name of one item, in the singular.
+    A terminal gets a bar. A log file gets a line about every ten seconds and one at the end. ``total`` is their number, if
+    ``items`` has no length.
     """
     if total is None and isinstance(items, Sized):
         total = len(items)
