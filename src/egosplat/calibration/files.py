@@ -1,11 +1,10 @@
 """The files of a recording that each stage opens, by its format, and the digest of their bytes.
 
-The readers find them here, and so do the rules: the workflow imports this module, so it stays light. A missing file is no error
-here; its reader reports it. A broken link counts as present for the same reason.
+The workflow imports this module, so it stays light. A missing file is no error here; its reader reports it. A broken link counts
+as present for the same reason.
 """
 
 import hashlib
-import math
 import os
 import re
 import struct
@@ -118,10 +117,8 @@ def opened_files(stage: str, format: str, recording: Path, config: Mapping[str, 
         if source == "known":
             files = known_pose_files(recording, known)
         elif source == "device":
-            files = [
-                recording / TRAJECTORIES[config["poses"]["trajectory"]],
-                find_points(recording / MPS_FOLDER),
-            ]
+            trajectory = TRAJECTORIES[config["poses"]["trajectory"]]
+            files = [recording / trajectory, find_points(recording / MPS_FOLDER)]
     elif format == "adt":
         more = [recording / ADT_INSTANCES, find_segmentation(recording)]
         files = [adt_video(recording), *([recording / METADATA] if stage == "frames" else more)]
@@ -142,9 +139,6 @@ def _picture_files(stage: str, format: str, recording: Path, known: str) -> list
     for folder in picture_folders(recording, known) if recording.is_dir() else ():
         files += [*list_pictures(folder), *dynamic_masks(folder)]
     files += known_pose_files(recording, known)
-    if "transforms" in present_known_poses(recording, known):
-        path = known_poses_path(recording, "transforms")
-        files += [path.parent / name for name in dict.fromkeys(_texts(_document(path), "mask_path"))]
     if format != "plain":
         for label in labels_of(format, recording).values():
             files += list_masks(label) if label.is_dir() else [label]
@@ -287,15 +281,19 @@ def known_poses_path(recording: Path, kind: str) -> Path:
 
 
 def known_pose_files(recording: Path, wanted: str) -> list[Path]:
-    """The files of a recording's known poses; those of every kind if it has several."""
+    """The files of a recording's known poses, with points and masks; those of every kind if it has several."""
     files: list[Path] = []
     for kind in present_known_poses(recording, wanted):
         path = known_poses_path(recording, kind)
         if kind == "colmap":
             files += model_files(path)
         else:
-            points = _document(path).get("ply_file_path")
-            files += [path, path.parent / points] if isinstance(points, str) else [path]
+            points, frames = _read_frames(path)
+            named = [points, *(frame.get("mask_path") for frame in frames)]
+            files += [
+                path,
+                *(path.parent / name for name in dict.fromkeys(named) if isinstance(name, str) and name),
+            ]
     return files
 
 
@@ -313,7 +311,10 @@ def picture_folders(recording: Path, wanted: str) -> list[Path]:
     names = [name for kind in present_known_poses(recording, wanted) for name in _names(recording, kind)]
     roots = [root for root in (recording, recording / PROJECT_PICTURES) if root.is_dir()]
     choices = [*(_named_folders(recording, root, names) for root in roots), *([root] for root in roots)]
-    return next((folders for folders in choices if any(map(_has_pictures, folders))), [recording])
+    for folders in choices:
+        if any(path.suffix.lower() in PICTURES for folder in folders for path in folder.iterdir()):
+            return folders
+    return [recording]
 
 
 def _named_folders(recording: Path, root: Path, names: list[str]) -> list[Path]:
@@ -323,16 +324,12 @@ def _named_folders(recording: Path, root: Path, names: list[str]) -> list[Path]:
     return [folder for folder in map(Path, named) if folder.is_relative_to(whole) and os.path.isdir(folder)]
 
 
-def _has_pictures(folder: Path) -> bool:
-    return any(path.suffix.lower() in PICTURES for path in folder.iterdir())
-
-
 def _names(recording: Path, kind: str) -> list[str]:
     """The names of pictures in a file with known poses; none of a damaged one, whose reader reports it."""
     path = known_poses_path(recording, kind)
-    if kind == "transforms":
-        return _texts(_document(path), "file_path")
     names: list[str] = []
+    if kind == "transforms":
+        return [name for frame in _read_frames(path)[1] if isinstance(name := frame.get("file_path"), str)]
     with suppress(OSError, ValueError, IndexError, struct.error):
         for file in (file for file in model_files(path) if file.stem == "images"):
             if file.suffix == ".txt":
@@ -353,19 +350,14 @@ def next_image(content: bytes, position: int) -> tuple[bytes, int]:
     return content[position + 64 : end], end + 9 + 24 * struct.unpack_from("<Q", content, end + 1)[0]
 
 
-def _document(path: Path) -> dict[str, Any]:
-    """The content of a ``transforms.json``; nothing of a damaged one, whose reader reports it."""
-    document = None
-    with suppress(OSError, ValueError):
+def _read_frames(path: Path) -> tuple[Any, list[dict[str, Any]]]:
+    """The file of points and the frames in a ``transforms.json``; nothing of a damaged one, whose reader reports it."""
+    with suppress(OSError, ValueError, AttributeError, TypeError, KeyError):
         document = read_json(path)
-    return document if isinstance(document, dict) else {}
-
-
-def _texts(document: dict[str, Any], key: str) -> list[str]:
-    """The texts of a key in the frames of a ``transforms.json``."""
-    frames = document.get("frames")
-    entries = [frame for frame in frames if isinstance(frame, dict)] if isinstance(frames, list) else []
-    return [text for frame in entries if isinstance(text := frame.get(key), str) and text]
+        return document.get("ply_file_path"), [
+            frame for frame in document["frames"] if isinstance(frame, dict)
+        ]
+    return None, []
 
 
 def source_files(source: str) -> list[Path]:
@@ -379,10 +371,3 @@ def source_files(source: str) -> list[Path]:
         raise UserError(f"splats.source: there is no file {path}. Give the path of a .ply or .spz file")
     beside = path.with_name(DATAPARSER)
     return [path, beside] if beside.is_file() else [path]
-
-
-def accept_advice(registered: int, frames: int) -> str:
-    """How to accept the loss of frames without a pose; empty if most of them have none."""
-    # Rounded down, so that the suggested value accepts this model.
-    share = math.floor(100 * registered / frames) / 100
-    return f"accept the loss: poses.min_registered={share:g}" if share >= 0.5 else ""

@@ -33,8 +33,7 @@ _EXTENSIONS = (
 def find_known_poses(recording: Path, wanted: str) -> str | None:
     """The kind of a recording's known poses, a key of ``KNOWN_POSES``, by ``frames.known_poses``; None without any.
 
-    Raises:
-        UserError: the wanted file does not exist, or ``auto`` finds two.
+    UserError if the wanted file does not exist, or ``auto`` finds two.
     """
     present = present_known_poses(recording, wanted)
     if wanted in KNOWN_POSES and not present:
@@ -49,14 +48,10 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
 
 
 def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Contents:
-    """Read the known poses of a recording, with poses that are rigid.
+    """Read the known poses of a recording, of a kind from ``find_known_poses``.
 
-    Args:
-        kind: from ``find_known_poses``.
-        width, height: size of the recording's full pictures [px], for a file that does not name it.
-
-    Raises:
-        UserError: the file is damaged, a camera is not supported, or a pose is not rigid or far from all others.
+    ``width`` and ``height`` are those of the full pictures [px], for a file that does not name them. UserError if the file is damaged, a
+    camera is not supported, or a pose is not rigid or far from all others.
     """
     path = known_poses_path(recording, kind)
     contents = read_model(path) if kind == "colmap" else read_transforms(path, width, height)
@@ -89,16 +84,9 @@ def match_pictures(
 ) -> tuple[NDArray[np.int64], list[str]]:
     """Assign the entries of a file to pictures: one name is the end of the other, whose extension may differ.
 
-    Args:
-        names: of the entries, such as ``images/0001.jpg``.
-        pictures: of the pictures from the recording's folder, or the numbers of a video's frames, counted from 0.
-        path: of the file, for errors.
-
-    Returns:
-        (P,) int64, the entry of each picture, -1 where there is none; and the names of the entries that match no picture.
-
-    Raises:
-        UserError: two entries match one picture, an entry matches two, or no entry matches any.
+    ``pictures`` are names from the recording's folder, or the numbers of a video's frames, counted from 0. Returns (P,) int64, the entry
+    of each picture, -1 where there is none, and the names of the entries that match no picture. UserError, of the file ``path``, if two
+    entries match one picture, an entry matches two, or no entry matches any.
     """
     by_stem: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
     for index, parts in enumerate(map(_parts, pictures)):

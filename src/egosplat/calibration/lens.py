@@ -73,11 +73,6 @@ class Lens:
             raise UserError(
                 f"{source}: camera model {self.model} is not supported. Supported: {', '.join(_MODELS)}."
             )
-        camera = self.colmap()
-        if not camera.verify_params():
-            raise UserError(
-                f"{source}: {len(self.params)} parameters; {self.model} has {camera.params_info}."
-            )
         fx, fy, cx, cy = self._linear()
         sizes = self.width, self.height, self.radius or 1, fx, fy
         inside = 0 <= cx < self.width and 0 <= cy < self.height

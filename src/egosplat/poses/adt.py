@@ -47,20 +47,14 @@ def adt_poses(
     options: PosesOptions,
     max_gap_ms: float = MAX_GAP_MS,
 ) -> Poses:
-    """Interpolate the trajectory of an ADT recording at its frames, and read its points (docs/method.md#poses).
+    """Interpolate the trajectory of an ADT recording at its frames, and read its points [m] (docs/method.md#poses).
 
-    ``camera_to_world = world_from_device(t) device_from_camera``. Frames outside the trajectory, or between rows further apart
-    than ``max_gap_ms``, are not registered.
+    Frames outside the trajectory, or between rows further apart than ``max_gap_ms``, are not registered. UserError if a file is missing
+    or damaged, no frame lies within the trajectory, or (closed loop) no point is usable.
 
     Args:
         exposure_middle_ns: (F,) int64 middle of each exposure, in the device's clock.
         device_from_camera: (4, 4) float64; camera axes are those of the (upright) frames.
-
-    Returns:
-        Poses in ADT's scene frame [m], with gray points; none of ground truth without usable semi-dense points.
-
-    Raises:
-        UserError: a file is missing or damaged, no frame lies within the trajectory, or (closed loop) no point is usable.
     """
     path = folder / TRAJECTORIES[options.trajectory]
     if not path.is_file():
@@ -81,7 +75,8 @@ def adt_poses(
     camera_to_world = world_from_device @ device_from_camera
     points, point_notes = _points(folder, options)
     up = mean_camera_up(camera_to_world[np.isfinite(camera_to_world).all(axis=(1, 2))])
-    tilt = _angle_deg(trajectory.up, up)
+    # Accurate for small angles, unlike the arc cosine.
+    tilt = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(trajectory.up, up)), trajectory.up @ up)))
     if tilt > MAX_TILT_DEG:
         log(f"{path}: up is {tilt:.0f} degrees from up in the frames: are the frames upright?")
     notes |= {
@@ -92,11 +87,6 @@ def adt_poses(
     }
     colors = np.full(points.shape, GRAY, np.uint8)
     return Poses(camera_to_world, camera, points, colors, trajectory.up, notes)
-
-
-def _angle_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    # Accurate for small angles, unlike the arc cosine.
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)))
 
 
 def _points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], dict[str, Any]]:
@@ -121,8 +111,7 @@ def _points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], d
 def read_semidense_points(path: Path) -> tuple[NDArray[np.float64], int, dict[str, int]]:
     """Read the points with a small position uncertainty (docs/method.md#point-filter) of a table, compressed or not.
 
-    Returns:
-        (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.
+    Returns (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.
     """
     rejected: dict[str, int] = dict.fromkeys(("not_finite", "too_far", "inv_dist_std", "dist_std"), 0)
     kept, read = [np.empty((0, 3))], 0

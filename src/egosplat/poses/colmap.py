@@ -1,7 +1,5 @@
 """Estimate poses by structure from motion: COLMAP's incremental mapping through pycolmap, on the CPU.
 
-The world has COLMAP's frame: cameras around the origin spanning about ten arbitrary units, in no particular orientation.
-
 The same images, options and seed give the same poses on one machine, with any number of threads: images get their ids
 before features are extracted in parallel, RANSAC is seeded, and mapping runs on one thread. With more threads, bundle
 adjustment sums in no fixed order, and is not faster on two cores (50 images, 150,000 observations: 19 s against 18 s).
@@ -43,20 +41,12 @@ def colmap_poses(
     threads: int | None = None,
     shown: Iterable[NDArray[np.bool_]] | None = None,
 ) -> Poses:
-    """Estimate the poses of upright images of one camera, in order of time.
+    """Estimate the poses of upright images of one camera, in order of time, in COLMAP's frame and scale.
 
-    Args:
-        images, valid, shown: as of ``mapping.reconstruct``.
-        camera_known: whether ``camera`` is a calibration and kept; else it is a guess, and its focal lengths are refined.
-        overlap, threads: see ``matching.match_images``; None: all threads of this process.
-
-    Returns:
-        Poses of the largest model in COLMAP's frame and scale, with the models that share frames with it; other frames have none.
-        Points are seen in ``MIN_TRACK_LENGTH`` images or more, with a mean error up to ``MAX_REPROJECTION_ERROR_PX``.
-
-    Raises:
-        UserError: there are too few images, features, matches or registered images, no parallax, or no disk space, or
-            the camera stands still.
+    ``images``, ``valid``, ``shown`` and ``overlap`` are as of ``mapping.reconstruct``, ``threads`` all of this process by default. A
+    known ``camera`` is kept; the focal lengths of a guess are refined. Frames outside of the largest model, and of those that share
+    frames with it, have no pose. Points are seen in ``MIN_TRACK_LENGTH`` images or more, with a mean error up to
+    ``MAX_REPROJECTION_ERROR_PX``. UserError as for ``reconstruct``, without parallax, or with too few registered images.
     """
     threads = threads or len(os.sched_getaffinity(0))
     params = [camera.fx, camera.fy, camera.cx, camera.cy]

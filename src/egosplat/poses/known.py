@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.calibration.files import accept_advice, known_poses_path
+from egosplat.calibration.files import known_poses_path
 from egosplat.calibration.known_poses import match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
@@ -34,16 +34,10 @@ def known_poses(
     camera: Camera,
     options: PosesOptions,
 ) -> Poses:
-    """Take the poses of a recording's frames from its file, as they are.
+    """Take the poses of a recording's frames from its file, as they are, and in meters if their scale is given.
 
-    Args:
-        kind: of the file, a key of ``KNOWN_POSES``.
-        lenses, pinhole: that the full-size pictures were rectified from and to.
-        pictures: name of each frame's picture.
-        camera: of the frames.
-
-    Returns:
-        Poses in the file's world, in meters if their scale is given. Points as for ``colmap_poses``; all of a file without views.
+    ``kind`` is a key of ``KNOWN_POSES``; the full-size pictures were rectified from ``lenses`` to ``pinhole``; ``pictures`` are the
+    names of the frames' pictures, and ``camera`` that of the frames. Points as for ``colmap_poses``; all of a file without views.
 
     Raises:
         UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
@@ -54,9 +48,17 @@ def known_poses(
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
     row, _ = match_pictures(known.names, pictures, path)
     registered = row >= 0
-    _check_share(registered, path, options.min_registered)
+    count, frames, wanted = int(registered.sum()), len(pictures), options.min_registered
+    without = format_ranges(set(np.flatnonzero(~registered).tolist()))
+    if count < wanted * frames:
+        raise UserError(
+            f"{path}: has poses of {count} of {frames} frames, and poses.min_registered requires {wanted:.0%}; without a pose "
+            f"(indices from 0): {without}\nAdd them, leave these frames out, or accept the loss by poses.min_registered"
+        )
+    if without:
+        log(f"{path}: has no pose of the frames {without} (indices from 0); they are not used")
     scale = options.meters_per_unit or 1.0
-    camera_to_world = np.full((len(pictures), 4, 4), np.nan)
+    camera_to_world = np.full((frames, 4, 4), np.nan)
     camera_to_world[registered] = known.camera_to_world[row[registered]]
     camera_to_world[registered, :3, 3] *= scale
     finite = np.isfinite(known.points).all(axis=1)
@@ -69,8 +71,8 @@ def known_poses(
     notes = {
         "source": "known",
         "file": str(path.relative_to(recording.parent)),
-        "frames": len(pictures),
-        "registered": int(registered.sum()),
+        "frames": frames,
+        "registered": count,
         "points": int(kept.sum()),
         "points_read": len(known.points),
         "scale": "arbitrary" if options.meters_per_unit is None else "meters",
@@ -86,20 +88,6 @@ def known_poses(
     if gsplat is not None:
         notes["gsplat_world"] = gsplat.tolist()
     return Poses(camera_to_world, camera, points, known.point_rgb[kept], up, notes)
-
-
-def _check_share(registered: NDArray[np.bool_], path: Path, min_registered: float) -> None:
-    """Log the frames without a pose, or raise UserError if they are too many."""
-    frames, count = len(registered), int(registered.sum())
-    without = format_ranges(set(np.flatnonzero(~registered).tolist()))
-    if count < min_registered * frames:
-        ways = ["Add them", "leave these frames out", accept_advice(count, frames)]
-        raise UserError(
-            f"{path}: has poses of {count} of {frames} frames, and poses.min_registered requires {min_registered:.0%}; "
-            f"without a pose (indices from 0): {without}\n{', or '.join(filter(None, ways))}"
-        )
-    if without:
-        log(f"{path}: has no pose of the frames {without} (indices from 0); they are not used")
 
 
 def gsplat_world(

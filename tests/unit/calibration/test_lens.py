@@ -82,7 +82,6 @@ def test_labels_and_masks_follow_the_picture(lens):
     "lens, problem",
     [
         (Lens("EUCM", 96, 72, (*PINHOLE, 0.5, 1.0)), "camera model EUCM is not supported"),
-        (Lens("RADIAL", 96, 72, (80.0, 47.0)), "2 parameters"),
         (Lens("RADIAL", 96, 72, (80.0, 47.0, 37.0, float("nan"), 0.0)), "finite"),
         (Lens("RADIAL", 96, 72, (0.0, 47.0, 37.0, 0.0, 0.0)), "fx, fy must be positive"),
         (Lens("RADIAL", 96, 72, (80.0, 97.0, 37.0, 0.0, 0.0)), r"\(cx, cy\) inside"),

@@ -1,6 +1,5 @@
 """COLMAP on rendered images with known poses, on unusable images, and on real photographs."""
 
-import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.colmap.alignment import trajectory_error
 from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.joining import too_few_message
-from egosplat.calibration.colmap.matching import every_pair, sequential_pairs
+from egosplat.calibration.colmap.matching import sequential_pairs
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.colmap import colmap_poses, filter_points
@@ -133,7 +132,7 @@ def test_a_model_with_too_few_images_is_rejected_with_its_size(walk_images: Imag
     with pytest.raises(UserError, match="10 of 13 .*poses.min_registered .*80%") as caught:
         reconstruct([*walk_images, *(noise(seed) for seed in range(3))], min_registered=0.8)
     assert "not registered (indices from 0): 10 to 12" in str(caught.value)
-    assert "poses.min_registered=0.76" in str(caught.value)
+    assert str(caught.value).endswith("poses.min_registered")
 
 
 @pytest.mark.parametrize("side, advised", [(256, True), (512, False)])
@@ -141,14 +140,6 @@ def test_larger_frames_are_advised_for_small_ones_only(side, advised):
     text = too_few_message(3, "3 to 8", 9, 0.5, "exhaustive", side)
     assert ("\nSet frames.resolution=512, as 256 px" in text) == advised
     assert "frames.stride" in text and "poses.matching" not in text
-
-
-def test_the_suggested_min_registered_would_be_met_and_keeps_most_of_the_recording():
-    for held in range(1, 40):
-        text = too_few_message(held, "39", 40, 1.0, "sequential", 512)
-        suggested = re.search(r"poses.min_registered=([\d.]+)", text)
-        assert (suggested is not None) == (held >= 20)
-        assert suggested is None or 0.5 <= float(suggested[1]) <= held / 40
 
 
 def test_two_places_without_a_common_view_give_the_larger_one(room: Any, capsys: pytest.CaptureFixture[str]):
@@ -191,12 +182,10 @@ def test_colmap_leaves_no_temporary_files(
     monkeypatch: pytest.MonkeyPatch,
 ):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    level = pycolmap.logging.minloglevel
     reconstruct(walk_images[3:7])
     with pytest.raises(UserError):
         reconstruct(walk_images[:2])
     assert list(tmp_path.iterdir()) == []
-    assert pycolmap.logging.minloglevel == level
     output = capfd.readouterr()
     assert output.out == ""
     assert all(line.startswith("COLMAP: ") for line in output.err.splitlines())
@@ -224,7 +213,6 @@ def test_frames_are_matched_with_neighbors_and_places_seen_again(
     back = room.walk(10)[::-1].copy()
     back[:, 2, 3] -= 0.05
     project = features_of([*walk_images, *room.images(back)], EVERYWHERE, tmp_path)
-    assert frames_of(every_pair(project)) == {(a, b) for a in range(20) for b in range(a + 1, 20)}
     pycolmap.set_random_seed(0)
     pairs = sequential_pairs(project, 3, seed=0)
     assert len(pairs) == len(set(pairs))

@@ -76,7 +76,7 @@ def test_pictures_without_a_pose_are_told_and_left_out(recording: Path, capsys: 
     assert poses.read("registered").tolist() == [True] * 5 + [False]
     assert np.isnan(poses.read("camera_to_world")[5]).all()
     assert "has no pose of the frames 5 (indices from 0)" in capsys.readouterr().err
-    with pytest.raises(UserError, match="(?s)colmap: has poses of 5 of 6 .*poses.min_registered=0.83"):
+    with pytest.raises(UserError, match="(?s)colmap: has poses of 5 of 6 .*poses.min_registered"):
         run(recording, {}, min_registered=0.9)
 
 

@@ -1,6 +1,5 @@
 """COLMAP's first step: images on disk, their shared camera, and SIFT features in the database."""
 
-import contextlib
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -20,7 +19,6 @@ Item = TypeVar("Item")
 MIN_FEATURES, MIN_IMAGES = 50, 3
 
 _IMAGES_PER_BATCH = 8
-_FATAL_ONLY = 3
 # More than a batch writes: 8 images of 8,192 features of 152 bytes, or 100 pairs of 8,192 matches of 16 bytes, twice
 # in SQLite.
 _MIN_FREE_BYTES = 2**25
@@ -134,14 +132,3 @@ def _write_png(path: Path, image: cv2.typing.MatLike) -> None:
     # Low compression: the file is read once and deleted.
     if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
         raise UserError(f"{path}: cannot be written. Is the disk of the temporary folder full?")
-
-
-@contextlib.contextmanager
-def quiet_colmap() -> Iterator[None]:
-    """Silence COLMAP's log, which has a line for every image and pair."""
-    before = pycolmap.logging.minloglevel
-    pycolmap.logging.minloglevel = _FATAL_ONLY
-    try:
-        yield
-    finally:
-        pycolmap.logging.minloglevel = before

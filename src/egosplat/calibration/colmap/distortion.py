@@ -19,7 +19,6 @@ import pycolmap
 from numpy.typing import NDArray
 from scipy import stats
 
-from egosplat.calibration.colmap.database import quiet_colmap
 from egosplat.calibration.colmap.joining import adjust
 from egosplat.calibration.colmap.mapping import reconstruct
 from egosplat.calibration.lens import Lens
@@ -122,9 +121,8 @@ def choices(count: int) -> Iterator[NDArray[np.int64]]:
 
 def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
     """Fit a pinhole and a radial camera to a model of a RADIAL one, and compare them picture by picture."""
-    with quiet_colmap():
-        pinhole, without = _fitted(model, "SIMPLE_PINHOLE")
-        radial, with_it = _fitted(model, "RADIAL")
+    pinhole, without = _fitted(model, "SIMPLE_PINHOLE")
+    radial, with_it = _fitted(model, "RADIAL")
     drops = np.array([without[image].mean() - with_it[image].mean() for image in sorted(without)])
     spread = drops.std(ddof=1)
     # Equal drops have no spread; then they are no chance, unless they are 0.
@@ -139,7 +137,7 @@ def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
     reach = float(np.quantile(np.linalg.norm(features - [cx, cy], axis=1) / np.hypot(cx, cy), 0.99))
     squares = np.concatenate(list(with_it.values()))
     median = float(np.sqrt(np.median(squares)))
-    lens = Lens("RADIAL", radial.width, radial.height, tuple(map(float, radial.params)))
+    lens = Lens.of_colmap(radial)
     return lens, {
         "pictures": len(drops),
         "observations": len(squares),

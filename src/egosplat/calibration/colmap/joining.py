@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from egosplat.calibration.colmap.database import quiet_colmap
-from egosplat.calibration.files import accept_advice
 from egosplat.errors import UserError
 from egosplat.progress import format_ranges, log
 
@@ -44,8 +42,7 @@ def choose_model(
     )
     if not models:
         raise UserError(nothing)
-    with quiet_colmap():
-        model, parts, left = join_models(models, camera_known)
+    model, parts, left = join_models(models, camera_known)
     frames, registered = notes["frames"], {frame for frame, _ in registered_images(model)}
     if parallax == 0 and len(registered) < min_registered * frames:
         raise UserError(nothing)
@@ -184,7 +181,7 @@ def too_few_message(
         "take the part that shows one place (frames.start_s, frames.end_s)",
         "remove blurred and blank frames",
         "set poses.matching=exhaustive" if matching == "sequential" else "",
-        accept_advice(registered, frames),
+        "accept the loss by poses.min_registered",
     ]
     advised = ", or ".join(filter(None, advice))
     return (

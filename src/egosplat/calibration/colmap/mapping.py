@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.calibration.colmap.database import MIN_IMAGES, Project, quiet_colmap
+from egosplat.calibration.colmap.database import MIN_IMAGES, Project
 from egosplat.calibration.colmap.matching import match_images
 from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.files import scratch_directory
@@ -30,7 +30,7 @@ def reconstruct(
     overlap: int,
     threads: int,
 ) -> tuple[list[pycolmap.Reconstruction], dict[str, Any]]:
-    """Find models of images, named by their numbers, in a temporary folder of a prefix; the largest need not be the first.
+    """Find models of images, named by their numbers, in a temporary folder of a prefix.
 
     Args:
         images: (H, W, 3) uint8 RGB in order of time; read once.
@@ -38,13 +38,10 @@ def reconstruct(
         camera: of all images; its focal lengths and distortion are refined unless it ``has_prior_focal_length``.
         matching, overlap, threads: as of ``match_images``.
 
-    Returns:
-        The models with enough points; images without common views end in different ones, or in none. And numbers for the notes.
-
-    Raises:
-        UserError: there are too few images or features, the camera stands still, or the disk is full.
+    Returns the models with enough points (images without common views end in different ones, or in none) and numbers for the notes.
+    UserError if there are too few images or features, the camera stands still, or the disk is full.
     """
-    with scratch_directory(prefix) as folder, quiet_colmap():
+    with scratch_directory(prefix) as folder:
         project = Project(folder, camera)
         project.write_images(images)
         project.write_masks(valid, shown)

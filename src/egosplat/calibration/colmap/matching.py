@@ -1,5 +1,6 @@
 """COLMAP's second step: match features between images and verify the matches."""
 
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,8 @@ def match_images(project: Project, matching: str, overlap: int, seed: int, threa
     project.check_free_space()
     if matching == "auto":
         matching = "exhaustive" if len(project.names) <= EXHAUSTIVE_UP_TO else "sequential"
-    pairs = every_pair(project) if matching == "exhaustive" else sequential_pairs(project, overlap, seed)
+    every = [*itertools.combinations(project.names, 2)]
+    pairs = every if matching == "exhaustive" else sequential_pairs(project, overlap, seed)
     options = pycolmap.FeatureMatchingOptions(num_threads=threads)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
@@ -54,33 +56,22 @@ def match_images(project: Project, matching: str, overlap: int, seed: int, threa
     }
 
 
-def every_pair(project: Project) -> list[Pair]:
-    """Every pair of images."""
-    with pycolmap.Database.open(project.database) as database:
-        generator = pycolmap.ExhaustivePairGenerator(pycolmap.ExhaustivePairingOptions(), database)
-        return _named(database, generator)
-
-
 def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
     """Pairs near in time, and pairs of similar images further apart, which close loops.
 
     Each image is paired with ``overlap`` next ones, and with those 2, 4, ..., 2^(overlap - 1) later. ``seed`` is of the choice of
     descriptors; clustering takes COLMAP's.
     """
+    names = project.names
+    offsets = {*range(1, overlap + 1), *(2**power for power in range(overlap))}
+    near = sorted(pair for offset in offsets for pair in zip(names, names[offset:], strict=False))
+    # COLMAP's vocabulary of visual words is a download; this one is clustered from the recording's descriptors.
+    vocabulary = project.folder / "vocabulary.bin"
     with pycolmap.Database.open(project.database) as database:
-        near: set[Pair] = set()
-        # COLMAP's quadratic overlap (offsets 1, 2, 4, ...) replaces the plain one, so both are generated.
-        for quadratic in (False, True):
-            options = pycolmap.SequentialPairingOptions(
-                overlap=overlap, quadratic_overlap=quadratic, num_threads=1
-            )
-            near.update(_named(database, pycolmap.SequentialPairGenerator(options, database)))
-        # COLMAP's vocabulary of visual words is a download; this one is clustered from the recording's descriptors.
-        vocabulary = project.folder / "vocabulary.bin"
         _write_vocabulary(vocabulary, database, seed)
         if not vocabulary.exists():
             log("COLMAP: too few features for a vocabulary; loops are not closed")
-            return sorted(near)
+            return near
         loops = pycolmap.SequentialPairingOptions(
             overlap=1,
             quadratic_overlap=False,
@@ -91,17 +82,13 @@ def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
             loop_detection_min_index_distance=overlap + 1,
             vocab_tree_path=vocabulary,
         )
-        similar = _named(database, pycolmap.SequentialPairGenerator(loops, database))
-    closing = [pair for pair in similar if pair not in near]
-    log(f"COLMAP: {len(near)} pairs near in time, {len(closing)} more of similar images")
-    return sorted(near) + closing
-
-
-def _named(database: pycolmap.Database, generator: pycolmap.PairGenerator) -> list[Pair]:
-    """The generator's pairs by name, sorted and without duplicates; it also pairs images with themselves."""
-    names = {image.image_id: image.name for image in database.read_all_images()}
-    named = [sorted((names[first], names[second])) for first, second in generator.all_pairs()]
-    return sorted({(first, second) for first, second in named if first != second})
+        similar = pycolmap.SequentialPairGenerator(loops, database).all_pairs()
+        name_of = {image.image_id: image.name for image in database.read_all_images()}
+    # The generator also pairs images with themselves, and with the next.
+    closing = {tuple(sorted((name_of[first], name_of[second]))) for first, second in similar} - {*near}
+    found = sorted((first, second) for first, second in closing if first != second)
+    log(f"COLMAP: {len(near)} pairs near in time, {len(found)} more of similar images")
+    return near + found
 
 
 def _write_vocabulary(path: Path, database: pycolmap.Database, seed: int) -> None:
