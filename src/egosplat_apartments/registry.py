@@ -1,7 +1,5 @@
 """What this package adds to the pipeline: the stage ``synthetic``."""
 
-from typing import Any
-
 from egosplat.pipeline.stage import Stage
 
 STAGES = (
@@ -18,4 +16,5 @@ STAGES = (
     ),
 )
 
-MODULES: dict[str, Any] = {}
+SECTIONS: dict[str, str] = {}
+MODULES: dict[str, dict[str, str]] = {}

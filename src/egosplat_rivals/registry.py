@@ -20,6 +20,12 @@ STAGES = (
     ),
 )
 
+# Options of sections that belong to no stage.
+SECTIONS = {
+    "tables": "egosplat_rivals.options:TablesOptions",
+    "tradeoff": "egosplat_rivals.options:TradeoffOptions",
+}
+
 # Modules by stage and by the value that chooses them.
 MODULES = {
     "frames": {"lerf": "egosplat_rivals.formats.lerf", "3d_ovs": "egosplat_rivals.formats.ovs"},

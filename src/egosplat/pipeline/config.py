@@ -18,16 +18,15 @@ from egosplat.pipeline.general_options import SHIPPED, GeneralOptions
 from egosplat.pipeline.messages import not_allowed, refusal, shorten, shown, unknown_key
 from egosplat.pipeline.model_sets import AUTO, DEFAULTS
 from egosplat.pipeline.options import Options, keys_of, sections_of
-from egosplat.pipeline.stages import STAGES
+from egosplat.pipeline.stages import PLUGINS, STAGES
 from egosplat.pipeline.strict_yaml import parse_value, read_yaml
 
 # A value for each key, by section.
 Config = dict[str, Any]
 
-# Options of the sections that no stage has for itself.
-_SHARED = {
-    "tables": "egosplat.pipeline.general_options:TablesOptions",
-    "tradeoff": "egosplat.pipeline.general_options:TradeoffOptions",
+# Options of the sections that no stage has for itself: those of packages beside this one hold for all of a scene.
+OF_SCENES = {name: path for plugin in PLUGINS for name, path in plugin.SECTIONS.items()}
+_SHARED = OF_SCENES | {
     "run": "egosplat.pipeline.shared_options:RunOptions",
     "models": "egosplat.pipeline.shared_options:ModelsOptions",
     "camera": "egosplat.pipeline.shared_options:CameraOptions",
@@ -150,23 +149,22 @@ def merge_layers(layers: Iterable[Layer]) -> Config:
 
 def _refused(error: ErrorDetails, values: Config, layers: Sequence[Layer]) -> UserError:
     """Name the layer, the key and its value, and what is allowed."""
-    section, *steps = error["loc"]
+    section, *steps = map(str, error["loc"])
     sections, general = section_options(), keys_of(GeneralOptions)
+    keys = section_keys(section)
     if section in general:
         told = refusal(error, error["loc"], values, general, {name: name for name in general})
     elif section not in sections:
         homes = [f"{name}.{section}" for name in sections if section in section_keys(name)]
-        told = unknown_key(str(section), section, [*general, *sections], homes)
+        told = unknown_key(section, section, [*general, *sections], homes)
     elif not steps:
-        first, key = next(iter(section_keys(section).items()))
-        example = f"must be keys with values, as in {section}: {{{first}: {shown(key['default'])}}}"
+        name, key = next(iter(keys.items()))
+        example = f"must be keys with values, as in {section}: {{{name}: {shown(key['default'])}}}"
         told = not_allowed(section, values[section], example)
     else:
-        keys = section_keys(section)
         names = {name: f"{section}.{name}" for name in (*keys, steps[0])}
-        told = refusal(error, steps, values[section], keys, names)
-    where = _setter(layers, section, *(steps[:1] if section in sections else ()))
-    return UserError(f"{where}: {told}")
+        told = refusal(error, error["loc"][1:], values[section], keys, names)
+    return UserError(f"{_setter(layers, *error['loc'][: 1 + (section in sections)])}: {told}")
 
 
 def _setter(layers: Sequence[Layer], section: Any, key: Any = None) -> str:

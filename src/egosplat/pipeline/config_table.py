@@ -2,14 +2,13 @@
 
 import functools
 import re
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from egosplat.pipeline.config import section_keys, section_options
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.messages import choices, kinds_of, limits_of, shown
 from egosplat.pipeline.model_sets import DEFAULTS, PHOTOS, PUBLISHED
-from egosplat.pipeline.options import Options, describe, keys_of
+from egosplat.pipeline.options import describe, keys_of
 
 # Keys that people change first, at the top of the page.
 FIRST_KEYS = (
@@ -38,76 +37,77 @@ _PAGE = re.compile(r"\b(?:docs|benchmarks)(?:/\w+)+\.md(?:#[\w-]+)?")
 _COLUMNS = "| key | default | allowed | what it is |\n| --- | --- | --- | --- |"
 
 
+class _Key(NamedTuple):
+    section: str
+    name: str
+    schema: dict[str, Any]
+    about: str
+
+
 def keys_page() -> str:
     """Every key with default, limits and description: the ten that people change first, all others, then the readings.
 
     ``config/reference.md`` holds this page.
     """
-    first = "\n".join(_first_row(path) for path in FIRST_KEYS)
-    return "\n\n".join(
-        [
-            _HEAD,
-            f"## The ten keys to change first\n\n{_COLUMNS}\n{first}",
-            *_tables("##", reading=False),
-            _READINGS,
-            *_tables("## Readings:", reading=True),
-        ]
-    )
+    first = []
+    for path in FIRST_KEYS:
+        key = _keys()[path]
+        sentence = key.about.split(". ")[0].rstrip(".") + "."
+        first.append(_row(f"[`{path}`](#{key.section})", key, sentence))
+    tables = _tables("##", reading=False), _tables("## Readings:", reading=True)
+    parts = [
+        "## The ten keys to change first",
+        "\n".join([_COLUMNS, *first]),
+        *tables[0],
+        _READINGS,
+        *tables[1],
+    ]
+    return "\n\n".join([_HEAD, *parts])
 
 
 def json_schema() -> dict[str, Any]:
     """Get a JSON schema of the configuration, for editors."""
-    schema = GeneralOptions.model_json_schema()
-    for section, (options, keys) in _sections().items():
-        told = {name: key | {"description": describe(options, name)} for name, key in keys.items()}
-        one = {"type": "object", "additionalProperties": False, "properties": told}
-        schema["properties"] |= told if section == GENERAL else {section: one}
-    return schema | {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "egosplat configuration",
-    }
-
-
-def _tables(heading: str, reading: bool) -> list[str]:
-    """A table for each section with such keys; keys outside of a section come first."""
-    parts = []
-    for section, (options, keys) in _sections().items():
-        prefix = "" if section == GENERAL else f"{section}."
-        rows = [
-            _row(f"`{prefix}{name}`", section, name, describe(options, name))
-            for name, key in keys.items()
-            if bool(key.get("reading")) == reading
-        ]
-        if rows:
-            parts.append("\n".join([f"{heading} {section}\n\n{_COLUMNS}", *rows]))
-    return parts
+    schema, told = GeneralOptions.model_json_schema(), {"title": "egosplat configuration"}
+    for key in _keys().values():
+        properties = schema["properties"]
+        if key.section != GENERAL:
+            section = {"type": "object", "additionalProperties": False, "properties": {}}
+            properties = properties.setdefault(key.section, section)["properties"]
+        properties[key.name] = key.schema | {"description": key.about}
+    return schema | told | {"$schema": "https://json-schema.org/draft/2020-12/schema"}
 
 
 @functools.cache
-def _sections() -> dict[str, tuple[type[Options], dict[str, dict[str, Any]]]]:
-    """Options and JSON schemas of the keys, by section."""
-    found = {name: (options, section_keys(name)) for name, options in section_options().items()}
-    return {GENERAL: (GeneralOptions, keys_of(GeneralOptions)), **found}
+def _keys() -> dict[str, _Key]:
+    """All keys by path; those outside of a section come first."""
+    keys = {
+        name: _Key(GENERAL, name, key, describe(GeneralOptions, name))
+        for name, key in keys_of(GeneralOptions).items()
+    }
+    for section, options in section_options().items():
+        for name, key in section_keys(section).items():
+            keys[f"{section}.{name}"] = _Key(section, name, key, describe(options, name))
+    return keys
 
 
-def _first_row(path: str) -> str:
-    """A row with a link to the key's section and the first sentence of its description."""
-    section, name = path.split(".") if "." in path else (GENERAL, path)
-    sentence = describe(_sections()[section][0], name).split(". ")[0].rstrip(".") + "."
-    return _row(f"[`{path}`](#{section})", section, name, sentence)
+def _tables(heading: str, reading: bool) -> list[str]:
+    """A table for each section with such keys."""
+    rows: dict[str, list[str]] = {}
+    for path, key in _keys().items():
+        if bool(key.schema.get("reading")) == reading:
+            rows.setdefault(key.section, []).append(_row(f"`{path}`", key, key.about))
+    return ["\n".join([f"{heading} {section}\n\n{_COLUMNS}", *part]) for section, part in rows.items()]
 
 
-def _row(shown_name: str, section: str, name: str, text: str) -> str:
-    key = _sections()[section][1][name]
+def _row(shown_name: str, key: _Key, text: str) -> str:
     # The pages that a description cites are links.
     linked = _PAGE.sub(r"[\g<0>](../\g<0>)", text)
-    allowed = ", ".join([*kinds_of(key), *(f"`{word}`" for word in choices(key)), *limits_of(key)])
-    return f"| {shown_name} | {_default(section, name, key)} | {allowed} | {linked} |"
-
-
-def _default(section: str, name: str, key: Mapping[str, Any]) -> str:
-    """The default as YAML, and those of other sets of models; for several named things, the names."""
-    value = key["default"]
-    text = ", ".join(f"`{one}`" for one in (value if isinstance(value, Mapping) else [shown(value)]))
-    sets = {one: DEFAULTS[one].get(section, {}).get(name, value) for one in (PHOTOS, PUBLISHED)}
-    return "; ".join([text, *(f"{one}: `{shown(other)}`" for one, other in sets.items() if other != value)])
+    words = [f"`{word}`" for word in choices(key.schema)]
+    allowed = ", ".join([*kinds_of(key.schema), *words, *limits_of(key.schema)])
+    # The default as YAML, and those of other sets of models; for several named things, the names.
+    value = key.schema["default"]
+    default = ", ".join(f"`{item}`" for item in (value if isinstance(value, dict) else [shown(value)]))
+    for chosen in (PHOTOS, PUBLISHED):
+        other = DEFAULTS[chosen].get(key.section, {}).get(key.name, value)
+        default += "" if other == value else f"; {chosen}: `{shown(other)}`"
+    return f"| {shown_name} | {default} | {allowed} | {linked} |"

@@ -1,4 +1,4 @@
-"""Options of the configuration as a whole: preset, scenes, variants, and what pages compare."""
+"""Options of the configuration as a whole: preset, scenes and variants."""
 
 import re
 from pathlib import Path
@@ -7,23 +7,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field
 from typing_extensions import TypedDict
 
-from egosplat.pipeline.options import UNIQUE, Options, Text, check_with
+from egosplat.pipeline.options import Options, Text, check_with
 from egosplat.pipeline.strict_yaml import read_yaml
 
 _NAME = check_with(
-    lambda name: re.fullmatch("[A-Za-z0-9_-]{1,200}", name),
-    "only letters, digits, _ and -, at most 200 letters",
+    re.compile("[A-Za-z0-9_-]{1,200}").fullmatch, "only letters, digits, _ and -, at most 200 letters"
 )
-_SCENE = check_with(lambda name: re.fullmatch("[^/]+/[^/]+", name), "only dataset/scene")
+_Folder = Annotated[Text | None, BeforeValidator(lambda path: None if path == "null" else path)]
 
 # How a recording is laid out on disk.
 Format = Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"]
-
-# Sections that may differ between formats.
-_OF_FORMATS = Literal[
-    *("models", "run", "frames", "annotations", "poses", "survey", "segments", "view_features", "features"),
-    *("transient", "masks", "splats", "language", "query", "metrics", "presence"),
-]
 
 # Protocols of public benchmarks, under ``formats``, and ``variants``.
 SHIPPED: dict[str, dict[str, Any]] = read_yaml(Path(__file__).with_name("shipped.yaml"))
@@ -59,47 +52,14 @@ class GeneralOptions(Options):
     """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
     (docs/running.md)."""
 
-    formats: dict[Format, dict[_OF_FORMATS, dict[str, Any]]] = SHIPPED["formats"]
-    """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys
-    of all scenes, and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks
-    lerf and 3d_ovs have their protocol here (benchmarks/public/README.md); a key set in the configuration wins
-    over those."""
+    formats: dict[Format, dict[str, Any]] = SHIPPED["formats"]
+    """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys of all scenes,
+    and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks lerf and 3d_ovs have their
+    protocol here (benchmarks/public/README.md); a key set in the configuration wins over those."""
 
     variants: dict[Annotated[str, _NAME], VariantKeys] = SHIPPED["variants"]
-    """Named sets of keys that differ from the scene's, for ablations. results/adt/scene1/variants/baseline/ holds
-    only the artifacts that the variant changes; it shares the others with the scene. The scene itself is the full
-    method. Yours stand beside those below, and replace one of the same name. baseline: per-view features, no masks.
-    no_masks: consistent features, no masks. network_masks: the masks that the network predicts, without instances.
-    refined_masks: what moves is tracked and masked, however little it is.
-    shared_geometry: no_masks with codes after the geometry, for other methods (docs/methods.md). each_frame: its
-    Gaussians and baseline's features, with the masks of each frame by themselves, neither tracked nor merged.
-    langsplat, semantic_gaussians, occam, gags, langsplat2 and splat_feature_solver are methods on these masks, lerf
-    and legaussians on tiles of frames. `extends` names one or more variants to inherit keys from (later ones win);
-    unchanged artifacts are shared with them. `method` is the name of the published method that a variant stands
-    for, in tables."""
-
-
-class TablesOptions(Options, section="tables"):
-    """Rows of the paper's tables (results/benchmark/tables.html) besides those of EgoSplat and its ablation."""
-
-    methods: Annotated[tuple[Text, ...], UNIQUE] = (
-        *("lerf", "legaussians", "semantic_gaussians", "gags", "langsplat", "occam", "langsplat2"),
-        "splat_feature_solver",
-    )
-    """Variants whose scores the tables wait for, in each scene. Each stands in the row of its `method`
-    (docs/methods.md). A run without a target does not make them."""
-
-
-class TradeoffOptions(Options, section="tradeoff"):
-    """Presets and variants that the page of speed against accuracy compares (tradeoff/tradeoff.html of a scene), and the scenes of results/benchmark/tradeoff.html."""
-
-    scenes: Annotated[tuple[Annotated[str, _SCENE], ...], Field(min_length=1), UNIQUE] = (
-        "adt/scene1",
-        "adt/scene2",
-    )
-    """Scenes of the joint page, as dataset/scene."""
-
-    variants: Annotated[tuple[Text, ...], UNIQUE] = ("draft", "balanced", "accurate", "paper_scaled")
-    """Presets and variants to compare with the scene. Each preset is a variant with the scene's recording and models;
-    paper_scaled is the preset paper at the scene's own resolution and focal length. One that changes nothing is left
-    out."""
+    """Named sets of keys that differ from the scene's, for ablations and methods of others; those below come with egosplat
+    (docs/methods.md). results/adt/scene1/variants/baseline/ holds only the artifacts that the variant changes; it shares the
+    others with the scene. The scene itself is the full method. Yours stand beside those below, and replace one of the same
+    name. `extends` names one or more variants to inherit keys from (later ones win); unchanged artifacts are shared with
+    them. `method` is the name of the published method that a variant stands for, in tables."""

@@ -13,13 +13,13 @@ from pydantic_core import ErrorDetails
 from egosplat.errors import UserError
 from egosplat.pipeline.options import LARGEST_INTEGER, Options, full_names, keys_of
 
-# JSON schemas by name.
-Keys = Mapping[str, Mapping[str, Any]]
+# The JSON schema of a key, or of a part of its value.
+Schema = Mapping[str, Any]
 
 # Longest value in a message [characters].
 _LONGEST = 80
 
-# Names of JSON schema types in messages.
+# Names of JSON schema types, and of what limits a value.
 _KINDS = {
     "integer": "a whole number",
     "number": "a number",
@@ -29,8 +29,6 @@ _KINDS = {
     "object": "keys with values",
     "null": "null",
 }
-
-# Messages by keyword of JSON schema.
 _LIMITS = {
     "minimum": "at least {}",
     "maximum": "at most {}",
@@ -59,7 +57,11 @@ def make_options(options: type[Options], values: Mapping[str, Any], where: str, 
 
 
 def refusal(
-    error: ErrorDetails, steps: Sequence[Any], given: Mapping[Any, Any], keys: Keys, names: Mapping[str, str]
+    error: ErrorDetails,
+    steps: Sequence[int | str],
+    given: Mapping[Any, Any],
+    keys: Mapping[str, Schema],
+    names: Mapping[str, str],
 ) -> str:
     """Describe an error in one line: the key, its value, and what is allowed.
 
@@ -67,13 +69,13 @@ def refusal(
         steps: name of the key, then of parts of its value.
         given: values by name.
         keys: JSON schemas by name.
-        names: full names by name, for what has one.
+        names: full names of the keys by name.
     """
-    name, *steps = steps
+    name = str(steps[0])
     if name not in keys:
-        return unknown_key(names.get(name, str(name)), name, list(keys))
+        return unknown_key(names.get(name, name), name, list(keys))
     path, value = [names[name]], given[name]
-    for step in steps:  # pydantic adds names of types to the path, too
+    for step in steps[1:]:  # pydantic adds names of types to the path, too
         items: Any = dict(enumerate(value)) if isinstance(value, list | tuple) else value
         if isinstance(items, Mapping) and step in items:
             path, value = [*path, str(step)], items[step]
@@ -88,10 +90,10 @@ def not_allowed(key: str, value: object, why: str) -> str:
     return f"{key or 'value'} = {shorten(value)} is not allowed: {why}"
 
 
-def unknown_key(full: str, key: object, known: Sequence[str], homes: Sequence[str] = ()) -> str:
+def unknown_key(full: str, key: str, known: Sequence[str], homes: Sequence[str] = ()) -> str:
     """Say that there is no key, ``full`` with its section, among ``known``; ``homes`` are full names of keys of its name."""
-    name, colon, value = str(key).partition(":")
-    first, dot, rest = str(key).partition(".")
+    name, colon, value = key.partition(":")
+    first, dot, rest = key.partition(".")
     if colon and name in known:
         advice = f"write a space after the colon: {name}: {value[:_LONGEST]}"
     elif homes:
@@ -105,42 +107,38 @@ def unknown_key(full: str, key: object, known: Sequence[str], homes: Sequence[st
     return f"unknown key {shorten(full)}; {advice}"
 
 
-def _allowed(key: Mapping[str, Any], value: object) -> str:
+def _allowed(key: Schema, value: object) -> str:
     """Say what a key allows in place of a refused value."""
     near = difflib.get_close_matches(str(value), choices(key), n=1)
-    largest = isinstance(value, int) and abs(value) > LARGEST_INTEGER
-    text = f"must be {describe_value(key)}" + (f", at most {LARGEST_INTEGER}" if largest else "")
-    return text + (f" (did you mean {near[0]!r}?)" if near else "")
+    is_large = isinstance(value, int) and abs(value) > LARGEST_INTEGER
+    limit = f", at most {LARGEST_INTEGER}" if is_large else ""
+    return f"must be {describe_value(key)}{limit}" + (f" (did you mean {near[0]!r}?)" if near else "")
 
 
-def describe_value(key: Mapping[str, Any]) -> str:
+def describe_value(key: Schema) -> str:
     """Describe the values that the JSON schema of a key allows."""
     words, kinds, limits = choices(key), kinds_of(key), limits_of(key)
     return ", ".join([" or ".join([*kinds, *words]), *limits]) if kinds else f"one of {', '.join(words)}"
 
 
-def choices(key: Mapping[str, Any]) -> list[str]:
+def choices(key: Schema) -> list[str]:
     """List the words among the allowed values."""
-    return [str(word) for kind in key.get("anyOf", [key]) for word in _words(kind)]
+    return [word for kind in key.get("anyOf", [key]) for word in _words(kind)]
 
 
-def _words(kind: Mapping[str, Any]) -> list[Any]:
+def _words(kind: Schema) -> list[str]:
     return kind.get("enum", [kind["const"]] if "const" in kind else [])
 
 
-def kinds_of(key: Mapping[str, Any]) -> list[str]:
+def kinds_of(key: Schema) -> list[str]:
     """List the allowed types, in words."""
     return [_KINDS[kind["type"]] for kind in key.get("anyOf", [key]) if not _words(kind)]
 
 
-def limits_of(key: Mapping[str, Any]) -> list[str]:
+def limits_of(key: Schema) -> list[str]:
     """List the limits of numbers, texts and lists, in words."""
-    return [
-        text.format(kind[word])
-        for kind in key.get("anyOf", [key])
-        for word, text in _LIMITS.items()
-        if word in kind and kind[word] != LARGEST_INTEGER
-    ]
+    limits = [(word, kind[word]) for kind in key.get("anyOf", [key]) for word in _LIMITS if word in kind]
+    return [_LIMITS[word].format(limit) for word, limit in limits if limit != LARGEST_INTEGER]
 
 
 def figure(value: float, form: str, is_beyond: Callable[[float], object]) -> str:

@@ -88,7 +88,7 @@ class PublishedModel(NamedTuple):
 # of the DataComp weights was found.
 _TABLE = Path(__file__).with_name("published.tsv").read_text(encoding="utf-8")
 CATALOGUE = [
-    PublishedModel(*names, float(megabytes), sha256 or None)
+    PublishedModel._make([*names, float(megabytes), sha256 or None])
     for *names, megabytes, sha256 in [*csv.reader(_TABLE.splitlines(), delimiter="\t")][1:]
 ]
 

@@ -26,17 +26,17 @@ SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
 NO_RECORDING = "-"
 
 
-def _only(pattern: str, allowed: str) -> Any:
-    return check_with(re.compile(pattern).fullmatch, f"only {allowed}")
-
-
 def _is_path(text: str) -> bool:
     """Whether a text can be a path that Snakemake handles; the longest name on Linux has 255 bytes."""
     plain = re.fullmatch(r"(?!\s)(?![A-Za-z][\w+.-]*://)[^\x00-\x1f\x7f{}]*(?<!\s)", text)
     return bool(plain) and all(len(os.fsencode(part)) <= 255 for part in Path(text).parts)
 
 
-_DATASET = _only("(?!benchmark$)[a-z0-9_]+", "small letters, digits and _, and not benchmark, of all scenes")
+_DATASET = check_with(
+    re.compile("(?!benchmark$)[a-z0-9_]+").fullmatch,
+    "only small letters, digits and _, and not benchmark, of all scenes",
+)
+_NAME = check_with(re.compile("[A-Za-z0-9_-]+").fullmatch, "only letters, digits, _ and -")
 _PATH = check_with(_is_path, "a path, no URL; no braces, control characters, outer blanks, 255 bytes a name")
 
 
@@ -44,7 +44,7 @@ class Row(Options):
     """A row of the table of scenes, as docs/recordings.md describes it."""
 
     dataset: Annotated[str, Field(max_length=100), _DATASET]
-    scene: Annotated[str, Field(max_length=100), _only("[A-Za-z0-9_-]+", "letters, digits, _ and -")]
+    scene: Annotated[str, Field(max_length=100), _NAME]
     format: Format
     recording: Annotated[Text, _PATH]
     options: str

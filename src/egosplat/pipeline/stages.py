@@ -2,7 +2,7 @@
 
 The command line, the checks, the sharing between variants and the rules' paths use ``STAGES``. A stage's keys
 are the fields of its class of options. The packages beside this one add stages, and modules that stages choose by a value: each
-entry point of the group ``egosplat.plugins`` names a module with ``STAGES`` and ``MODULES``.
+entry point of the group ``egosplat.plugins`` names a module with ``STAGES``, ``MODULES``, and options of other ``SECTIONS``.
 """
 
 import functools
@@ -67,7 +67,12 @@ _STAGES = (
         *("annotations", "frames.annotations_stage", "Read the instance maps of the evaluation frames."),
         inputs=("recording", "frames"),
         libraries=(_OPENCV, "projectaria-tools"),
-        modules=_by("format", **{name: f"frames.{name}_annotations" for name in ("adt", "hoi4d", "plain")}),
+        modules=_by(
+            "format",
+            adt="frames.adt_annotations",
+            hoi4d="frames.hoi4d_annotations",
+            plain="frames.plain_annotations",
+        ),
         memory=(1500, 200),
     ),
     _artifact(
@@ -219,16 +224,18 @@ _STAGES = (
 )
 
 
+# Of this distribution alone: entry points of all installed ones take as long as the rest of the start.
+_POINTS = metadata.distribution("egosplat").entry_points.select(group="egosplat.plugins")
+PLUGINS = [point.load() for point in _POINTS]
+
+
 def _with_plugins(own: tuple[Stage, ...]) -> dict[str, Stage]:
     """Get the stages by name in the order of the pipeline, with those of the packages beside this one."""
-    # Of this distribution alone: entry points of all installed ones take as long as the rest of the start.
-    points = metadata.distribution("egosplat").entry_points.select(group="egosplat.plugins")
-    plugins = [point.load() for point in points]
     stages = [*own]
-    for stage in (stage for plugin in plugins for stage in plugin.STAGES):
+    for stage in (stage for plugin in PLUGINS for stage in plugin.STAGES):
         stages.insert([other.name for other in stages].index(stage.before), stage)
     found = {stage.name: stage for stage in stages}
-    for name, modules in (item for plugin in plugins for item in plugin.MODULES.items()):
+    for name, modules in (item for plugin in PLUGINS for item in plugin.MODULES.items()):
         choice = found[name].modules
         assert choice is not None
         choice.modules.update(modules)

@@ -9,6 +9,7 @@ from typing import Any
 from egosplat.calibration.files import chosen_poses
 from egosplat.errors import UserError
 from egosplat.pipeline.config import (
+    OF_SCENES,
     SHIPPED_LAYER,
     Config,
     Layer,
@@ -101,7 +102,7 @@ def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
         keys = {
             key: value for key, value in base["variants"][ancestor].items() if key not in (EXTENDS, METHOD)
         }
-        for key in (*keys_of(GeneralOptions), "tables", "tradeoff"):
+        for key in (*keys_of(GeneralOptions), *OF_SCENES):
             if keys.get(key, base[key]) != base[key]:
                 raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
         layers.append(Layer(f"variant {ancestor}", keys))

@@ -261,7 +261,7 @@ def test_a_format_has_keys_of_its_own_between_the_preset_and_the_row(tmp_path):
     [
         ({"hoi5d": {}}, "formats.hoi5d = .* 'adt', 'hoi4d', 'plain'"),
         ({"hoi4d": 5}, "formats.hoi4d = 5"),
-        ({"hoi4d": {"preset": {}}}, "formats.hoi4d.preset = "),
+        ({"hoi4d": {"preset": {}}}, "formats.hoi4d: preset = "),
         ({"hoi4d": {"masks": {"treshold": 1}}}, "formats.hoi4d: unknown key 'masks.treshold'; did you mean"),
         ({"plain": {"masks": {"threshold": 7}}}, "formats.plain: masks.threshold = 7 .* 1"),
     ],
