@@ -15,7 +15,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline.config import parse_value
 from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.messages import describe_value, make_options, shorten, shown
-from egosplat.pipeline.options import Options, describe, full_names, keys_of, sections_of
+from egosplat.pipeline.options import Options, full_names, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
 from egosplat.pipeline.variants import PRESET_FILES
 
@@ -158,7 +158,8 @@ class KeysCommand(click.Command):
 
     def _about(self, name: str, whole: bool) -> str:
         """Describe a key: what it is, its default, and what is allowed."""
-        text, key = describe(self.options, name), keys_of(self.options)[name]
+        key = keys_of(self.options)[name]
+        text = key["description"]
         sentence = text if whole else text.split(". ")[0].rstrip(".") + "."
         return f"{sentence} [default: {shown(key['default'])}; {describe_value(key)}]"
 

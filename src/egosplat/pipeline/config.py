@@ -81,13 +81,8 @@ def stage_values(stage: str, config: Mapping[str, Any]) -> dict[str, Any]:
 @functools.cache
 def section_options() -> dict[str, type[Options]]:
     """Get the class of options that has the keys of each section."""
-    shared = {name: pkgutil.resolve_name(path) for name, path in _SHARED.items()}
-    own = {
-        stage: options
-        for stage in STAGES
-        if stage in stage_sections(stage) and (options := stage_options(stage))
-    }
-    return shared | own
+    shared: dict[str, Any] = {name: pkgutil.resolve_name(path) for name, path in _SHARED.items()}
+    return shared | {stage: stage_options(stage) for stage in STAGES if stage in stage_sections(stage)}
 
 
 @functools.cache
@@ -104,10 +99,8 @@ def _model() -> type[Options]:
     """The class of all keys: the general ones, and those of each section."""
     sections: dict[str, Any] = {}
     for section, options in section_options().items():
-        names = sections_of(options, section)[section]
-        keys: dict[str, Any] = {
-            name: (options.model_fields[name].annotation, options.model_fields[name]) for name in names
-        }
+        fields = [(name, options.model_fields[name]) for name in sections_of(options, section)[section]]
+        keys: dict[str, Any] = {name: (field.annotation, field) for name, field in fields}
         model = create_model(section, __base__=Options, **keys)
         sections[section] = (model, Field(default_factory=model))
     return create_model("Configuration", __base__=GeneralOptions, **sections)
@@ -139,12 +132,7 @@ def configure(layers: Sequence[Layer], automatic: str = AUTO) -> LayeredConfig:
 
 def merge_layers(layers: Iterable[Layer]) -> Config:
     """Merge keys section by section, later layers over earlier ones; values are not checked."""
-    values: Config = {}
-    for section, above in (item for layer in layers for item in layer.keys.items()):
-        below = values.get(section)
-        both = isinstance(below, Mapping) and isinstance(above, Mapping)
-        values[section] = {**below, **above} if both else above
-    return values
+    return functools.reduce(lambda values, layer: merge(values, layer.keys, depth=1), layers, {})
 
 
 def _refused(error: ErrorDetails, values: Config, layers: Sequence[Layer]) -> UserError:
@@ -180,10 +168,9 @@ def _check_given_splats(config: LayeredConfig) -> None:
     needs = {("splats", "language"): "after"} | {("camera", key): "off" for key in section_keys("camera")}
     for (section, key), needed in needs.items():
         if (given := config[section][key]) not in (needed, AUTO):
-            raise UserError(
-                f"{_setter(config.layers, 'splats', 'source')}: splats.source: the Gaussians are trained already, which "
-                f"needs {section}.{key} = {needed}, not {given}"
-            )
+            where = _setter(config.layers, "splats", "source")
+            told = f"the Gaussians are trained already, which needs {section}.{key} = {needed}, not {given}"
+            raise UserError(f"{where}: splats.source: {told}")
 
 
 def defaults() -> LayeredConfig:
@@ -223,12 +210,12 @@ def layers_of_format(layers: Iterable[Layer], format: str) -> Iterator[Layer]:
             yield Layer(f"formats.{format}", special)
 
 
-def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge ``above`` over ``below``, section by section; what is not merged is shared, so nobody may edit it in place."""
+def merge(below: Mapping[str, Any], above: Mapping[str, Any], depth: int = 9) -> dict[str, Any]:
+    """Merge ``above`` over ``below`` to a depth; what is not merged is shared, so nobody may edit it in place."""
     merged = dict(below)
     for key, value in above.items():
-        both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
-        merged[key] = merge(merged[key], value) if both else value
+        both = depth and isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = merge(merged[key], value, depth - 1) if both else value
     return merged
 
 
@@ -239,9 +226,8 @@ def parse_options(text: str, where: str) -> dict[str, Any]:
         key, equals, value = word.partition("=")
         section, dot, name = key.partition(".")
         if not (equals and dot and section and name):
-            raise UserError(
-                f"{where}: option {shorten(word)} is not of the form section.key=value, as in frames.stride=2"
-            )
+            form = "section.key=value, as in frames.stride=2"
+            raise UserError(f"{where}: option {shorten(word)} is not of the form {form}")
         if name in options.setdefault(section, {}):
             raise UserError(f"{where}: option {shorten(key)} is set twice; remove one")
         options[section][name] = parse_value(value, f"{where}: option {shorten(word)}")

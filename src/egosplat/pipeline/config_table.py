@@ -8,7 +8,7 @@ from egosplat.pipeline.config import section_keys, section_options
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.messages import choices, kinds_of, limits_of, shown
 from egosplat.pipeline.model_sets import DEFAULTS, PHOTOS, PUBLISHED
-from egosplat.pipeline.options import describe, keys_of
+from egosplat.pipeline.options import keys_of
 
 # Keys that people change first, at the top of the page.
 FIRST_KEYS = (
@@ -41,7 +41,6 @@ class _Key(NamedTuple):
     section: str
     name: str
     schema: dict[str, Any]
-    about: str
 
 
 def keys_page() -> str:
@@ -52,7 +51,7 @@ def keys_page() -> str:
     first = []
     for path in FIRST_KEYS:
         key = _keys()[path]
-        sentence = key.about.split(". ")[0].rstrip(".") + "."
+        sentence = key.schema["description"].split(". ")[0].rstrip(".") + "."
         first.append(_row(f"[`{path}`](#{key.section})", key, sentence))
     tables = _tables("##", reading=False), _tables("## Readings:", reading=True)
     parts = [
@@ -73,21 +72,18 @@ def json_schema() -> dict[str, Any]:
         if key.section != GENERAL:
             section = {"type": "object", "additionalProperties": False, "properties": {}}
             properties = properties.setdefault(key.section, section)["properties"]
-        properties[key.name] = key.schema | {"description": key.about}
+        properties[key.name] = key.schema
     return schema | told | {"$schema": "https://json-schema.org/draft/2020-12/schema"}
 
 
 @functools.cache
 def _keys() -> dict[str, _Key]:
     """All keys by path; those outside of a section come first."""
-    keys = {
-        name: _Key(GENERAL, name, key, describe(GeneralOptions, name))
-        for name, key in keys_of(GeneralOptions).items()
+    keys = {name: _Key(GENERAL, name, schema) for name, schema in keys_of(GeneralOptions).items()}
+    sections = [(section, section_keys(section).items()) for section in section_options()]
+    return keys | {
+        f"{part}.{name}": _Key(part, name, schema) for part, items in sections for name, schema in items
     }
-    for section, options in section_options().items():
-        for name, key in section_keys(section).items():
-            keys[f"{section}.{name}"] = _Key(section, name, key, describe(options, name))
-    return keys
 
 
 def _tables(heading: str, reading: bool) -> list[str]:
@@ -95,7 +91,7 @@ def _tables(heading: str, reading: bool) -> list[str]:
     rows: dict[str, list[str]] = {}
     for path, key in _keys().items():
         if bool(key.schema.get("reading")) == reading:
-            rows.setdefault(key.section, []).append(_row(f"`{path}`", key, key.about))
+            rows.setdefault(key.section, []).append(_row(f"`{path}`", key, key.schema["description"]))
     return ["\n".join([f"{heading} {section}\n\n{_COLUMNS}", *part]) for section, part in rows.items()]
 
 

@@ -8,7 +8,7 @@ import contextlib
 import functools
 import inspect
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
@@ -102,8 +102,16 @@ def _readings(given: Any) -> Iterator[Any]:
 
 @functools.cache
 def keys_of(options: type[Options]) -> dict[str, dict[str, Any]]:
-    """Get the JSON schema of each key, by name."""
-    return options.model_json_schema()["properties"]
+    """Get the JSON schema of each key, by name, described by the string below its field."""
+    told: dict[str, str] = {}
+    for owner in options.__mro__[options.__mro__.index(Options) - 1 :: -1]:
+        (tree,) = ast.parse(inspect.getsource(owner)).body
+        assert isinstance(tree, ast.ClassDef)
+        for field, text in itertools.pairwise(tree.body):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+                told[ast.unparse(field.target)] = " ".join(ast.literal_eval(text.value).split())
+    schemas = options.model_json_schema()["properties"]
+    return {name: schema | {"description": told.get(name, "")} for name, schema in schemas.items()}
 
 
 @functools.cache
@@ -111,7 +119,8 @@ def sections_of(options: type[Options], own: str) -> dict[str, tuple[str, ...]]:
     """Get the names of the keys by section of the configuration. Keys of a class without one are in ``own``."""
     names: dict[str, tuple[str, ...]] = {}
     for name in options.model_fields:
-        section = _owner(options.__mro__[::-1], name)._section or own
+        owner: Any = next(c for c in reversed(options.__mro__) if name in inspect.get_annotations(c))
+        section = owner._section or own
         names[section] = (*names.get(section, ()), name)
     return names
 
@@ -120,23 +129,3 @@ def full_names(options: type[Options], own: str) -> dict[str, str]:
     """Get ``splats.iterations`` by ``iterations`` of each key; arguments as ``sections_of``."""
     sections = sections_of(options, own).items()
     return {name: f"{section}.{name}" if section else name for section, names in sections for name in names}
-
-
-def describe(options: type[Options], name: str) -> str:
-    """Get the description of a key, on one line: the string below its field."""
-    return _descriptions(_owner(options.__mro__, name))[name]
-
-
-def _owner(classes: Iterable[type], name: str) -> Any:
-    return next(options for options in classes if name in inspect.get_annotations(options))
-
-
-@functools.cache
-def _descriptions(options: type) -> dict[str, str]:
-    (tree,) = ast.parse(inspect.getsource(options)).body
-    assert isinstance(tree, ast.ClassDef)
-    return {
-        ast.unparse(field.target): " ".join(ast.literal_eval(text.value).split())
-        for field, text in itertools.pairwise(tree.body)
-        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
-    }

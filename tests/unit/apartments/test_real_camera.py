@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from egosplat.pipeline.config import defaults, section_keys
-from egosplat.pipeline.options import describe
+from egosplat.pipeline.options import keys_of
 from egosplat_apartments import stage
 from egosplat_apartments.adt_format.adt import write_sequence
 from egosplat_apartments.camera.effects import IDEAL, REAL, Effects, make_effects
@@ -60,7 +60,7 @@ def test_defaults_are_an_ideal_camera_and_descriptions_name_the_values_of_a_real
     assert effects_of() == IDEAL
     assert {*REAL, "jpeg_quality"} <= set(section_keys("synthetic"))
     for key, value in REAL.items():
-        assert f"auto is {value:g} under real" in describe(SyntheticOptions, key), key
+        assert f"auto is {value:g} under real" in keys_of(SyntheticOptions)[key]["description"], key
 
 
 def test_a_real_camera_has_every_effect():
