@@ -3,6 +3,7 @@
 import atexit
 import gc
 import json
+import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -26,33 +27,24 @@ OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --out
 # The key with a flag of its own in commands on a scene.
 PLAIN = "min_score"
 
-# Flags that come from the table of scenes.
-SCENE: dict[str, dict[str, Any]] = {
-    "title": {"default": "scene", "show_default": True, "help": "Title of the scene."},
-    "method": {"help": "Published method that the codes stand for. [default: EgoSplat]"},
-    "preset": {
-        "type": click.Choice(sorted({*PRESET_FILES, *PRESET_FILES.values()})),
-        "help": "Preset of the scene.",
-    },
-    "world_seed": {"type": click.IntRange(0), "help": "synthetic.seed of the scene."},
-    "camera": {"type": click.Choice(["ideal", "real"]), "help": "synthetic.camera of the scene."},
-    "format": {
-        "type": click.Choice(get_args(Format)),
-        "required": True,
-        "help": "How the recording is laid out on disk.",
-    },
+# Types of the flags that come from the table of scenes; those that are not here are texts.
+SCENE = {
+    "preset": click.Choice(sorted({*PRESET_FILES, *PRESET_FILES.values()})),
+    "world_seed": click.IntRange(0),
+    "camera": click.Choice(["ideal", "real"]),
+    "format": click.Choice(get_args(Format)),
 }
 
 # Flags of a stage whose frames jobs can share.
 CHUNKS: dict[str, dict[str, Any]] = {
     "chunk": {
         "type": click.IntRange(1),
-        "help": "Number of the chunk of frames to work on alone; the output is a file with its results.",
+        "help": "Number of the chunk of frames to work on; the output has its results.",
     },
     "gather": {
         "type": ARTIFACT,
         "multiple": True,
-        "help": "Results of a chunk. Repeated for all chunks, in order, they take the place of the work.",
+        "help": "Results of a chunk, of all in order, in place of the work.",
     },
 }
 
@@ -81,23 +73,10 @@ def parse_time(context: click.Context, parameter: click.Parameter, value: str | 
     """Convert a time of a recording, "1:05" or "65", to 65.0 [s]."""
     if value is None:
         return None
-    minutes, _, seconds = value.rpartition(":")
-    try:
-        parts = float(int(minutes or 0)), float(seconds)
-    except (ValueError, OverflowError):
-        parts = -1.0, 0.0
-    time = 60 * parts[0] + parts[1]
-    if min(parts) < 0 or not time < float("inf"):
+    if (parts := re.fullmatch(r"(?:(\d{1,9}):)?(\d{1,9}(?:\.\d*)?)", value, re.ASCII)) is None:
         told = f"{value[:40]!r} is no time; give seconds, as 65, or minutes and seconds, as 1:05"
         raise click.BadParameter(told)
-    return time
-
-
-def _parse_json(context: click.Context, parameter: click.Parameter, value: str) -> Any:
-    try:
-        return json.loads(value)
-    except (ValueError, RecursionError) as error:
-        raise click.BadParameter(f"is not JSON ({error})") from None
+    return 60.0 * int(parts[1] or 0) + float(parts[2])
 
 
 class KeysCommand(click.Command):
@@ -106,7 +85,7 @@ class KeysCommand(click.Command):
     Attributes:
         options: their class.
         own: section of the keys that are in no shared one.
-        brief: whether ``PLAIN`` has a flag of its own, and only ``--help-all`` lists the keys.
+        brief: whether ``PLAIN`` has a flag of its own, and ``--help`` lists no keys.
     """
 
     def __init__(
@@ -119,17 +98,16 @@ class KeysCommand(click.Command):
         **rest: Any,
     ) -> None:
         self.options, self.own, self.brief = options, own, brief
-        about = f"Value of a key{', see --help-all' if brief else ''}. May be repeated."
-        given = {"callback": _parse_json, "metavar": "JSON", "default": "{}", "hidden": brief}
-        shows = {"is_flag": True, "is_eager": True, "expose_value": False, "callback": _show_all}
+        about = "Value of a key of the page that egosplat keys prints. May be repeated."
         flags = [
-            click.Option(["--options", "given"], help="Values of keys as JSON.", **given),
+            click.Option(
+                ["--options", "given"], metavar="JSON", default="{}", hidden=brief, help="Values of keys."
+            ),
             click.Option(["--set", "pairs"], multiple=True, metavar="KEY=VALUE", help=about),
-            click.Option(["--help-all"], help="Show all keys with their whole descriptions.", **shows),
         ]
         if brief:
             flag = f"--{PLAIN.replace('_', '-')}"
-            flags.insert(0, click.Option([flag], metavar="VALUE", help=self._about(PLAIN, whole=False)))
+            flags.insert(0, click.Option([flag], metavar="VALUE", help=self._about(PLAIN)))
         super().__init__(name, params=[*params, *flags], **rest)
 
     def invoke(self, context: click.Context) -> Any:
@@ -137,38 +115,28 @@ class KeysCommand(click.Command):
         given, pairs = context.params.pop("given"), context.params.pop("pairs")
         if (value := context.params.pop(PLAIN, None)) is not None:
             pairs = [f"{PLAIN}={value}", *pairs]
-        context.params["options"] = read_options(self.options, self.own, given, pairs)
+        try:
+            values = json.loads(given)
+        except (ValueError, RecursionError) as error:
+            raise click.BadParameter(f"is not JSON ({error})", context, param_hint="--options") from None
+        context.params["options"] = read_options(self.options, self.own, values, pairs)
         return super().invoke(context)
 
     def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the flags, then the keys."""
+        """Write the flags, then the keys but for readings of the paper."""
         super().format_options(context, formatter)
-        whole = context.obj == "all"
-        if self.brief and not whole:
-            return
         keys, sections = keys_of(self.options), dict(sections_of(self.options, self.own))
         names = [*sections.pop(self.own, ()), *(name for shared in sections.values() for name in shared)]
-        readings = [name for name in names if keys[name].get("reading")]
-        parts = {"Keys": [name for name in names if name not in readings]}
-        parts |= {"Readings of the paper": readings} if whole else {}
-        for title, part in parts.items():
-            if part:
-                with formatter.section(title):
-                    formatter.write_dl([(name, self._about(name, whole)) for name in part], col_max=28)
+        rows = [(name, self._about(name)) for name in names if not keys[name].get("reading")]
+        if rows and not self.brief:
+            with formatter.section("Keys"):
+                formatter.write_dl(rows, col_max=28)
 
-    def _about(self, name: str, whole: bool) -> str:
-        """Describe a key: what it is, its default, and what is allowed."""
+    def _about(self, name: str) -> str:
+        """Describe a key: its first sentence, its default, and what is allowed."""
         key = keys_of(self.options)[name]
-        text = key["description"]
-        sentence = text if whole else text.split(". ")[0].rstrip(".") + "."
-        return f"{sentence} [default: {shown(key['default'])}; {describe_value(key)}]"
-
-
-def _show_all(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    if asked:
-        context.obj = "all"
-        click.echo(context.get_help())
-        context.exit()
+        sentence = key["description"].split(". ")[0].rstrip(".")
+        return f"{sentence}. [default: {shown(key['default'])}; {describe_value(key)}]"
 
 
 def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[str]) -> Options:
@@ -198,5 +166,7 @@ def path_flags(stage: str) -> list[click.Parameter]:
     }
     flags |= {"overwrite": OVERWRITE} if stage in FILES else {}
     flags |= CHUNKS if about.by_chunks else {}
-    flags |= {name: SCENE[name] for name in about.scene}
+    for name in about.scene:
+        value = {"type": SCENE.get(name), "default": "scene" if name == "title" else None}
+        flags[name] = value | {"required": name == "format", "help": f"{name} of the scene's row."}
     return [click.Option([f"--{name.replace('_', '-')}", name], **flag) for name, flag in flags.items()]

@@ -29,7 +29,7 @@ changed key reruns the stages that take it and the stages after them. By hand: `
 _READINGS = """# Readings of the paper
 
 Few people change these keys: most of them are choices that the paper leaves open, or values of the methods that it compares with.
-`--help` of a command does not list them, `--help-all` does."""
+`--help` of a command does not list them."""
 
 # A page of the repository in a description, from the root.
 _PAGE = re.compile(r"\b(?:docs|benchmarks)(?:/\w+)+\.md(?:#[\w-]+)?")
