@@ -11,7 +11,6 @@ from egosplat.alarms.artifact_alarms import alarm_line, alarms_of, log_warnings
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice
-from tests.support.commands import run_command
 from tests.support.scenes import put
 
 FIGURES = {"pixels_without_instance": 0.6, "instances_per_frame": 2.0, "frames_per_instance": 2.0}
@@ -85,12 +84,6 @@ def test_facts_and_arrays_of_an_artifact_raise_its_alarms(tmp_path, kind):
         json.dumps(asdict(alarm))
 
 
-def test_alarms_of_several_artifacts_are_in_the_order_of_the_stages(tmp_path):
-    made = [written(tmp_path, kind, dict(arrays), facts) for kind, (arrays, facts, _) in SUSPICIOUS.items()]
-    keys = [key for _, _, keys in SUSPICIOUS.values() for key in keys]
-    assert [alarm.key for alarm in alarms_of(*reversed(made))] == keys
-
-
 def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tmp_path, capfd):
     """The log of the stage that used them begins with the notice."""
     small = {"sam2_checkpoint": "small"}
@@ -135,21 +128,3 @@ def test_frames_without_a_pose_have_no_correction(tmp_path):
     arrays["corrections/gain"] = np.array([[np.nan] * 3, [1.0, 1.0, 1.0]])
     (alarm,) = alarms_of(written(tmp_path, "splats", arrays, {"scene_depth": 2.0}))
     assert (alarm.key, alarm.figures["wrong"], alarm.figures["frame"]) == ("splats.pose_correction", 1, 1)
-
-
-@pytest.mark.parametrize("moving, keys", [(6, ["masks.withheld"]), (2, [])])
-def test_a_command_logs_the_alarms_of_what_it_made(tmp_path, monkeypatch, capfd, moving, keys):
-    """Four instances of two pixels each; the first ``moving`` pixels have a transient probability of 1."""
-    labels = np.repeat(np.arange(4, dtype=np.int32), 2)[None, None, None, :]
-    arrays = {"labels": labels, "instances/level": np.zeros(4, np.int8)}
-    written(tmp_path, "frames", {"train": np.ones(1, bool), "valid": np.ones((1, 8), bool)}, {})
-    written(tmp_path, "instances", arrays, {"levels": ["whole"], "source": "tracks"}, made_from=["frames"])
-    probability = (np.arange(8) < moving).astype(np.float16)[None, None, :]
-    written(tmp_path, "transient", {"probability": probability}, {}, made_from=["frames"])
-    paths = {name: tmp_path / f"{name}.zarr" for name in ("frames", "transient", "instances")}
-    paths["output"] = tmp_path / "masks.zarr"
-    flags = [word for flag, path in paths.items() for word in (f"--{flag}", path)]
-    status, _, err = run_command(monkeypatch, capfd, "masks", *flags)
-    assert status == 0, err
-    said = [line for line in err.splitlines() if line.startswith("alarm: ")]
-    assert [line.split(": ")[1] for line in said] == keys

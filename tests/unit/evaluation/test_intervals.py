@@ -61,24 +61,6 @@ def test_means_over_scenes_are_covered_as_often_as_said(spread):
     assert 0.92 <= found / 300
 
 
-def test_interval_of_many_independent_values_is_the_normal_one():
-    values = np.random.default_rng(1).normal(0.4, 0.1, 400)
-    found = clustered_interval([Clusters(values, np.ones(400))], OPTIONS)
-    half = 1.96 * values.std() / 20
-    assert (found.low, found.high) == pytest.approx(
-        (values.mean() - half, values.mean() + half), abs=0.12 * half
-    )
-
-
-def test_of_few_categories_it_is_students_interval():
-    """Of six normal values the percentile interval alone has 0.75 of the width of Student's."""
-    values = np.array([0.31, 0.44, 0.38, 0.52, 0.36, 0.47])
-    many = IntervalOptions(confidence=0.9, resamples=20_000, seed=0)
-    found = clustered_interval([Clusters(values, np.ones(6))], many)
-    half = 2.015 * values.std(ddof=1) / np.sqrt(6)
-    assert width(found) / 2 == pytest.approx(half, rel=0.12)
-
-
 def test_a_category_weighs_as_much_as_it_has_queries():
     """A ratio estimate: the mean is over queries, though categories are drawn."""
     counts = np.array([30.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -121,20 +103,6 @@ def test_scenes_without_queries_are_ignored():
     assert mean_of_scenes([scene, empty]) == 0.25
     assert clustered_interval([scene, empty], OPTIONS) == clustered_interval([scene], OPTIONS)
     assert np.isnan(mean_of_scenes([empty]))
-
-
-def test_scenes_that_differ_widen_the_interval():
-    alike = [hits_of(np.random.default_rng(n), 0.5) for n in range(5)]
-    apart = [hits_of(np.random.default_rng(n), share) for n, share in enumerate((0.1, 0.3, 0.5, 0.7, 0.9))]
-    assert width(clustered_interval(apart, OPTIONS)) > 1.3 * width(clustered_interval(alike, OPTIONS))
-
-
-def test_interval_depends_on_the_seed_alone():
-    scene = hits_of(np.random.default_rng(1), 0.5)
-    scene = Clusters(scene.totals + np.random.default_rng(2).random(22), scene.counts)
-    other = IntervalOptions(confidence=0.95, resamples=2000, seed=1)
-    assert clustered_interval([scene], OPTIONS) == clustered_interval([scene], OPTIONS)
-    assert clustered_interval([scene], OPTIONS) != clustered_interval([scene], other)
 
 
 @pytest.mark.parametrize(

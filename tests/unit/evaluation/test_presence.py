@@ -1,7 +1,5 @@
 """Queries for present and absent things are separated by their scores, and the entry counts both."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -73,8 +71,3 @@ def test_the_entry_counts_answers():
     assert entry["present"] == present
     assert entry["absent"] == {"asked": 3, "answered": 1, "untaught": 1, "guessed": 1}
     assert entry["separation"] == pytest.approx(0.4) and len(entry["queries"]) == 8
-
-
-def test_no_queries_are_reported_as_none():
-    entry = presence_entry([], 0.5)
-    assert entry["present"]["asked"] == entry["absent"]["asked"] == 0 and math.isnan(entry["separation"])

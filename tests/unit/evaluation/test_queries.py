@@ -64,8 +64,3 @@ def test_only_valid_pixels_count(annotations, instance_map):
     assert [one.category for one in find_queries(artifact, valid, ALL)] == ["dining chair", "shelter"]
     assert (read_map(artifact, 0, valid)[11:] == -1).all()
     np.testing.assert_array_equal(read_map(artifact, 0, valid)[:11], instance_map[:11])
-
-
-def test_a_recording_without_annotations_has_no_queries(annotations, instance_map):
-    artifact = annotations(instance_map[None], [False])
-    assert find_queries(artifact, np.ones(instance_map.shape, bool), ALL) == []

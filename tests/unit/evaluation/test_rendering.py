@@ -76,11 +76,6 @@ def test_pixels_that_are_not_valid_do_not_count(photograph, valid, groups):
     assert region_scores(render, photograph, valid, groups) == expected
 
 
-def test_a_region_without_pixels_has_no_scores(photograph, valid):
-    found = region_scores(photograph, photograph, valid, {"dynamic": np.zeros_like(valid)})["dynamic"]
-    assert found.pixels == 0 and math.isnan(found.psnr) and math.isnan(found.ssim)
-
-
 def test_the_mean_is_over_pictures_that_have_the_region():
     scores = [
         {"all": RegionScore(9, 20.0, 0.5), "dynamic": RegionScore(0, math.nan, math.nan)},

@@ -94,12 +94,6 @@ def test_a_word_that_is_no_key_with_its_value_is_refused(calls, tmp_path, pair):
     assert not calls
 
 
-def test_a_failed_run_is_an_error_with_its_message(calls, tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "run_snakemake", lambda words: 1)
-    with pytest.raises(UserError, match="mine/photos: a step failed"):
-        make_scene(tmp_path / "photos")
-
-
 def test_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):
     shown = []
     monkeypatch.setattr("egosplat.viewing.command.run", lambda *given, **keys: shown.append((given[0], keys)))

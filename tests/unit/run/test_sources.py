@@ -1,6 +1,5 @@
 """What is given to ``egosplat run`` is recognized, or refused with what is wrong."""
 
-import shutil
 import zipfile
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.run.sources import name_of, read_source, stride_for
-from tests.unit.frames.conftest import grey_frames, write_video
 from tests.unit.run.conftest import pack, write_pictures
 
 
@@ -31,10 +29,6 @@ def test_each_kind_of_recording_is_recognized(recording, tmp_path, kind, format,
     assert found.path.is_absolute() and found.path.exists()
     inside = tmp_path / "results" if "zip" in kind else given.parent if format == "adt" else given
     assert found.path == given if kind == "video" else found.path.is_relative_to(inside)
-
-
-def test_a_folder_with_a_recording_of_glasses_is_one(recording, tmp_path):
-    assert read_source(recording("glasses").parent, tmp_path / "x").format == "adt"
 
 
 def test_an_archive_is_unpacked_once_and_anew_if_it_changes(recording, tmp_path):
@@ -97,19 +91,6 @@ def test_what_is_no_recording_is_named(tmp_path, make, said):
     assert all("recording-" in str(path) for path in tmp_path.rglob("evil.png")), "none outside"
 
 
-def test_an_encrypted_archive_is_named(recording, tmp_path):
-    archive = recording("zip")
-    content = bytearray(archive.read_bytes())
-    for mark, flag in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
-        place = content.find(mark)
-        while place >= 0:
-            content[place + flag] |= 1
-            place = content.find(mark, place + 4)
-    archive.write_bytes(content)
-    with pytest.raises(UserError, match="encrypted"):
-        read_source(archive, tmp_path / "results/recording")
-
-
 @pytest.mark.parametrize(
     "given, name",
     [
@@ -124,20 +105,8 @@ def test_a_scene_has_the_name_of_its_file(given, name):
     assert name_of(Path(given)) == name
 
 
-def test_a_scene_of_this_folder_has_its_name(recording, monkeypatch):
-    monkeypatch.chdir(recording("folder"))
-    assert name_of(Path(".")) == "folder"
-
-
 @pytest.mark.parametrize(
     "count, rate, stride", [(50, 30, 1), (300, 30, 3), (1800, 30, 10), (3600, 60, 20), (900, 2, 1)]
 )
 def test_a_video_gives_enough_frames_and_not_few(count, rate, stride):
     assert stride_for(count, rate) == stride
-
-
-def test_a_video_that_moved_is_another_path(tmp_path):
-    video = write_video(tmp_path / "a.mp4", grey_frames(3))
-    shutil.move(video, tmp_path / "b.mp4")
-    with pytest.raises(UserError, match=r"a\.mp4: does not exist"):
-        read_source(video, tmp_path / "x")
