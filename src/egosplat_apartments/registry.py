@@ -10,8 +10,7 @@ STAGES = (
         options="egosplat_apartments.options:SyntheticOptions",
         output="recording",
         libraries=("numpy", "opencv-contrib-python-headless", "scipy", "projectaria-tools"),
-        memory=(2000, 1500),
-        minutes=(60, 500),
+        request=(2000, 1500, 60, 500),
         before="frames",
     ),
 )

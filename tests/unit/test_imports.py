@@ -123,7 +123,7 @@ def test_reading_frames_never_imports_annotation_code():
     modules = imported_by(
         "import egosplat.frames.stage\n"
         "from egosplat.pipeline.stages import STAGES, load_module\n"
-        "[load_module('frames', format) for format in STAGES['frames'].modules.modules]"
+        "[load_module('frames', format) for format in STAGES['frames'].modules]"
     )
     assert "egosplat.frames.adt" in modules
     assert not [one for one in modules if one.startswith("egosplat.") and "annotation" in one]

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
-from egosplat.pipeline.parsed_modules import keep_parsed, parse_module
+from egosplat.pipeline.parsed_modules import parse_module
 
 # The packages whose modules count.
 ROOTS = {"egosplat", "egosplat_apartments", "egosplat_rivals"}
@@ -58,7 +58,6 @@ def code_hash(*modules: str, libraries: tuple[str, ...] = ()) -> str:
     # A library may change a result without any change of our code.
     for library in sorted(libraries):
         digest.update(f"{library}=={library_version(library)}\0".encode())
-    keep_parsed()
     return digest.hexdigest()[:16]
 
 

@@ -51,7 +51,7 @@ def request(
     """Get what to request, attempt n, from 1, n times as much: ``mem_mb``, a multiple of 100 [MB], and ``runtime``, a day at most
     [min]. Raises as ``gigapixels``.
     """
-    (base_mb, slope_mb), (base_min, slope_min) = STAGES[stage].memory, STAGES[stage].minutes
+    base_mb, slope_mb, base_min, slope_min = STAGES[stage].request
     values, size = stage_values(stage, config), gigapixels(stage, config, inputs, chunk)
     is_published = any(values.get(key, _SMALL) != _SMALL for key in ("sam2_config", "clip_model"))
     devices = gpus(stage, config)

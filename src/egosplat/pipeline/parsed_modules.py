@@ -1,4 +1,4 @@
-"""What a module imports, and a hash of its syntax tree; kept in a file, because parsing the whole package takes seconds."""
+"""What a module imports, and a hash of its syntax tree; kept in a folder, because parsing the whole package takes seconds."""
 
 import ast
 import contextlib
@@ -10,16 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from egosplat.files import atomic_file, read_json, user_cache
+from egosplat.files import read_json, user_cache
 
 # Syntax nodes that may have a docstring.
 DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 # Functions whose arguments are words for a reader; as are those of an exception that is raised.
 WORDED = {"UserError", "log", "track"}
-
-# Modules in the file: a few versions of the whole package.
-MOST_MODULES = 4000
 
 
 class ParsedModule(NamedTuple):
@@ -40,45 +37,21 @@ def parse_module(name: str, path: Path) -> ParsedModule:
     definition = "" if path.stem in (last, "__init__") else last
     # This file is a part of the key: an edited rule of hashing forgets what the earlier one gave.
     key = hashlib.sha256(f"{_own_hash()} {package} {definition}\n".encode() + source).hexdigest()
-    kept = _kept().pop(key, None)
-    if kept is None:
-        tree = ast.parse(source)
-        if definition:
-            _leave_definition(tree, definition)
-        imports = [*_imported(tree, package)]
-        _drop_messages(tree)
-        kept = [_hash(_canonical(tree)), imports]
-        _new.append(key)
-    # The latest come last.
-    _kept()[key] = kept
-    return ParsedModule(kept[0], tuple(kept[1]))
-
-
-def keep_parsed() -> None:
-    """Write modules that were parsed since the last call to the file."""
-    if not _new:
-        return
-    _new.clear()
-    latest = dict([*_kept().items()][-MOST_MODULES:])
     # Without a folder to write in, each start parses again. ``Path.home`` raises RuntimeError for a user without one.
-    with contextlib.suppress(OSError, RuntimeError), atomic_file(_file()) as scratch:
-        scratch.write_text(json.dumps(latest), encoding="utf-8")
-
-
-# Keys of the modules that the file lacks.
-_new: list[str] = []
-
-
-def _file() -> Path:
-    return user_cache() / "parsed_modules.json"
-
-
-@functools.cache
-def _kept() -> dict[str, list[Any]]:
-    """Hash and imports of each module by its key."""
     with contextlib.suppress(OSError, RuntimeError, ValueError):
-        return dict(read_json(_file()))
-    return {}
+        tree_hash, imports = read_json(user_cache() / "modules" / key)
+        return ParsedModule(tree_hash, tuple(imports))
+    tree = ast.parse(source)
+    if definition:
+        _leave_definition(tree, definition)
+    imports = tuple(_imported(tree, package))
+    _drop_messages(tree)
+    module = ParsedModule(_hash(_canonical(tree)), imports)
+    with contextlib.suppress(OSError, RuntimeError):
+        kept = user_cache() / "modules" / key
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.write_text(json.dumps(module))
+    return module
 
 
 @functools.cache

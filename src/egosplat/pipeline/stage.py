@@ -5,19 +5,6 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Choice:
-    """Modules of which a stage loads one, by a value; only that one is a part of its code.
-
-    Attributes:
-        by: what the value is, for errors; ``variants.chosen_value`` gets the value of a scene.
-        modules: names of modules by value.
-    """
-
-    by: str
-    modules: dict[str, str]
-
-
-@dataclass(frozen=True)
 class Stage:
     """One stage of the pipeline.
 
@@ -33,10 +20,11 @@ class Stage:
         scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
             pages, ``method``, the published method that a variant stands for, and what ``metrics.json`` tells of the
             configuration: ``preset``, and ``world_seed`` and ``camera`` of a synthetic apartment.
-        modules: modules of which it loads one with ``load_module``.
+        by: what the value is by which it loads one of ``modules``, for errors; ``variants.chosen_value`` gets it for a scene.
+        modules: modules by value. Only the one of a scene's value is a part of the stage's code.
         by_chunks: whether jobs can work on chunks of its frames. ``run`` takes ``chunk`` and ``gather`` then, see ``Work``.
-        memory: main memory to request without a GPU [MB], and more for each gigapixel of the frames.
-        minutes: time to request on two cores, ten times what is expected [min], and more for each gigapixel.
+        request: main memory to request without a GPU [MB], and more for each gigapixel of the frames; and time to request on
+            two cores, ten times what is expected [min], and more for each gigapixel.
         before: of a stage of another package, the name of the stage that it stands before.
         aside: whether only methods of others need it.
     """
@@ -50,9 +38,9 @@ class Stage:
     libraries: tuple[str, ...] = ()
     options: str = ""
     scene: tuple[str, ...] = ()
-    modules: Choice | None = None
+    by: str = ""
+    modules: dict[str, str] = field(default_factory=dict)
     by_chunks: bool = False
-    memory: tuple[float, float] = (2000, 600)
-    minutes: tuple[float, float] = (30, 100)
+    request: tuple[float, float, float, float] = (2000, 600, 30, 100)
     before: str = ""
     aside: bool = False

@@ -12,7 +12,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.pipeline.code_hash import code_hash
-from egosplat.pipeline.stage import Choice, Stage
+from egosplat.pipeline.stage import Stage
 
 # The input that no stage writes.
 PATHS = {"recording": "the recording's folder or video file"}
@@ -31,9 +31,8 @@ _OPENCV = "opencv-contrib-python-headless"
 _ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
 
 
-def _by(what: str, **modules: str) -> Choice:
-    """A ``Choice`` among modules of this package, by value."""
-    return Choice(what, {value: f"egosplat.{name}" for value, name in modules.items()})
+def _modules(**modules: str) -> dict[str, str]:
+    return {value: f"egosplat.{name}" for value, name in modules.items()}
 
 
 def _artifact(
@@ -59,29 +58,25 @@ _STAGES = (
         inputs=("recording",),
         libraries=(_OPENCV, "projectaria-tools", "pycolmap"),
         scene=("format",),
-        modules=_by("format", adt="frames.adt", hoi4d="frames.hoi4d", plain="frames.pictures"),
-        memory=(1500, 200),
-        minutes=(20, 20),
+        by="format",
+        modules=_modules(adt="frames.adt", hoi4d="frames.hoi4d", plain="frames.pictures"),
+        request=(1500, 200, 20, 20),
     ),
     _artifact(
         *("annotations", "frames.annotations_stage", "Read the instance maps of the evaluation frames."),
         inputs=("recording", "frames"),
         libraries=(_OPENCV, "projectaria-tools"),
-        modules=_by(
-            "format",
-            adt="frames.adt_annotations",
-            hoi4d="frames.hoi4d_annotations",
-            plain="frames.plain_annotations",
-        ),
-        memory=(1500, 200),
+        by="format",
+        modules={name: f"egosplat.frames.{name}_annotations" for name in ("adt", "hoi4d", "plain")},
+        request=(1500, 200, 30, 100),
     ),
     _artifact(
         *("poses", "poses.stage", "Get camera poses: from the device, a file, or COLMAP."),
         inputs=("recording", "frames"),
         libraries=("scipy", "pycolmap", "projectaria-tools"),
-        modules=_by("poses.method", device="poses.adt", known="poses.known", colmap="poses.colmap"),
-        memory=(5000, 3000),
-        minutes=(60, 2000),
+        by="poses.method",
+        modules=_modules(device="poses.adt", known="poses.known", colmap="poses.colmap"),
+        request=(5000, 3000, 60, 2000),
     ),
     Stage(
         *("survey", "egosplat.survey.stage", "Decide if a scene is static and which frames add views."),
@@ -95,8 +90,7 @@ _STAGES = (
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES,
         libraries=(_OPENCV, "scipy", "timm", "torch"),
-        memory=(6500, 1000),
-        minutes=(120, 1000),
+        request=(6500, 1000, 120, 1000),
     ),
     _artifact(
         *("segments", "segments.stage", "Find instances at three levels in the frames."),
@@ -104,16 +98,14 @@ _STAGES = (
         optional=_TRAINING_FRAMES | _MOVING,
         libraries=("scipy", _OPENCV, "torch", "torchvision", "sam2"),
         by_chunks=True,
-        memory=(9000, 500),
-        minutes=(120, 4000),
+        request=(9000, 500, 120, 4000),
     ),
     _artifact(
         *("instances", "instances.stage", "Merge masks into instances that hold in 3D."),
         inputs=("frames", "poses", "segments"),
         optional=_TRAINING_FRAMES | _GIVEN,
         libraries=(_OPENCV, "scipy", "torch"),
-        memory=(6500, 2500),
-        minutes=(60, 2000),
+        request=(6500, 2500, 60, 2000),
     ),
     _artifact(
         *(
@@ -124,14 +116,13 @@ _STAGES = (
         inputs=("frames", "instances"),
         libraries=("open_clip_torch", "pillow", "scipy", "torch"),
         by_chunks=True,
-        memory=(6000, 2000),
-        minutes=(60, 1000),
+        request=(6000, 2000, 60, 1000),
     ),
     _artifact(
         *("features", "features.stage", "Aggregate the features of each instance over its views."),
         inputs=("view_features",),
         libraries=("torch",),
-        memory=(3000, 600),
+        request=(3000, 600, 30, 100),
     ),
     _artifact(
         *("masks", "transient.masks_stage", "Mask what moves in every frame."),
@@ -143,25 +134,23 @@ _STAGES = (
         inputs=("frames", "poses"),
         optional=_TRAINING_FRAMES | _MASKING | _JOINT,
         libraries=("scipy", "torch"),
-        memory=(6500, 1500),
-        minutes=(120, 1500),
+        request=(6500, 1500, 120, 1500),
     ),
     _artifact(
         *("language", "language.stage", "Assign each Gaussian the code of its instance."),
         inputs=("frames", "poses", "splats"),
         optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
         libraries=("scipy", "torch"),
-        modules=_by("language.method", joint="language.joint", lifted="language.dominant"),
-        memory=(6500, 1500),
-        minutes=(60, 1000),
+        by="language.method",
+        modules=_modules(joint="language.joint", lifted="language.dominant"),
+        request=(6500, 1500, 60, 1000),
     ),
     _artifact(
         *("histories", "histories.stage", "Find what is carried, and what lies somewhere for a while."),
         inputs=("frames", "poses", "instances", "view_features", "splats"),
         optional={"masks": _MASKING["masks"]},
         libraries=("open_clip_torch", _OPENCV, "scipy", "torch"),
-        memory=(6000, 500),
-        minutes=(60, 1800),
+        request=(6000, 500, 60, 1800),
     ),
     Stage(
         *("metrics", "egosplat.evaluation.stage", "Query every annotated category, and score the answers."),
@@ -171,8 +160,7 @@ _STAGES = (
         optional=_ENCODED | _TRACKED,
         libraries=("jsonschema", "numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", "method", "preset", "world_seed", "camera"),
-        memory=(7000, 1000),
-        minutes=(60, 600),
+        request=(7000, 1000, 60, 600),
     ),
     _sheet(
         *("contact_sheet", "Draw a scene's frames, annotations and trajectory.", "contact_sheet.png"),
@@ -183,13 +171,13 @@ _STAGES = (
         *("language_sheet", "Draw the Gaussians' codes from several directions.", "language.png"),
         inputs=("poses", "splats", "language"),
         libraries=("scipy", "torch"),
-        memory=(6500, 600),
+        request=(6500, 600, 30, 100),
     ),
     _sheet(
         *("transient_sheet", "Draw what moves, its masks, and renders without it.", "transient.png"),
         inputs=("frames", "poses", "transient", "instances", "masks", "splats"),
         libraries=("adjustText", "torch"),
-        memory=(6500, 600),
+        request=(6500, 600, 30, 100),
     ),
     _sheet(
         *("carries_sheet", "Draw what is carried from where to where, and when.", "carries.png"),
@@ -210,7 +198,7 @@ _STAGES = (
         inputs=("frames", "poses", "annotations", "splats", "language", "metrics"),
         optional=_ENCODED | _TRACKED,
         libraries=("open_clip_torch", _OPENCV, "torch"),
-        memory=(6500, 600),
+        request=(6500, 600, 30, 100),
     ),
     Stage(
         *("scene_page", "egosplat.viewing.stage", "Write the scene as one HTML file that can be asked."),
@@ -236,9 +224,7 @@ def _with_plugins(own: tuple[Stage, ...]) -> dict[str, Stage]:
         stages.insert([other.name for other in stages].index(stage.before), stage)
     found = {stage.name: stage for stage in stages}
     for name, modules in (item for plugin in PLUGINS for item in plugin.MODULES.items()):
-        choice = found[name].modules
-        assert choice is not None
-        choice.modules.update(modules)
+        found[name].modules.update(modules)
     return found
 
 
@@ -277,11 +263,10 @@ def load_module(name: str, value: str) -> ModuleType:
 
 
 def _chosen(name: str, value: str) -> str:
-    choice = STAGES[name].modules
-    assert choice is not None
-    if value not in choice.modules:
-        raise UserError(f"{choice.by}: {value!r} is unknown; choose from {', '.join(choice.modules)}.")
-    return choice.modules[value]
+    stage = STAGES[name]
+    if value not in stage.modules:
+        raise UserError(f"{stage.by}: {value!r} is unknown; choose from {', '.join(stage.modules)}.")
+    return stage.modules[value]
 
 
 @functools.cache  # rules ask for every job

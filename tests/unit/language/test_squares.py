@@ -46,7 +46,7 @@ FEATURE = np.eye(8, dtype=np.float32)[:2]
 ITERATIONS = {"sparse": 120, "granular": 150, "field": 100, "quantized": 500}
 
 
-METHODS = [name for name in STAGES["language"].modules.modules if name != "joint"]
+METHODS = [name for name in STAGES["language"].modules if name != "joint"]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.stages import STAGES, code_of, load_module
 from egosplat.pipeline.variants import chosen_value
 
-CHOICES = {name: stage.modules.modules for name, stage in STAGES.items() if stage.modules}
+CHOICES = {name: stage.modules for name, stage in STAGES.items() if stage.modules}
 EVERY = [(stage, value) for stage, modules in CHOICES.items() for value in modules]
 
 FORMATS = get_args(Format)
