@@ -30,7 +30,6 @@ from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, open_encoded, scene_of
-from egosplat.query.histories import held_out_at
 
 
 def run(
@@ -118,7 +117,7 @@ def _scores_in_time(
         picture = None
         if scene.rests is not None and frame.held_out is not None:
             moment = frame.index, evaluation.camera_to_world[frame.index], float(scene.seconds[frame.index])
-            picture = held_out_at(scene.trained, scene.rests, evaluation.splats, *moment)
+            picture = scene.trained.held_out_at(scene.rests, evaluation.splats, *moment)
         yield score if picture is None else evaluation.rendering_of(frame, picture)
 
 

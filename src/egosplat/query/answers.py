@@ -15,14 +15,12 @@ NOTHING = "nothing is visible here"
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """A connected set of Gaussians that match a query.
+    """A connected set of Gaussians that match a query at a level of detail; ``members`` are their (M,) int64 indices.
 
     Attributes:
         score: 0..1, see ``egosplat.query.things.find_things``; above 0.5 it fits better than every canonical phrase.
-        level: name of the level of detail at which it matches.
         center, size: (3,) float64 mean of its Gaussians by visible share, and sides of its box along the axes of the world.
         frame: the frame that shows it best.
-        members: (M,) int64 indices of its Gaussians.
         probability: that it is what the query means; None without a calibration.
     """
 
@@ -49,7 +47,7 @@ class ViewMatch:
         pixel: column and row of the best match; the innermost if several match as well.
         position: (3,) float64 place in the world that this pixel shows; None without depth.
         relevancy: (H, W) float32 in 0..1 at ``level``, not smoothed; 0 where no code is visible.
-        mask_level, mask: the level of the mask, and its (H, W) bool pixels.
+        mask: (H, W) bool pixels, at ``mask_level``.
     """
 
     phrase: str
@@ -67,8 +65,8 @@ class Answer:
     """The answer to one query.
 
     Attributes:
-        grade: ``found``, ``best guess`` or ``not found`` (docs/method.md#grades).
-        score, probability: of the best match by score, as of a thing; no probability for a view.
+        grade: ``found``, ``best guess`` or ``not found`` (docs/method.md#grades), by ``rating``, which is as that of a thing.
+        score, probability: of the best match by score; no probability for a view.
         refusal: the reason why nothing is found; None if something is, or is guessed.
         untaught: words of the query that the OpenCLIP checkpoint was not trained on.
         things: things in 3D of this grade, by decreasing score; empty if refused, or if one view was asked.
@@ -99,5 +97,5 @@ class Answer:
 
     @property
     def rating(self) -> float:
-        """What it is graded by, as for a thing."""
+        """What it is graded by."""
         return self.score if self.probability is None else self.probability

@@ -178,7 +178,7 @@ def _render_thing(scene: Scene, answer: Answer) -> DrawnAnswer:
 def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> None:
     """Draw a page as PNG, atomically: for each of some answers the location, the relevancy and the mask in the rendered view."""
     # Here, because matplotlib takes as long to import as a query to answer.
-    from egosplat.drawing import plt, save_figure
+    from egosplat.drawing import draw_heat, draw_mask, hide_axes, plt, save_figure
 
     shapes = [picture.shape for _, _, picture in answers if picture is not None]
     height, width = shapes[0][:2] if shapes else (1, 1)
@@ -188,28 +188,23 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
     figure = plt.figure(figsize=(3 * cell, sum(heights) + 0.8), layout="constrained")
     grid = figure.subplots(len(answers), 3, squeeze=False, height_ratios=heights)
     figure.suptitle(title, fontsize=12)
-    for cells, drawn in zip(grid, answers, strict=True):
-        _draw(cells, *drawn)
+    for (answer, where, picture), cells in zip(answers, grid, strict=True):
+        for axes in cells:
+            hide_axes(axes)
+        (place, heat, mask), view = cells, answer.view
+        if picture is None or view is None:
+            caption = f'"{answer.phrase}": {answer.refusal or NOTHING}'
+            # Outside of the layout: otherwise the first column becomes as wide as the text.
+            how = {"transform": place.transAxes, "clip_on": False, "in_layout": False}
+            place.text(0.0, 0.5, caption, fontsize=10, **how)
+            continue
+        place.set_title(f'"{answer.phrase}": {answer.grade}{where and f", {where}"}', fontsize=10)
+        place.imshow(picture)
+        draw_heat(heat, picture, view.relevancy)
+        heat.set_title(f"relevancy 0 to 1, {view.level}", fontsize=10)
+        for axes in (place, heat):
+            for color, width in (("black", 3.5), ("white", 1.5)) if view.pixel else ():
+                axes.scatter(*view.pixel or (), s=130, facecolors="none", edgecolors=color, linewidths=width)
+        draw_mask(mask, picture, view.mask)
+        mask.set_title(f"mask, {view.mask_level}", fontsize=10)
     save_figure(figure, output)
-
-
-def _draw(cells: NDArray[np.object_], answer: Answer, where: str, picture: NDArray | None) -> None:
-    from egosplat.drawing import draw_heat, draw_mask, hide_axes
-
-    for axes in cells:
-        hide_axes(axes)
-    (place, heat, mask), view = cells, answer.view
-    if picture is None or view is None:
-        caption = f'"{answer.phrase}": {answer.refusal or NOTHING}'
-        # Outside of the layout: otherwise the first column becomes as wide as the text.
-        place.text(0.0, 0.5, caption, fontsize=10, transform=place.transAxes, clip_on=False, in_layout=False)
-        return
-    place.set_title(f'"{answer.phrase}": {answer.grade}{where and f", {where}"}', fontsize=10)
-    place.imshow(picture)
-    draw_heat(heat, picture, view.relevancy)
-    heat.set_title(f"relevancy 0 to 1, {view.level}", fontsize=10)
-    for axes in (place, heat):
-        for color, width in (("black", 3.5), ("white", 1.5)) if view.pixel else ():
-            axes.scatter(*view.pixel or (), s=130, facecolors="none", edgecolors=color, linewidths=width)
-    draw_mask(mask, picture, view.mask)
-    mask.set_title(f"mask, {view.mask_level}", fontsize=10)

@@ -23,25 +23,17 @@ from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_clip_of
 from egosplat.pipeline.home import ASKED, check_scene_folder
 from egosplat.pipeline.shared_options import ClipOptions
+from egosplat.query import grades
 from egosplat.query.answers import Answer, Thing, ViewMatch
-from egosplat.query.grades import Evidence, Grading, grading_of, judge, judge_view, measure_evidence
-from egosplat.query.histories import find_history
 from egosplat.query.maps import Mask
 from egosplat.query.options import MOST, AskingOptions, QueryOptions
-from egosplat.query.scene import (
-    Pose,
-    QueryScene,
-    Viewpoint,
-    instances_of_gaussians,
-    pose_viewpoint,
-    read_scene,
-)
+from egosplat.query.scene import Pose, QueryScene, Viewpoint, instances_of_gaussians, read_scene
 from egosplat.query.text import Texts, encode_texts, untaught_words, words_to_try
 from egosplat.query.things import Surface, ask_scene, read_surface
 from egosplat.query.views import Asker, show_thing
 
-# What OpenCLIP encoded for a scene's codes: the features of its instances, or tiles for methods without masks.
-ENCODED = ("features", "tiles")
+# What OpenCLIP encoded for a scene's codes, and an array of it: the features of instances, or tiles for methods without masks.
+ENCODED = {"features": "consistent", "tiles": "scale/0"}
 
 
 @dataclass(frozen=True)
@@ -145,9 +137,8 @@ class Scene:
     @cached_property
     def rests(self) -> Rests | None:
         """What lies somewhere for a while, on the device of the renderer; None if it is not known."""
-        if (tracked := self._tracked) is None:
-            return None
-        return Rests.read(tracked, self.seconds, self.gaussians.means.device)
+        tracked = self._tracked
+        return tracked and Rests.read(tracked, self.seconds, self.gaussians.means.device)
 
     @cached_property
     def histories(self) -> Histories | None:
@@ -155,9 +146,7 @@ class Scene:
         if (tracked := self._tracked) is None or (rests := self.rests) is None:
             return None
         # Features of another OpenCLIP compare with no word.
-        channels = self.encoded.shape("consistent" if self.encoded.schema.name == "features" else "scale/0")[
-            -1
-        ]
+        channels = self.encoded.shape(ENCODED[self.encoded.schema.name])[-1]
         return Histories(tracked, rests, self.seconds) if rests.feature.shape[1] == channels else None
 
     @cached_property
@@ -180,10 +169,9 @@ class Scene:
     def clip(self) -> OpenClip:
         """The OpenCLIP that made the features."""
         how, made_with = self.options, self.encoded.facts["clip"]
-        files = made_with["model"], made_with["checkpoint"]
         # A stage is told where OpenCLIP is: its files may have moved since they made the features.
-        if isinstance(how, ClipOptions):
-            files = how.clip_model, how.clip_checkpoint
+        told = (how.clip_model, how.clip_checkpoint) if isinstance(how, ClipOptions) else None
+        files = told or (made_with["model"], made_with["checkpoint"])
         return load_clip_of(self.encoded, *files, how.device, how.precision)
 
     @cached_property
@@ -246,8 +234,8 @@ class Scene:
             return (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
         view = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
         matches = Asker(self.trained, texts, options, self.rests).ask(texts.phrases, *view)
-        grading = Grading(None, options.min_score)
-        return (judge_view(match, untaught_words(self.clip, match.phrase), grading) for match in matches)
+        grading = grades.Grading(None, options.min_score)
+        return (grades.judge_view(one, untaught_words(self.clip, one.phrase), grading) for one in matches)
 
     def _judged(self, query: Texts, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
         """The verdict on the things that match one query best, with what is known of where it was carried."""
@@ -256,16 +244,16 @@ class Scene:
             chances = map(fit.probability, self.evidence(phrase, things, options))
             things = [replace(one, probability=each) for one, each in zip(things, chances, strict=True)]
         coded = bool(things) or bool((self.trained.share > 0).any())
-        answer = judge(phrase, things, untaught_words(self.clip, phrase), grading, most, coded=coded)
+        answer = grades.judge(phrase, things, untaught_words(self.clip, phrase), grading, most, coded)
         return replace(answer, history=self._history(query, options))
 
     def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
-        if self.histories is None or untaught_words(self.clip, query.phrases[0]):
+        if (known := self.histories) is None or untaught_words(self.clip, query.phrases[0]):
             return ()
-        return find_history(self.histories, query, self._words, options.temperature)
+        return grades.find_history(known, query, self._words, options.temperature)
 
     def carried(self) -> list[tuple[str, Carried]]:
-        """List what is carried, in the order of time, each with the word that fits best of those whose history it is in, or "".
+        """List what is carried, in the order of time, each with the word that fits best of those in whose history it is, or "".
 
         >>> [(name, carried.told) for name, carried in scene.carried()]
         [('cup', '0:00 to 0:00')]
@@ -294,11 +282,10 @@ class Scene:
         if frame is not None and pose is not None:
             raise UserError("frame and pose: give one of them")
         if second is not None and pose is None:
-            raise UserError(
-                "second: is the time of a pose; a frame has its own, and Answer.at tells of the whole scene"
-            )
+            what = "is the time of a pose; a frame has its own, and Answer.at tells of the whole scene"
+            raise UserError(f"second: {what}")
         if pose is not None:
-            return pose_viewpoint(pose, second)
+            return Viewpoint.read(pose, second)
         if frame is None:
             return None
         count = len(self.poses)
@@ -317,33 +304,30 @@ class Scene:
         second: float | None = None,
         camera: Camera | None = None,
     ) -> NDArray[np.float32]:
-        """Render the view of a frame at its time, or of a pose, as in ``ask``, (H, W, 3) float32 sRGB in [0, 1]; by the frames' camera
-        if no other is given."""
+        """(H, W, 3) float32 sRGB in [0, 1] of the view of a frame, or of a pose, as in ``ask``; by the frames' camera or another one."""
         view = self.viewpoint(frame, pose, second)
         if view is None:
             raise UserError("render: give a frame or a pose")
         return self.trained.at(self.rests, view.second).picture(camera or self.camera, view.camera_to_world)
 
     def show(self, phrase: str, thing: Thing, resolution: int = 0) -> ViewMatch:
-        """Show a thing that answers a phrase in the frame that shows it best: its pixels, and the relevancy of the whole view.
-
-        ``resolution`` is the longer side [px] at which the relevancy is computed; 0 for the camera's.
-        """
+        """Show a thing that answers a phrase in the frame that shows it best: its pixels, and the relevancy of the whole view, of which
+        ``resolution`` is the longer side [px]; 0 for the camera's."""
         view = self.camera, self.poses[thing.frame], self.valid
         options = self.options.change(resolution=resolution)
         return show_thing(self.trained, thing, self.encode([phrase]), *view, options)
 
-    def grading(self, options: QueryOptions | None = None) -> Grading:
+    def grading(self, options: QueryOptions | None = None) -> grades.Grading:
         """How answers of the whole scene are graded."""
-        return grading_of(self.encoded.facts["clip"]["hash"], options or self.options)
+        return grades.grading_of(self.encoded.facts["clip"]["hash"], options or self.options)
 
     def evidence(
         self, phrase: str, things: Sequence[Thing], options: QueryOptions | None = None
-    ) -> list[Evidence]:
+    ) -> list[grades.Evidence]:
         """Measure for each of the best things the evidence that it is what a phrase means."""
         options = options or self.options
         texts = self.encode([phrase], options), self._words
-        return measure_evidence(self.trained, self.surface, things, *texts, options.temperature)
+        return grades.measure_evidence(self.trained, self.surface, things, *texts, options.temperature)
 
     @cached_property
     def _words(self) -> Texts:

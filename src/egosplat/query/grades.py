@@ -12,11 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from egosplat.histories.known import Histories
+from egosplat.histories.told import Carried
 from egosplat.pipeline.messages import figure
 from egosplat.query.answers import Answer, Thing, ViewMatch
-from egosplat.query.options import MOST, QueryOptions
+from egosplat.query.options import QueryOptions
+from egosplat.query.relevancy import relevancy
 from egosplat.query.scene import QueryScene
-from egosplat.query.text import Texts, explain_untaught
+from egosplat.query.text import CARRIED, Texts, explain_untaught
 from egosplat.query.things import Surface
 
 FOUND, GUESS, NOT_FOUND = "found", "best guess", "not found"
@@ -31,6 +34,9 @@ HELD = ("canonical", "temperature", "box_filter", "segmentation_threshold", "min
 
 # Cosine from which a word means what the query means: "fridge" and "refrigerator", "lamp" and "desk lamp".
 SYNONYM = 0.7
+
+# Relevancy from which a thing may be what a query means: it is as like the query as the most alike canonical phrase.
+LEAST_FIT = 0.5
 
 # A share of a view below it counts as this much.
 _LEAST_SHARE = 1e-9
@@ -68,7 +74,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Grading:
-    """How answers are graded: by their probability where a calibration holds; else, and in one view, by their score, of which
+    """How answers are graded: by their probability where a calibration holds; else, and in one view, by their score, for which
     ``query.min_score`` is the least of an answer that is found."""
 
     calibration: Calibration | None
@@ -171,50 +177,62 @@ def other_meanings(query: Texts, words: Texts) -> Tensor:
     return words.queries @ query.queries[0] < SYNONYM
 
 
+def find_history(histories: Histories, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
+    """Find the carries of the thing that fits one query best, in the order of time.
+
+    No word with another meaning, of what people carry, fits it better, and the query fits it as well as every canonical
+    phrase. What stays has no carries; ``words`` are names of things, of which those of what people carry compete.
+    """
+    own = query.queries[0]
+    carried = torch.tensor([word in CARRIED for word in words.phrases])
+    if not histories.things or not carried[(words.queries @ own).argmax()]:
+        return ()
+    features, others = histories.features, words.queries[carried & other_meanings(query, words)]
+    unnamed = (features @ others.T >= (features @ own)[:, None]).any(dim=1)
+    scores = relevancy(features, query.queries, query.canonical, temperature)[:, 0]
+    score, best = scores.masked_fill(unnamed, 0.0).max(dim=0)
+    if not score > LEAST_FIT:
+        return ()
+    return tuple(replace(one, score=float(score)) for one in histories.things[int(best)])
+
+
 def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, temperature: float) -> float:
     """Lead of the first of the texts over the others, which compete with it."""
     level = surface.levels.index(thing.level)
     rows = torch.from_numpy(thing.members).to(scene.code.device)
     code, share = (values[rows, level][:, None] for values in (scene.code, scene.share))
-    relevancy = replace(scene, code=code, share=share).relevancy(texts, temperature)[:, 0].cpu().numpy()
+    fits = replace(scene, code=code, share=share).relevancy(texts, temperature)[:, 0].cpu().numpy()
     weight = surface.weight[thing.members, level].astype(np.float64)
-    fit, *others = map(log_odds, relevancy @ weight / weight.sum())
+    fit, *others = map(log_odds, fits @ weight / weight.sum())
     return fit - max(others, default=0.0)
 
 
 def judge(
-    phrase: str,
-    candidates: Sequence[Thing],
-    untaught: Sequence[str],
-    grading: Grading,
-    most: int = MOST,
-    *,
-    coded: bool = True,
+    phrase: str, things: Sequence[Thing], untaught: Sequence[str], grading: Grading, most: int, coded: bool
 ) -> Answer:
     """Judge the things that match a query of the whole scene, and show ``most`` of them.
 
     Args:
-        candidates: by decreasing score, with their probabilities where a calibration holds.
+        things: by decreasing score, with their probabilities where a calibration holds.
         untaught: words of the query that the model was not trained on.
         coded: whether any Gaussian has a code.
     """
     refusal, untaught = explain_untaught(untaught), tuple(untaught)
-    if not candidates:
+    if not things:
         # What fits best may be specks alone.
         refusal = refusal or (NOTHING_LIKE_IT if coded else "no Gaussian of the scene has a code")
         return Answer(phrase, NOT_FOUND, 0.0, None, refusal, untaught)
-    best = candidates[0]
+    best = things[0]
     refusal = refusal or grading.refusal(best.rating)
     grade = NOT_FOUND if refusal else grading.grade(best.rating)
     # Nothing is shown of what is refused; what is found hides guesses.
-    shown = () if refusal else (one for one in candidates[:most] if grading.grade(one.rating) == grade)
+    shown = () if refusal else (one for one in things[:most] if grading.grade(one.rating) == grade)
     verdict = best.score, best.probability, refusal, untaught
-    return Answer(phrase, grade, *verdict, things=tuple(shown), candidates=tuple(candidates))
+    return Answer(phrase, grade, *verdict, things=tuple(shown), candidates=tuple(things))
 
 
 def judge_view(match: ViewMatch, untaught: Sequence[str], grading: Grading) -> Answer:
     """Judge what matches in one view, by its score."""
     refusal = explain_untaught(untaught) or grading.refusal(match.score)
-    shown = None if refusal or match.level is None else match
-    grade = NOT_FOUND if refusal else FOUND
+    shown, grade = None if refusal or match.level is None else match, NOT_FOUND if refusal else FOUND
     return Answer(match.phrase, grade, match.score, None, refusal, tuple(untaught), view=shown)

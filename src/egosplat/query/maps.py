@@ -17,21 +17,18 @@ PLATEAU = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """The relevancy of one query in an image of (H, W) pixels, at L levels.
-
-    Attributes:
-        raw, smooth: (L, H, W) float32, finite: before and after the box filter.
-        shown: (L, H, W) bool pixels that show the scene and have a code at a level.
-    """
+    """(L, H, W) finite relevancy of one query in an image, at L levels, before and after the box filter; and the pixels that show the
+    scene and have a code at a level."""
 
     raw: Map
     smooth: Map
     shown: Mask
 
     def threshold(self, level: int, share: float) -> float:
-        """The relevancy at a share of the way from the least to the largest of a level."""
+        """The relevancy just above a share of the way from the least to the largest of a level."""
         seen = self.raw[level][self.shown[level]]
-        return float(seen.min() + share * (seen.max() - seen.min()))
+        # A blend of equal relevancies differs from them by rounding, which must not decide.
+        return float(seen.min() + share * (seen.max() - seen.min())) + PLATEAU
 
 
 def read_maps(maps: Map, valid: Mask, options: QueryOptions) -> Maps:
@@ -73,10 +70,8 @@ def localize(smooth: Map, shown: Mask) -> tuple[int, float, tuple[int, int]] | N
 
 
 def innermost(mask: Mask) -> tuple[int, int]:
-    """Column and row of the pixel of a mask, (H, W) bool with any pixel, that is farthest from all pixels outside it.
-
-    Of several, the one nearest to their mean. Pixels beyond the image are outside.
-    """
+    """Column and row of the pixel of a mask that is farthest from all pixels outside it, and beyond the image; of several, the one
+    nearest to their mean."""
     depth = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     rows, columns = np.nonzero(depth[1:-1, 1:-1] == depth.max())
     # The mean itself may be outside: the deepest pixels need not be connected.
@@ -87,8 +82,7 @@ def innermost(mask: Mask) -> tuple[int, int]:
 def segment(maps: Maps, segmentation_threshold: float, majority_px: int) -> tuple[int, Mask]:
     """Segment at the level where the mean of raw and smoothed relevancy is largest; the first one on ties.
 
-    The mean is normalized to 0..1 over the shown pixels of the level, of which there is one, thresholded, and filtered by
-    ``majority``. Returns the level, and its (H, W) mask.
+    Returns the level, and its (H, W) mask: the mean, normalized to 0..1 over the shown pixels, thresholded, and filtered by ``majority``.
     """
     # LangSplat segments the mean of both, not the smoothed map alone.
     combined = (maps.raw + maps.smooth) / 2
@@ -103,10 +97,8 @@ def segment(maps: Maps, segmentation_threshold: float, majority_px: int) -> tupl
 
 
 def box_filter(values: Map, size: int) -> Map:
-    """Mean of (H, W) float32 over a square around each pixel; the border is mirrored without repeating the outermost pixel.
-
-    A square of even side reaches one pixel further left and up: side 30 covers -15 to +14.
-    """
+    """Mean of (H, W) float32 over a square around each pixel, -15 to +14 for a side of 30; the border is mirrored without repeating
+    the outermost pixel."""
     # Equals LangSplat's filter2D with a constant kernel, but uses running sums: the time does not grow with the size.
     return cv2.blur(values, (size, size), borderType=cv2.BORDER_REFLECT_101).astype(np.float32, copy=False)
 

@@ -15,11 +15,9 @@ _NUMBERS_AT_ONCE = 2**18
 
 
 def fold(decoder: Decoder, directions: Tensor) -> tuple[Decoder, Tensor]:
-    """Reduce a decoder to fewer channels, whose inner products with (K, D) float32 directions stay the same for every code.
+    """Reduce a decoder and (K, D) float32 directions to r = min(D, H + 1) channels, where H is the width of its last hidden layer.
 
-    Returns:
-        folded: gives unit features of r = min(D, H + 1) channels, where H is the width of the decoder's last hidden layer.
-        projected: (K, r) float32 directions for them; usually not of unit norm.
+    Inner products stay the same for every code; the (K, r) directions are usually not of unit norm.
     """
     if len(decoder.widths) == 1 or decoder.widths[-2] + 1 >= decoder.widths[-1]:
         return decoder, directions
@@ -41,11 +39,11 @@ def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature:
     """Relevancy of features to queries: ``sigmoid(t (s_q - max_c s_c))``, 0.5 where the best canonical phrase fits as well.
 
     Args:
-        features: (..., D) floats of unit norm; zeros or non-finite values where there is no feature.
+        features: (..., D) floats of unit norm; zeros or non-finite values where there is no feature, and relevancy is 0.
         queries, canonical: (Q, D) and (K, D) float32, K at least 1; s is the inner product with a feature.
 
     Returns:
-        (..., Q) float32 in [0, 1]; 0 where there is no feature.
+        (..., Q) float32 in [0, 1].
     """
     # Halves would move a relevancy by 0.08 at a temperature of 10,000.
     wide = torch.promote_types(features.dtype, torch.float32)
@@ -60,7 +58,7 @@ def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature:
 
 @torch.inference_mode()
 def relevancy_maps(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts, temperature: float) -> Tensor:
-    """Relevancy of rendered codes to Q queries; decodes a few thousand pixels at a time.
+    """Relevancy of rendered codes to Q queries; decodes a few thousand pixels at a time (ValueError: a code is not finite).
 
     Args:
         codes: (L, H, W, C) float32, divided by their coverage.
@@ -68,9 +66,6 @@ def relevancy_maps(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts, 
 
     Returns:
         (Q, L, H, W) float32 in [0, 1], on the codes' device; 0 where ``seen`` is false or the feature is zero.
-
-    Raises:
-        ValueError: a code is not finite.
     """
     rows = codes.reshape(-1, codes.shape[-1])
     if not all_finite(rows):

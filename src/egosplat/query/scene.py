@@ -15,7 +15,8 @@ from egosplat.artifacts.schemas import PIXELS
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.gaussians.device import training_device
-from egosplat.gaussians.io import read_gaussians, read_render_settings
+from egosplat.gaussians.exposure import expose
+from egosplat.gaussians.io import read_exposure, read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Array, Camera, is_rigid
@@ -50,8 +51,7 @@ class TrainedScene:
     def rendered(self, camera: Camera, camera_to_world: Array) -> Tensor:
         """The (H, W, 3) colors on the device, which may exceed 1."""
         how = {"sh_degree": self.sh_degree, "background": self.settings.still_background}
-        image, _, _ = render(self.gaussians, camera, camera_to_world, self.settings, **how)
-        return image[..., :3]
+        return render(self.gaussians, camera, camera_to_world, self.settings, **how)[0][..., :3]
 
     def at(self, rests: Rests | None, second: float | None) -> "TrainedScene":
         """The scene with what lies there at a time [s], to render its colors; itself if nothing does, or without a time."""
@@ -59,6 +59,20 @@ class TrainedScene:
             return self
         every = Gaussians.concatenate([self.gaussians, rests.gaussians.select(added)])
         return TrainedScene(every, self.settings, self.camera, self.sh_degree)
+
+    @torch.no_grad()
+    def held_out_at(
+        self, rests: Rests, splats: Artifact, frame: int, pose: Array, second: float
+    ) -> NDArray[np.uint8] | None:
+        """(H, W, 3) render of a held-out frame at its time as the stage ``splats`` makes it, with the gains that it fitted if it
+        corrects any; None where nothing rests then."""
+        if (now := self.at(rests, second)) is self:
+            return None
+        log_gain, compression = read_exposure(splats)
+        colors = now.rendered(now.camera, pose)
+        if log_gain is not None:
+            colors = expose(colors, log_gain[frame], compression)
+        return (colors.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).cpu().numpy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +146,9 @@ def instances_of_gaussians(instances: Artifact, means: NDArray[np.float32]) -> N
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """A pose of the recording's camera.
+    """A (4, 4) float64 pose of the recording's camera, OpenCV axes, meters.
 
     Attributes:
-        camera_to_world: (4, 4) float64, OpenCV axes, meters.
         valid: (H, W) bool pixels that show the scene, or None for all.
         second: time [s since the first frame], at which it shows what lies there then, too; None for what stays.
     """
@@ -145,24 +158,21 @@ class Viewpoint:
     valid: Mask | None
     second: float | None = None
 
-
-def pose_viewpoint(pose: Pose, second: float | None = None) -> Viewpoint:
-    """The viewpoint of a pose, named like its file, at a time or of none (UserError: no file, or no rigid motion)."""
-    name, where, matrix = "a pose", "pose", pose
-    if isinstance(pose, str | Path):
-        name, where, matrix = Path(pose).name, f"pose {pose}", _read_pose(Path(pose))
-    matrix = np.asarray(matrix, np.float64)
-    if matrix.shape != (4, 4) or not is_rigid(matrix):
-        what = "camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
-        raise UserError(f"{where}: {what}")
-    return Viewpoint(name, matrix, None, second)
-
-
-def _read_pose(path: Path) -> Array:
-    try:
-        return np.array(read_json(path)["camera_to_world"], np.float64)
-    except FileNotFoundError:
-        raise UserError(f"pose {path}: does not exist") from None
-    except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
-        reason = str(error).partition("\n")[0]
-        raise UserError(f"pose {path}: is not JSON with 4x4 numbers camera_to_world ({reason})") from None
+    @staticmethod
+    def read(pose: Pose, second: float | None = None) -> "Viewpoint":
+        """The viewpoint of a pose, named like its file, at a time or of none (UserError: no file, or no rigid motion)."""
+        name, where = "a pose", "pose"
+        if isinstance(pose, str | Path):
+            name, where = Path(pose).name, f"pose {pose}"
+            try:
+                pose = np.array(read_json(Path(pose))["camera_to_world"], np.float64)
+            except FileNotFoundError:
+                raise UserError(f"{where}: does not exist") from None
+            except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
+                reason = str(error).partition("\n")[0]
+                raise UserError(f"{where}: is not JSON with 4x4 numbers camera_to_world ({reason})") from None
+        matrix = np.asarray(pose, np.float64)
+        if matrix.shape != (4, 4) or not is_rigid(matrix):
+            what = "camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
+            raise UserError(f"{where}: {what}")
+        return Viewpoint(name, matrix, None, second)

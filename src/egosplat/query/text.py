@@ -20,22 +20,20 @@ _UNSEEN, _NO_TEXT = ("Cc", "Cf"), "Cs"
 AT_ONCE = 2**27
 
 
-def _listed(text: str) -> tuple[str, ...]:
-    return tuple(phrase.strip() for phrase in text.replace("\n", " ").split(","))
-
-
 # Things of a home that people carry about. Synonyms are left out, here and below: they would share their scores.
-CARRIED = _listed("""
-ball, basket, blanket, book, bottle, bowl, box, candle, chair, clock, coat, cup, cushion, cutting board, flower, kettle,
-keyboard, lamp, laptop, magazine, microwave, painting, pillow, plant, plate, pot, remote control, shoe, speaker, stool,
-teapot, tissue box, toaster, towel, toy, trash can, vase
-""")
+CARRIED = re.split(
+    r",\s+",
+    """ball, basket, blanket, book, bottle, bowl, box, candle, chair, clock, coat, cup, cushion, cutting board, flower, kettle,
+    keyboard, lamp, laptop, magazine, microwave, painting, pillow, plant, plate, pot, remote control, shoe, speaker, stool,
+    teapot, tissue box, toaster, towel, toy, trash can, vase""",
+)
 
 # What stays, or carries.
-STAYING = _listed("""
-armchair, bed, bookshelf, cabinet, carpet, ceiling, coffee table, couch, curtain, desk, dining table, door, dresser,
-floor, fridge, hand, mirror, nightstand, oven, person, rug, shelf, sink, stove, table, television, wall, window
-""")
+STAYING = re.split(
+    r",\s+",
+    """armchair, bed, bookshelf, cabinet, carpet, ceiling, coffee table, couch, curtain, desk, dining table, door, dresser,
+    floor, fridge, hand, mirror, nightstand, oven, person, rug, shelf, sink, stove, table, television, wall, window""",
+)
 
 
 def words_to_try(clip: OpenClip) -> tuple[str, ...]:
@@ -84,23 +82,17 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
             raise UserError(f"query {phrase[:80]!r}: is not UTF-8; describe the object in words")
     tokens = clip.tokenizer([clean_phrase(phrase) for phrase in phrases])
     for phrase, row in zip(phrases, tokens, strict=True):
-        # Zeros fill a shorter text.
-        if row[-1] != 0:
-            _check_length(clip, phrase)
+        # Without the start and the end of every text; zeros fill a shorter one.
+        limit = tokens.shape[1] - 2
+        if row[-1] != 0 and (count := len(clip.tokenizer.encode(clean_phrase(phrase)))) > limit:
+            what = f"has {count} tokens, the model reads {limit}; shorten it"
+            raise UserError(f"query {phrase[:80]!r}: {what}")
     with clip.compute.inference():
         features = clip.model.encode_text(tokens.to(clip.compute.device)).float().cpu().numpy()
     for phrase, good in zip(phrases, usable(features), strict=True):
         if not good:
             raise UserError(f"query {phrase!r}: models.clip_checkpoint gives a zero or non-finite feature")
     return torch.from_numpy(unit(features)).float()
-
-
-def _check_length(clip: OpenClip, phrase: str) -> None:
-    assert clip.tokenizer.context_length is not None
-    # Without the start and the end of every text.
-    limit, tokens = clip.tokenizer.context_length - 2, len(clip.tokenizer.encode(clean_phrase(phrase)))
-    if tokens > limit:
-        raise UserError(f"query {phrase[:80]!r}: has {tokens} tokens, the model reads {limit}; shorten it")
 
 
 def clean_phrase(phrase: str) -> str:

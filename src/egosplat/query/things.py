@@ -52,12 +52,10 @@ class Surface:
     """N Gaussians with their visibility in V views and their codes' shares at L levels: what all queries share.
 
     Attributes:
-        means: (N, 3) float64 centers.
-        touching: (N, N) neighbors, see ``find_neighbors``.
+        means, touching: (N, 3) float64 centers, and (N, N) neighbors, see ``find_neighbors``.
         shares: (V, N) float32 share of each view that a Gaussian fills, see ``visible_shares``.
         weight: (N, L) float32 mean of ``shares`` over the views, times the share of the Gaussian with a code.
         frame: (V,) int64 frames of the views.
-        levels: names of the levels.
     """
 
     means: Array
@@ -155,17 +153,10 @@ def find_neighbors(means: Array, radii: Array) -> csr_array:
 def find_things(
     surface: Surface, relevancy: Floats, threshold: float, box_side: float, most: int
 ) -> list[Thing]:
-    """Find the things that match a query best (docs/method.md#scene-queries): LangSplat's segmentation on Gaussians.
+    """Find at most ``most`` things by decreasing score (docs/method.md#scene-queries): LangSplat's segmentation on Gaussians.
 
-    At each level, relevancy is averaged over neighbors, normalized to 0..1 and thresholded; the Gaussians above the
-    threshold are split into connected components.
-
-    Args:
-        relevancy: (L, N) float32 in 0..1.
-        box_side: side of the box filter, as a share of the image's side.
-
-    Returns:
-        At most ``most`` things by decreasing score, without duplicates (see ``SAME``).
+    At each level, (L, N) relevancy is averaged over neighbors, normalized to 0..1 and thresholded; the Gaussians above the
+    threshold are split into connected components. ``box_side`` is that of the box filter, as a share of the image's side.
     """
     every = [
         _thing(surface, values, members, level, box_side)
@@ -174,9 +165,7 @@ def find_things(
     ]
     kept: list[Thing] = []
     for thing in sorted(every, key=lambda thing: -thing.score):
-        if len(kept) == most:
-            break
-        if not any(_same(thing, other, surface) for other in kept):
+        if len(kept) < most and not any(_same(thing, other, surface) for other in kept):
             kept.append(thing)
     return kept
 

@@ -19,18 +19,7 @@ from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder
 from egosplat.language.rendering import render_codes
 from egosplat.query.answers import Thing, ViewMatch
-from egosplat.query.maps import (
-    PLATEAU,
-    Map,
-    Maps,
-    Mask,
-    innermost,
-    localize,
-    majority,
-    read_maps,
-    resize_shown,
-    segment,
-)
+from egosplat.query.maps import Maps, Mask, innermost, localize, majority, read_maps, resize_shown, segment
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy, relevancy_maps
 from egosplat.query.scene import QueryScene, rendering_camera
@@ -54,7 +43,6 @@ class View:
         depth: (h, w) float32 expected camera z [m]; 0 where the view is empty.
         camera, camera_to_world: of the answers, (H, W) pixels; the camera shows the same image at another size.
         valid: (H, W) bool pixels that show the scene; other pixels are never answers.
-        levels: names of the levels.
     """
 
     codes: Tensor
@@ -192,8 +180,7 @@ def _filled(
     scene: QueryScene, view: View, levels: Sequence[int], thresholds: Sequence[float]
 ) -> NDArray[np.float32]:
     """(Q, h, w) share of what covers each pixel, at the level of each query, whose relevancy is above its threshold."""
-    # A blend of equal relevancies differs from them by rounding, which must not decide.
-    threshold = torch.tensor([threshold + PLATEAU for threshold in thresholds]).to(scene.code)
+    threshold = torch.tensor(thresholds).to(scene.code)
     own = torch.stack([scene.code[:, level, query] for query, level in enumerate(levels)], dim=1)
     small = view.camera.scaled_to(*reversed(view.depth.shape))
     seen = gaussians_in(scene.gaussians, small, view.camera_to_world, scene.settings)
@@ -201,7 +188,7 @@ def _filled(
     return (image.movedim(-1, 0) / view.coverage[list(levels)].clamp(min=1e-6)).cpu().numpy()
 
 
-def _filled_mask(filled: Map, shown: Mask) -> Mask:
+def _filled_mask(filled: NDArray[np.float32], shown: Mask) -> Mask:
     """(H, W) pixels among the ``shown`` of which a thing makes up more than half, from its (h, w) share of each."""
     return (cv2.resize(filled, shown.shape[::-1]) > _HALF) & shown
 

@@ -18,8 +18,7 @@ from egosplat.histories.told import APART
 from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
-from egosplat.query.grades import SYNONYM
-from egosplat.query.histories import FITS
+from egosplat.query.grades import LEAST_FIT, SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.container import Arrays, Facts, pack
@@ -135,7 +134,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
             "same": SAME,
             "synonym": SYNONYM,
             "apart": APART,
-            "fits": FITS,
+            "fits": LEAST_FIT,
         },
     }
 

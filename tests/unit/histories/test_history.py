@@ -14,7 +14,7 @@ from egosplat.errors import UserError
 from egosplat.histories.known import Histories, Rests
 from egosplat.histories.told import Carried, clock, place_at
 from egosplat.query.finished_scene import open_scene
-from egosplat.query.histories import find_history
+from egosplat.query.grades import find_history
 from egosplat.query.text import Texts
 from tests.support.commands import run_command
 from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_histories, put_page_scene

@@ -118,7 +118,7 @@ def test_a_view_has_pixels_and_no_things(work):
         (lambda scene: egosplat.export_scene(scene, "x.txt"), "x.txt"),
         (lambda scene: egosplat.open_scene("results/adt/scene9"), "results/adt/scene9/metrics.json"),
         (lambda scene: egosplat.run_stage("splat"), "splats"),
-        (lambda scene: egosplat.run_stage("splats", frames="f"), "poses, output"),
+        (lambda scene: egosplat.run_stage("splats", frames="f"), "output, poses"),
         (
             lambda scene: egosplat.run_stage(
                 "contact_sheet", frames="f", annotations="a", poses="p", output="o", x=1

@@ -31,11 +31,11 @@ def test_scaled_and_shifted_maps_say_the_same():
 def test_a_threshold_lies_between_the_least_and_the_largest_relevancy_of_its_level(share):
     maps = np.full((2, SIZE, SIZE), 0.5, np.float32)
     maps[1, 10:30, 10:30], maps[1, :5], maps[0, 0, 0] = 0.9, 0.1, np.nan
-    assert read_maps(maps, ALL, OPTIONS).threshold(1, share) == pytest.approx(0.1 + 0.8 * share)
+    assert read_maps(maps, ALL, OPTIONS).threshold(1, share) == pytest.approx(0.1 + 0.8 * share + PLATEAU)
     # What is hidden, or not valid, moves nothing.
     maps[1, :5] = np.nan
     hidden = read_maps(maps, ALL, OPTIONS)
-    assert hidden.threshold(1, share) == pytest.approx(0.5 + 0.4 * share)
+    assert hidden.threshold(1, share) == pytest.approx(0.5 + 0.4 * share + PLATEAU)
     assert not hidden.shown[1, :5].any() and hidden.shown[1, 5:].all()
 
 

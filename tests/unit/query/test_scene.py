@@ -12,7 +12,7 @@ from egosplat.errors import UserError
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.query.finished_scene import open_scene
-from egosplat.query.scene import pose_viewpoint, read_trained_scene
+from egosplat.query.scene import Viewpoint, read_trained_scene
 from tests.support.scenes import put
 
 CAMERA = Camera(16, 12, 12.0, 12.0, 8.0, 6.0)
@@ -91,7 +91,7 @@ def test_a_pose_file_may_be_in_any_folder(tmp_path):
     pose[:3, 3] = [1.0, 2.0, 3.0]
     path = tmp_path / "here.json"
     path.write_text(json.dumps({"camera_to_world": pose.tolist()}))
-    view = pose_viewpoint(path)
+    view = Viewpoint.read(path)
     assert view.name == "here.json" and view.valid is None
     np.testing.assert_array_equal(view.camera_to_world, pose)
 
@@ -116,4 +116,4 @@ def test_files_without_a_pose_are_rejected(tmp_path, text, said):
     if text is not None:
         path.write_text(text)
     with pytest.raises(UserError, match=f"^pose .*pose.json: .*{said}"):
-        pose_viewpoint(path)
+        Viewpoint.read(path)

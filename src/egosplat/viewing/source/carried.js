@@ -1,4 +1,4 @@
-// What was carried from where to where: egosplat/histories/told.py and egosplat/query/histories.py.
+// What was carried from where to where: egosplat/histories/told.py and egosplat/query/grades.py.
 
 // The carries of the thing that fits a query best, in the order of time.
 function historyOf(scene, vector) {
