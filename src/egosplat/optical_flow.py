@@ -35,7 +35,8 @@ def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
     # A used search would start from the flow of the previous images.
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     first, second = (np.pad(image, missing, mode="edge") for image in (source, target))
-    flow = search.calc(first, second, np.zeros((*first.shape, 2), np.float32))
+    # A flow of the images' size would be where the search starts; none is given.
+    flow = search.calc(first, second, np.empty((1, 1, 2), np.float32))
     return np.asarray(flow, np.float32)[:height, :width]
 
 
