@@ -1,7 +1,6 @@
 """Measure how the brightness of the same surfaces changes over a recording, in stops."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -29,26 +28,13 @@ _MIN_SCATTER = 0.01
 _MAX_GAIN, _MIN_CONTRAST = 64.0, 4.0
 
 
-@dataclass(frozen=True, eq=False)
-class Light:
-    """The light of S surfaces in two images.
-
-    Attributes:
-        change: (S,) float64 logarithm of their ratio [stops].
-        vignetting: (S, 2) float64 differences of the second and fourth power of their radius in the image.
-    """
-
-    change: Array
-    vignetting: Array
+Light = tuple[Array, Array]
+"""Of S surfaces in two images: (S,) logarithm of the ratio of their light [stops], and (S, 2) differences of the second and
+fourth power of their radius in the image."""
 
 
 def equalize(image: Gray, wanted: Gray, found: Gray) -> Gray:
-    """An image with its brightness changed by a gain and an offset.
-
-    Args:
-        image: (h, w) uint8.
-        wanted, found: (N,) uint8 of the same surfaces, in another image and in this one.
-    """
+    """Change an (h, w) uint8 image by a gain and an offset, so that the (N,) values ``found`` in it become those ``wanted``."""
     if len(found) < _MIN_PIXELS:
         return image
     (low, middle, high), (dark, gray, light) = (np.quantile(one, [0.1, 0.5, 0.9]) for one in (wanted, found))
@@ -58,16 +44,11 @@ def equalize(image: Gray, wanted: Gray, found: Gray) -> Gray:
     return table[image]
 
 
-def compare_light(first: Gray, second: Gray, measured: Bools, radii: tuple[Array, Array]) -> Light | None:
-    """Compare the light of the same surfaces in two images.
+def compare_light(first: Gray, second: Gray, measured: Bools, radii: Sequence[Array]) -> Light | None:
+    """Compare the light of the same surfaces in two aligned (h, w) uint8 images, at (h, w) bool pixels.
 
-    Args:
-        first, second: (h, w) uint8, aligned.
-        measured: (h, w) bool, pixels to compare.
-        radii: (h, w) distance of each surface from the center of its own image, as a fraction of half the longest side.
-
-    Returns:
-        None with fewer than 200 pixels that are neither dark nor saturated.
+    ``radii``: two (h, w) distances of each surface from the center of its own image, as a fraction of half the longest side.
+    None with fewer than 200 pixels that are neither dark nor saturated.
     """
     usable = measured & (np.minimum(first, second) >= _DARKEST) & (np.maximum(first, second) <= _LIGHTEST)
     if usable.sum() < _MIN_PIXELS:
@@ -78,7 +59,7 @@ def compare_light(first: Gray, second: Gray, measured: Bools, radii: tuple[Array
         cv2.blur(one.astype(np.float32), _PATCH)[rows, columns].astype(np.float64) for one in (first, second)
     )
     before, after = (radius[rows, columns] ** 2 for radius in radii)
-    return Light(_GAMMA * np.log2(there / here), np.stack([after - before, after**2 - before**2], axis=1))
+    return _GAMMA * np.log2(there / here), np.stack([after - before, after**2 - before**2], axis=1)
 
 
 def exposure_changes(lights: Sequence[Light | None]) -> Array:
@@ -90,29 +71,24 @@ def exposure_changes(lights: Sequence[Light | None]) -> Array:
     vignetting = np.zeros(_POWERS)
     for _ in range(_ITERATIONS if known else 0):
         normal, slope = np.eye(_POWERS), np.zeros(_POWERS)
-        for light in known:
-            rest = light.change - light.vignetting @ vignetting
+        for change, radial in known:
+            rest = change - radial @ vignetting
             rest -= np.median(rest)
             scale = max(_MIN_SCATTER, 1.4826 * float(np.median(np.abs(rest))))
             weight = 1.0 / (1.0 + (rest / (2 * scale)) ** 2)
-            centered = light.vignetting - np.average(light.vignetting, axis=0, weights=weight)
+            centered = radial - np.average(radial, axis=0, weights=weight)
             normal += np.einsum("ni,nj,n->ij", centered, centered, weight)
             slope += np.einsum("ni,n,n->i", centered, rest, weight)
         vignetting = (vignetting + np.linalg.solve(normal, slope)).clip(-_MAX_VIGNETTING, _MAX_VIGNETTING)
     return np.array(
-        [np.nan if one is None else np.median(one.change - one.vignetting @ vignetting) for one in lights],
-        np.float64,
+        [np.nan if light is None else np.median(light[0] - light[1] @ vignetting) for light in lights], float
     )
 
 
 def exposure_curve(pairs: NDArray[np.int64], stops: Array) -> dict[int, float]:
-    """Exposure by frame, summed along chains of pairs; each chain's median is 0 [stops].
+    """Exposure by frame, summed along chains of (P, 2) pairs ordered by the first; each chain's median is 0 [stops].
 
-    A steady change that the measurement's bias could make is taken out: over many pairs it would grow.
-
-    Args:
-        pairs: (P, 2) frames, ordered by the first.
-        stops: (P,) of each pair; NaN if unknown.
+    A steady change that the bias of the (P,) ``stops``, NaN if unknown, could make is taken out: it would grow.
     """
     known = stops[np.isfinite(stops)]
     stops = stops - np.clip(known.mean(), -_BIAS, _BIAS) if len(known) else stops

@@ -1,7 +1,7 @@
 """Decide from the measurements of a survey whether anything moves, and what the camera requires."""
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,83 +14,75 @@ from egosplat.survey.motion import Motion
 _LEAST_SHARE = 5e-4
 # A smaller share is none: in a long recording, less than one track of the smallest region.
 _NO_SHARE = 1e-4
-# More regions that move for fewer than three pairs may be things that pass fast. Errors of flow reach 0.15 %, where poses are off by 1.5 % of the
-# depth too; the one moving recording without lasting regions has 0.24 %.
+# More regions that move for fewer than three pairs may be things that pass fast. Errors of flow reach 0.15 %, where poses are
+# off by 1.5 % of the depth too; the one moving recording without lasting regions has 0.24 %.
 _MAX_FLEETING = 2e-3
 # Poses are refined if what a correction explains is so many times the noise that it leaves. Revisits see a place from
-# further apart: flow between them errs more.
-_LIMIT, _REVISIT_LIMIT = 0.7, 1.0
-# Fewer revisits do not tell.
-_MIN_REVISITS = 2
+# further apart: flow between them errs more, and fewer than two do not tell.
+_LIMIT, _REVISIT_LIMIT, _MIN_REVISITS = 0.7, 1.0, 2
 # Exposure is compensated if it changes by more than a third of a stop, the smallest step of a camera's dial.
 _MAX_STOPS = 1 / 3
 
 
-@dataclass(frozen=True)
-class PoseResidual:
-    """Flow that a correction of the poses explains, the noise that it leaves, and the limit of their ratio [px]."""
-
-    explained_px: float
-    noise_px: float
-    limit: float
-
-    @property
-    def excess(self) -> float:
-        """How far the explained flow stands out of the noise; above 1, poses are refined."""
-        return self.explained_px / self.noise_px / self.limit
-
-
-def moving_share(share: float | None, fleeting: float | None) -> float | None:
-    """Share of the picture that moves; None if it cannot be told. Arguments: ``Motion.share`` and ``Motion.fleeting``."""
-    untold = share is None or fleeting is None or (share < _NO_SHARE and fleeting > _MAX_FLEETING)
-    return None if untold else share
-
-
-def is_static(share: float | None) -> bool:
-    """Whether nothing moves. What cannot be told counts as moving."""
-    return share is not None and share < _LEAST_SHARE
+def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
+    """The section ``motion`` of survey.json. What cannot be told counts as moving, and is masked."""
+    share, fleeting = motion.share, motion.fleeting
+    if share is not None and fleeting is not None and share < _NO_SHARE and fleeting > _MAX_FLEETING:
+        share = None
+    columns = ("moving", "lasting", "voting", "noise_px", "stops")
+    return {
+        "static": share is not None and share < _LEAST_SHARE,
+        "masking": "refined" if share is None or share >= min_share else "none",
+        "share": finite(share),
+        "min_share": min_share,
+        "fleeting": finite(fleeting),
+        "voting": finite(motion.voting.mean()) if len(motion.pairs) else None,
+        "noise_px": finite(median(motion.noise_px)),
+        "pairs": [
+            {"frames": pair} | {name: finite(getattr(motion, name)[row]) for name in columns}
+            for row, pair in enumerate(motion.pairs.tolist())
+        ],
+    }
 
 
-def needs_masks(share: float | None, min_share: float) -> bool:
-    """Whether enough of the picture moves to be masked. What cannot be told is masked."""
-    return share is None or share >= min_share
-
-
-def pose_residual(motion: Motion) -> PoseResidual | None:
-    """The residual of consecutive frames or of revisits, whichever stands out more; None if nothing is measured."""
+def decide_camera(motion: Motion) -> dict[str, Any]:
+    """The section ``camera`` of survey.json. What is not measured asks for no correction."""
     count = len(motion.pairs)
-    near = _residual(motion.before_px[:count], motion.after_px[:count], 1, _LIMIT)
-    again = _residual(motion.before_px[count:], motion.after_px[count:], _MIN_REVISITS, _REVISIT_LIMIT)
-    known = [one for one in (near, again) if one is not None]
-    return max(known, key=lambda one: one.excess) if known else None
-
-
-def refines_poses(residual: PoseResidual | None) -> bool:
-    """Whether the poses leave flow that stands out of its noise. What is not measured asks for nothing."""
-    return residual is not None and residual.excess > 1
-
-
-def brightness_range(motion: Motion) -> float | None:
-    """Range of the exposure over the recording [stops]; None if unknown."""
+    parts = (
+        _pose_residual(motion.before_px[:count], motion.after_px[:count], 1, _LIMIT),
+        _pose_residual(motion.before_px[count:], motion.after_px[count:], _MIN_REVISITS, _REVISIT_LIMIT),
+    )
+    # Consecutive frames or revisits, whichever stand out more.
+    excess, explained, noise = max(parts, key=lambda found: found[0])
     curve = exposure_curve(motion.pairs, motion.stops)
     # Of 90 % of the frames.
-    return float(np.ptp(np.quantile(list(curve.values()), [0.05, 0.95]))) if curve else None
+    stops = float(np.ptp(np.quantile(list(curve.values()), [0.05, 0.95]))) if curve else None
+    return {
+        "pose_residual_px": finite(explained),
+        "pose_noise_px": finite(noise),
+        "revisits": len(motion.revisits),
+        "refine_poses": excess > 1,
+        "brightness_stops": finite(stops),
+        "compensate_exposure": stops is not None and stops > _MAX_STOPS,
+    }
 
 
-def compensates_exposure(stops: float | None) -> bool:
-    """Whether the exposure changes by more than a third of a stop. What is not measured asks for nothing."""
-    return stops is not None and stops > _MAX_STOPS
-
-
-def _residual(before_px: Array, after_px: Array, least: int, limit: float) -> PoseResidual | None:
+def _pose_residual(before_px: Array, after_px: Array, least: int, limit: float) -> tuple[float, float, float]:
+    """How far the flow that corrections explain stands out of the noise they leave, and both [px]; NaN of few pairs."""
     known = np.isfinite(before_px) & np.isfinite(after_px)
     if known.sum() < least:
-        return None
+        return -math.inf, math.nan, math.nan
     before, after = before_px[known], after_px[known]
     # Medians, because a single pair can have too little in common for a correction.
-    explained = np.median(np.sqrt(np.maximum(before**2 - after**2, 0.0)) / after)
     noise = float(np.median(after))
-    return PoseResidual(float(explained) * noise, noise, limit)
+    explained = float(np.median(np.sqrt(np.maximum(before**2 - after**2, 0.0)) / after)) * noise
+    return explained / noise / limit, explained, noise
+
+
+def median(values: Array) -> float | None:
+    """Median of the finite ones of some values; None without any."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
 
 
 def finite(value: float | None, digits: int = 6) -> float | None:

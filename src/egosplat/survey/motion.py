@@ -15,12 +15,11 @@ from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey import views
 from egosplat.survey.brightness import exposure_changes
-from egosplat.survey.detection import detect_motion
-from egosplat.survey.matching import Bools, Floats, Gray, match_images
+from egosplat.survey.pairs import Bools, Floats, Gray, detect_motion, match_images
 from egosplat.survey.rigid import View, rotation_homography
 
 # Longest side of the images that flow is computed of [px].
-SIDE = 256
+_SIDE = 256
 # Motion is undecided if fewer pixels than this fraction can show it, or fewer pairs.
 _MIN_VOTING, _MIN_PAIRS = 0.05, 2
 # Minimum depth of static points: half the depth of the nearest 2 % of the points.
@@ -82,32 +81,38 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     unit = _unit_of(poses, camera_to_world[registered])
     depths = views.median_depths(camera, camera_to_world, registered, points)
     pairs = views.choose_pairs(times_ns, registered)
+    count = len(pairs)
     revisits = views.choose_revisits(
-        camera_to_world, depths, times_ns, registered, len(pairs) // _PAIRS_PER_REVISIT
+        camera_to_world, depths, times_ns, registered, count // _PAIRS_PER_REVISIT
     )
     found, lights, flows = [], [], []
     for row, (first, second) in enumerate(
-        track(np.concatenate([pairs, revisits]), "measuring motion", unit="pair")
+        track(np.concatenate([pairs, revisits]).tolist(), "measuring motion", unit="pair")
     ):
         images = [_gray(frames.row("rgb", frame), valid.shape[::-1]) for frame in (first, second)]
-        pair_poses = camera_to_world[first], camera_to_world[second]
-        here, there = shown(int(first)), shown(int(second))
-        match = match_images(*images, here, camera.matrix, pair_poses, there)
-        view = _view(camera, pair_poses, depths[first], points, unit)
-        found.append(detect_motion(match, view, here, search=row < len(pairs)))
-        judged = np.isfinite(found[-1].noise_px) and row < len(pairs)
+        pair_poses, here = (camera_to_world[first], camera_to_world[second]), shown(first)
+        match = match_images(images[0], images[1], here, camera.matrix, pair_poses, shown(second))
+        near = views.depth_quantile(camera, pair_poses[0], points, _NEAR_QUANTILE)
+        view = View(
+            intrinsics=camera.matrix,
+            position=(invert(pair_poses[0]) @ pair_poses[1])[:3, 3],
+            depth=float(depths[first]) if np.isfinite(depths[first]) else _DEFAULT_DEPTH * unit,
+            min_depth=_DEFAULT_MIN_DEPTH * unit if near is None else _NEAR_FACTOR * near,
+        )
+        found.append(detect_motion(match, view, here, search=row < count))
+        judged = np.isfinite(found[-1].noise_px) and row < count
         lights.append(match.light if judged else None)
         # Flow is kept where something moves, for the next pair.
         flows.append(match.flow if found[-1].regions.any() else None)
     homographies = [rotation_homography(camera.matrix, *camera_to_world[pair]) for pair in pairs]
-    lasting = _lasting(pairs, [one.regions for one in found], flows, homographies)
-    count, valid_count = len(pairs), max(1, int(valid.sum()))
-    numbers = np.array([(one.before_px, one.noise_px) for one in found]).reshape(-1, 2)
+    regions = [pair.regions for pair in found[:count]]
+    numbers = np.array([(pair.before_px, pair.noise_px) for pair in found]).reshape(-1, 2)
+    valid_count = max(1, int(valid.sum()))
     return Motion(
         pairs=pairs,
-        moving=np.array([np.count_nonzero(one.regions) for one in found[:count]]) / valid_count,
-        lasting=lasting / valid_count,
-        voting=np.array([one.voting for one in found[:count]]) / valid_count,
+        moving=np.array([np.count_nonzero(labels) for labels in regions]) / valid_count,
+        lasting=_lasting(pairs, regions, flows, homographies) / valid_count,
+        voting=np.array([pair.voting for pair in found[:count]]) / valid_count,
         noise_px=numbers[:count, 1],
         stops=exposure_changes(lights[:count]),
         revisits=revisits,
@@ -123,10 +128,10 @@ def _lasting(
     row_of = {int(first): row for row, first in enumerate(pairs[:, 0])}
     links = []
     for row, second in enumerate(pairs[:, 1].tolist()):
-        after = row_of.get(second)
-        if after is None or flows[row] is None or flows[after] is None:
+        after, flow = row_of.get(second), flows[row]
+        if after is None or flow is None or flows[after] is None:
             continue
-        arrived = landing(regions[row], flows[row], homographies[row])
+        arrived = landing(regions[row], flow, homographies[row])
         links += [((row, one), (after, other)) for one, other in meetings(arrived, regions[after])]
     found = np.zeros(len(pairs))
     for row, region in lasting_regions(links):
@@ -137,7 +142,7 @@ def _lasting(
 def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[int], Bools], Camera]:
     """Valid pixels, pixels of each frame that show the scene, and camera, at the size at which flow is computed."""
     _, height, width, _ = frames.shape("rgb")
-    size = shrunk_size(width, height, SIDE)
+    size = shrunk_size(width, height, _SIDE)
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height).scaled_to(*size)
     full = frames.read("valid")
 
@@ -151,22 +156,12 @@ def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[i
     return valid, lambda frame: shrink(shown_pixels(frames, frame, full)), camera
 
 
-def _gray(rgb: NDArray[np.uint8], size: tuple[int, int]) -> Gray:
-    return cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
+def _gray(rgb: NDArray[np.uint8], size: tuple[int, ...]) -> Gray:
+    small = cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
 
 
 def _unit_of(poses: Artifact, registered: Array) -> float:
     """The unit of the default depths: a meter, or the way between the outermost of the cameras if no scale is known."""
     spread = float(np.linalg.norm(np.ptp(registered[:, :3, 3], axis=0))) if len(registered) else 0.0
     return spread if spread > 0 and length_unit(poses) != "m" else 1.0
-
-
-def _view(camera: Camera, poses: tuple[Array, Array], depth: float, points: Array, unit: float) -> View:
-    """The camera of a pair, and the depths of what it shows."""
-    near = views.depth_quantile(camera, poses[0], points, _NEAR_QUANTILE)
-    return View(
-        intrinsics=camera.matrix,
-        position=(invert(poses[0]) @ poses[1])[:3, 3],
-        depth=float(depth) if np.isfinite(depth) else _DEFAULT_DEPTH * unit,
-        min_depth=_DEFAULT_MIN_DEPTH * unit if near is None else _NEAR_FACTOR * near,
-    )

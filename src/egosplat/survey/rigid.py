@@ -1,10 +1,8 @@
 """Fit the error of the pose between two images: a small rigid correction that explains their whole optical flow at once.
 
-The second image is first rotated to the orientation of the first camera, by the homography of their relative rotation. Only the
-translation remains: a static point moves along the line through the epipole, by more if it is nearer.
-
-Every point keeps a depth of its own, so only flow across its epipolar line is left over. A moving thing does not fit the
-correction, and hardly changes it: the fit is robust.
+The second image is first rotated to the orientation of the first camera. Only the translation remains: a static point moves
+along the line through the epipole, by more if it is nearer. Every point keeps a depth of its own, so only flow across its
+epipolar line is left over. A moving thing does not fit the correction, and hardly changes it: the fit is robust.
 """
 
 from dataclasses import dataclass
@@ -49,26 +47,17 @@ class View:
 
 
 def rotation_homography(intrinsics: Array, first: Array, second: Array) -> Array:
-    """(3, 3) homography from pixels in the orientation of ``first`` to pixels in the orientation of ``second``.
-
-    Args:
-        intrinsics: (3, 3) matrix of both images.
-        first, second: (4, 4) camera_to_world.
-    """
-    relative = second[:3, :3].T @ first[:3, :3]
-    return intrinsics @ relative @ np.linalg.inv(intrinsics)
+    """(3, 3) homography from pixels in the orientation of ``first`` to that of ``second``, (4, 4) camera_to_world."""
+    return intrinsics @ (second[:3, :3].T @ first[:3, :3]) @ np.linalg.inv(intrinsics)
 
 
 def static_residual(view: View, pixels: Array, flow: NDArray[np.floating], correction: Array) -> Array:
-    """Vector from the nearest place where a static point can appear to the target of its flow.
+    """(..., 2) float64 vector from the nearest place where a static point can appear to the target of its flow [px].
 
     Args:
         pixels: (..., 2) in the first image [px].
         flow: (..., 2) from there to the second image, rotated to the orientation of the first [px].
         correction: (6,) rotation of the second camera [rad], and its shift in units of the typical depth.
-
-    Returns:
-        (..., 2) float64 [px].
     """
     flow = corrected_flow(view, pixels, flow, correction)
     segment = static_segment(view, pixels, correction)
@@ -100,37 +89,27 @@ def static_segment(view: View, pixels: Array, correction: Array) -> Array:
 def turn(intrinsics: Array, pixels: Array, rotation: Array) -> Array:
     """(..., 2) pixels after their rays turn by a small rotation vector, exact to its third power [px]."""
     focal, center = intrinsics[[0, 1], [0, 1]], intrinsics[:2, 2]
-    x, y = np.moveaxis((np.asarray(pixels, np.float64) - center) / focal, -1, 0)
-    once = _cross(rotation, (x, y, np.ones_like(x)))
-    twice = _cross(rotation, once)
-    x, y, z = (ray + one + two / 2 for ray, one, two in zip((x, y, 1.0), once, twice, strict=True))
+    (x, y), (a, b, c) = np.moveaxis((np.asarray(pixels, np.float64) - center) / focal, -1, 0), rotation
+    once_x, once_y, once_z = b - c * y, c * x - a, a * y - b * x
+    x = x + once_x + (b * once_z - c * once_y) / 2
+    y = y + once_y + (c * once_x - a * once_z) / 2
+    z = 1.0 + once_z + (a * once_y - b * once_x) / 2
     return np.stack([x, y], axis=-1) / np.maximum(z, 0.1)[..., None] * focal + center
 
 
 def fit_correction(view: View, pixels: Array, flow: NDArray[np.floating]) -> Array:
-    """(6,) correction that explains most of the flow; zeros without any.
-
-    Args:
-        pixels: (N, 2) in the first image [px].
-        flow: (N, 2) [px].
-    """
-    step = max(1, -(-len(pixels) // _MAX_PIXELS))
-    pixels, flow = np.asarray(pixels, np.float64)[::step], np.asarray(flow, np.float64)[::step]
+    """(6,) correction that explains most of the (N, 2) flow from (N, 2) pixels of the first image; zeros without any."""
+    stride = max(1, -(-len(pixels) // _MAX_PIXELS))
+    pixels, flow = np.asarray(pixels, np.float64)[::stride], np.asarray(flow, np.float64)[::stride]
     found = np.zeros(6)
-    if not len(pixels):
-        return found
-    for _ in range(_ITERATIONS):
+    for _ in range(_ITERATIONS if len(pixels) else 0):
         residual = static_residual(view, pixels, flow, found)
-        derivative = np.stack(
-            [
-                (static_residual(view, pixels, flow, found + one) - residual) / _STEP
-                for one in np.eye(6) * _STEP
-            ]
-        )
+        moved = [static_residual(view, pixels, flow, found + step) for step in np.eye(6) * _STEP]
+        derivative = np.stack([(shifted - residual) / _STEP for shifted in moved])
         squared = (residual**2).sum(axis=-1)
         scale = robust_scale(np.sqrt(squared))
         # Geman and McClure's weights: a residual of several scales has none.
-        weight = (1.0 + squared / (4 * scale**2)) ** -2 * min(1.0, step) / (_SHARED / step * scale**2)
+        weight = (1.0 + squared / (4 * scale**2)) ** -2 / (_SHARED / stride * scale**2)
         normal = np.einsum("inc,jnc,n->ij", derivative, derivative, weight) + np.eye(6) / _PRIOR**2
         slope = np.einsum("inc,nc,n->i", derivative, residual, weight) + found / _PRIOR**2
         found = (found - np.linalg.solve(normal, slope)).clip(-_LARGEST, _LARGEST)
@@ -140,8 +119,3 @@ def fit_correction(view: View, pixels: Array, flow: NDArray[np.floating]) -> Arr
 def robust_scale(distance: Array) -> float:
     """Standard deviation of distances by their median, not less than what flow can measure [px]."""
     return max(_MIN_SCALE, _GAUSSIAN * float(np.median(distance))) if distance.size else _MIN_SCALE
-
-
-def _cross(rotation: Array, ray: tuple[Array, ...]) -> tuple[Array, ...]:
-    (a, b, c), (x, y, z) = rotation, ray
-    return b * z - c * y, c * x - a * z, a * y - b * x

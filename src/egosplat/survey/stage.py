@@ -10,12 +10,12 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.files import write_json
-from egosplat.geometry import Array, Camera
+from egosplat.geometry import Camera
 from egosplat.pipeline.survey_file import Survey, digest_of_frames
 from egosplat.pipeline.validation import Draft202012Validator, schema
 from egosplat.progress import log
-from egosplat.survey import decisions
-from egosplat.survey.motion import Motion, measure_motion
+from egosplat.survey.decisions import decide_camera, decide_motion, median
+from egosplat.survey.motion import measure_motion
 from egosplat.survey.options import SurveyOptions
 from egosplat.survey.views import choose_views, median_depths
 
@@ -31,45 +31,14 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
-        "motion": _motion(motion, options.min_moving_share),
-        "camera": _camera(motion),
+        "motion": decide_motion(motion, options.min_moving_share),
+        "camera": decide_camera(motion),
         "views": _views(frames, poses, options.min_view_change_deg),
         "poses": _poses(frames, poses),
         "provenance": record.record(),
     }
     write_survey(output, document)
     _log_summary(document)
-
-
-def _motion(motion: Motion, min_share: float) -> dict[str, Any]:
-    share = decisions.moving_share(motion.share, motion.fleeting)
-    columns = (motion.moving, motion.lasting, motion.voting, motion.noise_px, motion.stops)
-    names = ("moving", "lasting", "voting", "noise_px", "stops")
-    rows = zip(motion.pairs.tolist(), zip(*columns, strict=True), strict=True)
-    return {
-        "static": decisions.is_static(share),
-        "masking": "refined" if decisions.needs_masks(share, min_share) else "none",
-        "share": decisions.finite(share),
-        "min_share": min_share,
-        "fleeting": decisions.finite(motion.fleeting),
-        "voting": decisions.finite(motion.voting.mean()) if len(motion.pairs) else None,
-        "noise_px": decisions.finite(_median(motion.noise_px)),
-        "pairs": [
-            {"frames": pair} | dict(zip(names, map(decisions.finite, row), strict=True)) for pair, row in rows
-        ],
-    }
-
-
-def _camera(motion: Motion) -> dict[str, Any]:
-    residual, stops = decisions.pose_residual(motion), decisions.brightness_range(motion)
-    return {
-        "pose_residual_px": None if residual is None else decisions.finite(residual.explained_px),
-        "pose_noise_px": None if residual is None else decisions.finite(residual.noise_px),
-        "revisits": len(motion.revisits),
-        "refine_poses": decisions.refines_poses(residual),
-        "brightness_stops": decisions.finite(stops),
-        "compensate_exposure": decisions.compensates_exposure(stops),
-    }
 
 
 def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any]:
@@ -84,14 +53,9 @@ def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any
         "kept": kept_frames.tolist(),
         "left_out": np.flatnonzero(~kept).tolist(),
         "min_view_change_deg": least_deg,
-        "median_depth_m": _median(depths),
+        "median_depth_m": median(depths),
         "digest": digest_of_frames(kept_frames),
     }
-
-
-def _median(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else None
 
 
 def _poses(frames: Artifact, poses: Artifact) -> dict[str, Any]:

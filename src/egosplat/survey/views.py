@@ -46,11 +46,9 @@ def median_depths(camera: Camera, camera_to_world: Array, registered: Bools, poi
 
 
 def view_change(first: Array, second: Array, depth: float | Array) -> Array:
-    """Upper bound of the angle by which points at a depth move in the view: rotation plus parallax [deg].
+    """Upper bound of the angle by which points at a depth [m] move in the view: rotation plus parallax [deg].
 
-    Args:
-        first, second: (..., 4, 4) camera_to_world, of shapes that broadcast.
-        depth: number or (...), positive; inf counts the rotation only [m].
+    ``first``, ``second``: (..., 4, 4) camera_to_world, of shapes that broadcast with that of the depth.
     """
     # A sum is an upper bound: rotation and parallax may partly cancel.
     relative = invert(first) @ second
@@ -66,17 +64,14 @@ def choose_views(
     optional: Bools,
     min_change_deg: float,
 ) -> Bools:
-    """Drop optional frames whose view changed by less than ``min_change_deg`` since the last optional frame kept.
+    """(F,) bool: frames that are kept; optional ones only if the view changed since the last optional frame kept.
 
     Args:
         camera_to_world: (F, 4, 4) float64.
         depths: (F,) float64 of the scene [m]; NaN if unknown.
         times_ns: (F,) int64, increasing.
         registered, optional: (F,) bool: frames with a pose, and frames that may be dropped.
-        min_change_deg: 0 keeps all frames.
-
-    Returns:
-        (F,) bool: the frames that are kept.
+        min_change_deg: least change of the view; 0 keeps all frames.
     """
     kept = np.ones(len(registered), bool)
     # Without a pose or a depth nothing is known of a view, so the frame stays.
@@ -103,17 +98,13 @@ def choose_pairs(times_ns: Times, registered: Bools) -> Pairs:
     pairs = pairs[np.diff(times_ns[pairs], axis=1)[:, 0] <= _MAX_INTERVAL_S * 1e9]
     if len(pairs) <= _MAX_PAIRS:
         return pairs
-    runs = _MAX_PAIRS // _RUN
-    follower = {int(frame): row for row, frame in enumerate(pairs[:, 0])}
-    chosen: set[int] = set()
-    for run in range(runs):
-        row: int | None = len(pairs) * run // runs
-        for _ in range(_RUN):
-            if row is None:
-                break
-            chosen.add(row)
-            row = follower.get(int(pairs[row, 1]))
-    return pairs[sorted(chosen)]
+    runs, follower = _MAX_PAIRS // _RUN, {int(frame): row for row, frame in enumerate(pairs[:, 0])}
+    chosen: set[int | None] = set()
+    rows: list[int | None] = [len(pairs) * run // runs for run in range(runs)]
+    for _ in range(_RUN):
+        chosen.update(rows)
+        rows = [None if row is None else follower.get(int(pairs[row, 1])) for row in rows]
+    return pairs[sorted(row for row in chosen if row is not None)]
 
 
 def choose_revisits(
@@ -121,9 +112,7 @@ def choose_revisits(
 ) -> Pairs:
     """(R, 2) int64 pairs of frames that show nearly the same at least a second apart, by the first, spread evenly.
 
-    Args:
-        camera_to_world, depths, times_ns, registered: as for ``choose_views``.
-        limit: largest number of pairs; never more than 24.
+    At most ``limit`` and 24. The other arguments are those of ``choose_views``.
     """
     known = np.flatnonzero(registered & np.isfinite(depths))
     known = known[:: max(1, -(-len(known) // _MAX_SEARCHED))]

@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.survey.decisions import (
-    brightness_range,
-    compensates_exposure,
-    finite,
-    is_static,
-    moving_share,
-    needs_masks,
-    pose_residual,
-    refines_poses,
-)
+from egosplat.survey.decisions import decide_camera, decide_motion, finite
 from egosplat.survey.motion import Motion
 
 
@@ -34,13 +25,25 @@ def motion(
     )
 
 
-def test_little_motion_is_not_masked():
+@pytest.mark.parametrize(
+    ("lasting", "share", "static", "masking"),
+    [
+        (0.0, 0.0, True, "none"),
+        (1e-3, 2e-3, False, "none"),
+        (4e-3, 8e-3, False, "refined"),
+        (1e-2, 2e-2, False, "refined"),
+    ],
+)
+def test_little_motion_is_not_masked(lasting, share, static, masking):
     """Shares of the voting pixels, half of the valid ones."""
-    shares = [motion(lasting=one).share for one in (0.0, 1e-3, 4e-3, 1e-2)]
-    assert shares == pytest.approx([0.0, 2e-3, 8e-3, 2e-2])
-    assert [is_static(one) for one in shares] == [True, False, False, False]
-    assert [needs_masks(one, 0.008) for one in shares] == [False, False, True, True]
-    assert needs_masks(0.0, 0.0) and not needs_masks(0.99, 1.0)
+    found = decide_motion(motion(lasting=lasting), 0.008)
+    assert found["share"] == pytest.approx(share)
+    assert (found["static"], found["masking"]) == (static, masking)
+
+
+def test_the_least_share_may_be_all_or_nothing():
+    assert decide_motion(motion(), 0.0)["masking"] == "refined"
+    assert decide_motion(motion(lasting=0.495), 1.0)["masking"] == "none"
 
 
 @pytest.mark.parametrize(
@@ -49,8 +52,9 @@ def test_little_motion_is_not_masked():
     ids=["no pair", "one pair", "few pixels", "nothing judged"],
 )
 def test_what_cannot_be_told_counts_as_moving(unknown):
-    assert unknown.share is None and unknown.fleeting is None
-    assert moving_share(None, None) is None and not is_static(None) and needs_masks(None, 1.0)
+    found = decide_motion(unknown, 1.0)
+    assert found["share"] is None and found["fleeting"] is None
+    assert not found["static"] and found["masking"] == "refined"
 
 
 @pytest.mark.parametrize(
@@ -58,9 +62,8 @@ def test_what_cannot_be_told_counts_as_moving(unknown):
 )
 def test_much_motion_that_is_not_seen_again_cannot_be_told(lasting, fleeting, told):
     """Fractions of the valid pixels, half of which vote: 0.1 % of these is noise, 0.24 % may be something that passes fast."""
-    found = motion(lasting=lasting, fleeting=fleeting)
-    assert found.fleeting == pytest.approx(2 * fleeting)
-    assert (moving_share(found.share, found.fleeting) is not None) is told
+    found = decide_motion(motion(lasting=lasting, fleeting=fleeting), 0.008)
+    assert found["fleeting"] == pytest.approx(2 * fleeting) and (found["share"] is not None) is told
 
 
 def test_a_pair_that_is_not_judged_does_not_count():
@@ -71,26 +74,25 @@ def test_a_pair_that_is_not_judged_does_not_count():
 
 @pytest.mark.parametrize("before, refines", [(0.1, False), (0.115, False), (0.13, True)])
 def test_poses_are_refined_where_a_correction_explains_more_than_the_noise(before, refines):
-    residual = pose_residual(motion(before=before))
-    assert refines_poses(residual) is refines
-    assert residual.explained_px == pytest.approx(np.sqrt(before**2 - 0.01), abs=1e-6)
+    found = decide_camera(motion(before=before))
+    assert found["refine_poses"] is refines
+    assert found["pose_residual_px"] == pytest.approx(np.sqrt(before**2 - 0.01), abs=1e-6)
 
 
-def test_revisits_show_a_drift_that_consecutive_frames_hide():
-    found = motion(revisits=3)
-    found.before_px[-3:] = 0.4
-    assert refines_poses(pose_residual(found))
-    lonely = motion(revisits=1)
-    lonely.before_px[-1:] = 0.4
-    assert not refines_poses(pose_residual(lonely))
+@pytest.mark.parametrize("revisits, refines", [(3, True), (1, False)])
+def test_revisits_show_a_drift_that_consecutive_frames_hide(revisits, refines):
+    found = motion(revisits=revisits)
+    found.before_px[-revisits:] = 0.4
+    assert decide_camera(found)["refine_poses"] is refines
 
 
 def test_nothing_measured_asks_for_no_correction():
-    assert pose_residual(motion(pairs=0)) is None and not refines_poses(None)
-    assert brightness_range(motion(pairs=0)) is None and not compensates_exposure(None)
+    found = decide_camera(motion(pairs=0))
+    assert not found["refine_poses"] and not found["compensate_exposure"]
+    assert {found[name] for name in ("pose_residual_px", "pose_noise_px", "brightness_stops")} == {None}
     assert finite(None) is None and finite(np.nan) is None and finite(np.float64(0.1234567)) == 0.123457
 
 
-def test_exposure_is_compensated_above_a_third_of_a_stop():
-    assert not compensates_exposure(brightness_range(motion(stops=0.03)))
-    assert compensates_exposure(brightness_range(motion(stops=0.2)))
+@pytest.mark.parametrize("stops, compensated", [(0.03, False), (0.2, True)])
+def test_exposure_is_compensated_above_a_third_of_a_stop(stops, compensated):
+    assert decide_camera(motion(stops=stops))["compensate_exposure"] is compensated
