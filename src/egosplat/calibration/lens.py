@@ -16,8 +16,7 @@ from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.geometry import Camera
 
-# COLMAP's camera models without and with an angular (fisheye) projection. Its other models are rare. The last is Aria's
-# FISHEYE624.
+# COLMAP's camera models without and with an angular (fisheye) projection. Its other models are rare.
 _PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 _FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
 _MODELS = (*_PERSPECTIVE, *_FISHEYE)
@@ -42,14 +41,12 @@ class Lens:
         model: name of the model, such as ``OPENCV``.
         width, height: size of the pictures [px].
         params: in COLMAP's order: focal lengths, principal point [px], distortion.
-        radius: of the lens circle about the principal point [px]; None if the whole picture shows the scene.
     """
 
     model: str
     width: int
     height: int
     params: tuple[float, ...]
-    radius: float | None = None
 
     @classmethod
     def of_facts(cls, facts: Mapping[str, Any]) -> "Lens":
@@ -74,7 +71,7 @@ class Lens:
                 f"{source}: camera model {self.model} is not supported. Supported: {', '.join(_MODELS)}."
             )
         fx, fy, cx, cy = self._linear()
-        sizes = self.width, self.height, self.radius or 1, fx, fy
+        sizes = self.width, self.height, fx, fy
         inside = 0 <= cx < self.width and 0 <= cy < self.height
         if not (all(map(math.isfinite, self.params)) and min(sizes) > 0 and inside):
             raise UserError(
@@ -120,13 +117,6 @@ class Lens:
         """
         # Half a pixel inside, so that bilinear sampling has all its neighbors.
         left, top, right, bottom = 0.5, 0.5, self.width - 0.5, self.height - 0.5
-        if self.radius is not None:
-            # The square in the lens circle.
-            (_, _, cx, cy), half = self._linear(), self.radius / math.sqrt(2)
-            left, top, right, bottom = (
-                *(max(left, cx - half), max(top, cy - half)),
-                *(min(right, cx + half), min(bottom, cy + half)),
-            )
         along = np.linspace(0.0, 1.0, _BORDER_POINTS)
         x, y = left + along * (right - left), top + along * (bottom - top)
         sides = [(left, y), (x, top), (right, y), (x, bottom)]

@@ -12,50 +12,25 @@ from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.geometry import ARIA_PIXEL_OFFSET, OPENGL_AXES
+from egosplat.geometry import OPENGL_AXES
 
-_FISHEYE, _ARIA = "OPENCV_FISHEYE", "FISHEYE624"
+_FISHEYE = "OPENCV_FISHEYE"
+# nerfstudio's order of ``distortion_params``.
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 # The keys of a camera, of the file or of a frame. instant-ngp has fields of view in degrees, others angles in radians.
-_NUMBERS = (
-    *(
-        "fl_x",
-        "fl_y",
-        "cx",
-        "cy",
-        "camera_angle_x",
-        "camera_angle_y",
-        "x_fov",
-        "y_fov",
-        "fisheye_crop_radius",
-    ),
-    *_DISTORTION,
-)
+_NUMBERS = ("fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov", *_DISTORTION)
 _CAMERA = ("w", "h", "camera_model", "is_fisheye", "distortion_params", *_NUMBERS)
 # What changes the meaning of pixels or poses and is not read; a number of 0 or false changes nothing.
 _REFUSED = (
     *("transform_matrix_start", "transform_matrix_end", "from_mitsuba", "latlong", "equirectangular"),
-    *(
-        "orthographic",
-        "ftheta_p0",
-        "ftheta_p1",
-        "ftheta_p2",
-        "ftheta_p3",
-        "ftheta_p4",
-        "k5",
-        "k6",
-        "omega",
-        "skew",
-    ),
+    *("orthographic", "fisheye_crop_radius", "k5", "k6", "omega", "skew"),
+    *(f"ftheta_p{index}" for index in range(5)),
 )
 
 Some = TypeVar("Some", bound=BaseModel)
-_Model = Literal[
-    "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FISHEYE624"
-]
-_Matrix = Annotated[
-    list[Annotated[list[float], Field(min_length=4, max_length=4)]], Field(min_length=3, max_length=4)
-]
+_Model = Literal["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+_Row = Annotated[list[float], Field(min_length=4, max_length=4)]
+_Matrix = Annotated[list[_Row], Field(min_length=3, max_length=4)]
 # pycolmap counts pixels in 32 bits.
 _Side = Annotated[int, Field(ge=1, lt=2**31)]
 
@@ -80,7 +55,7 @@ class _View(BaseModel):
     w: _Side
     h: _Side
     camera_model: _Model = "OPENCV"
-    distortion_params: list[float] = []
+    distortion_params: Annotated[list[float], Field(min_length=6, max_length=6)] | None = None
     numbers: dict[str, float]
 
 
@@ -157,23 +132,12 @@ def _lens(view: _View, where: str) -> Lens:
     if not given:
         raise UserError(f"{where}: has neither fl_x nor camera_angle_x, so the focal length is not known.")
     pinhole = (given[0], given[-1], numbers.get("cx", width / 2), numbers.get("cy", height / 2))
-    radius = numbers.get("fisheye_crop_radius")
-    # nerfstudio's order of ``distortion_params``; Aria's has twelve, in COLMAP's order.
-    params, count = view.distortion_params, 12 if model == _ARIA else len(_DISTORTION)
-    if not params and model != _ARIA:
-        params = [numbers.get(key, 0.0) for key in _DISTORTION]
-    if len(params) != count:
-        raise UserError(f"{where}: distortion_params is not a list of {count} numbers, as {model} has.")
-    if model == _ARIA:
-        # Aria's principal point counts from the center of the first pixel.
-        fx, fy, cx, cy = pinhole
-        pinhole = (fx, fy, cx + ARIA_PIXEL_OFFSET, cy + ARIA_PIXEL_OFFSET)
-        return Lens("RAD_TAN_THIN_PRISM_FISHEYE", width, height, (*pinhole, *params), radius)
-    k1, k2, k3, k4, p1, p2 = params
-    if unfit := ("p1, p2" if p1 or p2 else "") if model == _FISHEYE else ("k4" if k4 else ""):
-        raise UserError(f"{where}: {unfit}: not supported for camera_model {model}.")
+    k1, k2, k3, k4, p1, p2 = view.distortion_params or [numbers.get(key, 0.0) for key in _DISTORTION]
+    if (p1 or p2) if model == _FISHEYE else k4:
+        own = "k1 to k4" if model == _FISHEYE else "k1 to k3, p1, p2"
+        raise UserError(f"{where}: camera_model {model} has {own} alone.")
     if model == _FISHEYE:
-        return Lens(model, width, height, (*pinhole, k1, k2, k3, k4), radius)
+        return Lens(model, width, height, (*pinhole, k1, k2, k3, k4))
     if k3:
         return Lens("FULL_OPENCV", width, height, (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0))
     return Lens("OPENCV", width, height, (*pinhole, k1, k2, p1, p2))

@@ -5,7 +5,6 @@ before features are extracted in parallel, RANSAC is seeded, and mapping runs on
 adjustment sums in no fixed order, and is not faster on two cores (50 images, 150,000 observations: 19 s against 18 s).
 """
 
-import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,7 +13,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.joining import choose_model, registered_images
-from egosplat.calibration.colmap.mapping import reconstruct
+from egosplat.calibration.colmap.mapping import OVERLAP, reconstruct
 from egosplat.geometry import Camera, invert, make_pose
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import (
@@ -24,10 +23,6 @@ from egosplat.poses.result import (
     find_parallax,
     mean_camera_up,
 )
-
-# Frames that each frame is matched with if matching is sequential. Frames 1, 2, 4, 8, ... later and similar-looking
-# frames (loops) are matched, too.
-OVERLAP = 12
 
 
 def colmap_poses(
@@ -43,12 +38,10 @@ def colmap_poses(
 ) -> Poses:
     """Estimate the poses of upright images of one camera, in order of time, in COLMAP's frame and scale.
 
-    ``images``, ``valid``, ``shown`` and ``overlap`` are as of ``mapping.reconstruct``, ``threads`` all of this process by default. A
-    known ``camera`` is kept; the focal lengths of a guess are refined. Frames outside of the largest model, and of those that share
-    frames with it, have no pose. Points are seen in ``MIN_TRACK_LENGTH`` images or more, with a mean error up to
+    Arguments are as of ``mapping.reconstruct``; a known ``camera`` is kept, the focal lengths of a guess are refined. Frames outside
+    of the largest model, and of those that share frames with it, have no pose. Points are seen in ``MIN_TRACK_LENGTH`` images or more, with a mean error up to
     ``MAX_REPROJECTION_ERROR_PX``. UserError as for ``reconstruct``, without parallax, or with too few registered images.
     """
-    threads = threads or len(os.sched_getaffinity(0))
     params = [camera.fx, camera.fy, camera.cx, camera.cy]
     entered = pycolmap.Camera(model="PINHOLE", width=camera.width, height=camera.height, params=params)
     entered.has_prior_focal_length = camera_known

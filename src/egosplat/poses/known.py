@@ -48,17 +48,9 @@ def known_poses(
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
     row, _ = match_pictures(known.names, pictures, path)
     registered = row >= 0
-    count, frames, wanted = int(registered.sum()), len(pictures), options.min_registered
-    without = format_ranges(set(np.flatnonzero(~registered).tolist()))
-    if count < wanted * frames:
-        raise UserError(
-            f"{path}: has poses of {count} of {frames} frames, and poses.min_registered requires {wanted:.0%}; without a pose "
-            f"(indices from 0): {without}\nAdd them, leave these frames out, or accept the loss by poses.min_registered"
-        )
-    if without:
-        log(f"{path}: has no pose of the frames {without} (indices from 0); they are not used")
+    _check_share(registered, path, options.min_registered)
     scale = options.meters_per_unit or 1.0
-    camera_to_world = np.full((frames, 4, 4), np.nan)
+    camera_to_world = np.full((len(row), 4, 4), np.nan)
     camera_to_world[registered] = known.camera_to_world[row[registered]]
     camera_to_world[registered, :3, 3] *= scale
     finite = np.isfinite(known.points).all(axis=1)
@@ -71,8 +63,8 @@ def known_poses(
     notes = {
         "source": "known",
         "file": str(path.relative_to(recording.parent)),
-        "frames": frames,
-        "registered": count,
+        "frames": len(row),
+        "registered": int(registered.sum()),
         "points": int(kept.sum()),
         "points_read": len(known.points),
         "scale": "arbitrary" if options.meters_per_unit is None else "meters",
@@ -81,13 +73,24 @@ def known_poses(
     }
     unit = "lengths are in scene units (poses.meters_per_unit makes them meters)"
     unit = unit if options.meters_per_unit is None else f"one unit of the file is {scale:g} m"
-    turned = ", turned by its applied_transform" if "applied_transform" in notes else ""
-    scaled = f", scaled by its applied_scale {notes['applied_scale']:g}" if "applied_scale" in notes else ""
-    log(f"poses as in {path}{turned}{scaled}; {unit}")
+    log(f"poses as in {path}; {unit}")
     gsplat = gsplat_world(known.camera_to_world, known.points[finite]) if kind == "colmap" else None
     if gsplat is not None:
         notes["gsplat_world"] = gsplat.tolist()
     return Poses(camera_to_world, camera, points, known.point_rgb[kept], up, notes)
+
+
+def _check_share(registered: NDArray[np.bool_], path: Path, wanted: float) -> None:
+    """Log the frames without a pose, or raise UserError if they are too many."""
+    without = format_ranges(set(np.flatnonzero(~registered).tolist()))
+    if registered.sum() < wanted * len(registered):
+        raise UserError(
+            f"{path}: has poses of {registered.sum()} of {len(registered)} frames, and poses.min_registered requires "
+            f"{wanted:.0%}; without a pose (indices from 0): {without}\n"
+            "Add them, leave these frames out, or accept the loss by poses.min_registered"
+        )
+    if without:
+        log(f"{path}: has no pose of the frames {without} (indices from 0); they are not used")
 
 
 def gsplat_world(

@@ -58,10 +58,7 @@ def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def find_parallax(centers: NDArray[np.float64], points: NDArray[np.float64]) -> float | None:
-    """Angle under which the median of (P, 3) points sees all (N, 3) cameras, N >= 1 [deg]; alarm ``poses.parallax`` if it is small.
-
-    Without points it is 0 for cameras at one place, else None.
-    """
+    """Angle under which the median of (P, 3) points sees all (N, 3) cameras [deg]; without points 0 for cameras at one place, else None."""
     extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
     if not len(points):
         return None if extent > 0 else 0.0

@@ -1,16 +1,13 @@
-"""Whether pictures ask for radial distortion: two cameras of COLMAP, fitted to the same observations, are compared.
+"""Whether pictures ask for radial distortion: COLMAP's SIMPLE_PINHOLE and RADIAL, fitted to the same observations, are compared.
 
-SIMPLE_PINHOLE and RADIAL have one focal length; the two more parameters always lower the squared reprojection error, so two
-questions decide:
+Two more parameters always lower the squared reprojection error, so two questions decide:
 
 - Is it more than chance? A paired t-test over the pictures asks whether the mean drop is above 0: errors inside a picture
   depend on each other, and pictures hardly do.
-- Does it matter? Between the best pinhole camera and the lens, some feature must move by more than the median reprojection
-  error, the precision of the features themselves. And the features must reach towards the corners: outside of them the
-  polynomial is extrapolated, and may be far off.
+- Does it matter? Between the two cameras some feature must move by more than the median reprojection error, its own precision, and
+  the features must reach towards the corners: outside of them a polynomial may be far off.
 """
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -39,10 +36,10 @@ _CLOSER = 8
 
 ReadFrames = Callable[[NDArray[np.int64]], Iterable[NDArray[np.uint8]]]
 ShownIn = Callable[[int], NDArray[np.bool_]]
-# As plain JSON: ``pictures`` and ``observations`` of both fits; ``pinhole_px`` and ``radial_px``, the root mean square
-# reprojection error of each camera; ``median_px``, the median error of the radial one; ``chance``, the probability of such a drop
-# of the error without distortion; ``bend_px``, the largest distance between the two cameras at a feature; ``reach``, the distance
-# from the center within which 99 % of the features lie, in half diagonals; ``k1``, ``k2``; and the verdict, ``distorted``.
+# As plain JSON: the number of ``pictures`` and ``observations``; the root mean square reprojection errors ``pinhole_px`` and
+# ``radial_px``, and the median ``median_px`` of the latter; ``chance`` of such a drop without distortion; ``bend_px``, the largest
+# distance between the two cameras at a feature; ``reach``, the distance from the center within which 99 % of the features lie, in half
+# diagonals; ``k1``, ``k2``; and the verdict, ``distorted``.
 Evidence = dict[str, Any]
 
 
@@ -56,12 +53,9 @@ def lens_of_frames(
 ) -> tuple[Lens | None, Evidence | None]:
     """The lens that frames are rectified from, and the evidence, by ``frames.lens``.
 
-    Args:
-        wanted: ``auto``: a lens if the frames ask for it. ``radial``: always, or a UserError. ``pinhole``: never.
-        read: yields the (H, W, 3) uint8 frames of increasing indices, of ``count``.
-        valid: (H, W) bool: pixels that show the scene.
-        camera: a guess.
-        shown: returns the (H, W) bool pixels of a frame that show the scene; None: ``valid`` for all.
+    ``auto`` is a lens if the frames ask for it, ``radial`` one always (or a UserError), ``pinhole`` none. ``read`` yields the (H, W, 3)
+    uint8 frames of increasing indices, of ``count``; ``valid`` and ``shown(index)`` are the (H, W) bool pixels that show the scene in
+    all and in each; ``camera`` is a guess.
     """
     if wanted == "pinhole":
         return None, None
@@ -91,19 +85,14 @@ def _estimate(
 ) -> tuple[Lens, Evidence]:
     """A radial lens from some frames, and whether they ask for it; UserError without a model of ``MIN_PICTURES`` of them."""
     registered = 0
-    # The result does not depend on the number of threads.
-    threads = len(os.sched_getaffinity(0))
+    radial = Lens("RADIAL", camera.width, camera.height, (camera.fx, camera.cx, camera.cy, 0.0, 0.0))
     for frames in choices(count):
-        radial = [camera.fx, camera.cx, camera.cy, 0.0, 0.0]
-        guess = pycolmap.Camera(model="RADIAL", width=camera.width, height=camera.height, params=radial)
         masks = None if shown is None else map(shown, frames.tolist())
-        models, _ = reconstruct(
-            "egosplat-lens-", read(frames), valid, masks, guess, "exhaustive", overlap=1, threads=threads
-        )
-        model = max(models, key=lambda model: model.num_reg_images(), default=None)
-        registered = model.num_reg_images() if model else 0
-        if model and 2 * registered >= len(frames) and registered >= MIN_PICTURES:
-            return compare(model)
+        models, _ = reconstruct("egosplat-lens-", read(frames), valid, masks, radial.colmap(), "exhaustive")
+        for model in sorted(models, key=lambda model: -model.num_reg_images())[:1]:
+            registered = model.num_reg_images()
+            if 2 * registered >= len(frames) and registered >= MIN_PICTURES:
+                return compare(model)
     raise UserError(f"{registered} frames can be oriented to each other, and {MIN_PICTURES} are needed")
 
 

@@ -80,21 +80,18 @@ def join_models(
 
     Returns the joined model, the number of its parts, and the models that could not be joined and have images that it lacks.
     """
-    ordered = sorted(models, key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
-    model, parts, left = ordered[0], 1, [(other, "") for other in ordered[1:]]
-    index = 0
-    while index < len(left):
-        other, _ = left[index]
-        larger, reason = _join(model, other, camera_known)
+    model, *others = sorted(models, key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
+    parts, left, index = 1, [], 0
+    while index < len(others):
+        larger, reason = _join(model, others[index], camera_known)
         if larger is None:
-            left[index] = (other, reason)
+            left.append((others[index], reason))
             index += 1
         else:
             # Models that did not fit before may share images with this one.
-            model, parts, index = larger, parts + 1, 0
-            left = [pair for pair in left if pair[0] is not other]
-    inside = set(model.reg_image_ids())
-    return model, parts, [pair for pair in left if not set(pair[0].reg_image_ids()) <= inside]
+            model, parts, left = larger, parts + 1, []
+            others, index = others[:index] + others[index + 1 :], 0
+    return model, parts, [(other, reason) for other, reason in left if not {*other.images} <= {*model.images}]
 
 
 def _join(
@@ -120,20 +117,13 @@ def _join(
 def _add(model: pycolmap.Reconstruction, moved: pycolmap.Reconstruction) -> None:
     """Add the images of ``moved`` that ``model`` lacks, with what ``moved`` sees in them."""
     (camera_id,) = model.cameras
-    new = set(moved.reg_image_ids()) - set(model.reg_image_ids())
+    # A finished model lists no image without a pose.
+    new = set(moved.images) - set(model.images)
     for image_id in sorted(new):
         image = moved.images[image_id]
-        # An unregistered image of the model has no pose; it is replaced.
-        if model.exists_image(image_id):
-            frame = model.frames[model.images[image_id].frame_id]
-            frame.rig_from_world = image.cam_from_world()
-            model.register_frame(frame.frame_id)
-        else:
-            keypoints = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
-            added = pycolmap.Image(
-                name=image.name, keypoints=keypoints, camera_id=camera_id, image_id=image_id
-            )
-            model.add_image_with_trivial_frame(added, image.cam_from_world())
+        keypoints = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        added = pycolmap.Image(name=image.name, keypoints=keypoints, camera_id=camera_id, image_id=image_id)
+        model.add_image_with_trivial_frame(added, image.cam_from_world())
     for _, point in sorted(moved.points3D.items()):
         _add_point(model, point, new)
 

@@ -1,5 +1,6 @@
 """COLMAP's three steps on the images of one camera; the third is incremental mapping."""
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -12,6 +13,10 @@ from egosplat.calibration.colmap.matching import match_images
 from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.files import scratch_directory
 from egosplat.progress import track
+
+# Frames that each frame is matched with if matching is sequential. Frames 1, 2, 4, 8, ... later and similar-looking
+# frames (loops) are matched, too.
+OVERLAP = 12
 
 # A model with fewer points is noise, not a scene.
 MIN_POINTS = 50
@@ -27,8 +32,8 @@ def reconstruct(
     shown: Iterable[NDArray[np.bool_]] | None,
     camera: pycolmap.Camera,
     matching: str,
-    overlap: int,
-    threads: int,
+    overlap: int = OVERLAP,
+    threads: int | None = None,
 ) -> tuple[list[pycolmap.Reconstruction], dict[str, Any]]:
     """Find models of images, named by their numbers, in a temporary folder of a prefix.
 
@@ -36,11 +41,12 @@ def reconstruct(
         images: (H, W, 3) uint8 RGB in order of time; read once.
         valid, shown: (H, W) bool pixels that show the scene in all images, and in each (None: as ``valid``).
         camera: of all images; its focal lengths and distortion are refined unless it ``has_prior_focal_length``.
-        matching, overlap, threads: as of ``match_images``.
+        matching, overlap, threads: as of ``match_images``; None: all threads of this process.
 
     Returns the models with enough points (images without common views end in different ones, or in none) and numbers for the notes.
     UserError if there are too few images or features, the camera stands still, or the disk is full.
     """
+    threads = threads or len(os.sched_getaffinity(0))
     with scratch_directory(prefix) as folder:
         project = Project(folder, camera)
         project.write_images(images)

@@ -1,8 +1,7 @@
 """Whether the camera moves at all, from a few frames, before COLMAP spends minutes on what it cannot solve.
 
-A camera on a tripod sees features stay where they are however far apart in time two frames lie; hands and people move
-in front of it, and COLMAP takes them for a scene. A share of the features that stay in every pair of frames tells it: 8 %
-and more in three videos of a fixed camera, none in photographs of a moving one and in a video from an unsteady hand.
+What moves before a tripod COLMAP takes for a scene. A share of the features that stay in every pair of frames tells it: 8 % and more
+in three videos of a fixed camera, none in photographs of a moving one and in a video from an unsteady hand.
 """
 
 import itertools
@@ -23,11 +22,9 @@ _FEATURES, _RATIO = 1000, 0.75
 _STAYS = 0.002
 # Fewer matches tell nothing about a pair.
 _MIN_MATCHES = 20
-# Letters on a display, dirt on the lens or the brim of a cap stay too. They have fewer of the features, or a smaller
-# part of the picture.
+# Letters on a display, dirt on the lens or the brim of a cap stay too: fewer features, or a smaller part of the picture.
 _MIN_SHARE, _MIN_AREA = 0.05, 0.1
-# One picture in which somebody stands before the camera shall not hide that it is fixed; a camera that moves in the last
-# eighth of the recording moves in 7 of 28 pairs.
+# One picture with somebody before the camera hides nothing; a camera that moves in the last eighth moves in 7 of 28 pairs.
 _STILL_PAIRS = 0.9
 
 # Positions (N, 2) as shares of the diagonal, and descriptors (N, 128).
