@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.language.__main__ import read as read_learnt
 from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
-from egosplat.evaluation.evaluation_frames import Evaluation, find_asked_queries
+from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scored_scenes import read_scored_scene
@@ -56,7 +56,7 @@ def read(folder: Path) -> tuple[Asked, dict[str, Lifted | Coded]]:
     options = recorded_options(scored.document["provenance"]["options"])
     scene = open_scored(folder, options)
     evaluation = evaluation_of(scene)
-    queries = find_asked_queries(evaluation.annotations, evaluation.valid, options, evaluation.frames)
+    queries = evaluation.find_queries(options)
     asker = scene.asker(sorted({query.category for query in queries}))
     ways = {MEANS: lift(learnt.views), ONE: lift_instances(learnt.views, learnt.targets)}
     return Asked(asker, evaluation, queries, options), ways

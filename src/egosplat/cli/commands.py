@@ -29,9 +29,6 @@ from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
 from egosplat.progress import name_lines, show_log
 
-# The longest message about a flag [characters].
-_LONGEST = 1000
-
 # The groups of commands in ``--help``; all others are stages, or pages of several scenes.
 _GROUPS = {
     "Make a scene": ("run",),
@@ -209,10 +206,6 @@ def run_commands(group: click.Group) -> None:
     try:
         group.main(standalone_mode=False)
     except click.ClickException as error:
-        # The value of a flag may be a whole file.
-        if len(text := error.message) > _LONGEST:
-            text = f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
-            error = click.UsageError(text, getattr(error, "ctx", None))
         error.show()
         sys.exit(2)
     except click.Abort:

@@ -55,26 +55,6 @@ def _check_paths(
     return output
 
 
-def ask(
-    folder: Path,
-    phrases: tuple[str, ...],
-    options: AskingOptions,
-    output: Path,
-    frame: int | None = None,
-    pose: Path | None = None,
-    most: int = MOST,
-    at: float | None = None,
-) -> None:
-    """Print the answers of a scene, and draw them; arguments as the flags of ``query``."""
-    with without_collection():
-        from egosplat.query.command import run
-        from egosplat.query.finished_scene import open_scene
-
-        scene = open_scene(folder, options)
-        for paragraph in run(scene, phrases, scene.viewpoint(frame, pose), most, output, at):
-            click.echo(paragraph)
-
-
 @on_folder(AskingOptions, "query", "Find things in a finished scene by words.")
 @_PHRASES
 @click.option(
@@ -86,10 +66,26 @@ def ask(
 )
 @click.option("--most", type=click.IntRange(1), default=MOST, show_default=True, help="Most matches listed.")
 @writes("Output image, .png. [default: FOLDER/query.png]")
-def query(folder: Path, output: Path | None, overwrite: bool, options: AskingOptions, **asked: Any) -> None:
+def query(
+    folder: Path,
+    phrases: tuple[str, ...],
+    options: AskingOptions,
+    output: Path | None = None,
+    overwrite: bool = False,
+    frame: int | None = None,
+    pose: Path | None = None,
+    most: int = MOST,
+    at: float | None = None,
+) -> None:
     """Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1."""
     output = _check_paths(folder, ASKED, "query.png", output, overwrite)
-    ask(folder, options=options, output=output, **asked)
+    with without_collection():
+        from egosplat.query.command import run
+        from egosplat.query.finished_scene import open_scene
+
+        scene = open_scene(folder, options)
+        for paragraph in run(scene, phrases, scene.viewpoint(frame, pose), most, output, at):
+            click.echo(paragraph)
 
 
 @on_folder(ScenePageOptions, "scene_page", "Write a finished scene as one HTML file to share.")
@@ -227,7 +223,8 @@ def run(
         click.echo("Stopped. Finished steps are kept: the same command goes on from here.", err=True)
         raise SystemExit(130) from None
     if words:
-        ask(folder, words, AskingOptions(), folder / "query.png")
+        assert query.callback is not None
+        query.callback(folder, words, AskingOptions())
     where = shlex.quote(str(folder))
     click.echo(f"{folder} is ready.")
     click.echo(f"  egosplat query {where} chair table cup    where is it?")

@@ -85,6 +85,13 @@ class Evaluation:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
         return read_map(self.annotations, frame.row, self.valid)
 
+    def find_queries(self, options: ScoringOptions) -> list[Query]:
+        """The queries of the frames with a pose, see ``egosplat.evaluation.queries.find_queries``."""
+        # Without a pose there is no view to render, which is no fault of the answer.
+        asked = {frame.row for frame in self.frames if frame.asked}
+        queries = find_queries(self.annotations, self.valid, options)
+        return [query for query in queries if query.row in asked]
+
     def rendering_of(
         self, frame: Frame, render: str | Picture = "held_out/render"
     ) -> Mapping[str, RegionScore]:
@@ -121,15 +128,6 @@ def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, sp
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
         camera_to_world=camera_poses(poses, splats),
     )
-
-
-def find_asked_queries(
-    annotations: Artifact, valid: Mask, options: ScoringOptions, frames: Sequence[Frame]
-) -> list[Query]:
-    """The queries of the frames with a pose, see ``find_queries``."""
-    # Without a pose there is no view to render, which is no fault of the answer.
-    asked = {frame.row for frame in frames if frame.asked}
-    return [query for query in find_queries(annotations, valid, options) if query.row in asked]
 
 
 def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str, dict[str, float]]:

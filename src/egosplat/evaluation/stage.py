@@ -18,7 +18,6 @@ from egosplat.evaluation.evaluation_frames import (
     Evaluation,
     Frame,
     RegionScore,
-    find_asked_queries,
     read_evaluation,
     summarise_rendering,
 )
@@ -73,7 +72,7 @@ def run(
     models = {key: model["hash"] for key, model in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, used, models)
     evaluation = read_evaluation(frames, poses, annotations, splats)
-    queries = find_asked_queries(annotations, evaluation.valid, options, evaluation.frames)
+    queries = evaluation.find_queries(options)
     ask = ask_of(
         evaluation, scene.asker(phrases_to_ask(queries, evaluation.instances, options)), options.masks
     )

@@ -22,12 +22,6 @@ from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
 from egosplat.run.sources import name_of, read_source
 
-# The page that a run makes, whose inputs are all that a query needs.
-GOAL = "scene_page"
-
-# The dataset of a scene that is named without one.
-DATASET = "mine"
-
 
 def make_scene(
     source: Path,
@@ -70,7 +64,8 @@ def make_scene(
     # Two jobs on one GPU may exceed its memory.
     words += ["--resources", "gpu=1"] if shutil.which("nvidia-smi") else []
     words += ["--config", *settings] if settings else []
-    words += ["--", str(scene.results / STAGES[GOAL].output)]
+    # The inputs of the page are all that a query needs.
+    words += ["--", str(scene.results / STAGES["scene_page"].output)]
     log(f"Snakemake's command, to go on with: {shlex.join(words)}")
     if run_snakemake(words):
         raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
@@ -106,7 +101,7 @@ def split_name(name: str) -> tuple[str, str]:
             f"--name {name}: is no dataset/scene, as in mine/kitchen_2: dataset of small letters, digits and _, and not "
             "benchmark; scene of letters, digits, _ and -"
         )
-    return found[1] or DATASET, found[2]
+    return found[1] or "mine", found[2]
 
 
 # The local table of scenes, which git ignores, has one row for each recording that was given.
