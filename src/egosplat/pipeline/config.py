@@ -115,11 +115,10 @@ def configure(layers: Sequence[Layer], automatic: str = AUTO) -> LayeredConfig:
     Raises:
         UserError: a key is wrong; names the last layer that sets it, its value and what is allowed.
     """
-    models = [layer.keys["models"] for layer in layers if isinstance(layer.keys.get("models"), Mapping)]
-    named = [keys["set"] for keys in models if "set" in keys]
-    chosen = named[-1] if named and named[-1] != AUTO else automatic
-    below = Layer(chosen, DEFAULTS.get(str(chosen), {}))
-    values = merge_layers([below, *layers])
+    models = merge_layers(layers).get("models")
+    named = models.get("set", AUTO) if isinstance(models, Mapping) else AUTO
+    chosen = automatic if named == AUTO else named
+    values = merge_layers([Layer(chosen, DEFAULTS.get(str(chosen), {})), *layers])
     try:
         config = LayeredConfig(_model().model_validate(values).as_dict(), layers)
     except ValidationError as error:
@@ -179,14 +178,8 @@ def defaults() -> LayeredConfig:
 
 
 def resolve(user: Mapping[str, Any], presets: Path) -> LayeredConfig:
-    """Get the configuration before a scene is chosen: its layers are the preset, the protocols and the user's keys.
-
-    Args:
-        user: keys from the configuration files and the command line.
-        presets: folder with one file for each preset.
-
-    Raises:
-        UserError: a key is unknown or has a forbidden value; names the first one.
+    """Get the configuration before a scene is chosen: its layers are the preset, a file in ``presets``, the protocols, and the
+    user's keys from files and the command line (UserError: names the first wrong key).
     """
     asked = Layer("configuration", user)
     path = presets / f"{configure([SHIPPED_LAYER, asked])['preset']}.yaml"

@@ -20,7 +20,7 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "transient": {"encoder_weights": None},
     "query": {"temperature": 10.0, "min_score": 0.78},
 }
-_SAM2_OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "sam2_checkpoint": PUBLISHED}
+_OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
 
 # Defaults by set of models, of each key whose best value depends on the model. Those of ``small`` are the defaults of the
 # options, too; those of ``published`` are the paper's or LangSplat's; ``photos`` finds masks with the small SAM2.
@@ -33,7 +33,7 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
         "query": {"temperature": 10.0, "min_score": 0.62},
     },
     PUBLISHED: {
-        "models": _SAM2_OF_THE_PAPER | {"clip_model": "ViT-B-16", "clip_checkpoint": PUBLISHED},
+        "models": _OF_THE_PAPER | dict.fromkeys(("sam2_checkpoint", "clip_checkpoint"), PUBLISHED),
         "segments": {"image_size": None},
         "view_features": {"cut": "mask"},
         "features": {"mismatched_views": "average"},
@@ -54,29 +54,18 @@ ENCODER = "mobilenetv3_small_050"
 
 
 class PublishedModel(NamedTuple):
-    """A checkpoint that its authors publish.
-
-    Attributes:
-        library: ``SAM2``, ``OpenCLIP`` or ``timm``.
-        architecture: its name in the library, as the keys ``models.sam2_config`` and ``models.clip_model`` take it.
-        weights: the authors' name of the weights.
-        file: name in the folder ``models.cache``.
-        repository, remote, revision: where the file is on the Hugging Face hub.
-        license: of the weights.
-        megabytes: size of the file [10^6 bytes], rounded.
-        sha256: digest that is published with the file; None if none is known for certain.
-    """
+    """A checkpoint that its authors publish, by the library that loads it and the architecture's name there."""
 
     library: str
     architecture: str
-    weights: str
-    file: str
-    repository: str
-    remote: str
+    weights: str  # the authors' name
+    file: str  # name in the folder ``models.cache``
+    repository: str  # on the Hugging Face hub
+    remote: str  # file there
     revision: str
-    license: str
-    megabytes: float
-    sha256: str | None
+    license: str  # of the weights
+    megabytes: float  # size of the file [10^6 bytes], rounded
+    sha256: str | None  # None if no digest is published
 
     @property
     def address(self) -> str:

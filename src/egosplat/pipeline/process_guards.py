@@ -15,26 +15,24 @@ from egosplat.progress import log
 # Environment variable with the process id of the Snakemake that started a stage. The workflow sets it.
 STARTED_BY = "EGOSPLAT_STARTED_BY"
 
-_POLL_S = 1.0
-
 
 def end_with_snakemake() -> None:
     """Exit when the parent Snakemake dies, so that a restart does not run the stage twice. Watches in a thread."""
-    # Exiting loses nothing: unfinished outputs are not yet in place, and long stages have checkpoints.
     number = os.environ.get(STARTED_BY, "")
+
+    def watch() -> None:
+        with contextlib.suppress(ProcessLookupError):
+            while True:
+                with contextlib.suppress(PermissionError):
+                    os.kill(int(number), 0)  # signal 0 is not sent; only the process id is checked
+                time.sleep(1.0)
+        log("Snakemake ended, so this stage ends too; the same command continues from here")
+        # Not ``sys.exit``, which in a thread ends only the thread. Nothing is lost: unfinished outputs are not yet in place, and
+        # long stages have checkpoints.
+        os._exit(1)
+
     if number.isdecimal():
-        threading.Thread(target=_watch, args=(int(number),), daemon=True).start()
-
-
-def _watch(process: int) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        while True:
-            with contextlib.suppress(PermissionError):
-                os.kill(process, 0)  # signal 0 is not sent; only the process id is checked
-            time.sleep(_POLL_S)
-    log("Snakemake ended, so this stage ends too; the same command continues from here")
-    # Not ``sys.exit``, which in a thread ends only the thread.
-    os._exit(1)
+        threading.Thread(target=watch, daemon=True).start()
 
 
 # File descriptors that stay open until the process ends, and with them their locks.
@@ -55,22 +53,16 @@ def clear_stale_locks(folder: Path) -> bool:
         return False  # Snakemake itself reports a folder that cannot be written
     _HELD.append(handle)
     is_stale = _take(handle, fcntl.LOCK_EX) and locks.is_dir() and any(locks.iterdir())
-    is_stale = is_stale and str(folder.absolute().parent) not in _folders_of_queued_jobs()
+    if is_stale and shutil.which("squeue"):
+        words = ["squeue", "--me", "--noheader", "--format=%Z"]  # the folders of the user's jobs
+        listed = subprocess.run(words, capture_output=True, text=True, check=False).stdout
+        is_stale = str(folder.absolute().parent) not in map(str.strip, listed.splitlines())
     if is_stale:
         shutil.rmtree(locks)
         locks.mkdir()
     # A shared lock: several runs may be alive, and each keeps the others from clearing the locks.
     _take(handle, fcntl.LOCK_SH)
     return is_stale
-
-
-def _folders_of_queued_jobs() -> list[str]:
-    """The folders in which jobs of this user work that SLURM, where there is one, has."""
-    if shutil.which("squeue") is None:
-        return []
-    words = ["squeue", "--me", "--noheader", "--format=%Z"]
-    listed = subprocess.run(words, capture_output=True, text=True, check=False).stdout
-    return [line.strip() for line in listed.splitlines()]
 
 
 def _take(handle: int, kind: int) -> bool:

@@ -22,9 +22,6 @@ from egosplat.pipeline.options import Options, Text, check_with
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
 
-# Value of the column recording for a scene without one.
-NO_RECORDING = "-"
-
 
 def _is_path(text: str) -> bool:
     """Whether a text can be a path that Snakemake handles; the longest name on Linux has 255 bytes."""
@@ -32,10 +29,8 @@ def _is_path(text: str) -> bool:
     return bool(plain) and all(len(os.fsencode(part)) <= 255 for part in Path(text).parts)
 
 
-_DATASET = check_with(
-    re.compile("(?!benchmark$)[a-z0-9_]+").fullmatch,
-    "only small letters, digits and _, and not benchmark, of all scenes",
-)
+_LETTERS = "only small letters, digits and _, and not benchmark, of all scenes"
+_DATASET = check_with(re.compile("(?!benchmark$)[a-z0-9_]+").fullmatch, _LETTERS)
 _NAME = check_with(re.compile("[A-Za-z0-9_-]+").fullmatch, "only letters, digits, _ and -")
 _PATH = check_with(_is_path, "a path, no URL; no braces, control characters, outer blanks, 255 bytes a name")
 
@@ -122,8 +117,9 @@ def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str
     """Get a scene by name (UserError: the table has no such scene; lists its scenes)."""
     if (dataset, scene) not in scenes:
         known = ", ".join("/".join(key) for key in scenes) or "none"
-        told = f"no scene {dataset}/{scene} in the table of scenes. Add a row, or take one of: {known}"
-        raise UserError(told)
+        raise UserError(
+            f"no scene {dataset}/{scene} in the table of scenes. Add a row, or take one of: {known}"
+        )
     return scenes[dataset, scene]
 
 
@@ -135,10 +131,9 @@ def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:
 def check_recording(scene: Scene) -> None:
     """Check that a recording exists or can be made (UserError: it is missing; names the expected path)."""
     if scene.lacks_recording:
-        raise UserError(
-            f"{scene.name}: no recording at {scene.recording}. Put it there, or set "
-            f"data_root.{scene.dataset} in config/config.yaml to the folder that holds it."
-        )
+        key = f"data_root.{scene.dataset} in config/config.yaml"
+        advice = f"Put it there, or set {key} to the folder that holds it."
+        raise UserError(f"{scene.name}: no recording at {scene.recording}. {advice}")
 
 
 def is_own(scene: Scene) -> bool:
@@ -153,11 +148,9 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     Raises:
         UserError: it is missing or unreadable, or a row has not the columns. Values are not checked.
     """
-    try:
-        text = read_user_text(path)
-    except FileNotFoundError:
-        raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it") from None
-    columns, lines = [*Row.model_fields], enumerate(text.split("\n"), 1)
+    if not path.exists():
+        raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it")
+    columns, lines = [*Row.model_fields], enumerate(read_user_text(path).split("\n"), 1)
     cells = {number: line.rstrip("\r").split("\t") for number, line in lines if re.match(r"\s*[^\s#]", line)}
     (first, head), *rows = cells.items() or [(1, [])]
     if head != columns:
@@ -165,9 +158,9 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
         raise UserError(f"{path}, line {first}: {needs}")
     for number, row in rows:
         if len(row) != len(columns):
+            has = f"has {len(row)} of the {len(columns)} columns {', '.join(columns)}"
             raise UserError(
-                f"{path}, line {number}: has {len(row)} of the {len(columns)} columns {', '.join(columns)}; put one "
-                "tab between two of them, for an empty one too"
+                f"{path}, line {number}: {has}; put one tab between two of them, for an empty one too"
             )
     return [(number, dict(zip(columns, row, strict=True))) for number, row in rows]
 
@@ -181,20 +174,18 @@ def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str) -> Scen
         raise UserError(f"{where}: {min(common)} holds for all scenes; set it in config/config.yaml")
     root = config["data_root"].get(dataset)
     filmed = format == "adt" and "seed" in options.get("synthetic", {})
-    by_name = row["recording"] == NO_RECORDING
+    by_name = row["recording"] == "-"
     if by_name and not filmed:
         needs = "give the format adt and the option synthetic.seed, or a recording"
         raise UserError(f"{where}: recording - is a synthetic apartment; {needs}")
     synthetic = filmed and (root is None or by_name)
-    recording = expand_home(root or ".") / expand_home(row["recording"])
-    if synthetic:
-        recording = Path("results", dataset, name, "recording")
+    given = expand_home(root or ".") / expand_home(row["recording"])
+    recording = Path("results", dataset, name, "recording") if synthetic else given
     try:
         rendered = synthetic or recording_origin(format, recording) == "synthetic"
     except UserError:
         rendered = False  # the stage frames reports what is wrong with the recording
     # The small models know only what egosplat renders.
-    automatic = SMALL if rendered else PHOTOS
-    own = of_format(config, format, Layer(where, options), automatic=automatic)
+    own = of_format(config, format, Layer(where, options), automatic=SMALL if rendered else PHOTOS)
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
     return Scene(dataset, name, format, recording, synthetic, own, by_name)

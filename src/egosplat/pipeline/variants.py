@@ -28,13 +28,6 @@ from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import read_yaml
 
-# Keys of a variant: one or more variants to inherit keys from, of which later ones win, and the name of the published method
-# that it stands for, which variants that extend it inherit.
-EXTENDS, METHOD = "extends", "method"
-
-# Largest number of variants listed in a message.
-NAMED = 8
-
 # Preset file by name of the variant.
 PRESET_FILES = {name: name for name in ("draft", "balanced", "accurate")} | {"paper_scaled": "paper"}
 
@@ -45,19 +38,11 @@ _KEPT = {
     *("frames.start_s", "frames.end_s", "frames.evaluation_frames", "frames.holdout"),
 }
 
-# Further keys that keep the scene's value with ``paper_scaled``.
-_SCALED = {"frames.resolution"}
-
-# Sections in which what comes with the paper's models is the paper's reading, which other models can follow.
-_OF_THE_PAPER = ("view_features", "features", "query")
-
 
 def read_scenes_with_presets(config: LayeredConfig, presets: Path) -> dict[tuple[str, str], Scene]:
     """Read the table of scenes, as ``read_scenes``; each preset is a variant of its name, unless another one has it."""
-    return {
-        key: replace(scene, config=with_presets(scene.config, presets, scene.format))
-        for key, scene in read_scenes(config).items()
-    }
+    scenes = read_scenes(config).items()
+    return {key: replace(s, config=with_presets(s.config, presets, s.format)) for key, s in scenes}
 
 
 def with_presets(config: LayeredConfig, presets: Path, format: str) -> LayeredConfig:
@@ -90,7 +75,7 @@ def owner(stage: str, base: LayeredConfig, name: str, where: str) -> str | None:
 
 
 def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
-    """Get the configuration of a scene's variant, whose keys, and those of variants that it extends, are above the scene's layers.
+    """Get the configuration of a scene's variant: its keys, and those of variants that it extends, are layers above the scene's.
 
     Raises:
         UserError: there is no such variant, or a key is not allowed.
@@ -100,7 +85,9 @@ def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
     layers = []
     for ancestor in _ancestry(base["variants"], name, where):
         keys = {
-            key: value for key, value in base["variants"][ancestor].items() if key not in (EXTENDS, METHOD)
+            key: value
+            for key, value in base["variants"][ancestor].items()
+            if key not in ("extends", "method")
         }
         for key in (*keys_of(GeneralOptions), *OF_SCENES):
             if keys.get(key, base[key]) != base[key]:
@@ -109,8 +96,9 @@ def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
     # A variant's ``auto`` is the scene's set.
     config = configure([*base.layers, *layers], automatic=base["models"]["set"])
     if config["synthetic"] != base["synthetic"]:
-        told = "variants share the scene's recording; leave out the section synthetic"
-        raise UserError(f"variant {name}: {told}")
+        raise UserError(
+            f"variant {name}: variants share the scene's recording; leave out the section synthetic"
+        )
     base.variants[name] = config
     return config
 
@@ -122,14 +110,14 @@ def scene_config(scene: Scene, variant: str | None) -> Config:
 
 def method_of(base: Config, name: str, where: str) -> str | None:
     """Get the published method that a variant stands for; None for EgoSplat."""
-    named = [base["variants"][one].get(METHOD) for one in _ancestry(base["variants"], name, where)]
-    return next(filter(None, reversed(named)), None)
+    methods = [base["variants"][above].get("method") for above in _ancestry(base["variants"], name, where)]
+    return next(filter(None, reversed(methods)), None)
 
 
 def preset_of(base: Config, name: str | None, where: str) -> str:
     """Get the preset of a scene, or of its variant that is one or extends one."""
-    above = _ancestry(base["variants"], name, where) if name else []
-    return next((one for one in reversed(above) if one in PRESET_FILES), base["preset"])
+    names = _ancestry(base["variants"], name, where) if name else []
+    return next((above for above in reversed(names) if above in PRESET_FILES), base["preset"])
 
 
 def variant_folder(variant: str | None) -> str:
@@ -154,12 +142,13 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
     def visit(variant: str, above: tuple[str, ...]) -> None:
         if variant in above:
             circle = " -> ".join([*above, variant])
-            raise UserError(f"variant {name}: circular inheritance {circle}. Fix its key {EXTENDS!r}")
+            raise UserError(f"variant {name}: circular inheritance {circle}. Fix its key 'extends'")
         if variant not in variants:
-            more = [f"{len(variants) - NAMED} more"] if len(variants) > NAMED else []
-            known = ", ".join([*list(variants)[:NAMED], *more]) or "none"
-            advice = f"Add it to the configuration key 'variants', or take one of: {known}"
-            raise UserError(f"{where}: no variant {variant!r}. {advice}")
+            more = [f"{len(variants) - 8} more"] if len(variants) > 8 else []
+            advice = "Add it to the configuration key 'variants', or take one of"
+            raise UserError(
+                f"{where}: no variant {variant!r}. {advice}: {', '.join([*[*variants][:8], *more])}"
+            )
         for below in _extended(variants, variant):
             visit(below, (*above, variant))
         merged.setdefault(variant)
@@ -170,7 +159,7 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
 
 def _extended(variants: Mapping[str, Mapping[str, Any]], name: str) -> list[str]:
     """Get the variants that a variant extends directly."""
-    below = variants[name].get(EXTENDS, [])
+    below = variants[name].get("extends", [])
     return [below] if isinstance(below, str) else below
 
 
@@ -190,7 +179,7 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
 def preset_keys(name: str, folder: Path, format: str) -> Config:
     """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
     files = {file: read_yaml(folder / f"{file}.yaml") for file in PRESET_FILES.values()}
-    kept = _KEPT | _SCALED if PRESET_FILES[name] != name else _KEPT
+    kept = _KEPT | {"frames.resolution"} if name == "paper_scaled" else _KEPT
     preset, usual = Layer(name, files[PRESET_FILES[name]]), defaults()
     values = merge_layers(layers_of_format([preset, SHIPPED_LAYER], format))
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
@@ -200,7 +189,7 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
         if section not in kept and f"{section}.{key}" not in kept:
             value = values.get(section, {}).get(key, usual[section][key])
             keys.setdefault(section, {})[key] = value
-    if PRESET_FILES[name] == "paper":
-        for section in _OF_THE_PAPER:
+    if name == "paper_scaled":  # other models can follow what comes with the paper's, too
+        for section in ("view_features", "features", "query"):
             keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
     return keys
