@@ -67,12 +67,6 @@ def test_help_lists_the_keys_but_readings_of_the_paper(stage):
     }
 
 
-def test_help_shows_default_limits_and_a_sentence():
-    shown = " ".join(CliRunner().invoke(cli, ["splats", "--help"]).output.split())
-    assert "3000" in shown and "at least 1" in shown
-    assert keys_of(SplatsOptions)["iterations"]["description"].split(". ")[0] in shown
-
-
 @pytest.mark.parametrize("name", ["stdin", "stdout", "stderr"])
 def test_a_closed_stream_leads_nowhere(monkeypatch, name):
     """Otherwise the progress of a stage, which looks for a terminal, is a traceback."""

@@ -38,12 +38,6 @@ def test_options_override_files_and_later_files_earlier_ones(folder):
     assert sources == ["config/config.yaml", *map(str, files), "splats={max_points: 9}", "preset=paper"]
 
 
-def test_presets_of_the_working_directory_come_first(folder):
-    (folder / "config/presets").mkdir(parents=True)
-    (folder / "config/presets/balanced.yaml").write_text("splats: {iterations: 77}")
-    assert read_configuration([], [])[0]["splats"]["iterations"] == 77
-
-
 @pytest.mark.parametrize("option", ["draft", "=draft", "preset=", "models={a: [", ".a=1", "splats.=1"])
 def test_a_malformed_option_is_an_error(folder, option):
     with pytest.raises(UserError, match="KEY=VALUE"):

@@ -139,15 +139,6 @@ def test_a_damaged_checkpoint_is_an_error(folder, file, content, said):
     assert finding.mark == Mark.MISSING and said in finding.value
 
 
-def test_a_checkpoint_without_read_permission_is_a_finding(folder, monkeypatch):
-
-    def refuse(*_):
-        raise PermissionError(13, "Permission denied", "sam2.pt")
-
-    monkeypatch.setattr("egosplat.models.weights.read_tensors", refuse)
-    assert found()["SAM2"].mark == Mark.MISSING and "Permission denied" in found()["SAM2"].value
-
-
 def test_missing_encoder_weights_are_an_error(folder):
     assert "encoder" not in found()
     asked = f"transient.encoder_weights={folder / 'encoder.pt'}"
@@ -169,16 +160,6 @@ def test_small_checkpoints_are_noted_for_each_real_scene(folder):
     assert "adt/s1" not in findings
     (folder / "b.mp4").unlink()
     assert "mine/b" not in found(small)
-
-
-def test_a_recording_that_was_rendered_is_not_noted(folder):
-    (folder / "seq1").mkdir()
-    (folder / "seq1/metadata.json").write_text('{"origin": "synthetic"}')
-    (folder / "config/scenes.tsv").write_text(HEADER + ADT.format("seq1") + "\n")
-    findings = found(
-        f"data_root.adt={folder}", "models={set: small, clip_model: small, clip_checkpoint: small}"
-    )
-    assert findings["adt recordings"].mark == Mark.OK and "adt/s" not in findings
 
 
 def test_words_for_photographs_are_checked_where_a_recording_takes_them(folder, monkeypatch):

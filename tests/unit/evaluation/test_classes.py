@@ -83,10 +83,3 @@ def test_what_others_cover_is_scored_whole(masks):
         assert score.hit and score.iou == 1.0
         # The first layer alone has the sign, and parts of the box and the wall.
         assert (mask_of(layers[0], [index]) == masks[index]).all() == (index == 1)
-
-
-def test_the_smallest_area_is_that_of_the_whole_instance(masks):
-    layers = paint_layers(enumerate(masks), SIZE)
-    options = ScoringOptions(min_area=36 / (12 * 16), excluded=())
-    assert [name for name, _ in categories(layers, INSTANCES, options)] == ["box", "wall"]
-    assert [name for name, _ in categories(layers[:1], INSTANCES, options)] == ["wall"]

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from egosplat.cli import cli
 from egosplat.cli.scenes import spread
 from egosplat.errors import UserError
-from egosplat.pipeline.home import CONFIG, SNAKEFILE, find_home, make_command
+from egosplat.pipeline.home import CONFIG, find_home, make_command
 from egosplat.run import command
 from egosplat.run.command import make_scene
 from tests.unit.run.conftest import write_pictures
@@ -60,9 +60,6 @@ def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
 def test_the_workflow_of_the_working_directory_is_taken_first(calls, tmp_path):
     Path("workflow").mkdir()
     shutil.copy(ROOT / "workflow/Snakefile", "workflow")
-    Path("config").mkdir()
-    Path("config/presets").symlink_to(ROOT / "config/presets")
-    assert find_home(SNAKEFILE) == Path("workflow/Snakefile")
     make_scene(tmp_path / "photos", name="kitchen")
     assert "--snakefile" not in calls[0] and calls[0][-1] == "results/mine/kitchen/scene.html"
 
