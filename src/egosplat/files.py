@@ -7,7 +7,7 @@ import os
 import shutil
 import tempfile
 import uuid
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -103,15 +103,15 @@ def user_cache() -> Path:
     return (Path(root) if root else Path.home() / ".cache") / "egosplat"
 
 
-def read_json(path: Path, parse_constant: Callable[[str], Any] | None = None) -> Any:
-    """The content of a JSON file in UTF-8, with or without a byte order mark; ``parse_constant`` as for ``json.loads``.
+def read_json(path: Path) -> Any:
+    """The content of a JSON file in UTF-8, with or without a byte order mark.
 
     Raises:
         OSError: the file cannot be read.
         ValueError: the file is not JSON, or nested too deeply.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=parse_constant)
+        return json.loads(path.read_text(encoding="utf-8-sig"))
     except RecursionError:
         raise ValueError("nested too deeply") from None
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.config import section_keys
-from egosplat.pipeline.messages import figure
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import NOTICE, log
 
@@ -71,7 +71,15 @@ class _Beyond(float):
     row: AlarmRow
 
     def __format__(self, form: str) -> str:
-        return figure(float(self), form, self.row.is_passed)
+        value, text = float(self), float.__format__(self, form)
+        if not math.isfinite(value):
+            return text
+        scale, shown = 100 if text.endswith("%") else 1, Decimal(text.rstrip("%"))
+        step = Decimal((0, (1,), int(shown.as_tuple().exponent)))
+        near = (float(number) / scale for number in (shown, shown - step, shown + step))
+        return format(
+            next((n for n in near if self.row.is_passed(n) == self.row.is_passed(value)), value), form
+        )
 
 
 def found_text(alarm: Alarm) -> str:

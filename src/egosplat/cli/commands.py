@@ -1,6 +1,5 @@
 """The command line: a sub-command for each stage, with the stage's paths as flags and its keys in ``--set``."""
 
-import json
 import os
 import sys
 from importlib import import_module
@@ -22,7 +21,7 @@ from egosplat.cli.flags import (
 from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
-from egosplat.pipeline.config_table import json_schema, keys_page
+from egosplat.pipeline.config_table import keys_page
 from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
@@ -97,12 +96,9 @@ def story(files: tuple[Path, ...], title: str, output: Path, overwrite: bool) ->
 
 
 @cli.command(short_help="Print all configuration keys as a Markdown page.")
-@click.option(
-    "--schema", is_flag=True, help="Print a JSON schema instead, with which editors complete and check."
-)
-def keys(schema: bool) -> None:
+def keys() -> None:
     """Print all configuration keys with defaults and descriptions as a Markdown page."""
-    click.echo(json.dumps(json_schema(), indent=2) if schema else keys_page())
+    click.echo(keys_page())
 
 
 @cli.command(name="snakefile", short_help="Print the path of the workflow, for snakemake --snakefile.")

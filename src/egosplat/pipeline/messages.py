@@ -1,9 +1,7 @@
 """What is wrong with a value, and what is allowed, on one line for people."""
 
 import difflib
-import math
-from collections.abc import Callable, Mapping, Sequence
-from decimal import Decimal
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import yaml
@@ -139,22 +137,6 @@ def limits_of(key: Schema) -> list[str]:
     """List the limits of numbers, texts and lists, in words."""
     limits = [(word, kind[word]) for kind in key.get("anyOf", [key]) for word in _LIMITS if word in kind]
     return [_LIMITS[word].format(limit) for word, limit in limits if limit != LARGEST_INTEGER]
-
-
-def figure(value: float, form: str, is_beyond: Callable[[float], object]) -> str:
-    """Format a number so that what is shown lies on the same side of a limit as the number itself.
-
-    Args:
-        form: format such as ``.2f`` or ``.1%``.
-        is_beyond: tells on which side of the limit, or between which limits, a number lies.
-    """
-    text = format(value, form)
-    if not math.isfinite(value):
-        return text
-    shown, scale = Decimal(text.rstrip("%")), 100 if text.endswith("%") else 1
-    step = Decimal((0, (1,), int(shown.as_tuple().exponent)))
-    near = (float(one) / scale for one in (shown, shown - step, shown + step))
-    return format(next((one for one in near if is_beyond(one) == is_beyond(value)), value), form)
 
 
 def shorten(value: object) -> str:

@@ -39,7 +39,7 @@ def read_document(path: Path, name: str) -> dict[str, Any]:
     """
     again = f"Rebuild it: {make_command(path, '--force ')}"
     try:
-        document = read_json(path, parse_constant=_refuse)
+        document = read_json(path)
     except FileNotFoundError:
         raise UserError(f"{path}: does not exist. Make it: {make_command(path)}") from None
     except (OSError, ValueError) as error:
@@ -55,7 +55,3 @@ def read_document(path: Path, name: str) -> dict[str, Any]:
         told = not_allowed(".".join(map(str, error.absolute_path)), error.instance, why)
         raise UserError(f"{path}: {told}.\n{again}")
     return document
-
-
-def _refuse(constant: str) -> float:
-    raise ValueError(f"{constant} is no number of JSON")

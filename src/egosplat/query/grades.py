@@ -14,7 +14,6 @@ from torch import Tensor
 
 from egosplat.histories.known import Histories
 from egosplat.histories.told import Carried
-from egosplat.pipeline.messages import figure
 from egosplat.query.answers import Answer, Thing, ViewMatch
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy
@@ -106,8 +105,9 @@ class Grading:
         return FOUND if value >= fit.found else GUESS if value >= fit.guess else NOT_FOUND
 
     def shown(self, value: float) -> str:
-        """A graded number with two decimals, which have its grade."""
-        return figure(value, ".2f", self.grade)
+        """A graded number with two decimals, which have its grade also where rounding crosses a limit."""
+        texts = [f"{round(value, 2) + step:.2f}" for step in (0.0, -0.01, 0.01)]
+        return next((text for text in texts if self.grade(float(text)) == self.grade(value)), texts[0])
 
     def refusal(self, value: float) -> str | None:
         """Why an answer is not found; None if it is found or a best guess."""
