@@ -82,9 +82,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     depths = views.median_depths(camera, camera_to_world, registered, points)
     pairs = views.choose_pairs(times_ns, registered)
     count = len(pairs)
-    revisits = views.choose_revisits(
-        camera_to_world, depths, times_ns, registered, count // _PAIRS_PER_REVISIT
-    )
+    revisits = views.choose_revisits(camera_to_world, depths, times_ns, count // _PAIRS_PER_REVISIT)
     found, lights, flows = [], [], []
     for row, (first, second) in enumerate(
         track(np.concatenate([pairs, revisits]).tolist(), "measuring motion", unit="pair")
@@ -97,7 +95,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
             intrinsics=camera.matrix,
             position=(invert(pair_poses[0]) @ pair_poses[1])[:3, 3],
             depth=float(depths[first]) if np.isfinite(depths[first]) else _DEFAULT_DEPTH * unit,
-            min_depth=_DEFAULT_MIN_DEPTH * unit if near is None else _NEAR_FACTOR * near,
+            min_depth=_NEAR_FACTOR * near if np.isfinite(near) else _DEFAULT_MIN_DEPTH * unit,
         )
         found.append(detect_motion(match, view, here, search=row < count))
         judged = np.isfinite(found[-1].noise_px) and row < count
@@ -150,10 +148,7 @@ def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[i
         # A small pixel is valid if all the pixels averaged into it are; the tolerance is for float32.
         return cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 1 - 1e-6
 
-    valid = shrink(full)
-    if not frames.has("masked"):
-        return valid, lambda _: valid, camera
-    return valid, lambda frame: shrink(shown_pixels(frames, frame, full)), camera
+    return shrink(full), lambda frame: shrink(shown_pixels(frames, frame, full)), camera
 
 
 def _gray(rgb: NDArray[np.uint8], size: tuple[int, ...]) -> Gray:

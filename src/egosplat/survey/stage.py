@@ -44,10 +44,10 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
 def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any]:
     _, height, width, _ = frames.shape("rgb")
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height)
-    camera_to_world, registered = poses.read("camera_to_world"), poses.read("registered")
-    depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
+    camera_to_world = poses.read("camera_to_world")
+    depths = median_depths(camera, camera_to_world, poses.read("registered"), poses.read("points/xyz"))
     times_ns, optional = frames.read("timestamp_ns"), frames.read("train") & ~frames.read("evaluation")
-    kept = choose_views(camera_to_world, depths, times_ns, registered, optional, least_deg)
+    kept = choose_views(camera_to_world, depths, times_ns, optional, least_deg)
     kept_frames = np.flatnonzero(kept)
     return {
         "kept": kept_frames.tolist(),
@@ -76,14 +76,10 @@ def _log_summary(document: dict[str, Any]) -> None:
     else:
         verdict = "nothing moves" if motion["static"] else f"{motion['share']:.3%} of the picture moves"
         log(f"motion: {verdict}; {'masked' if motion['masking'] != 'none' else 'too little to be masked'}")
-    wanted = {
-        "poses are refined": camera["refine_poses"],
-        "exposure is compensated": camera["compensate_exposure"],
-    }
-    log(f"camera: {', '.join(name for name, needed in wanted.items() if needed) or 'needs no correction'}")
-    log(
-        f"views: {len(views['kept'])} frames kept, {len(views['left_out'])} dropped for too small a view change"
-    )
+    refined, compensated = camera["refine_poses"], camera["compensate_exposure"]
+    wanted = ["poses are refined"] * refined + ["exposure is compensated"] * compensated
+    log(f"camera: {', '.join(wanted) or 'needs no correction'}")
+    log(f"views: {len(views['kept'])} frames kept, {len(views['left_out'])} dropped: too small a view change")
 
 
 def write_survey(output: Path, document: Survey) -> None:

@@ -28,20 +28,19 @@ _REVISIT_S, _MAX_CHANGE_DEG, _MAX_REVISITS = 1.0, 35.0, 24
 _MAX_SEARCHED = 400
 
 
-def depth_quantile(camera: Camera, camera_to_world: Array, points: Array, share: float) -> float | None:
-    """Quantile of the depths of the (P, 3) points inside an image, ignoring occlusion [m]; None for fewer than 10."""
+def depth_quantile(camera: Camera, camera_to_world: Array, points: Array, share: float) -> float:
+    """Quantile of the depths of the (P, 3) points inside an image, ignoring occlusion [m]; NaN for fewer than 10."""
     subset = points[:: math.ceil(len(points) / _MAX_POINTS)] if len(points) > _MAX_POINTS else points
     in_camera = transform(invert(camera_to_world), subset)
     depths = in_camera[camera.contains(camera.project(in_camera)), 2]
-    return float(np.quantile(depths, share)) if len(depths) >= _MIN_POINTS else None
+    return float(np.quantile(depths, share)) if len(depths) >= _MIN_POINTS else np.nan
 
 
 def median_depths(camera: Camera, camera_to_world: Array, registered: Bools, points: Array) -> Array:
     """(F,) float64 median depth of the visible points of each frame [m]; NaN without a pose or enough points."""
     depths = np.full(len(registered), np.nan)
     for frame in np.flatnonzero(registered):
-        median = depth_quantile(camera, camera_to_world[frame], points, 0.5)
-        depths[frame] = np.nan if median is None else median
+        depths[frame] = depth_quantile(camera, camera_to_world[frame], points, 0.5)
     return depths
 
 
@@ -57,25 +56,20 @@ def view_change(first: Array, second: Array, depth: float | Array) -> Array:
 
 
 def choose_views(
-    camera_to_world: Array,
-    depths: Array,
-    times_ns: Times,
-    registered: Bools,
-    optional: Bools,
-    min_change_deg: float,
+    camera_to_world: Array, depths: Array, times_ns: Times, optional: Bools, min_change_deg: float
 ) -> Bools:
     """(F,) bool: frames that are kept; optional ones only if the view changed since the last optional frame kept.
 
     Args:
         camera_to_world: (F, 4, 4) float64.
-        depths: (F,) float64 of the scene [m]; NaN if unknown.
+        depths: (F,) float64 of the scene [m]; NaN if unknown, as without a pose.
         times_ns: (F,) int64, increasing.
-        registered, optional: (F,) bool: frames with a pose, and frames that may be dropped.
+        optional: (F,) bool: frames that may be dropped.
         min_change_deg: least change of the view; 0 keeps all frames.
     """
-    kept = np.ones(len(registered), bool)
-    # Without a pose or a depth nothing is known of a view, so the frame stays.
-    candidates = np.flatnonzero(optional & registered & np.isfinite(depths))
+    kept = np.ones(len(depths), bool)
+    # Without a depth nothing is known of a view, so the frame stays.
+    candidates = np.flatnonzero(optional & np.isfinite(depths))
     if min_change_deg <= 0 or not len(candidates):
         return kept
     last = candidates[0]
@@ -107,14 +101,12 @@ def choose_pairs(times_ns: Times, registered: Bools) -> Pairs:
     return pairs[sorted(row for row in chosen if row is not None)]
 
 
-def choose_revisits(
-    camera_to_world: Array, depths: Array, times_ns: Times, registered: Bools, limit: int
-) -> Pairs:
+def choose_revisits(camera_to_world: Array, depths: Array, times_ns: Times, limit: int) -> Pairs:
     """(R, 2) int64 pairs of frames that show nearly the same at least a second apart, by the first, spread evenly.
 
     At most ``limit`` and 24. The other arguments are those of ``choose_views``.
     """
-    known = np.flatnonzero(registered & np.isfinite(depths))
+    known = np.flatnonzero(np.isfinite(depths))
     known = known[:: max(1, -(-len(known) // _MAX_SEARCHED))]
     chosen = []
     for part in np.array_split(known, max(1, min(limit, _MAX_REVISITS))):

@@ -179,8 +179,7 @@ def test_pairs_of_a_long_recording_are_runs_that_are_spread_in_time():
 def revisits_of(positions: list[float], limit: int = 9, depth: float = 2.0) -> list[list[int]]:
     poses = make_pose(np.eye(3), np.array([[x, 0.0, 0.0] for x in positions]).reshape(-1, 3))
     times = (np.arange(len(positions)) * 0.25 * SECOND).astype(np.int64)
-    known = np.ones(len(positions), bool)
-    return choose_revisits(poses, np.full(len(positions), depth), times, known, limit).tolist()
+    return choose_revisits(poses, np.full(len(positions), depth), times, limit).tolist()
 
 
 def test_revisits_are_views_that_come_again_after_a_second():

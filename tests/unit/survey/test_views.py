@@ -23,7 +23,6 @@ def kept(
         "camera_to_world": np.stack(trajectory),
         "depths": np.full(count, 2.0),
         "times_ns": (np.arange(count) / rate * 1e9).astype(np.int64),
-        "registered": np.ones(count, bool),
         "optional": np.ones(count, bool),
     } | changes
     return np.flatnonzero(choose_views(**given, min_change_deg=least)).tolist()
@@ -59,10 +58,8 @@ def test_evaluation_frames_are_kept_and_not_compared():
 
 def test_frames_without_a_pose_or_depth_are_kept():
     trajectory = [pose()] * 3 + [np.full((4, 4), np.nan)] + [pose()] * 2
-    registered = np.array([True, True, True, False, True, True])
-    assert kept(trajectory, registered=registered) == [0, 3, 5]
-    depths = np.array([2.0, 2.0, np.nan, 2.0, 2.0, 2.0])
-    assert kept([pose()] * 6, depths=depths) == [0, 2, 5]
+    depths = np.array([2.0, 2.0, 2.0, np.nan, 2.0, 2.0])
+    assert kept(trajectory, depths=depths) == [0, 3, 5]
     assert kept([pose()] * 6, depths=np.full(6, np.nan)) == list(range(6))
 
 
@@ -74,7 +71,7 @@ def test_one_or_two_frames_stay(count):
 def test_depths_are_those_of_points_inside_the_image():
     points = np.array([[0.0, 0.0, z] for z in np.linspace(1, 3, 21)] + [[0.0, 0.0, -1.0], [9.0, 0.0, 1.0]])
     assert depth_quantile(CAMERA, np.eye(4), points, 0.5) == pytest.approx(2.0)
-    assert depth_quantile(CAMERA, np.eye(4), points[:5], 0.5) is None
+    assert np.isnan(depth_quantile(CAMERA, np.eye(4), points[:5], 0.5))
     trajectory = np.stack([pose(), pose(yaw=180.0), pose(z=-1.0)])
     found = median_depths(CAMERA, trajectory, np.array([True, True, False]), points)
     assert found[0] == pytest.approx(2.0) and np.isnan(found[1:]).all()
