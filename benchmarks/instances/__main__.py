@@ -24,8 +24,8 @@ from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, SEGMENTS
 from egosplat.gaussians.training_views import split_views
-from egosplat.instances.geometry import train_geometry, training_options
-from egosplat.instances.lifted_masks import MaskLifter
+from egosplat.instances.geometry import train_geometry
+from egosplat.instances.lifted_masks import lift
 from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
@@ -81,7 +81,7 @@ class Scene:
         self.rows = np.flatnonzero(kept & poses.read("registered"))[::FRAME_STEP]
         tracks = MovingTracks(self.segments)
         with TemporaryDirectory() as work:
-            self.gaussians, views, self.pose = train_geometry(
+            self.geometry = train_geometry(
                 frames,
                 poses,
                 training,
@@ -89,9 +89,8 @@ class Scene:
                 Path(work) / "instances.zarr",
                 "benchmark",
             )
-        self.camera = views.camera
-        lifter = MaskLifter(self.gaussians, views, self.segments, lambda _: self.valid, self.keys)
-        lifted = lifter.lift(tracks.remove)
+        lifted = lift(self.geometry, self.segments, lambda _: self.valid, tracks.remove)
+        assert lifted is not None, "the scene has masks"
         self.weight = lifted.weight
         self.whole = len(self.segments.facts["levels"]) - 1
         self.masks = lifted.select(self.segments.read("instances/level")[lifted.instance] == self.whole)
@@ -120,11 +119,10 @@ class Scene:
     def merged(self, keys: InstancesOptions) -> Iterator[Labels]:
         """Labels of the masks merged with these thresholds."""
         thing, _ = find_things(self.masks, single_masks(self.masks), self.weight, keys)
-        held, settings = beliefs(self.masks, thing), training_options(keys).render
+        held, geometry = beliefs(self.masks, thing), self.geometry
         for row in self.rows:
-            shown = render_things(
-                self.gaussians, [held], self.camera, self.pose[row], settings, self.valid.shape
-            )
+            view = geometry.views.camera, geometry.camera_to_world[row], geometry.settings
+            shown = render_things(geometry.gaussians, [held], *view, self.valid.shape)
             yield np.where(self.valid, shown[0], -1)
 
 

@@ -1,7 +1,7 @@
 """Lift masks onto Gaussians: in each frame, a Gaussian belongs to the mask at the pixel of its center."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -11,10 +11,8 @@ from scipy import sparse
 from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
-from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
-from egosplat.instances.geometry import nearest_pixels, training_options
-from egosplat.instances.options import InstancesOptions
+from egosplat.instances.geometry import Geometry
 from egosplat.language.centers import look_at_centers
 from egosplat.progress import track
 from egosplat.rasterize.view import sum_over_pixels
@@ -34,8 +32,7 @@ class LiftedMasks:
 
     Attributes:
         instance: (V,) int64 number of the mask's instance in segments.zarr.
-        frame: (V,) int64 place of the mask's frame among the T frames.
-        row: (T,) int64 the frames.
+        frame: (V,) int64 place of the mask's frame among the T frames, which are ``row``, (T,) int64.
         votes: (N, V) sparse float32, ``seen`` of each Gaussian whose center is inside the mask [px].
         seen: (T, N) sparse float32, compositing weight of each Gaussian in all pixels that count [px]; none where the pixel of
             its center does not count or shows something else.
@@ -59,13 +56,8 @@ class LiftedMasks:
 
     def select(self, chosen: NDArray[np.bool_]) -> "LiftedMasks":
         """Select masks by (V,) bool."""
-        return LiftedMasks(
-            self.instance[chosen],
-            self.frame[chosen],
-            self.row,
-            self.votes[:, np.flatnonzero(chosen)],
-            self.seen,
-        )
+        votes = self.votes[:, np.flatnonzero(chosen)]
+        return replace(self, instance=self.instance[chosen], frame=self.frame[chosen], votes=votes)
 
     def members(self, mask: int, seen: NDArray[np.float32], inside: float) -> NDArray[np.int32]:
         """Gaussians of whose weight in the frame the mask holds at least the share ``inside``; ``seen_at`` of the frame."""
@@ -87,16 +79,11 @@ def lift_masks(
     camera: Camera,
     settings: RenderSettings,
 ) -> LiftedMasks:
-    """Lift the masks of frames.
+    """Lift the masks of (T,) frames with (T, 4, 4) poses.
 
     Args:
-        gaussians: geometry of the scene.
         look: returns the (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none, and (H, W) bool,
             which pixels vote and count as seen.
-        frames: (T,) the frames.
-        camera_to_world: (T, 4, 4) float64, their poses.
-        camera: at the working size.
-        settings: render settings.
     """
     instance, frame, votes, seen = [], [], [], []
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
@@ -125,53 +112,33 @@ def lift_masks(
     )
 
 
-class MaskLifter:
-    """Lifts masks of segments.zarr onto Gaussians, from the training views at the working size."""
+def lift(
+    geometry: Geometry,
+    segments: Artifact,
+    shown: Callable[[int], NDArray[np.bool_]],
+    select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]],
+) -> LiftedMasks | None:
+    """Lift the masks of segments.zarr in all training views; None if no view has a mask.
 
-    def __init__(
-        self,
-        gaussians: Gaussians,
-        views: Views,
-        segments: Artifact,
-        shown: Callable[[int], NDArray[np.bool_]],
-        keys: InstancesOptions,
-    ) -> None:
-        """Set up.
+    Args:
+        shown: returns the (H, W) bool pixels of a frame that show the scene.
+        select: returns which of a frame's labels (L, h, w) vote, -1 for none, and (h, w) bool, which pixels are not
+            counted as seen.
+    """
+    views = geometry.views
+    height, width = segments.shape("labels")[2:]
+    # The labels nearest to the pixels at the working size.
+    rows, columns = (
+        ((np.arange(small) + 0.5) * large / small).astype(np.intp)
+        for small, large in ((views.camera.height, height), (views.camera.width, width))
+    )
 
-        Args:
-            gaussians: those that masks are merged on.
-            views: training views at the working size.
-            segments: segments artifact.
-            shown: returns the (H, W) bool pixels of a frame that show the scene.
-            keys: of the stage.
-        """
-        self.gaussians, self.views, self.segments = gaussians, views, segments
-        self.shown, self.keys, self.settings = shown, keys, training_options(keys).render
-        self._pixels = nearest_pixels(segments.shape("labels")[2:], views.camera)
+    def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
+        labels, unseen = select(segments.row("labels", frame)[:, rows[:, None], columns])
+        return labels, shown(frame)[rows[:, None], columns] & ~unseen
 
-    def labels(self, frame: int) -> Labels:
-        """(L, h, w) labels of a frame of segments.zarr at the working size."""
-        return self.segments.row("labels", frame)[:, *self._pixels]
-
-    def shown_pixels(self, frame: int) -> NDArray[np.bool_]:
-        """(h, w) bool pixels of a frame at the working size that show the scene."""
-        return self.shown(frame)[self._pixels]
-
-    def lift(self, select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]]) -> LiftedMasks | None:
-        """Lift the masks of all views; None if no view has a mask.
-
-        Args:
-            select: returns which of a frame's labels (L, H, W) vote, -1 for none, and (H, W) bool, which pixels are
-                not counted as seen.
-        """
-
-        def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
-            labels, unseen = select(self.labels(frame))
-            return labels, self.shown_pixels(frame) & ~unseen
-
-        views = self.views
-        has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
-        if not has_masks.any():
-            return None
-        some = views.frame[has_masks], views.camera_to_world[has_masks]
-        return lift_masks(self.gaussians, look, *some, views.camera, self.settings)
+    has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
+    if not has_masks.any():
+        return None
+    some = views.frame[has_masks], views.camera_to_world[has_masks]
+    return lift_masks(geometry.gaussians, look, *some, views.camera, geometry.settings)

@@ -51,16 +51,11 @@ class Runs:
 
 
 def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions) -> Ints:
-    """Merge runs of masks that show one thing.
+    """(R,) thing of each run of masks of one level: the lowest number of the runs that are merged, as they show one thing.
 
     Args:
-        masks: the masks of one level.
         run: (V,) run of each mask, numbered 0 to R - 1 in the order of their first frames.
         weight: (N,) weight of each Gaussian in an IoU.
-        keys: thresholds.
-
-    Returns:
-        (R,) thing of each run: the lowest number of the runs that are merged.
     """
     count = int(run.max(initial=-1)) + 1
     some = np.random.default_rng(0).permutation(len(weight))[:SAMPLE]
@@ -96,26 +91,25 @@ def _sum_masks(
 
 
 def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
-    """Merge the two runs that are most alike, again and again, while they are one thing.
+    """Merge the two of R runs that are most alike, again and again, while they are one thing; changes the runs.
 
-    Args:
-        runs: R runs; changed in place.
-        weight: (n,) weight of each Gaussian in an IoU.
-        keys: thresholds.
-
-    Returns:
-        (R,) number of the run that each is merged into, at most its own.
+    Returns (R,) number of the run that each is merged into, at most its own. ``weight``: as in ``merge``.
     """
     pairs, into = _Pairs(runs, weight), np.arange(len(runs.votes))
-    while (pair := pairs.best(keys.merge_iou)) is not None:
-        one, other = pair
+    while pairs.largest.max() >= keys.merge_iou:
+        row = int(pairs.largest.argmax())
+        one, other = sorted((row, int(pairs.partner[row])))
         into[into == other] = one
         pairs.merge(one, other)
     return into
 
 
 class _Pairs:
-    """The IoU of each two of R runs while runs are merged; a merge takes time for the runs that share a Gaussian with it."""
+    """The IoU of each two of R runs while runs are merged; a merge takes time for the runs that share a Gaussian with it.
+
+    Attributes:
+        largest, partner: (R,) the largest IoU of each run, and the first run that has it.
+    """
 
     def __init__(self, runs: Runs, weight: Floats) -> None:
         self._runs, self._weight = runs, weight
@@ -123,21 +117,9 @@ class _Pairs:
         # By Gaussian, too: what the others hold of a few Gaussians lies together.
         self._held, self._seen = np.ascontiguousarray(self._by_run.T), np.ascontiguousarray(runs.has_seen().T)
         self._size = self._by_run @ weight
-        self._iou = np.nan_to_num(overlaps(runs, weight, COMMON))
+        self._iou = np.nan_to_num(overlaps(runs, weight))
         np.fill_diagonal(self._iou, 0.0)
-        # The largest of each row, and the first place that has it.
-        self._largest, self._place = self._iou.max(axis=1, initial=0.0), np.zeros(len(self._iou), np.int64)
-        self._find_places(np.arange(len(self._iou)))
-
-    def best(self, least: float) -> tuple[int, int] | None:
-        """Return the two runs that are most alike, the lower number first; None if their IoU is below ``least``."""
-        if not len(self._largest):
-            return None
-        row = int(self._largest.argmax())
-        if self._largest[row] < least:
-            return None
-        one, other = sorted((row, int(self._place[row])))
-        return one, other
+        self.largest, self.partner = self._iou.max(axis=1), self._iou.argmax(axis=1)
 
     def merge(self, one: int, other: int) -> None:
         """Add run ``other`` to run ``one``, and compare it with the others."""
@@ -147,13 +129,14 @@ class _Pairs:
         self._seen[:, one] = self._runs.has_seen(one)
         self._size[other], self._size[one] = 0.0, self._weight[self._by_run[one]].sum()
         row = self._compare(one)
-        changed = np.isin(self._place, (one, other))
+        changed = np.isin(self.partner, (one, other))
         self._iou[one] = self._iou[:, one] = row
         self._iou[other] = self._iou[:, other] = 0.0
         changed[[one, other]] = True
-        better = ~changed & ((row > self._largest) | ((row == self._largest) & (one < self._place)))
-        self._largest[better], self._place[better] = row[better], one
-        self._find_places(np.flatnonzero(changed))
+        better = ~changed & ((row > self.largest) | ((row == self.largest) & (one < self.partner)))
+        self.largest[better], self.partner[better] = row[better], one
+        anew = self._iou[changed]
+        self.largest[changed], self.partner[changed] = anew.max(axis=1), anew.argmax(axis=1)
 
     def _compare(self, one: int) -> Floats:
         """(R,) IoU of a run with each other run, 0 with itself."""
@@ -165,43 +148,23 @@ class _Pairs:
         visible = share @ self._seen[np.ix_(mine, near)]
         seen = self._by_run[near] @ (self._weight * self._seen[:, one])
         row = np.zeros(len(shared), np.float32)
-        row[near] = np.nan_to_num(
-            _iou(shared[near], visible, seen, self._size[one], self._size[near], COMMON)
-        )
+        row[near] = np.nan_to_num(_iou(shared[near], visible, seen, self._size[one], self._size[near]))
         return row
 
-    def _find_places(self, rows: Ints) -> None:
-        """Find the largest IoU of some rows."""
-        for row in rows:
-            place = int(self._iou[row].argmax())
-            self._place[row], self._largest[row] = place, self._iou[row, place]
 
-
-def overlaps(runs: Runs, weight: Floats, common: float) -> Floats:
-    """(R, R) IoU of each two runs on what both have seen; NaN where that is too small a part of the smaller run.
-
-    Args:
-        runs: R runs.
-        weight: (n,) weight of each Gaussian in an IoU.
-        common: least share of the smaller run.
-    """
+def overlaps(runs: Runs, weight: Floats) -> Floats:
+    """(R, R) IoU of each two runs on what both have seen; NaN where that is too small a part of the smaller run."""
     held = runs.holds() * weight
     size = held.sum(1)
     # [a, b]: weight of what a holds and b has seen.
     few = sparse.csr_array(held)
     visible = few @ runs.has_seen().T.astype(np.float32)
     shared = few @ (held > 0).T.astype(np.float32)
-    return _iou(shared, visible, visible.T, size[:, None], size[None], common)
+    return _iou(shared, visible, visible.T, size[:, None], size[None])
 
 
-def _iou(shared: Floats, first: Floats, second: Floats, size: Floats, other: Floats, common: float) -> Floats:
-    """IoU of runs on what both have seen; NaN where that is too small a part of the smaller run.
-
-    Args:
-        shared: weight that both hold; first, second: weight that one holds and the other has seen.
-        size, other: weight that each holds.
-        common: least share.
-    """
+def _iou(shared: Floats, first: Floats, second: Floats, size: Floats, other: Floats) -> Floats:
+    """``overlaps`` from the weights that both hold, that one holds and the other has seen, and that each holds."""
     union = first + second - shared
     iou = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return np.where(np.maximum(first, second) < common * np.minimum(size, other), np.nan, iou)
+    return np.where(np.maximum(first, second) < COMMON * np.minimum(size, other), np.nan, iou)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.reader import Artifact
 from egosplat.images import evenly_spaced
 from egosplat.instances.lifted_masks import Labels, LiftedMasks
-from egosplat.instances.merging import COMMON, Runs, overlaps
+from egosplat.instances.merging import Runs, overlaps
 from egosplat.instances.options import InstancesOptions
 
 APART_S = 1.0
@@ -52,12 +52,9 @@ class MovingTracks:
         return np.where(moving | ~voting, np.int32(-1), labels), moving
 
     def draw(self, labels: Labels, over: Labels, first: int) -> Labels:
-        """Draw the tracks of a frame over its things.
+        """Draw the tracks in a frame's (L, H, W) labels, numbered from ``first``, over its (L, H, W) things.
 
-        Args:
-            labels: (L, H, W) of segments.zarr.
-            over: (L, H, W) things. Where a track of any level is, none stays.
-            first: number of the first track in the result.
+        Where a track of any level is, no thing stays.
         """
         track = self._number[labels]
         shown = track >= 0
@@ -68,15 +65,13 @@ class MovingTracks:
 def standing_tracks(
     masks: LiftedMasks, time_s: NDArray[np.float64], keys: InstancesOptions
 ) -> NDArray[np.int64]:
-    """Find the tracks of which half of the pairs of masks are so alike that masks of single frames would be merged.
+    """The sorted tracks of which half of the pairs of masks are so alike that masks of single frames would be merged.
+
+    A track with too few pairs that show the same surfaces is not among them.
 
     Args:
         masks: of tracks; ``instance`` is the track of each.
         time_s: (T,) when each of the T frames was taken [s].
-        keys: ``inside`` and ``merge_iou`` are used.
-
-    Returns:
-        The instances of these tracks, sorted. A track with too few pairs that show the same surfaces is not among them.
     """
     weight, found = masks.weight, []
     for one in np.unique(masks.instance):
@@ -85,7 +80,7 @@ def standing_tracks(
         frame = masks.frame[some]
         runs = Runs(masks.votes[:, some].toarray().T, masks.seen[frame].toarray(), keys.inside)
         apart = np.abs(time_s[frame][:, None] - time_s[frame]) >= APART_S
-        alike = overlaps(runs, weight, COMMON)[np.triu(apart, 1)]
+        alike = overlaps(runs, weight)[np.triu(apart, 1)]
         alike = alike[~np.isnan(alike)]
         if len(alike) >= LEAST_PAIRS and np.median(alike) >= keys.merge_iou:
             found.append(one)

@@ -33,32 +33,19 @@ def render_things(
     settings: RenderSettings,
     size: tuple[int, int],
 ) -> NDArray[np.int32]:
-    """Label each pixel with the strongest thing of each level.
+    """(L, H, W) int32 strongest thing of each level at each pixel of label maps of a size (H, W), -1 where none is.
 
     Args:
-        gaussians: geometry of the scene.
         beliefs: by level, (N, K), see ``things.beliefs``.
         camera, camera_to_world: of the frame, at the working size.
-        settings: render settings.
-        size: height and width of the label maps.
-
-    Returns:
-        (L, H, W) int32, -1 where no thing is.
     """
-    seen = _seen(gaussians, camera, camera_to_world, settings)
-    view, rows = view_of(gaussians.select(seen), camera, camera_to_world, settings), seen.cpu().numpy()
-    images = partial(composite_sparse, view)
-    return np.stack([_strongest(held[rows], images, size, seen.device) for held in beliefs])
-
-
-def _seen(
-    gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
-) -> Tensor:
-    """(N,) bool, which Gaussians are not culled in a frame."""
     _, _, meta = render(
         gaussians, camera, camera_to_world, settings, sh_degree=0, background=None, render_mode="D"
     )
-    return (meta["radii"][0] > 0).all(dim=-1)
+    seen = (meta["radii"][0] > 0).all(dim=-1)
+    view, rows = view_of(gaussians.select(seen), camera, camera_to_world, settings), seen.cpu().numpy()
+    images = partial(composite_sparse, view)
+    return np.stack([_strongest(held[rows], images, size, seen.device) for held in beliefs])
 
 
 def _strongest(
@@ -70,7 +57,9 @@ def _strongest(
     """(H, W) strongest thing of one level, from (n, K) beliefs of the Gaussians that a frame shows and their rendering."""
     best = torch.full(size, LEAST_BELIEF, device=device)
     labels = torch.full(size, -1, dtype=torch.int32, device=device)
-    for things in _in_parts(_near(beliefs)):
+    near = _near(beliefs)
+    for first in range(0, len(near), _AT_ONCE):
+        things = near[first : first + _AT_ONCE]
         images = image(beliefs[:, things])
         for place, cells, pixels in _boxes(images > LEAST_BELIEF, size):
             small, so_far = images[place, *cells], best[pixels]
@@ -111,8 +100,3 @@ def _span(shown: NDArray[np.bool_], length: int) -> tuple[slice, slice]:
     first, last = np.flatnonzero(shown)[[0, -1]].tolist()
     start, end = max(first - 1, 0) // step, -(-min(last + 2, len(shown)) // step)
     return slice(start * step, end * step), slice(start * pixels, end * pixels)
-
-
-def _in_parts(things: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
-    for first in range(0, len(things), _AT_ONCE):
-        yield things[first : first + _AT_ONCE]

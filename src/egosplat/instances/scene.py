@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
-from egosplat.geometry import Camera
-from egosplat.instances.lifted_masks import Labels, MaskLifter
+from egosplat.instances.geometry import Geometry
+from egosplat.instances.lifted_masks import Labels, lift
 from egosplat.instances.moving import MovingTracks
+from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
 from egosplat.progress import log
@@ -22,92 +22,48 @@ _MOSTLY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class NamedMasks:
-    """The things that V masks of segments.zarr show.
-
-    Attributes:
-        row: (V,) int64 frame of each mask.
-        instance: (V,) int64 its number in segments.zarr.
-        thing: (V,) int64, -1 for a mask that shows none.
-    """
-
-    row: NDArray[np.int64]
-    instance: NDArray[np.int64]
-    thing: NDArray[np.int64]
-
-    def drawn(self, row: int, labels: Labels) -> Labels:
-        """(L, H, W) thing that each pixel's mask shows in a frame, -1 for none, from its labels in segments.zarr."""
-        mine = self.row == row
-        instance = self.instance[mine]
-        # Label -1 indexes the last entry.
-        table = np.full(int(labels.max(initial=-1)) + 2, -1, np.int32)
-        shown = instance < len(table) - 1
-        table[instance[shown]] = self.thing[mine][shown]
-        return table[labels]
-
-
-def keep_outlines(rendered: Labels, drawn: Labels) -> Labels:
-    """Draw masks over the rendered things of a frame. Where a thing has a mask, its rendering counts nowhere.
-
-    Args:
-        rendered, drawn: (L, H, W) things, -1 for none.
-    """
-    # Thing -1 indexes the last entry.
-    has_mask = np.zeros(int(max(rendered.max(initial=-1), drawn.max(initial=-1))) + 2, bool)
-    has_mask[drawn] = True
-    has_mask[-1] = False
-    return np.where(drawn >= 0, drawn, np.where(has_mask[rendered], np.int32(-1), rendered))
-
-
-@dataclass(frozen=True, eq=False)
 class Scene:
     """K things on N Gaussians.
 
     Attributes:
-        gaussians: those that masks are merged on.
-        weight: (N,) float32, mean compositing weight of each in the frames that see it [px].
+        geometry: Gaussians that masks are merged on.
+        shown: returns the (H, W) bool pixels of a frame that show the scene.
+        weight: (N,) float32, mean compositing weight of each Gaussian in the frames that see it [px].
         beliefs: by level, (N, K_l) share of each Gaussian's weight in the masks of each thing of the level.
         level: (K,) int8 level of each thing; the things of a level follow each other.
         masks: (K,) int32 number of merged masks.
-        named: the masks and their things.
-        shown: returns the (H, W) bool pixels of a frame that show the scene.
-        camera: at the working size.
-        settings: render settings.
+        named: (V,) int64 frame, number in segments.zarr, and thing of each mask, -1 for a mask that shows none.
         counts: numbers of masks, runs, ... by level, for the facts.
     """
 
-    gaussians: Gaussians
+    geometry: Geometry
+    shown: Callable[[int], NDArray[np.bool_]]
     weight: NDArray[np.float32]
     beliefs: list[sparse.csr_array]
     level: NDArray[np.int8]
     masks: NDArray[np.int32]
-    named: NamedMasks
-    shown: Callable[[int], NDArray[np.bool_]]
-    camera: Camera
-    settings: RenderSettings
+    named: NDArray[np.int64]
     counts: dict[str, dict[str, int]]
 
     def first(self, level: int) -> int:
         """Number of the first thing of a level."""
         return int((self.level < level).sum())
 
-    def label(self, frame: int, labels: Labels, camera_to_world: NDArray[np.float64]) -> Labels:
+    def label(self, frame: int, labels: Labels) -> Labels:
         """(L, H, W) int32 thing of each pixel of a frame at each level, -1 for none, from its ``labels`` in segments.zarr."""
-        size = labels.shape[1:]
-        found = render_things(self.gaussians, self.beliefs, self.camera, camera_to_world, self.settings, size)
+        geometry, size = self.geometry, labels.shape[1:]
+        view = geometry.views.camera, geometry.camera_to_world[frame], geometry.settings
+        found = render_things(geometry.gaussians, self.beliefs, *view, (size[0], size[1]))
         firsts = np.array([self.first(level) for level in range(len(found))], np.int32)
         rendered = np.where(found >= 0, found + firsts[:, None, None], np.int32(-1))
-        return np.where(
-            self.shown(frame), keep_outlines(rendered, self.named.drawn(frame, labels)), np.int32(-1)
-        )
+        things = keep_outlines(rendered, draw_masks(self.named, frame, labels))
+        return np.where(self.shown(frame), things, np.int32(-1))
 
     def strongest(self) -> Labels:
         """(N, L) int32 thing that each Gaussian belongs to most at each level, -1 for none."""
-        found = np.full((self.gaussians.count, len(self.beliefs)), -1, np.int32)
-        for level, held in enumerate(self.beliefs):
-            best = first_of_largest(held)
-            found[:, level] = np.where(best >= 0, best + self.first(level), -1)
-        return found
+        best = [first_of_largest(held) for held in self.beliefs]
+        numbers = [np.where(own >= 0, own + self.first(level), -1) for level, own in enumerate(best)]
+        return np.stack(numbers, axis=1).astype(np.int32)
 
     def parents(self) -> Labels:
         """(K,) int32 thing of the next coarser level that holds most of each thing, -1 for none."""
@@ -119,9 +75,29 @@ class Scene:
             shared = (weighted.T @ coarse).toarray()
             size = np.maximum(np.asarray(weighted.sum(axis=0)).ravel(), np.finfo(np.float32).tiny)
             holds = shared.max(axis=1) >= _MOSTLY * size
-            span = slice(self.first(level), self.first(level) + fine.shape[1])
-            found[span] = np.where(holds, shared.argmax(axis=1) + self.first(level + 1), -1)
+            found[self.level == level] = np.where(holds, shared.argmax(axis=1) + self.first(level + 1), -1)
         return found
+
+
+def draw_masks(named: NDArray[np.int64], frame: int, labels: Labels) -> Labels:
+    """(L, H, W) thing that each pixel's mask shows in a frame, -1 for none, from its labels in segments.zarr.
+
+    ``named``: as in ``Scene``.
+    """
+    _, instance, thing = named[:, named[0] == frame]
+    # Label -1 indexes the last entry.
+    table = np.full(int(max(labels.max(initial=-1), instance.max(initial=-1))) + 2, -1, np.int32)
+    table[instance] = thing
+    return table[labels]
+
+
+def keep_outlines(rendered: Labels, drawn: Labels) -> Labels:
+    """Draw (L, H, W) masks over the rendered things of a frame. Where a thing has a mask, its rendering counts nowhere."""
+    # Thing -1 indexes the last entry.
+    has_mask = np.zeros(int(max(rendered.max(initial=-1), drawn.max(initial=-1))) + 2, bool)
+    has_mask[drawn] = True
+    has_mask[-1] = False
+    return np.where(drawn >= 0, drawn, np.where(has_mask[rendered], np.int32(-1), rendered))
 
 
 def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
@@ -137,25 +113,25 @@ def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
     return found
 
 
-def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
-    """Find the things of all levels.
-
-    Args:
-        lifter: of the scene's masks.
-        tracks: of what moves; their pixels neither vote nor count as seen.
+def find_scene(
+    geometry: Geometry,
+    segments: Artifact,
+    shown: Callable[[int], NDArray[np.bool_]],
+    tracks: MovingTracks,
+    keys: InstancesOptions,
+) -> Scene:
+    """Find the things of all levels. Pixels of ``tracks``, of what moves, neither vote nor count as seen.
 
     Raises:
         UserError: no view has a mask.
     """
-    segments, keys = lifter.segments, lifter.keys
-    lifted = lifter.lift(tracks.remove)
+    lifted = lift(geometry, segments, shown, tracks.remove)
     if lifted is None:
         raise UserError(
             f"{segments.path}: holds no mask in a training frame with a pose. Set models.set to models that suit the "
             "recording (docs/models.md), or instances.source to tracks"
         )
-    weight = lifted.weight
-    levels = segments.read("instances/level")
+    weight, levels = lifted.weight, segments.read("instances/level")
     held, level, masks, named, counts = [], [], [], [], {}
     for number, name in enumerate(segments.facts["levels"]):
         some = lifted.select(levels[lifted.instance] == number)
@@ -165,21 +141,10 @@ def find_scene(lifter: MaskLifter, tracks: MovingTracks) -> Scene:
             f"{counts[name]['things']} {name}s from {counts[name]['masks']} masks; {counts[name]['dropped']} masks and "
             f"{counts[name]['claimed']} {name}s are left out, because others contradict them"
         )
+        count, first = counts[name]["things"], sum(own.shape[1] for own in held)
         held.append(beliefs(some, thing))
-        level.append(np.full(held[-1].shape[1], number, np.int8))
-        masks.append(np.bincount(thing[thing >= 0], minlength=held[-1].shape[1]))
-        first = sum(one.shape[1] for one in held[:-1])
-        numbered = np.where(thing >= 0, thing + first, -1)
-        named.append((lifted.row[some.frame], some.instance, numbered))
-    return Scene(
-        lifter.gaussians,
-        weight,
-        held,
-        np.concatenate(level),
-        np.concatenate(masks).astype(np.int32),
-        NamedMasks(*map(np.concatenate, zip(*named, strict=True))),
-        lifter.shown,
-        lifter.views.camera,
-        lifter.settings,
-        counts,
-    )
+        level.append(np.full(count, number, np.int8))
+        masks.append(np.bincount(thing[thing >= 0], minlength=count).astype(np.int32))
+        named.append([lifted.row[some.frame], some.instance, np.where(thing >= 0, thing + first, -1)])
+    level, masks, named = np.concatenate(level), np.concatenate(masks), np.concatenate(named, axis=1)
+    return Scene(geometry, shown, weight, held, level, masks, named, counts)

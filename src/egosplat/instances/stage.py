@@ -17,14 +17,11 @@ from egosplat.artifacts.writer import create
 from egosplat.gaussians.corrections import resolve_camera
 from egosplat.gaussians.training_views import split_views
 from egosplat.instances.geometry import given_geometry, train_geometry
-from egosplat.instances.lifted_masks import MaskLifter
+from egosplat.instances.lifted_masks import lift
 from egosplat.instances.moving import MovingTracks, standing_tracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.scene import Scene, find_scene
 from egosplat.progress import log, track
-
-# Values of ``source``: the tracks of segments.zarr unchanged, as in the paper; and what follows its prompting.
-AUTO = "auto"
 
 
 def run(
@@ -37,13 +34,9 @@ def run(
     survey_path: Path | None = None,
     splats_path: Path | None = None,
 ) -> None:
-    """Write the instances artifact.
-
-    A killed run resumes the training of the temporary Gaussians, and gives the same result.
+    """Write the instances artifact. A killed run resumes the training of temporary Gaussians, with the same result.
 
     Args:
-        frames_path, poses_path, segments_path, output: paths.
-        options: of the stage.
         survey_path: path of the survey, which excludes frames and decides keys that are ``auto``.
         splats_path: path of the scene's Gaussians; None: temporary ones are trained.
 
@@ -65,7 +58,7 @@ def run(
     record = provenance.begin_from(
         "instances", options.as_dict() | by_survey | merged_on, (frames, poses, segments)
     )
-    if options.source == AUTO:
+    if options.source == "auto":
         # Masks of single frames are no tracks.
         options = options.change(source="masks" if segments.facts.get("single_frames") else TRACKS)
     if options.source == TRACKS:
@@ -74,28 +67,19 @@ def run(
     training, _ = split_views(frames, poses, kept)
     key = provenance.key_of(record)
     if splats is not None:
-        gaussians, views, cameras = given_geometry(frames, poses, splats, training, options)
+        geometry = given_geometry(frames, poses, splats, training, options)
     else:
-        gaussians, views, cameras = train_geometry(frames, poses, training, options, output, key)
-    valid = frames.read("valid")
-    shown = partial(shown_pixels, frames, valid=valid)
-    lifter = MaskLifter(gaussians, views, segments, shown, options)
-    tracks = MovingTracks(segments, _standing(lifter, MovingTracks(segments), frames))
-    scene = find_scene(lifter, tracks)
+        geometry = train_geometry(frames, poses, training, options, output, key)
+    shown = partial(shown_pixels, frames, valid=frames.read("valid"))
+    tracks = MovingTracks(segments)
+    lifted = lift(geometry, segments, shown, tracks.keep)
+    if lifted is not None:
+        times_s = frames.read("timestamp_ns")[lifted.row] / 1e9
+        tracks = MovingTracks(segments, standing_tracks(lifted, times_s, options))
+    scene = find_scene(geometry, segments, shown, tracks, options)
     rows = np.flatnonzero(kept & poses.read("registered"))
-    _write_things(output, record, scene, tracks, options.source, segments, cameras, rows)
+    _write_things(output, record, scene, tracks, options.source, segments, rows)
     Checkpoint(output, key, 0.0).remove()
-
-
-def _standing(lifter: MaskLifter, tracks: MovingTracks, frames: Artifact) -> NDArray[np.int64]:
-    """Instances of segments.zarr that are tracks and stand still."""
-    lifted = lifter.lift(tracks.keep)
-    if lifted is None:
-        return np.zeros(0, np.int64)
-    found = standing_tracks(lifted, frames.read("timestamp_ns")[lifted.row] / 1e9, lifter.keys)
-    if len(found):
-        log(f"{len(found)} of {len(tracks.level)} tracks cover the same surfaces over time: they stand still")
-    return found
 
 
 def _write_tracks(output: Path, record: Provenance, segments: Artifact) -> None:
@@ -121,7 +105,6 @@ def _write_things(
     tracks: MovingTracks,
     source: str,
     segments: Artifact,
-    camera_to_world: NDArray[np.float64],
     rows: NDArray[np.intp],
 ) -> None:
     """Label the frames ``rows`` with the things, draw what moves over them in all frames, and write both."""
@@ -132,7 +115,7 @@ def _write_things(
         artifact.allocate("labels", shape)
         for frame in track(range(shape[0]), "writing labels"):
             found = segments.row("labels", frame)
-            things = scene.label(frame, found, camera_to_world[frame]) if frame in posed else nothing
+            things = scene.label(frame, found) if frame in posed else nothing
             labels = tracks.draw(found, things, count)
             artifact.put_row("labels", frame, labels)
             if frame in posed:
@@ -145,7 +128,7 @@ def _write_things(
         artifact.put("instances/parent", np.pad(scene.parents(), (0, len(tracks.level)), constant_values=-1))
         artifact.put("instances/masks", np.concatenate([scene.masks, tracks.frames]))
         artifact.put("instances/moving", moving)
-        artifact.put("gaussians/xyz", scene.gaussians.means.cpu().numpy())
+        artifact.put("gaussians/xyz", scene.geometry.gaussians.means.cpu().numpy())
         artifact.put("gaussians/instance", scene.strongest())
         figures = {
             "merging": scene.counts,
@@ -160,8 +143,4 @@ def _facts(segments: Artifact, level: NDArray[np.int8], source: str) -> dict[str
     names = segments.facts["levels"]
     by_level = {name: int((level == number).sum()) for number, name in enumerate(names)}
     log(f"{len(level)} instances ({', '.join(f'{count} {name}s' for name, count in by_level.items())})")
-    return {
-        "levels": names,
-        "instances": by_level,
-        "source": source,
-    }
+    return {"levels": names, "instances": by_level, "source": source}

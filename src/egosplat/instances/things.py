@@ -30,16 +30,11 @@ _CLAIMED = 0.5
 def find_things(
     masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions
 ) -> tuple[Ints, dict[str, int]]:
-    """Find which masks show one thing.
+    """(V,) thing that each mask of one level shows, numbered 0 to K - 1, -1 for a mask without a vote; and counts.
 
     Args:
-        masks: the masks of one level.
         run: (V,) masks that are one thing already, see ``single_masks`` and ``cut_tracks``.
         weight: (N,) weight of each Gaussian in an IoU.
-        keys: thresholds.
-
-    Returns:
-        (V,) thing of each mask, numbered 0 to K - 1, -1 for a mask without a vote; and counts for the log.
     """
     merged = merge(masks, run, weight, keys)
     thing = merged[run] if len(run) else run

@@ -125,7 +125,7 @@ def test_gaussians_that_are_not_finite(measured, name, value):
     values[name][::2] = value
     some, labels = Gaussians(**values), np.zeros((1, SIZE, SIZE), np.int32)
     labels[:, :, SIZE // 2 :] = 1
-    settings = geometry.training_options(options()).render
+    settings = geometry._settings(options())
     place = np.zeros(1, np.int64), np.eye(4)[None], CAMERA, settings
     found = lift_masks(some, lambda frame: (labels, np.ones((SIZE, SIZE), bool)), *place)
     fewer = some.select(torch.arange(2 * count) % 2 == 1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.instances.merging import COMMON, Runs, agglomerate, overlaps
+from egosplat.instances.merging import Runs, agglomerate, overlaps
 from egosplat.instances.options import InstancesOptions
 
 
@@ -25,7 +25,7 @@ def agglomerate_slowly(runs: Runs, weight: np.ndarray, least: float) -> np.ndarr
     """Merge the most alike two, comparing all runs that are left with each other every time."""
     into, gone = np.arange(len(runs.votes)), np.zeros(len(runs.votes), bool)
     while True:
-        iou = np.nan_to_num(overlaps(runs, weight, COMMON))
+        iou = np.nan_to_num(overlaps(runs, weight))
         np.fill_diagonal(iou, 0.0)
         iou[gone] = iou[:, gone] = 0.0
         one, other = sorted(np.unravel_index(iou.argmax(), iou.shape))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from egosplat.instances.scene import NamedMasks, keep_outlines
+from egosplat.instances.scene import draw_masks, keep_outlines
 
 
 def labels(*rows: list[int]) -> np.ndarray:
@@ -12,10 +12,10 @@ def labels(*rows: list[int]) -> np.ndarray:
 
 def test_a_mask_takes_the_name_of_its_thing_in_its_own_frame():
     """A track may show one thing in one frame and another in the next."""
-    named = NamedMasks(np.array([0, 0, 3]), np.array([7, 2, 7]), np.array([1, -1, 4]))
-    assert named.drawn(0, labels([7, 2, -1, 5])).tolist() == [[[1, -1, -1, -1]]]
-    assert named.drawn(3, labels([7, 2, -1, 5])).tolist() == [[[4, -1, -1, -1]]]
-    assert named.drawn(1, labels([7, 2, -1, 5])).tolist() == [[[-1, -1, -1, -1]]]
+    named = np.array([[0, 0, 3], [7, 2, 7], [1, -1, 4]])
+    assert draw_masks(named, 0, labels([7, 2, -1, 5])).tolist() == [[[1, -1, -1, -1]]]
+    assert draw_masks(named, 3, labels([7, 2, -1, 5])).tolist() == [[[4, -1, -1, -1]]]
+    assert draw_masks(named, 1, labels([7, 2, -1, 5])).tolist() == [[[-1, -1, -1, -1]]]
 
 
 def test_a_mask_replaces_the_rendering_of_its_thing_and_of_what_it_covers():

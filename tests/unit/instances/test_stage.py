@@ -47,7 +47,7 @@ def test_masks_are_merged_with_refined_poses(scene, monkeypatch):
     folder = scene()
     given = verify(folder / "poses.zarr", SCHEMAS).read("camera_to_world")
     found = run(folder, refine_poses="on", compensate_exposure="on")
-    _, views, cameras = seen["found"]
+    views, cameras = seen["found"].views, seen["found"].camera_to_world
     np.testing.assert_array_equal(views.camera_to_world, cameras[views.frame])
     assert np.abs(cameras - given)[views.frame].max() > 1e-4
     assert found.read("instances/level").tolist() == [1, 1]
@@ -262,6 +262,6 @@ def test_masks_are_merged_with_the_poses_of_the_given_gaussians(scene, splats, m
     monkeypatch.setattr(stage, "given_geometry", lambda *all_: seen.setdefault("found", given(*all_)))
     paths = [folder / f"{name}.zarr" for name in ("frames", "poses", "segments", "instances")]
     stage.run(*paths, options(), splats_path=folder / "splats.zarr")
-    _, views, cameras = seen["found"]
+    views, cameras = seen["found"].views, seen["found"].camera_to_world
     np.testing.assert_array_equal(cameras, moved)
     np.testing.assert_array_equal(views.camera_to_world, moved[views.frame])
