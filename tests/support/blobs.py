@@ -11,7 +11,7 @@ def blobs(means: list[list[float]], opacities: list[float], size: float = 0.3) -
     """Gaussians at ``means``, with standard deviation ``size`` [m]."""
     count = len(means)
     return Gaussians(
-        means=torch.tensor(means, dtype=torch.float32),
+        means=torch.tensor(means, dtype=torch.float32).reshape(-1, 3),
         quats=torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
         log_scales=torch.full((count, 3), math.log(size)),
         logit_opacities=torch.logit(torch.tensor(opacities)),

@@ -9,7 +9,6 @@ import torch
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import GAUSSIANS, HISTORIES, PIXELS
 from egosplat.errors import UserError
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.histories.known import Rests
@@ -20,6 +19,7 @@ from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
+from tests.support.blobs import blobs
 from tests.support.page_scene import put_histories, put_page_scene
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -30,15 +30,7 @@ OPTIONS = LANGSPLAT.change(box_filter=0.0)
 
 def balls(*places):
     """Opaque balls of 10 cm."""
-    count = len(places)
-    return Gaussians(
-        torch.tensor(places, dtype=torch.float32).reshape(-1, 3),
-        torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(count, 1),
-        torch.full((count, 3), 0.1).log(),
-        torch.full((count,), 4.0),
-        torch.ones(count, 1, 3),
-        torch.zeros(count, 0),
-    )
+    return replace(blobs(list(places), [0.98] * len(places), 0.1), sh=torch.ones(len(places), 1, 3))
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from egosplat.query.things import (
 )
 from egosplat.query.views import show_thing
 from egosplat.rasterize.view import composite
+from tests.support.blobs import blobs
 
 SPACING = 0.1
 
@@ -36,47 +37,41 @@ def patch(x: float, side: int = 6) -> np.ndarray:
     return np.stack(np.meshgrid(along + x, along, [0.0]), axis=-1).reshape(-1, 3)
 
 
-def surface(*patches: np.ndarray, levels: int = 1, shown: np.ndarray | None = None) -> Surface:
-    """Patches that one view shows, each Gaussian in a thousandth of it unless ``shown`` (V, N) says otherwise."""
-    means = np.concatenate(patches)
-    shares = np.full((1, len(means)), 1e-3, np.float32) if shown is None else shown.astype(np.float32)
-    return of_points(means, np.full(len(means), 0.04), shares, np.ones((len(means), levels), np.float32))
-
-
 def of_points(means, radii, shares, code_share) -> Surface:
     """A surface whose views are frames 0, 10, 20 ... and whose levels have letters."""
     weight, names = shares.mean(axis=0)[:, None] * code_share, "abc"[: code_share.shape[1]]
     return Surface(means, find_neighbors(means, radii), shares, weight, 10 * np.arange(len(shares)), names)
 
 
+def surface(*lefts: float, levels: int = 1, shown: np.ndarray | None = None) -> Surface:
+    """Patches that one view shows, each Gaussian in a thousandth of it unless ``shown`` (V, N) says otherwise."""
+    means = np.concatenate([patch(left) for left in lefts])
+    shares = np.full((1, len(means)), 1e-3, np.float32) if shown is None else shown.astype(np.float32)
+    return of_points(means, np.full(len(means), 0.04), shares, np.ones((len(means), levels), np.float32))
+
+
 def relevancy(home: Surface, *values: float, levels: int = 1) -> np.ndarray:
     """(levels, N) one value a patch."""
-    each = np.repeat(np.float32(values), len(home.means) // len(values))
-    return np.tile(each, (levels, 1))
+    return np.tile(np.repeat(np.float32(values), len(home.means) // len(values)), (levels, 1))
 
 
 def test_two_of_a_kind_are_distinguished():
-    """Two patches that fit, a meter apart, are two things with their own centers and boxes."""
-    home = surface(patch(0.0), patch(1.5), patch(3.0))
+    """Two patches that fit, a meter apart, are two things with their own centers and boxes; touching ones are one."""
+    home = surface(0.0, 1.5, 3.0)
     values = relevancy(home, 0.9, 0.1, 0.85)
     first, second = find_things(home, values, 0.7, 0.0, 3)
     assert len(find_things(home, values, 0.7, 0.0, 1)) == 1
     assert first.score == pytest.approx(0.9) and second.score == pytest.approx(0.85)
-    np.testing.assert_allclose(first.center, [0.25, 0.25, 0.0], atol=1e-6)
-    np.testing.assert_allclose(second.center, [3.25, 0.25, 0.0], atol=1e-6)
+    np.testing.assert_allclose([first.center, second.center], [[0.25, 0.25, 0], [3.25, 0.25, 0]], atol=1e-6)
     np.testing.assert_allclose(first.size, [0.5, 0.5, 0.0], atol=1e-6)
-
-
-def test_touching_patches_are_one_thing():
-    """Neighbors whose Gaussians reach each other belong together."""
-    home = surface(patch(0.0), patch(6 * SPACING), patch(3.0))
+    home = surface(0.0, 6 * SPACING, 3.0)
     (thing,) = find_things(home, relevancy(home, 0.9, 0.9, 0.1), 0.7, 0.0, 3)
     assert len(thing.members) == 72
 
 
 def test_a_speck_is_no_thing():
     """A few Gaussians that fit by chance are fewer than one neighborhood."""
-    home = surface(patch(0.0), patch(2.0))
+    home = surface(0.0, 2.0)
     values = relevancy(home, 0.6, 0.1)
     values[0, 36:38] = 1.0
     found = find_things(home, values, 0.4, 0.0, 3)
@@ -85,9 +80,8 @@ def test_a_speck_is_no_thing():
 
 def test_one_thing_at_two_levels_is_named_once():
     """The level at which it fits best names it."""
-    home = surface(patch(0.0), patch(2.0), levels=2)
-    values = relevancy(home, 0.8, 0.1, levels=2)
-    values[1] *= 0.5
+    home = surface(0.0, 2.0, levels=2)
+    values = relevancy(home, 0.8, 0.1, levels=2) * np.float32([[1.0], [0.5]])
     (thing,) = find_things(home, values, 0.7, 0.0, 3)
     assert thing.level == "a" and thing.score == pytest.approx(0.8)
 
@@ -95,10 +89,10 @@ def test_one_thing_at_two_levels_is_named_once():
 def test_what_no_view_shows_is_not_found():
     """A Gaussian without a visible share belongs to no thing; the view that shows most of one names its frame."""
     shown = np.r_[np.zeros(36), np.full(72, 1e-3)] * [[0.5], [0.5], [2.0]]
-    home = surface(patch(0.0), patch(1.5), patch(3.0), shown=shown)
+    home = surface(0.0, 1.5, 3.0, shown=shown)
     (thing,) = find_things(home, relevancy(home, 1.0, 0.8, 0.1), 0.7, 0.0, 3)
     assert thing.members.min() == 36 and thing.score == pytest.approx(0.8) and thing.frame == 20
-    unseen = surface(patch(0.0), shown=np.zeros((1, 36)))
+    unseen = surface(0.0, shown=np.zeros((1, 36)))
     assert find_things(unseen, relevancy(unseen, 0.9), 0.7, 0.0, 3) == []
     nothing = of_points(np.zeros((0, 3)), np.zeros(0), np.zeros((1, 0)), np.zeros((0, 2)))
     assert find_things(nothing, np.zeros((2, 0), np.float32), 0.7, 0.0, 3) == []
@@ -106,11 +100,10 @@ def test_what_no_view_shows_is_not_found():
 
 def test_small_things_score_less_as_under_a_box_filter():
     """A thing as large as the box filter's square keeps half of its relevancy, a large one nearly all."""
-    side = np.sqrt(36e-3)
-    home = surface(patch(0.0), patch(2.0))
-    values = relevancy(home, 0.8, 0.1)
-    (half,) = find_things(home, values, 0.7, side, 3)
-    (full,) = find_things(home, values, 0.7, side / 100, 3)
+    home, side = surface(0.0, 2.0), np.sqrt(36e-3)
+    ((half,), (full,)) = (
+        find_things(home, relevancy(home, 0.8, 0.1), 0.7, box, 3) for box in (side, side / 100)
+    )
     assert half.score == pytest.approx(0.4) and full.score == pytest.approx(0.8, rel=1e-3)
 
 
@@ -119,9 +112,7 @@ def test_single_gaussians_far_away_do_not_stretch_the_box():
     means = np.concatenate([patch(0.0, 10), [[9.0, 9.0, 9.0]]])
     shares, share = np.full((1, 101), 1e-3, np.float32), np.ones((101, 1), np.float32)
     home = of_points(means, np.r_[np.full(100, 0.04), 20.0], shares, share)
-    values = np.ones((1, 101), np.float32)
-    values[0, 0] = 0.0
-    (thing,) = find_things(home, values, 0.2, 0.0, 3)
+    (thing,) = find_things(home, np.float32(np.arange(101) > 0)[None], 0.2, 0.0, 3)
     assert 100 in thing.members and thing.size.max() < 1.0
 
 
@@ -188,15 +179,8 @@ SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False,
 @pytest.fixture
 def cloud() -> Gaussians:
     """A translucent Gaussian in front of an opaque one, one aside, one behind the camera."""
-    means = torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.6, 0.0, 2.0], [0.0, 0.0, -2.0]])
-    return Gaussians(
-        means=means,
-        quats=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(4, 1),
-        log_scales=torch.full((4, 3), np.log(0.2)),
-        logit_opacities=torch.tensor([0.0, 4.0, 4.0, 4.0]),
-        sh=torch.zeros(4, 1, 3),
-        features=torch.zeros(4, 0),
-    )
+    means = [[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.6, 0.0, 2.0], [0.0, 0.0, -2.0]]
+    return blobs(means, [0.5, 0.98, 0.98, 0.98], 0.2)
 
 
 def window() -> np.ndarray:

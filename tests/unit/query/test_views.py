@@ -8,21 +8,19 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Camera, invert, make_pose, transform
 from egosplat.language.decoder import Decoder
 from egosplat.query import text
-from egosplat.query.answers import ViewMatch
-from egosplat.query.options import LANGSPLAT, QueryOptions
+from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker, View, answer_from_codes, pixel_position
 from egosplat.rasterize.view import composite
+from tests.support.blobs import blobs
 
 SIZE = 48
-LEVELS = ["part", "middle", "whole"]
 SQUARE = Camera(SIZE, SIZE, 40.0, 40.0, SIZE / 2, SIZE / 2)
 WIDE = Decoder((8,), np.zeros(0, np.float32))
 OPTIONS = LANGSPLAT.change(box_filter=6 / SIZE, majority_filter=7 / SIZE)
@@ -37,43 +35,39 @@ def view() -> View:
     codes = DIRECTIONS[3].expand(3, SIZE, SIZE, 8).clone()
     codes[2, 8:32, 10:40] = DIRECTIONS[1]
     codes[0, 14:24, 20:30] = DIRECTIONS[0]
-    depth = torch.full((SIZE, SIZE), 3.0)
-    return View(
-        codes, torch.ones(3, SIZE, SIZE), depth, SQUARE, np.eye(4), np.ones((SIZE, SIZE), bool), LEVELS
-    )
+    coverage, depth = torch.ones(3, SIZE, SIZE), torch.full((SIZE, SIZE), 3.0)
+    valid, levels = np.ones((SIZE, SIZE), bool), ["part", "middle", "whole"]
+    return View(codes, coverage, depth, SQUARE, np.eye(4), valid, levels)
 
 
-def test_each_query_is_answered_at_its_level(view):
+def overlap(one: np.ndarray, other: np.ndarray) -> float:
+    return (one & other).sum() / (one | other).sum()
+
+
+def test_each_query_is_answered_at_its_level_and_its_mask_is_the_thing(view):
     cup, couch = answer_from_codes(view, WIDE, TEXTS, OPTIONS)
     assert (cup.phrase, cup.level, cup.mask_level) == ("cup", "part", "part")
     assert (couch.phrase, couch.level, couch.mask_level) == ("couch", "whole", "whole")
     assert 20 <= cup.pixel[0] < 30 and 14 <= cup.pixel[1] < 24
     assert 10 <= couch.pixel[0] < 40 and 8 <= couch.pixel[1] < 32
     assert cup.score == pytest.approx(1 / (1 + np.exp(-10.0)), abs=1e-5)
-
-
-def test_the_mask_is_the_thing(view):
-    _, couch = answer_from_codes(view, WIDE, TEXTS, OPTIONS)
     truth = np.zeros((SIZE, SIZE), bool)
     truth[8:32, 10:40] = True
-    assert couch.mask.dtype == bool and (couch.mask & truth).sum() / (couch.mask | truth).sum() > 0.95
+    assert couch.mask.dtype == bool and overlap(couch.mask, truth) > 0.95
     assert couch.relevancy.dtype == np.float32
     np.testing.assert_allclose(couch.relevancy[truth], 1 / (1 + np.exp(-10.0)), rtol=1e-5)
     np.testing.assert_allclose(couch.relevancy[~truth], 0.5, rtol=1e-5)
 
 
 def test_coarse_codes_answer_at_the_pictures_size(view):
-    coarse = replace(
-        view, codes=view.codes[:, ::2, ::2], coverage=view.coverage[:, ::2, ::2], depth=view.depth[::2, ::2]
-    )
-    for fine, found in zip(
-        answer_from_codes(view, WIDE, TEXTS, OPTIONS),
-        answer_from_codes(coarse, WIDE, TEXTS, OPTIONS),
-        strict=True,
-    ):
+    half = {name: getattr(view, name)[:, ::2, ::2] for name in ("codes", "coverage")}
+    coarse = replace(view, **half, depth=view.depth[::2, ::2])
+    pairs = (answer_from_codes(one, WIDE, TEXTS, OPTIONS) for one in (view, coarse))
+    for fine, found in zip(*pairs, strict=True):
         assert found.mask.shape == found.relevancy.shape == (SIZE, SIZE) and found.level == fine.level
-        assert (found.mask & fine.mask).sum() / (found.mask | fine.mask).sum() > 0.6
-        assert np.abs(np.subtract(found.pixel, fine.pixel)).max() <= 2
+        assert (
+            overlap(found.mask, fine.mask) > 0.6 and np.abs(np.subtract(found.pixel, fine.pixel)).max() <= 2
+        )
 
 
 def test_what_is_not_covered_is_no_answer_and_moves_no_threshold(view):
@@ -88,43 +82,23 @@ def test_what_is_not_covered_is_no_answer_and_moves_no_threshold(view):
     assert not couch.relevancy[40:].any() and couch.relevancy[:40].min() > 0.4
 
 
-def ask(scene, texts, camera, pose, options):
-    """Ask all queries in one view."""
-    return Asker(scene, texts, options).ask(texts.phrases, camera, pose, None)
-
-
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 IDENTITY = Decoder((4,), np.zeros(0, np.float32))
+PAIR = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
+
+
+def ask(scene, options, texts=PAIR, pose=None):
+    """Ask all queries in one view."""
+    return Asker(scene, texts, options).ask(texts.phrases, CAMERA, np.eye(4) if pose is None else pose, None)
 
 
 @pytest.fixture
 def scene() -> QueryScene:
     """Two opaque balls at 2 m, left and right, that mean directions 0 and 1 at the one level there is."""
-    means = torch.tensor([[-0.5, 0.0, 2.0], [0.5, 0.1, 2.0]])
-    gaussians = Gaussians(
-        means,
-        torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(2, 1),
-        torch.full((2, 3), 0.1).log(),
-        torch.full((2,), 4.0),
-        torch.zeros(2, 1, 3),
-        torch.zeros(2, 0),
-    )
-    return QueryScene(
-        gaussians, SETTINGS, CAMERA, 0, torch.eye(4)[:2, None], torch.ones(2, 1), IDENTITY, PIXELS, ["whole"]
-    )
-
-
-@pytest.mark.parametrize("resolution", [0, 32])
-def test_things_are_found_at_their_position(scene, resolution):
-    texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    options = LANGSPLAT.change(box_filter=4 / 64, resolution=resolution)
-    answers = ask(scene, texts, CAMERA, np.eye(4), options)
-    for answer, place in zip(answers, scene.gaussians.means.numpy(), strict=True):
-        assert answer.score > 0.99 and answer.mask.shape == (48, 64)
-        assert np.abs(answer.position - place).max() < 0.15
-        assert answer.position[2] == pytest.approx(2.0, abs=1e-3)
-        assert answer.mask.any() and not answer.mask[:, 30:34].any()
+    balls = blobs([[-0.5, 0.0, 2.0], [0.5, 0.1, 2.0]], [0.98, 0.98], 0.1)
+    codes = torch.eye(4)[:2, None], torch.ones(2, 1)
+    return QueryScene(balls, SETTINGS, CAMERA, 0, *codes, IDENTITY, PIXELS, ["whole"])
 
 
 @pytest.mark.parametrize(
@@ -132,23 +106,23 @@ def test_things_are_found_at_their_position(scene, resolution):
 )
 def test_the_longer_side_is_brought_down(resolution, size):
     camera = rendering_camera(CAMERA, resolution)
-    assert (camera.width, camera.height) == size
-    assert camera.cx / camera.width == pytest.approx(0.5)
+    assert (camera.width, camera.height) == size and camera.cx / camera.width == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("resolution", [0, 32])
-def test_relevancies_of_gaussians_are_rendered(scene, resolution):
+def test_things_are_found_at_their_position(scene, resolution):
     """Decoded pixels and decoded Gaussians agree where a pixel shows one Gaussian."""
-    texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
     options = LANGSPLAT.change(box_filter=4 / 64, resolution=resolution)
-    own = replace(scene, decoded=GAUSSIANS)
-    pairs = zip(*(list(ask(one, texts, CAMERA, np.eye(4), options)) for one in (scene, own)), strict=True)
-    for pixels, gaussians in pairs:
+    pairs = zip(*(ask(one, options) for one in (scene, replace(scene, decoded=GAUSSIANS))), strict=True)
+    for (pixels, gaussians), place in zip(pairs, scene.gaussians.means.numpy(), strict=True):
+        assert pixels.score > 0.99 and np.abs(pixels.position - place).max() < 0.15
+        assert pixels.position[2] == pytest.approx(2.0, abs=1e-3)
+        assert pixels.mask.any() and not pixels.mask[:, 30:34].any()
         assert gaussians.score == pytest.approx(pixels.score, abs=1e-4)
-        assert gaussians.level == pixels.level and gaussians.mask.shape == (48, 64)
+        assert gaussians.level == pixels.level and gaussians.mask.shape == pixels.mask.shape == (48, 64)
         # All pixels of a ball are equal but for rounding: any of them is the place.
         assert np.abs(gaussians.position - pixels.position).max() < 0.2
-        assert (gaussians.mask & pixels.mask).sum() > 0.8 * (gaussians.mask | pixels.mask).sum()
+        assert overlap(gaussians.mask, pixels.mask) > 0.8
 
 
 def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
@@ -158,17 +132,16 @@ def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
     scene.gaussians.means[:, :2] = 0.0
     scene.gaussians.logit_opacities[:] = 0.0
     options = LANGSPLAT.change(box_filter=0.0)
-    [blended] = ask(scene, texts, CAMERA, np.eye(4), options)
+    [blended] = ask(scene, options, texts)
     asker = Asker(replace(scene, decoded=GAUSSIANS), texts, options)
     [rendered] = asker.ask(["between"], CAMERA, np.eye(4), None)
     assert blended.score > rendered.score
     assert rendered.score == pytest.approx(float(asker.own.max()), abs=1e-5)
 
 
-def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch):
-    texts = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    asker = Asker(replace(scene, decoded=GAUSSIANS), texts, LANGSPLAT)
-    asked = ["right", "left", "right"]
+@pytest.mark.parametrize("decoded", [PIXELS, GAUSSIANS])
+def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch, decoded):
+    asker, asked = Asker(replace(scene, decoded=decoded), PAIR, LANGSPLAT), ["right", "left", "right"]
     together = list(asker.ask(asked, CAMERA, np.eye(4), None))
     monkeypatch.setattr(text, "AT_ONCE", 1)
     alone = list(asker.ask(asked, CAMERA, np.eye(4), None))
@@ -181,31 +154,18 @@ def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch):
 @pytest.fixture
 def layered() -> QueryScene:
     """A thing at 2 m before a wall at 4 m, both wide and soft; level 0 knows only the wall, level 1 both."""
-    gaussians = Gaussians(
-        torch.tensor([[0.0, 0.0, 2.0], [0.0, 0.0, 4.0]]),
-        torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(2, 1),
-        torch.tensor([[0.3] * 3, [8.0, 8.0, 0.1]]).log(),
-        torch.full((2,), 4.0),
-        torch.zeros(2, 1, 3),
-        torch.zeros(2, 0),
-    )
+    both = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 4.0]], [0.98, 0.98], 0.3)
+    both.log_scales[1] = torch.tensor([8.0, 8.0, 0.1]).log()
     code = torch.stack([torch.eye(4)[[1, 1]], torch.eye(4)[:2]], dim=1)
     share = torch.tensor([[0.0, 1.0], [1.0, 1.0]])
-    return QueryScene(gaussians, SETTINGS, CAMERA, 0, code, share, IDENTITY, GAUSSIANS, ["part", "whole"])
-
-
-def ask_both(scene: QueryScene, options: QueryOptions) -> list[ViewMatch]:
-    texts = Texts(("thing", "wall"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    return list(ask(scene, texts, CAMERA, np.eye(4), options))
+    return QueryScene(both, SETTINGS, CAMERA, 0, code, share, IDENTITY, GAUSSIANS, ["part", "whole"])
 
 
 @pytest.mark.parametrize("threshold", [0.0, 0.3, 0.7, 0.99])
 def test_a_mask_is_what_the_matching_gaussians_fill_by_half(layered, threshold):
     """Wherever the threshold lies, as no Gaussian's relevancy lies between those of the thing and of the wall."""
-    options = LANGSPLAT.change(box_filter=0.0, segmentation_threshold=threshold)
-    thing, _ = ask_both(layered, options)
-    seen = gaussians_in(layered.gaussians, CAMERA, np.eye(4), SETTINGS)
-    image, covered = composite(seen, torch.eye(2))
+    thing, _ = ask(layered, LANGSPLAT.change(box_filter=0.0, segmentation_threshold=threshold))
+    image, covered = composite(gaussians_in(layered.gaussians, CAMERA, np.eye(4), SETTINGS), torch.eye(2))
     filled = (image[..., 0] / covered).numpy()
     assert (filled > 0.5).sum() > (filled > 0.7).sum() + 20
     np.testing.assert_array_equal(thing.mask, filled > 0.5)
@@ -215,22 +175,19 @@ def test_a_mask_is_what_the_matching_gaussians_fill_by_half(layered, threshold):
 def test_equal_relevancies_have_no_mask(layered):
     """A blend of equal values differs from them by rounding."""
     layered.code[:] = torch.tensor([0.6, 0.8, 0.0, 0.0])
-    for answer in ask_both(layered, LANGSPLAT.change(segmentation_threshold=0.0)):
+    for answer in ask(layered, LANGSPLAT.change(segmentation_threshold=0.0)):
         assert answer.score > 0.5 and not answer.mask.any()
 
 
 def test_a_gaussian_counts_in_a_mask_by_its_share(layered):
-    options = LANGSPLAT.change(box_filter=0.0)
-    whole, _ = ask_both(layered, options)
+    whole, _ = ask(layered, LANGSPLAT.change(box_filter=0.0))
     layered.share[0, 1] = 0.2
-    part, _ = ask_both(layered, options)
-    assert 0 < part.mask.sum() < whole.mask.sum() and not (part.mask & ~whole.mask).any()
+    less, _ = ask(layered, LANGSPLAT.change(box_filter=0.0))
+    assert 0 < less.mask.sum() < whole.mask.sum() and not (less.mask & ~whole.mask).any()
 
 
 def test_a_view_of_nothing_has_no_answer(layered):
-    behind = np.diag([-1.0, 1.0, -1.0, 1.0])
-    texts = Texts(("thing", "wall"), torch.eye(4)[:2], torch.eye(4)[2:3])
-    for answer in ask(layered, texts, CAMERA, behind, LANGSPLAT):
+    for answer in ask(layered, LANGSPLAT, pose=np.diag([-1.0, 1.0, -1.0, 1.0])):
         assert (answer.score, answer.level, answer.pixel, answer.mask_level) == (0.0, None, None, None)
         assert not answer.mask.any()
 
