@@ -54,33 +54,43 @@ def test_a_thing_was_where_it_was_put_last(second, position, told):
         np.testing.assert_array_equal(place.position, position)
 
 
-def test_between_carries_that_do_not_meet_the_place_is_not_known():
-    """The thing was put on the desk, and taken from the table."""
-    apart = (HISTORY[0], carried(16.0, 18.5, TABLE, SHELF))
-    assert (
-        place_at(apart, 10).position is None
-        and place_at(apart, 10).told == "not known since 0:07, until 0:16"
-    )
-    np.testing.assert_array_equal(place_at(apart, 20).position, SHELF)
+NOWHERE = np.full(3, np.nan)
+UNSEEN, LOST = carried(16.0, 18.5, NOWHERE, SHELF), carried(4.2, 7.0, TABLE, NOWHERE)
 
 
-def test_a_start_that_nobody_saw_is_not_told():
-    """It may be where the carry before has left it."""
-    unseen = carried(16.0, 18.5, np.full(3, np.nan), SHELF)
-    assert place_at((unseen,), 10).position is None and place_at((unseen,), 10).told == "not known until 0:16"
-    np.testing.assert_array_equal(place_at((HISTORY[0], unseen), 10).position, DESK)
+@pytest.mark.parametrize(
+    ("history", "second", "position", "told"),
+    [
+        # The thing was put on the desk, and taken from the table.
+        ((HISTORY[0], carried(16.0, 18.5, TABLE, SHELF)), 10, None, "not known since 0:07, until 0:16"),
+        ((HISTORY[0], carried(16.0, 18.5, TABLE, SHELF)), 20, SHELF, "since 0:18"),
+        # Nobody saw where it starts: it may be where the carry before has left it.
+        ((UNSEEN,), 10, None, "not known until 0:16"),
+        ((HISTORY[0], UNSEEN), 10, DESK, "since 0:07, until 0:16"),
+        # Each of two carries tells the place between them to a few centimeters.
+        (
+            (HISTORY[0], carried(16.0, 18.5, DESK + [0.1, 0, 0], SHELF)),
+            10,
+            DESK + [0.05, 0, 0],
+            "since 0:07, until 0:16",
+        ),
+        # A thing that was lost lies where it is taken up next, or nobody knows where.
+        ((LOST, HISTORY[1]), 10, DESK, "since 0:07, until 0:16"),
+        ((LOST,), 10, None, "not known since 0:07"),
+    ],
+)
+def test_a_place_is_told_by_the_carries_before_and_after_it(history, second, position, told):
+    place = place_at(history, second)
+    assert place.told == told and (place.position is None) == (position is None)
+    if position is not None:
+        np.testing.assert_allclose(place.position, position)
 
 
-def test_two_carries_tell_the_place_between_them():
-    """Each tells it to a few centimeters. A thing that was lost lies where it is taken up next, or nobody knows where."""
-    near = carried(16.0, 18.5, DESK + [0.1, 0, 0], SHELF)
-    np.testing.assert_allclose(place_at((HISTORY[0], near), 10).position, DESK + [0.05, 0, 0])
-    lost = carried(4.2, 7.0, TABLE, np.full(3, np.nan))
-    np.testing.assert_array_equal(place_at((lost, HISTORY[1]), 10).position, DESK)
-    assert place_at((lost,), 10).position is None and place_at((lost,), 10).told == "not known since 0:07"
-
-
-def test_clock():
+def test_a_time_that_is_none_is_an_error():
+    """NaN compares as neither before nor after: it would tell that the thing was not carried."""
+    with pytest.raises(UserError, match="nan"):
+        place_at(HISTORY, float("nan"))
+    np.testing.assert_array_equal(place_at(HISTORY, float("inf")).position, SHELF)
     assert [clock(second) for second in (0, 9.99, 65, 3600)] == ["0:00", "0:09", "1:05", "60:00"]
 
 
@@ -183,11 +193,8 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     cup, couch = scene.ask("cup", "couch")
     [carried] = cup.history
     np.testing.assert_array_equal([carried.start, carried.end], [TAKEN_UP, PUT_DOWN])
-    assert (carried.from_s, carried.until_s, carried.box) == (
-        pytest.approx(0.1),
-        pytest.approx(0.2),
-        (10, 20, 30, 40),
-    )
+    times = carried.from_s, carried.until_s
+    assert times == (pytest.approx(0.1), pytest.approx(0.2)) and carried.box == (10, 20, 30, 40)
     assert carried.score > 0.5 and couch.history == () and couch.at(0.0) is None
 
     def table(*words):
@@ -204,19 +211,6 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     assert "the recording ends at 0:00" in table("--at", "0:01")
     assert "frame 1 has its own time" in table("--at", "0", "--frame", "1")
     assert "since 0:00" in table("--at", "0:0.9")[1], "it is shown as 0:00, as the end is"
-
-
-def test_histories_of_other_gaussians_tell_nothing(tmp_path):
-    """Protects answers after the Gaussians were trained again: places of before may be wrong."""
-    put_page_scene(tmp_path)
-    put(
-        tmp_path,
-        "histories",
-        {"carries/feature": np.zeros((0, 4), np.float32)},
-        inputs={"splats.zarr": "0" * 64},
-    )
-    scene = open_scene(tmp_path)
-    assert scene.histories is None and scene.rests is None and scene.ask("cup")[0].history == ()
 
 
 def test_a_thing_with_rests_is_told_from_rest_to_rest():
@@ -275,31 +269,6 @@ def test_a_carry_whose_rests_overlap_lasts_between_these_times():
     assert (one.from_s, one.until_s) == (3, 4)
 
 
-def test_a_time_that_is_none_is_an_error():
-    """NaN compares as neither before nor after: it would tell that the thing was not carried."""
-    with pytest.raises(UserError, match="nan"):
-        place_at(HISTORY, float("nan"))
-    np.testing.assert_array_equal(place_at(HISTORY, float("inf")).position, SHELF)
-
-
-def test_of_two_equal_things_that_change_places_one_is_told():
-    """Things are named by words alone: one of them is the history."""
-    carries, rests = of_one_carry_each([CUP.tolist()] * 2, step=0)
-    exchanged = replace(rests, center=np.array([TABLE, DESK, DESK, TABLE]))
-    [one] = history_of_things(carries, exchanged)
-    np.testing.assert_array_equal([one.start, one.end], [TABLE, DESK])
-
-
-@pytest.mark.parametrize("seconds", [np.zeros(100), SECONDS[::-1]], ids=["one time", "backwards"])
-def test_times_that_do_not_rise_tell_finite_places(seconds):
-    """Readers of recordings refuse such times; a file that was edited may hold them."""
-    found = history_of_things(*of_one_carry_each([CUP.tolist()] * 3, seconds=seconds), seconds=seconds)
-    assert found
-    for second in (-1.0, 0.0, 50.0, 99.0):
-        place = place_at(found, second)
-        assert place.position is None or np.isfinite(place.position).all()
-
-
 EDITED = [
     ({"carries__last_frame": [2, 99]}, "'carries/last_frame' tells of frame 99, and the recording has 5"),
     ({"carries__first_frame": [5, 1]}, "'carries/first_frame' tells of frame 5"),
@@ -337,26 +306,25 @@ def test_without_a_carry_no_time_tells_a_place(tmp_path, monkeypatch, capfd):
     assert "nothing of this was carried, as far as is known" in out
 
 
-def test_things_with_features_of_another_openclip_tell_nothing(tmp_path):
-    """Their features compare with no word: a channel more or less was an error of torch."""
+@pytest.mark.parametrize("made_from", ["other Gaussians", "another OpenCLIP"])
+def test_histories_of_something_else_tell_nothing(tmp_path, made_from):
+    """Places of before the Gaussians were trained again may be wrong; other features compare with no word."""
     put_page_scene(tmp_path)
-    put_histories(tmp_path, things__feature=np.full((1, 3), 3**-0.5, np.float32))
+    if made_from == "another OpenCLIP":
+        put_histories(tmp_path, things__feature=np.full((1, 3), 3**-0.5, np.float32))
+    else:
+        nothing = {"carries/feature": np.zeros((0, 4), np.float32)}
+        put(tmp_path, "histories", nothing, inputs={"splats.zarr": "0" * 64})
     scene = open_scene(tmp_path)
     assert scene.histories is None and scene.ask("cup")[0].history == ()
+    assert (scene.rests is None) == (made_from == "other Gaussians")
 
 
 @pytest.mark.parametrize(
-    ("given", "second"),
-    [("65", 65.0), ("1:05", 65.0), ("0:0.5", 0.5), ("61:00", 3660.0), ("1:90", 150.0)]
-    + [
-        (bad, None)
-        for bad in ("nan", "1:nan", "inf", "-1", "1:-5", "-1:90", "1:2:3", "", ":", "9" * 400 + ":0")
-    ],
+    "given", ["nan", "1:nan", "inf", "-1", "1:-5", "-1:90", "1:2:3", "", ":", "9" * 400 + ":0"]
 )
-def test_times_on_the_command_line(given, second):
+def test_times_on_the_command_line(given):
     """A sign in either part, and what is no number, is an error that shows how a time is given."""
-    if second is not None:
-        assert parse_time(None, None, given) == second
-        return
+    assert [parse_time(None, None, one) for one in ("65", "1:05", "0:0.5", "61:00")] == [65, 65, 0.5, 3660]
     with pytest.raises(click.BadParameter, match="give seconds, as 65"):
         parse_time(None, None, given)

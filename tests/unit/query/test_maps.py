@@ -101,28 +101,16 @@ def test_the_threshold_is_relative_and_not_included():
         assert mask_of(one).tolist() == [[False, False, False, True, True]]
     exact = np.array([[[0.0, 0.5, 1.0]]], np.float32)
     assert mask_of(exact, threshold=0.5).tolist() == [[False, False, True]]
-
-
-def test_the_level_is_that_of_the_largest_mean():
+    # Invisible pixels do not count; the level is that of the largest mean.
+    values[..., [0, 4]] = -9.0, 9.0
+    assert mask_of(values, shown=np.abs(values) < 9).tolist() == [[False, False, True, True, False]]
     raw, smooth = np.full((2, 2, 1, 4), 0.1, np.float32)
-    raw[0, 0, 0], smooth[0, 0, 0] = 0.9, 0.3
-    raw[1, 0, 3], smooth[1, 0, 3] = 0.8, 0.7
-    level, mask = segment(Maps(raw, smooth, everywhere(raw)), 0.7, 1)
-    assert level == 1 and mask.tolist() == [[False, False, False, True]]
-
-
-def test_invisible_pixels_do_not_count_in_the_mask():
-    values = np.array([[[0.0, 0.4, 0.5, 0.6, 9.0]]], np.float32)
-    shown = np.array([[[False, True, True, True, False]]])
-    assert mask_of(values, shown=shown).tolist() == [[False, False, False, True, False]]
-
-
-def picture(height: int, width: int) -> np.ndarray:
-    return np.random.default_rng(0).random((height, width), dtype=np.float32)
+    raw[0, 0, 0], smooth[0, 0, 0], raw[1, 0, 3], smooth[1, 0, 3] = 0.9, 0.3, 0.8, 0.7
+    assert mask_of(raw, smooth).tolist() == [[False, False, False, True]]
 
 
 def test_constants_stay_constant_to_the_last_bit_and_a_side_of_one_changes_nothing():
-    constant, values = np.full((50, 60), 0.3, np.float32), picture(9, 8)
+    constant, values = np.full((50, 60), 0.3, np.float32), np.eye(9, 8, dtype=np.float32)
     np.testing.assert_array_equal(box_filter(constant, 30), constant)
     np.testing.assert_array_equal(box_filter(values, 1), values)
     np.testing.assert_array_equal(majority(values > 0.5, 1), values > 0.5)
@@ -130,7 +118,7 @@ def test_constants_stay_constant_to_the_last_bit_and_a_side_of_one_changes_nothi
 
 @pytest.mark.parametrize("size", [3, 7])
 def test_the_majority_counts_visible_pixels_only(size):
-    mask, half = picture(20, 17) > 0.5, size // 2
+    mask, half = np.random.default_rng(0).random((20, 17)) > 0.5, size // 2
     found = majority(mask, size)
     for row, column in np.ndindex(mask.shape):
         around = mask[max(0, row - half) : row + half + 1, max(0, column - half) : column + half + 1]

@@ -8,8 +8,7 @@ import torch
 from egosplat.errors import UserError
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.query import text
-from egosplat.query.text import Texts, clean_phrase, encode_phrases, explain_untaught, untaught_words
+from egosplat.query.text import clean_phrase, encode_phrases, explain_untaught, untaught_words
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +37,9 @@ def test_phrases_have_directions_of_their_own(clip):
 def test_invalid_phrases_are_reported(clip, phrase, reason):
     with pytest.raises(UserError, match=reason):
         encode_phrases(clip, ["cup", phrase])
+    # The longest is not cut.
+    room = clip.tokenizer.context_length - 2
+    assert encode_phrases(clip, ["cup " * (room // len(clip.tokenizer.encode("cup")))]).isfinite().all()
 
 
 @pytest.mark.parametrize(
@@ -58,25 +60,10 @@ def test_characters_that_nobody_sees_change_nothing(clip, phrase):
     assert torch.equal(encode_phrases(clip, [phrase]), encode_phrases(clip, ["chair"]))
 
 
-def test_the_longest_phrase_is_not_cut(clip):
-    room = clip.tokenizer.context_length - 2
-    longest = "cup " * (room // len(clip.tokenizer.encode("cup")))
-    assert encode_phrases(clip, [longest]).isfinite().all()
-
-
 def test_a_model_without_a_direction_is_named(clip, monkeypatch):
     monkeypatch.setattr(clip.model, "encode_text", lambda tokens: torch.full((len(tokens), 4), float("nan")))
     with pytest.raises(UserError, match="'cup'.*clip_checkpoint"):
         encode_phrases(clip, ["cup"])
-
-
-def test_batches_cover_all_phrases(monkeypatch):
-    monkeypatch.setattr(text, "AT_ONCE", 7)
-    queries = torch.eye(5)
-    parts = list(Texts(tuple("abcde"), queries, queries[:1]).in_batches(3))
-    assert [part.phrases for part in parts] == [("a", "b"), ("c", "d"), ("e",)]
-    assert torch.equal(torch.cat([part.queries for part in parts]), queries)
-    assert all(torch.equal(part.canonical, queries[:1]) for part in parts)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Things in 3D: connected Gaussians that fit a query, told apart, and the views that show them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -148,13 +146,6 @@ def test_each_word_finds_its_half(scene, texts, monkeypatch):
     monkeypatch.setattr(text, "AT_ONCE", 1)
     parts = [found[0].score for found in ask_scene(*scene, texts, LANGSPLAT, 1)]
     np.testing.assert_allclose(parts, [one.score for one in whole], rtol=1e-5)
-
-
-def test_a_scene_without_codes_has_no_answer(scene, texts):
-    bare, surface = replace(scene[0], share=torch.zeros_like(scene[0].share)), scene[1]
-    weight, rest = 0 * surface.weight, (surface.frame, surface.levels)
-    empty = Surface(surface.means, surface.touching, surface.shares, weight, *rest)
-    assert list(ask_scene(bare, empty, texts, LANGSPLAT, 3)) == [[], []]
 
 
 @pytest.mark.parametrize("valid", [True, False])

@@ -5,18 +5,8 @@ import math
 import pytest
 
 from egosplat.models.checkpoints import CLIP, model_hash
-from egosplat.query import grades as calibration
-from egosplat.query.grades import (
-    FOUND,
-    GUESS,
-    NOT_FOUND,
-    Calibration,
-    Evidence,
-    Grading,
-    grading_of,
-    held_keys,
-    read_fits,
-)
+from egosplat.query import grades
+from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence, Grading
 from egosplat.query.options import CANONICAL, LANGSPLAT, QueryOptions
 
 FIT = Calibration(-1.0, {"size": 0.25, "lead": 1.0, "apart": 2.0}, found=0.62, guess=0.31)
@@ -60,10 +50,10 @@ def test_the_probability_is_the_logistic_of_the_evidence():
     ],
 )
 def test_a_fit_holds_for_its_openclip_and_its_keys_alone(monkeypatch, clip, key, value):
-    row = held_keys(QueryOptions()) | {"intercept": "-1", "size": "2", "lead": "3", "apart": "4"}
-    monkeypatch.setattr(calibration, "read_fits", lambda: {"cafe": row | {"found": "0.6", "guess": "0.3"}})
+    row = grades.held_keys(QueryOptions()) | {"intercept": "-1", "size": "2", "lead": "3", "apart": "4"}
+    monkeypatch.setattr(grades, "read_fits", lambda: {"cafe": row | {"found": "0.6", "guess": "0.3"}})
     options = QueryOptions() if key is None else QueryOptions(**{key: value})
-    grading = grading_of(clip, options)
+    grading = grades.grading_of(clip, options)
     if (clip, key) == ("cafe", None):
         assert grading.calibration == Calibration(-1.0, {"size": 2.0, "lead": 3.0, "apart": 4.0}, 0.6, 0.3)
     else:
@@ -72,7 +62,7 @@ def test_a_fit_holds_for_its_openclip_and_its_keys_alone(monkeypatch, clip, key,
 
 def test_the_bundled_openclip_has_a_fit_for_the_defaults():
     digest = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
-    assert digest in read_fits() and grading_of(digest, QueryOptions()).calibration.found >= 0.5
+    assert digest in grades.read_fits() and grades.grading_of(digest, QueryOptions()).calibration.found >= 0.5
 
 
 def test_defaults_are_langsplats():
