@@ -10,7 +10,8 @@ from benchmarks.rows import Rows
 from benchmarks.scores import mcnemar
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
-from egosplat.evaluation.scored_scenes import CHANCE, FULL
+from egosplat.evaluation.scores import CHANCE
+from egosplat_rivals.scored_scenes import FULL
 
 # Column of the queries that each score averages, its scale, and how it is written.
 SCORES = {"accuracy": ("hit", 100, ".0f", " %"), "mean_iou": ("iou", 1, ".2f", "")}

@@ -16,10 +16,9 @@ from benchmarks.common import ROOT
 from egosplat.artifacts import provenance
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import GROUPS
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.pipeline.variants import variant_folder
 from egosplat.query.grades import Evidence
-from egosplat_rivals.series import check_protocol
+from egosplat_rivals.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
 LEDGER = ROOT / "benchmarks" / "ledger"
 

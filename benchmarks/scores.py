@@ -7,7 +7,8 @@ from scipy import stats
 
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
-from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene
+from egosplat.evaluation.scores import CHANCE
+from egosplat_rivals.scored_scenes import Cell, ScoredScene
 from egosplat_rivals.tables.paper_tables import average_chance
 
 # Name and query group of the scores in a table.

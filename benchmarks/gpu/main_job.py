@@ -12,8 +12,7 @@ import yaml
 from benchmarks.common import ROOT, markdown
 from benchmarks.scores import METHOD, SCORES, format_score, psnr
 from egosplat.errors import UserError
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
-from egosplat_rivals.series import check_protocol
+from egosplat_rivals.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
 SCENE = Path("results/adt/scene1")
 

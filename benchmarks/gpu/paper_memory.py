@@ -15,12 +15,12 @@ from benchmarks.published_models.weights import CLIP, SAM2, save_clip, save_sam2
 from benchmarks.segments_growth.__main__ import KEEP_ALL
 from egosplat.artifacts.reader import open_any
 from egosplat.artifacts.schemas import SCHEMAS
-from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.gaussians.model import Gaussians
 from egosplat.pipeline.config import resolve, stage_values
 from egosplat.progress import log
 from egosplat.splats import stage as splats
 from egosplat.transient import stage as transient
+from egosplat_rivals.scored_scenes import read_scored_scene
 
 GIB = 2**30
 

@@ -18,7 +18,6 @@ from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query
-from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import Lifted, lift
@@ -26,6 +25,7 @@ from egosplat.language.method import Coded
 from egosplat.pipeline.home import title_of
 from egosplat.query.views import Asker
 from egosplat.report.sheets.queries_sheet import evaluation_of, open_scored
+from egosplat_rivals.scored_scenes import read_scored_scene
 
 MEANS, ONE = "mean of the codes of its pixels", "code of the instance that it shows most"
 RENDERED = {PIXELS: "codes; pixels are decoded", GAUSSIANS: "relevancies of Gaussians"}

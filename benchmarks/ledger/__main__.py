@@ -24,8 +24,8 @@ from benchmarks.common import ROOT, command
 from benchmarks.figures import TABLES
 from benchmarks.rows import ABOUT, LEDGER, collect, head, read_rows, read_scenes, stamp, write_rows
 from egosplat.errors import UserError
-from egosplat.evaluation.scored_scenes import FULL, ScoredScene
 from egosplat.pipeline.variants import variant_folder
+from egosplat_rivals.scored_scenes import FULL, ScoredScene
 
 # Variant of each setting, None for the scene's own: one that the workflow knows, or one of CONFIGURATION.
 SETTINGS: dict[str, str | None] = {

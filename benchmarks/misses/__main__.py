@@ -32,7 +32,6 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import Mask, read_map
-from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.dominant import mean_of_dominant, target_votes
 from egosplat.language.rendering import render_codes
@@ -40,6 +39,7 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.home import title_of
 from egosplat.query.finished_scene import Scene, open_scene
+from egosplat_rivals.scored_scenes import read_scored_scene
 
 CAUSES = ("no mask", "masked", "no Gaussians", "wrong pixel", "wrong name")
 

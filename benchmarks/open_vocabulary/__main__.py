@@ -23,10 +23,10 @@ from benchmarks.open_vocabulary.questions import TARGETS, TOLD_APART
 from benchmarks.scores import METHOD, Paired, accuracy_difference, differences, format_score
 from egosplat.doctor.inputs import read_configuration
 from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
-from egosplat.evaluation.scored_scenes import VALIDATION, Cell, percent_bounds
 from egosplat.pipeline.home import title_of
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.progress import log
+from egosplat_rivals.scored_scenes import VALIDATION, Cell, percent_bounds
 
 COLUMNS = (
     "things",

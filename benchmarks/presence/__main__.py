@@ -29,9 +29,9 @@ from benchmarks.presence.fit import (
 from benchmarks.rows import Rows, collect_page, read_source, rows_option, stamp
 from egosplat.errors import UserError
 from egosplat.evaluation.options import recorded_options
-from egosplat.evaluation.scored_scenes import FULL, VALIDATION, ScoredScene, read_scored_scene
 from egosplat.files import write_text
 from egosplat.query.grades import FITS, held_keys, log_odds, read_fits
+from egosplat_rivals.scored_scenes import FULL, VALIDATION, ScoredScene, read_scored_scene
 
 # Evidence that the fit is compared with: the log-odds of the score, and the lead alone.
 LESS = (("score",), ("lead",), ("size", "lead"), EVIDENCE, ("score", *EVIDENCE))

@@ -14,9 +14,8 @@ import pandas as pd
 
 from benchmarks.common import command, markdown
 from benchmarks.public.boxes import write_3d_ovs, write_lerf
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.pipeline.general_options import SHIPPED
-from egosplat_rivals.series import check_protocol
+from egosplat_rivals.scored_scenes import ScoredScene, check_protocol, read_scored_scene
 
 PRINTED = Path(__file__).with_name("printed.csv")
 

@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, SCORES, chance, format_score, psnr, seconds
-from egosplat.evaluation.scored_scenes import FULL, ScoredScene, read_scored_scene
 from egosplat.pipeline.home import title_of
+from egosplat_rivals.scored_scenes import FULL, ScoredScene, read_scored_scene
 from egosplat_rivals.tables.paper_tables import average
 
 COLUMNS = (

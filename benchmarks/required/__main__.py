@@ -18,9 +18,9 @@ from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, accuracy_difference, iou_difference, pair_answers, psnr, seconds
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import INSTANCES
-from egosplat.evaluation.scored_scenes import FULL, read_scored_scene
 from egosplat.pipeline.home import title_of
 from egosplat.pipeline.survey_file import read_survey
+from egosplat_rivals.scored_scenes import FULL, read_scored_scene
 
 
 def row(folder: Path) -> dict[str, object]:

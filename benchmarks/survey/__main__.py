@@ -14,9 +14,9 @@ import click
 
 from benchmarks.common import command, markdown
 from egosplat.evaluation.presence import separation
-from egosplat.evaluation.scored_scenes import VALIDATION
 from egosplat.pipeline.home import title_of
 from egosplat.pipeline.running import run_stage
+from egosplat_rivals.scored_scenes import VALIDATION
 
 # The order of strengths in benchmarks/real_camera: their seeds are consecutive.
 _STRENGTHS = ("half", "once", "twice", "4times")

@@ -9,7 +9,7 @@ from benchmarks.figures import difference_table
 from benchmarks.rows import collect
 from benchmarks.scores import accuracy_difference, iou_difference, pair_answers, queries_of
 from egosplat.errors import UserError
-from egosplat.evaluation.scored_scenes import ScoredScene
+from egosplat_rivals.scored_scenes import ScoredScene
 from tests.support.scores import SETUP
 
 OPTIONS = {"options": {"confidence": 0.95}, "versions": {}, "cpu_s": 1.0, "peak_memory_mb": 1.0}

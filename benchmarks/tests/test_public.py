@@ -8,8 +8,8 @@ from click.testing import CliRunner
 
 from benchmarks.common import ROOT
 from benchmarks.public.__main__ import PRINTED, TABLES, deviations, main, own_row, printed_rows
-from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.pipeline.general_options import SHIPPED
+from egosplat_rivals.scored_scenes import ScoredScene
 
 
 def scored(kind: str, scene: str, iou: float, **options: object) -> ScoredScene:

@@ -16,8 +16,8 @@ import pandas as pd
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.rows import collect_page, rows_option
 from benchmarks.scores import METHOD, accuracy_difference, chance, format_score, iou_difference, pair_answers
-from egosplat.evaluation.scored_scenes import ScoredScene
 from egosplat.pipeline.home import title_of
+from egosplat_rivals.scored_scenes import ScoredScene
 from egosplat_rivals.tables.paper_tables import average
 from egosplat_rivals.tradeoff.measured import (
     COSTS,

@@ -32,12 +32,12 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.pipeline import config as configuration
 from egosplat.pipeline.config import Config, stage_values
 from egosplat.pipeline.home import title_of
 from egosplat.pipeline.running import run_stage
 from egosplat.progress import log, track
+from egosplat_rivals.scored_scenes import ScoredScene, read_scored_scene
 
 PRESETS = ROOT / "config" / "presets"
 TARGETS = ("view", "average")

@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
-from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.report.sheets.queries_sheet import (
     ScoredQuery,
     ShownQuery,
@@ -18,7 +17,7 @@ from egosplat.report.sheets.queries_sheet import (
     scored_queries,
     scoring_options,
 )
-from egosplat_rivals.series import OWN
+from egosplat_rivals.scored_scenes import OWN, read_scored_scene
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4
@@ -44,14 +43,14 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
         UserError: a file cannot be read, its artifacts are gone, or other queries were scored.
     """
     scenes = [read_scored_scene(path) for path in metrics]
-    by_scene = [{(one.frame, one.category): one for one in scored_queries(each)} for each in scenes]
+    by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]
     chosen = best_and_worst(over_methods(by_scene), ROWS)
     best, worst = ([(one.frame, one.category) for one in queries] for queries in chosen)
     shown = []
     for scene, queries in zip(scenes, by_scene, strict=True):
         in_time = "histories.zarr" in scene.document["provenance"]["inputs"]
-        opened = open_scored(scene.path.parent, scoring_options(scene), in_time=in_time)
-        answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene)
+        opened = open_scored(scene.path.parent, scoring_options(scene.document), in_time=in_time)
+        answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene.document, scene.path)
         shown.append({(one.scored.frame, one.scored.category): one for one in answers})
     names = [scene.method or OWN for scene in scenes]
     rows = len(best) + len(worst)

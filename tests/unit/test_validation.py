@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.evaluation.scored_scenes import VALIDATION
 from egosplat.pipeline import config
 from egosplat.pipeline.scenes import Scene, read_scenes
+from egosplat_rivals.scored_scenes import VALIDATION
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "config" / "scenes.tsv"

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from egosplat.evaluation.scored_scenes import read_scored_scene
+from egosplat_rivals.scored_scenes import read_scored_scene
 from egosplat_rivals.tables.paper_numbers import in_a_table
 from egosplat_rivals.tables.paper_tables import stands_in
 

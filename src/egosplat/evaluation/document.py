@@ -42,11 +42,7 @@ def finite(value: Any) -> Any:
 
 
 def provenance_entries(run: Provenance, made_from: Lineage, told: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries on what was measured, with which preset, seed and code, and on what it was made from.
-
-    Args:
-        told: ``preset``, and ``world_seed`` and ``camera`` of a synthetic apartment; None where there is none.
-    """
+    """The entries on what was measured, with which seed and code, from what, and on what the stage was ``told``."""
     frames, splats, record = made_from.found["frames.zarr"], made_from.found["splats.zarr"], run.record()
     times = frames.read("timestamp_ns")
     return {
@@ -128,6 +124,22 @@ def _total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | No
         "wall_s": round(sum(record["wall_s"] for record in records), 3),
         "peak_memory_mb": max(record["peak_memory_mb"] for record in records),
     }
+
+
+def one_line(text: str) -> str:
+    """Put a given name on one line, without control characters."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+
+
+def describe_models(models: Mapping[str, Mapping[str, Any]]) -> str:
+    """The checkpoints of ``models_used`` in words; empty without any."""
+    if models and all(model["small"] for model in models.values()):
+        return "small checkpoints"
+    names = [
+        f"{key.removesuffix('_checkpoint')} {one_line(Path(models[key]['checkpoint']).name)}"
+        for key in sorted(models)
+    ]
+    return f"checkpoints {', '.join(names)}" if names else ""
 
 
 def models_used(made_from: Lineage) -> dict[str, dict[str, Any]]:

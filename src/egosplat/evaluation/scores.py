@@ -26,6 +26,9 @@ from egosplat.progress import track
 from egosplat.query.answers import ViewMatch
 from egosplat.query.views import Asker
 
+# Constant answers by their key in the scores: their accuracy is the chance level.
+CHANCE = {"random_pixel": "a random pixel", "middle_pixel": "the middle of the picture"}
+
 # Answers phrases in a frame, in order.
 Ask = Callable[[int, Sequence[str]], Iterable[ViewMatch]]
 

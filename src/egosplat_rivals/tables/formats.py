@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 from pandas.io.formats.style import Styler
 
-from egosplat.evaluation.scored_scenes import Cell
+from egosplat_rivals.scored_scenes import Cell
 from egosplat_rivals.tables.table import SYNTHETIC, Layout, Note, Row, blocks, number, ranks
 
 COMMAND = "egosplat tables"

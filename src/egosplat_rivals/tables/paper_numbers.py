@@ -9,8 +9,7 @@ from typing import Any
 import pandas as pd
 
 from egosplat.evaluation.queries import GROUPS
-from egosplat.evaluation.scored_scenes import FULL, VALIDATION, ScoredScene
-from egosplat_rivals.series import OWN
+from egosplat_rivals.scored_scenes import FULL, OWN, VALIDATION, ScoredScene
 from egosplat_rivals.tables.table import AVERAGE, Layout, Note
 
 METRICS = ("accuracy", "mean_iou")

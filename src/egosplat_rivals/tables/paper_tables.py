@@ -6,8 +6,19 @@ from itertools import chain, product
 from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes
-from egosplat.evaluation.scored_scenes import CHANCE, FULL, VALIDATION, Cell, ScoredScene, percent_bounds
-from egosplat_rivals.series import APARTMENTS, NAMES, OWN, VALIDATION_APARTMENTS, Series
+from egosplat.evaluation.scores import CHANCE
+from egosplat_rivals.scored_scenes import (
+    APARTMENTS,
+    FULL,
+    NAMES,
+    OWN,
+    VALIDATION,
+    VALIDATION_APARTMENTS,
+    Cell,
+    ScoredScene,
+    Series,
+    percent_bounds,
+)
 from egosplat_rivals.tables.paper_numbers import LAYOUTS, find_notes, find_printed, scenes_of
 from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Cost, Layout, Note, Row, blocks
 

@@ -6,11 +6,10 @@ from pathlib import Path
 from egosplat.alarms.artifact_alarms import found_text
 from egosplat.alarms.table import TABLE
 from egosplat.evaluation.intervals import RESAMPLING
-from egosplat.evaluation.scored_scenes import ScoredScene, read_scored_scene
 from egosplat.files import write_text
 from egosplat.progress import log
 from egosplat.report.html_page import read_picture, render_page
-from egosplat_rivals.series import Series, check_protocol, find_series
+from egosplat_rivals.scored_scenes import ScoredScene, Series, check_protocol, find_series, read_scored_scene
 from egosplat_rivals.tables.formats import COMMAND, note_text, to_csv, to_html, to_latex, to_markdown
 from egosplat_rivals.tables.page import TEMPLATE, Section, plain_table
 from egosplat_rivals.tables.paper_numbers import in_a_table

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from egosplat.evaluation.scored_scenes import CHANCE, Cell
+from egosplat.evaluation.scores import CHANCE
+from egosplat_rivals.scored_scenes import Cell
 
 # Kinds of rows: printed in the paper, measured on recordings, measured on synthetic apartments.
 PRINTED, REAL, SYNTHETIC = "printed", "real", "synthetic"

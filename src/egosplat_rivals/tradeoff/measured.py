@@ -8,8 +8,7 @@ from typing import Any
 import pandas as pd
 
 from egosplat.errors import UserError
-from egosplat.evaluation.scored_scenes import FULL, ScoredScene, read_scored_scene
-from egosplat_rivals.series import check_protocol, find_series
+from egosplat_rivals.scored_scenes import FULL, ScoredScene, check_protocol, find_series, read_scored_scene
 
 COLUMNS = ("scene", "point", "about", "stage", "measure", "value", "low", "high")
 

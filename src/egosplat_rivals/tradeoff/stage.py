@@ -7,11 +7,12 @@ from typing import Any
 import pandas as pd
 
 from egosplat.errors import UserError
-from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene
+from egosplat.evaluation.scores import CHANCE
 from egosplat.files import write_text
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
 from egosplat.report.html_page import read_picture, render_page
+from egosplat_rivals.scored_scenes import ScoredScene
 from egosplat_rivals.tables.page import TEMPLATE, Section, plain_table
 from egosplat_rivals.tradeoff.chart import draw
 from egosplat_rivals.tradeoff.measured import (

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.alarms.artifact_alarms import alarm_line
-from egosplat.alarms.table import Alarm
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
-from egosplat.evaluation.scored_scenes import read_scored_scene
 from egosplat.evaluation.scores import iou
+from egosplat.pipeline.validation import read_document
 from egosplat.query import finished_scene
 from egosplat.report.sheets.queries_sheet import (
     ScoredQuery,
@@ -77,8 +75,6 @@ def test_the_page_begins_with_the_notice_and_the_alarms(word_scene):
     height = len(draw(folder))
     alarm = {"key": "masks.pixels", "figures": {"value": 0.5, "limit": 0.25}}
     change(metrics, notice="small", alarms=[alarm, alarm])
-    alarmed = f"alarm: {alarm_line(Alarm(**alarm))}"
-    assert read_scored_scene(metrics).warnings == ["notice: small", alarmed, alarmed]
     assert len(draw(folder)) > height
 
 
@@ -99,13 +95,13 @@ def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right(word_sce
 
 def test_the_maps_are_those_that_were_scored(word_scene):
     folder = word_scene()
-    scored = read_scored_scene(score(folder, resolution=40, canonical=["thing"], box_filter=0.1))
+    scored = read_document(score(folder, resolution=40, canonical=["thing"], box_filter=0.1), "metrics")
     scene = open_scored(folder, scoring_options(scored))
     queries = scored_queries(scored)
-    shown = {one.scored: one for one in ask_again(queries, scene, scored)}
+    shown = {one.scored: one for one in ask_again(queries, scene, scored, folder / "metrics.json")}
     assert len(shown) == len(queries) == 4
     valid = scene.valid
-    for query, told in zip(queries, scored.document["queries"], strict=True):
+    for query, told in zip(queries, scored["queries"], strict=True):
         one = shown[query]
         assert list(one.answer.pixel) == told["pixel"] and one.answer.score == told["relevancy"]
         assert iou(one.answer.mask, one.target, valid) == query.iou == told["groups"]["all"]["iou"]
@@ -129,9 +125,9 @@ def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in (*NAMES, "histories")}
     options = stage.MetricsOptions(negatives=["basketball"])
     stage.run(**paths, output=folder / "metrics.json", options=options, title="a/scene")
-    scored = read_scored_scene(folder / "metrics.json")
+    scored = read_document(folder / "metrics.json", "metrics")
     scene = open_scored(folder, scoring_options(scored), in_time=True)
-    assert len(list(ask_again(scored_queries(scored)[:1], scene, scored))) == 1
+    assert len(list(ask_again(scored_queries(scored)[:1], scene, scored, folder / "metrics.json"))) == 1
     assert scene.rests is not None and open_scored(folder, scoring_options(scored)).rests is None
 
 
@@ -141,16 +137,16 @@ def test_without_a_query_the_page_says_so(word_scene, monkeypatch):
     monkeypatch.setattr(finished_scene, "load_clip_of", None)  # nothing is asked
     picture = draw(folder)
     assert picture.shape[0] < 400 and picture.min() < 50
-    assert summary(read_scored_scene(folder / "metrics.json")) == (
+    assert summary(read_document(folder / "metrics.json", "metrics")) == (
         "no queries; origin synthetic, small checkpoints"
     )
 
 
 def test_the_heading_tells_the_scores_and_where_they_come_from(word_scene):
     metrics = score(word_scene())
-    told, how_to_read = summary(read_scored_scene(metrics)).split("\n")
+    told, how_to_read = summary(read_document(metrics, "metrics")).split("\n")
     assert "dashed: their boxes" in how_to_read
-    assert "dashed" not in summary(read_scored_scene(score(metrics.parent, hit_region="mask")))
+    assert "dashed" not in summary(read_document(score(metrics.parent, hit_region="mask"), "metrics"))
     # Of two categories; those of four independent queries would begin at 51.
     assert told.startswith("4 queries; accuracy 100.0 % (34.2 to 100.0), mIoU ")
     assert "chance: a random pixel 50.0 %, the middle of the picture 50.0 %" in told
@@ -158,7 +154,7 @@ def test_the_heading_tells_the_scores_and_where_they_come_from(word_scene):
     scores = json.loads(metrics.read_text())["scores"]
     scores["all"] |= {"count": 1, "mean_iou": 0.5, "mean_iou_interval": None}
     change(metrics, scores=scores)
-    assert ", mIoU 50.0 %; chance" in summary(read_scored_scene(metrics))
+    assert ", mIoU 50.0 %; chance" in summary(read_document(metrics, "metrics"))
 
 
 def test_scores_of_other_artifacts_are_rejected(word_scene):

@@ -1,6 +1,6 @@
 """Draw the best and the worst answers of a scene's queries on one page; they are answered again, to get the maps behind the scores."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -10,6 +10,8 @@ import numpy as np
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from egosplat.alarms.artifact_alarms import warning_lines
+from egosplat.alarms.table import Alarm
 from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.lineage import open_histories
 from egosplat.artifacts.reader import open_artifact
@@ -27,11 +29,12 @@ from egosplat.drawing import (
     show,
     split_page,
 )
+from egosplat.evaluation.document import describe_models
 from egosplat.evaluation.evaluation_frames import SCORED, Evaluation, read_evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, read_layers
-from egosplat.evaluation.scored_scenes import CHANCE, ScoredScene, read_scored_scene
-from egosplat.evaluation.scores import ask_of, bounding_boxes
+from egosplat.evaluation.scores import CHANCE, ask_of, bounding_boxes
+from egosplat.pipeline.validation import read_document
 from egosplat.query.answers import ViewMatch
 from egosplat.query.finished_scene import Scene, open_artifacts, open_encoded, scene_of
 
@@ -90,13 +93,14 @@ def run(
     Raises:
         UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
     """
-    scored = read_scored_scene(metrics_path)
+    document = read_document(metrics_path, "metrics")
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
     artifacts = [*map(open_artifact, paths, SCORED), open_encoded(features_path, tiles_path)]
     artifacts += [] if histories_path is None else [open_artifact(histories_path, HISTORIES)]
-    scene = scene_of(artifacts, scoring_options(scored))
-    blocks = best_and_worst(scored_queries(scored), ROWS)
-    shown = {query.scored: query for query in ask_again([*blocks[0], *blocks[1]], scene, scored)}
+    scene = scene_of(artifacts, scoring_options(document))
+    blocks = best_and_worst(scored_queries(document), ROWS)
+    asked = ask_again([*blocks[0], *blocks[1]], scene, document, metrics_path)
+    shown = {query.scored: query for query in asked}
     rows, (height, width) = max(map(len, blocks)), scene.valid.shape
     size = 6 * CELL, (CELL * height / width + 0.12) * rows + 0.9 if rows else CELL
     figure = plt.figure(figsize=size, layout="constrained")
@@ -109,17 +113,18 @@ def run(
             )
             for cells, query in zip(empty_grid(page, rows, 3), block, strict=False):
                 _draw_query(cells, shown[query])
-    draw_heading(figure, f"{title}: {summary(scored)}", scored.warnings)
+    warnings = warning_lines(document["notice"], [Alarm(**alarm) for alarm in document["alarms"]])
+    draw_heading(figure, f"{title}: {summary(document)}", warnings)
     save_figure(figure, output)
 
 
-def scored_queries(scored: ScoredScene) -> list[ScoredQuery]:
+def scored_queries(document: Mapping[str, Any]) -> list[ScoredQuery]:
     """All queries of a ``metrics.json``."""
     return [
         ScoredQuery(
             one["frame"], one["category"], one["relevancy"], *map(one["groups"]["all"].get, ("hit", "iou"))
         )
-        for one in scored.document["queries"]
+        for one in document["queries"]
     ]
 
 
@@ -164,26 +169,29 @@ def evaluation_of(scene: Scene) -> Evaluation:
     return read_evaluation(*map(scene.artifact, ("frames", "poses", "annotations", "splats")))
 
 
-def scoring_options(scored: ScoredScene) -> MetricsOptions:
+def scoring_options(document: Mapping[str, Any]) -> MetricsOptions:
     """The options of the stage ``metrics`` that scored a scene, on any device."""
-    recorded = recorded_options(scored.document["provenance"]["options"])
+    recorded = recorded_options(document["provenance"]["options"])
     return recorded.change(device="auto", backend="auto")
 
 
-def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) -> Iterator[ShownQuery]:
+def ask_again(
+    chosen: Sequence[ScoredQuery], scene: Scene, document: Mapping[str, Any], path: Path
+) -> Iterator[ShownQuery]:
     """Answer queries again as in the stage ``metrics``, frame by frame.
 
     Args:
         chosen: queries of the scene.
         scene: the scored scene with its annotations and ``scoring_options``.
+        document, path: its ``metrics.json``.
 
     Raises:
         UserError: the scene was scored with other artifacts, or the OpenCLIP model that made the features is missing.
     """
-    check_inputs(scored.path, scored.document["provenance"]["inputs"], scene.given)
+    check_inputs(path, document["provenance"]["inputs"], scene.given)
     if not chosen:
         return
-    evaluation, options = evaluation_of(scene), scoring_options(scored)
+    evaluation, options = evaluation_of(scene), scoring_options(document)
     queries = find_queries(evaluation.annotations, evaluation.valid, options)
     asked = {(query.frame, query.category): query for query in queries}
     shown = [asked[query.frame, query.category] for query in chosen]
@@ -199,18 +207,19 @@ def ask_again(chosen: Sequence[ScoredQuery], scene: Scene, scored: ScoredScene) 
             yield ShownQuery(query, photograph, view, mask_of(*target), boxes, answer)
 
 
-def summary(scored: ScoredScene) -> str:
+def summary(document: Mapping[str, Any]) -> str:
     """Scores of all queries with data and checkpoints; on the second line, a legend of the page."""
-    about = f"origin {scored.origin}, {scored.checkpoints}"
-    if not (count := scored.document["scores"]["all"]["count"]):
+    score = document["scores"]["all"]
+    about = f"origin {document['origin']}, {describe_models(document['models'])}"
+    if not (count := score["count"]):
         return f"no queries; {about}"
     scores = []
     for key, name in (("accuracy", "accuracy"), ("mean_iou", "mIoU")):
-        cell = scored.cell(key, "all")
-        interval = f" ({cell.interval[0]:.1f} to {cell.interval[1]:.1f})" if cell.interval else ""
-        scores.append(f"{name} {cell.percent:.1f} %{interval}")
-    chance = ", ".join(f"{name} {scored.chance(key, 'all').percent:.1f} %" for key, name in CHANCE.items())
-    boxes = ", dashed: their boxes" if scored.document["provenance"]["options"]["hit_region"] == "box" else ""
+        low, high = score[f"{key}_interval"] or (None, None)
+        interval = "" if low is None else f" ({100 * low:.1f} to {100 * high:.1f})"
+        scores.append(f"{name} {100 * score[key]:.1f} %{interval}")
+    chance = ", ".join(f"{name} {100 * score[key]:.1f} %" for key, name in CHANCE.items())
+    boxes = ", dashed: their boxes" if document["provenance"]["options"]["hit_region"] == "box" else ""
     return (
         f"{count} queries; {', '.join(scores)}; chance: {chance}; {about}\nwhite: annotated instances{boxes}; "
         "colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel, green for a hit, red for a miss"

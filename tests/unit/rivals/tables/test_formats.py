@@ -7,7 +7,7 @@ import re
 import pandas as pd
 import pytest
 
-from egosplat.evaluation.scored_scenes import Cell
+from egosplat_rivals.scored_scenes import Cell
 from egosplat_rivals.tables.formats import latex, markdown, to_csv, to_html, to_latex, to_markdown
 from egosplat_rivals.tables.stage import write_page
 from egosplat_rivals.tables.table import Layout, Note, Row

@@ -11,8 +11,9 @@ import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.evaluation.scored_scenes import one_line, read_scored_scene
+from egosplat.evaluation.document import one_line
 from egosplat.models.suitability import BRIEF, notice
+from egosplat_rivals.scored_scenes import read_scored_scene
 from egosplat_rivals.tables.stage import run
 
 NAN = float("nan")

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from egosplat.evaluation.intervals import RESAMPLING, clustered_interval
-from egosplat.evaluation.scored_scenes import CHANCE, Cell, ScoredScene
+from egosplat.evaluation.scores import CHANCE
+from egosplat_rivals.scored_scenes import Cell, ScoredScene
 from egosplat_rivals.tables.paper_numbers import METHODS, SCENES, find_printed
 from egosplat_rivals.tables.paper_tables import average, average_chance, paper_tables
 from egosplat_rivals.tables.table import PRINTED, SYNTHETIC, Row, number, ranks

@@ -1,0 +1,237 @@
+"""Read the scores of scenes from ``metrics.json`` files, and group them into rows: one method, variant, origin and set of models."""
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from egosplat.alarms.table import Alarm
+from egosplat.errors import UserError
+from egosplat.evaluation.document import describe_models, one_line
+from egosplat.evaluation.intervals import Clusters, cluster
+from egosplat.models.suitability import BRIEF
+from egosplat.pipeline.validation import read_document
+
+# Name of the variant in a scene's own folder.
+FULL = "full"
+
+# Validation apartments in ADT format: defaults are chosen on adt/scene1 to adt/scene5, and some were on these.
+VALIDATION = tuple(f"scene{index}" for index in range(6, 11))
+
+# Names of the datasets in the paper.
+NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
+
+APARTMENTS = "synthetic apartments"
+VALIDATION_APARTMENTS = "validation apartments"
+
+# Name of egosplat's own rows.
+OWN = "EgoSplat"
+
+# Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
+PROTOCOL = ("min_area", "excluded", "people", "hit_region", "masks")
+
+_PATH = re.compile(
+    r"(?:^|/)results/(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)/"
+    r"(?:variants/(?P<variant>[^/]+)/)?[^/]+$"
+)
+_NAME = re.compile(r"(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)(?:, (?P<variant>[A-Za-z0-9_-]+))?")
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model used for a scene: configuration key, file name and content hash of its checkpoint; whether it is small."""
+
+    key: str
+    checkpoint: str
+    hash: str
+    small: bool
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A score [%] with the bounds of its interval, and of a measured one the numbers of queries and categories.
+
+    ``scenes`` are those of a measured average.
+    """
+
+    percent: float | None = None
+    interval: tuple[float, float] | None = None
+    queries: int | None = None
+    categories: int | None = None
+    scenes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredScene:
+    """A scene's scores; ``method`` is the name of another method, or None for EgoSplat."""
+
+    path: Path
+    dataset: str
+    scene: str
+    variant: str
+    method: str | None
+    models: tuple[Model, ...]
+    document: Mapping[str, Any]
+
+    @property
+    def origin(self) -> str:
+        """``real`` or ``synthetic``."""
+        return self.document["origin"]
+
+    @property
+    def validation(self) -> bool:
+        """Whether it is one of ``VALIDATION``."""
+        return (self.dataset, self.origin) == ("adt", "synthetic") and self.scene in VALIDATION
+
+    @property
+    def alarms(self) -> list[Alarm]:
+        """The alarms of the scene's stages, in their order."""
+        return [Alarm(**alarm) for alarm in self.document["alarms"]]
+
+    def cell(self, metric: str, group: str) -> Cell:
+        """A score in percent, with its interval if it has one."""
+        score = self.document["scores"][group]
+        interval = percent_bounds(score[f"{metric}_interval"])
+        return Cell(_percent(score[metric]), interval, score["count"], score["categories"])
+
+    def chance(self, answerer: str, group: str) -> Cell:
+        """The accuracy [%] of one of ``CHANCE`` on the queries of a group."""
+        return Cell(_percent(self.document["scores"][group][answerer]))
+
+    def clusters(self, metric: str, group: str) -> Clusters:
+        """The values of a group's queries by category; ``metric`` is ``accuracy`` or ``mean_iou``."""
+        value = {"accuracy": "hit", "mean_iou": "iou"}[metric]
+        queries = [query for query in self.document["queries"] if group in query["groups"]]
+        values = [float(query["groups"][group][value]) for query in queries]
+        return cluster(values, [query["category"] for query in queries])
+
+
+def read_scored_scene(path: Path) -> ScoredScene:
+    """Read a ``metrics.json``.
+
+    The path ``results/DATASET/SCENE/`` names the scene, with ``variants/NAME/`` for a variant. Elsewhere, the file's
+    ``scene`` names it: DATASET/SCENE or DATASET/SCENE, VARIANT.
+
+    Raises:
+        UserError: the file cannot be read, is not a ``metrics.json``, or does not name its scene.
+    """
+    document = read_document(path, "metrics")
+    method = one_line(document["method"]) if "method" in document else None
+    models = tuple(
+        Model(key, one_line(Path(used["checkpoint"]).name), used["hash"], used["small"])
+        for key, used in sorted(document["models"].items())
+    )
+    return ScoredScene(path, *_names(path, document["scene"]), method, models, document)
+
+
+def percent_bounds(bounds: Sequence[float] | None) -> tuple[float, float] | None:
+    """The bounds of an interval in percent."""
+    return None if bounds is None else (100 * bounds[0], 100 * bounds[1])
+
+
+def _names(path: Path, title: str) -> tuple[str, str, str]:
+    """Dataset, scene and variant."""
+    below, named = _PATH.search(path.as_posix()), _NAME.fullmatch(title)
+    if (match := below or named) is None:
+        raise UserError(
+            f"{path}: is not in a folder results/DATASET/SCENE, and its scene {title!r} is not DATASET/SCENE; "
+            "move it, for example to results/adt/scene1/variants/NAME/metrics.json"
+        )
+    if below and named and below.groupdict() != named.groupdict():
+        raise UserError(f"{path}: holds the scores of {title}, which belong to another folder; rebuild it")
+    dataset, scene, variant = match.group("dataset", "scene", "variant")
+    return dataset, scene, variant or FULL
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Scenes whose scores may be averaged.
+
+    Attributes:
+        first: any scene, for what all have in common: dataset, variant, origin, method.
+        scenes: scores by name of the scene.
+    """
+
+    first: ScoredScene
+    checkpoints: str
+    scenes: Mapping[str, ScoredScene]
+
+    @property
+    def own(self) -> bool:
+        """Whether the method is EgoSplat."""
+        return self.first.method is None
+
+    @property
+    def method(self) -> str:
+        """Name of the method."""
+        return self.first.method or OWN
+
+    @property
+    def data(self) -> str:
+        """Name of the data."""
+        if self.first.origin == "synthetic":
+            return VALIDATION_APARTMENTS if self.first.validation else APARTMENTS
+        return NAMES.get(self.first.dataset, self.first.dataset)
+
+    @property
+    def notice(self) -> str:
+        """Notice that the models do not suit the recordings, and what to do; empty if they do."""
+        notices = (scene.document["notice"] for scene in self.scenes.values())
+        return next(filter(None, notices), "")
+
+    @property
+    def about(self) -> str:
+        """Data and checkpoints."""
+        return ", ".join(filter(None, (self.data, self.checkpoints, BRIEF if self.notice else "")))
+
+    @property
+    def label(self) -> str:
+        """Method, data and checkpoints."""
+        by = "egosplat" if self.own else "reimplemented by egosplat"
+        return f"{self.method} ({by}, {self.about})"
+
+
+def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
+    """Group scenes into series; egosplat's own come first, then sorted by method and checkpoints.
+
+    Raises:
+        UserError: two files have scores of one scene in one series.
+    """
+    groups: dict[tuple, dict[str, ScoredScene]] = {}
+    # Scores of different data, variants or models must not be averaged.
+    for scene in scenes:
+        key = (scene.dataset, scene.variant, scene.origin, scene.validation, scene.method, scene.models)
+        other = groups.setdefault(key, {}).setdefault(scene.scene, scene)
+        if other is not scene:
+            raise UserError(f"{scene.path} and {other.path}: are scores of the same scene; give one of them")
+    # Sets of models with equal names get the beginning of the hashes.
+    names = {scene.models: describe_models(scene.document["models"]) for scene in scenes}
+    counts = Counter(names.values())
+    series = []
+    for group in groups.values():
+        first, scenes_by_name = next(iter(group.values())), dict(sorted(group.items()))
+        hashes = "/".join(model.hash[:8] for model in first.models)
+        name = names[first.models]
+        checkpoints = f"{name} {hashes}" if counts[name] > 1 else name
+        series.append(Series(first, checkpoints, scenes_by_name))
+    return sorted(series, key=lambda row: (not row.own, row.method, row.first.variant, row.checkpoints))
+
+
+def check_protocol(scenes: Sequence[ScoredScene]) -> None:
+    """Raise UserError unless all scenes of a dataset were scored with one protocol."""
+    first: dict[str, ScoredScene] = {}
+    for scene in scenes:
+        other = first.setdefault(scene.dataset, scene)
+        for key in PROTOCOL:
+            mine, theirs = (each.document["provenance"]["options"].get(key) for each in (scene, other))
+            if mine != theirs:
+                raise UserError(
+                    f"{scene.path}: was scored with metrics.{key} = {mine!r}, {other.path} with {theirs!r}.\n"
+                    "Numbers in one table need the same value; rebuild one of them"
+                )
