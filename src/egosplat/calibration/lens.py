@@ -71,9 +71,8 @@ class Lens:
                 f"{source}: camera model {self.model} is not supported. Supported: {', '.join(_MODELS)}."
             )
         fx, fy, cx, cy = self._linear()
-        sizes = self.width, self.height, fx, fy
         inside = 0 <= cx < self.width and 0 <= cy < self.height
-        if not (all(map(math.isfinite, self.params)) and min(sizes) > 0 and inside):
+        if not (np.isfinite(self.params).all() and fx > 0 and fy > 0 and inside):
             raise UserError(
                 f"{source}: fx, fy must be positive, (cx, cy) inside the image, and all numbers finite."
             )
@@ -116,10 +115,9 @@ class Lens:
         UserError if the view is too wide for a pinhole camera, or the distortion cannot be inverted.
         """
         # Half a pixel inside, so that bilinear sampling has all its neighbors.
-        left, top, right, bottom = 0.5, 0.5, self.width - 0.5, self.height - 0.5
         along = np.linspace(0.0, 1.0, _BORDER_POINTS)
-        x, y = left + along * (right - left), top + along * (bottom - top)
-        sides = [(left, y), (x, top), (right, y), (x, bottom)]
+        x, y = 0.5 + along * (self.width - 1), 0.5 + along * (self.height - 1)
+        sides = [(0.5, y), (x, 0.5), (self.width - 0.5, y), (x, self.height - 0.5)]
         border = np.concatenate([np.stack(np.broadcast_arrays(*side), 1) for side in sides])
         camera = self.colmap()
         rays = camera.cam_from_img(border)

@@ -38,9 +38,7 @@ def known_poses(
 
     ``kind`` is a key of ``KNOWN_POSES``; the full-size pictures were rectified from ``lenses`` to ``pinhole``; ``pictures`` are the
     names of the frames' pictures, and ``camera`` that of the frames. Points as for ``colmap_poses``; all of a file without views.
-
-    Raises:
-        UserError: the file is damaged or has changed since the frames were read, or too few frames have a pose.
+    UserError if the file is damaged or has changed since the frames were read, or too few frames have a pose.
     """
     path = known_poses_path(recording, kind)
     known = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
@@ -71,11 +69,11 @@ def known_poses(
         "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], points),
         **known.notes,
     }
-    unit = "lengths are in scene units (poses.meters_per_unit makes them meters)"
-    unit = unit if options.meters_per_unit is None else f"one unit of the file is {scale:g} m"
-    log(f"poses as in {path}; {unit}")
-    gsplat = gsplat_world(known.camera_to_world, known.points[finite]) if kind == "colmap" else None
-    if gsplat is not None:
+    unit = (
+        f"{scale:g} m" if options.meters_per_unit else "a scene unit (poses.meters_per_unit makes it meters)"
+    )
+    log(f"poses as in {path}; one unit of the file is {unit}")
+    if kind == "colmap" and (gsplat := gsplat_world(known.camera_to_world, known.points[finite])) is not None:
         notes["gsplat_world"] = gsplat.tolist()
     return Poses(camera_to_world, camera, points, known.point_rgb[kept], up, notes)
 

@@ -67,25 +67,22 @@ def colmap_folder(pictures: Path, model: pycolmap.Reconstruction) -> Path:
 
 
 @pytest.fixture
+def text_folder(pictures: Path, model: pycolmap.Reconstruction) -> Path:
+    """The model as .txt files beside the pictures."""
+    (folder := pictures / "colmap").mkdir()
+    model.write_text(folder)
+    return folder
+
+
+@pytest.fixture
 def transforms(pictures: Path, model: pycolmap.Reconstruction) -> Callable[..., Path]:
     """Write a ``transforms.json`` beside the pictures, with changed keys; None drops a key."""
 
     def write(**changes: Any) -> Path:
-        document = {
-            "camera_model": "OPENCV",
-            "w": WIDTH,
-            "h": HEIGHT,
-            "fl_x": 60.0,
-            "fl_y": 60.0,
-            "cx": 31.0,
-            "cy": 25.0,
-            "k1": 0.05,
-            "k2": -0.01,
-            "p1": 0.0,
-            "p2": 0.0,
-            "frames": opengl_frames(model),
-        }
-        document = {key: value for key, value in (document | changes).items() if value is not None}
+        camera = {"camera_model": "OPENCV", "w": WIDTH, "h": HEIGHT, "fl_x": 60.0, "fl_y": 60.0, "cx": 31.0}
+        camera |= {"cy": 25.0, "k1": 0.05, "k2": -0.01, "p1": 0.0, "p2": 0.0}
+        document = camera | {"frames": opengl_frames(model)} | changes
+        document = {key: value for key, value in document.items() if value is not None}
         (path := pictures / "transforms.json").write_text(json.dumps(document))
         return path
 

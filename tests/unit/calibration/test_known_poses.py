@@ -27,12 +27,10 @@ def true_pose(model: pycolmap.Reconstruction, name: str) -> np.ndarray:
     return pose
 
 
-@pytest.mark.parametrize("suffix", [".bin", ".txt"])
-def test_a_colmap_model_is_read_as_it_is(pictures, model, colmap_folder, suffix):
+@pytest.mark.parametrize("folder", ["colmap_folder", "text_folder"])
+def test_a_colmap_model_is_read_as_it_is(pictures, model, folder, request):
     """Poses, camera and points to rounding, from both of COLMAP's formats."""
-    shutil.rmtree(colmap_folder)
-    colmap_folder.mkdir()
-    (model.write_binary if suffix == ".bin" else model.write_text)(colmap_folder)
+    request.getfixturevalue(folder)
     contents = read_known_poses(pictures, "colmap", *SIZE)
     assert contents.lenses == [Lens("RADIAL", WIDTH, HEIGHT, (60.0, 31.0, 25.0, 0.05, -0.01))]
     assert sorted(contents.names) == [f"{number}.png" for number in range(1, 7)]
@@ -102,12 +100,9 @@ def test_a_cut_binary_file_is_named(pictures, colmap_folder, name, keep):
 
 @pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
 @pytest.mark.parametrize("content", [b"hello world\n", b"\xff\x00\xfe" * 50])
-def test_a_text_file_of_something_else_is_named(pictures, model, colmap_folder, name, content):
+def test_a_text_file_of_something_else_is_named(pictures, text_folder, name, content):
     """No traceback of COLMAP's."""
-    shutil.rmtree(colmap_folder)
-    colmap_folder.mkdir()
-    model.write_text(colmap_folder)
-    (colmap_folder / f"{name}.txt").write_bytes(content)
+    (text_folder / f"{name}.txt").write_bytes(content)
     with pytest.raises(UserError, match="colmap: not a readable COLMAP model") as caught:
         read_known_poses(pictures, "colmap", *SIZE)
     assert "/tmp/egosplat-model" not in str(caught.value)
@@ -120,18 +115,16 @@ def test_a_folder_without_a_model_is_named(pictures, colmap_folder):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
-def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, model, colmap_folder):
+def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, model, text_folder):
     """Pictures of several phones, or of hloc, which makes a camera for each picture."""
     other = pycolmap.Camera(model="RADIAL", width=WIDTH, height=HEIGHT, params=[61.0, 31.0, 25.0, 0.0, 0.0])
     other.camera_id = 2
     model.add_camera_with_trivial_rig(other)
-    shutil.rmtree(colmap_folder)
-    colmap_folder.mkdir()
-    model.write_text(colmap_folder)
+    model.write_text(text_folder)
     for name in ("rigs.txt", "frames.txt"):
-        (colmap_folder / name).unlink()
-    text = (colmap_folder / "images.txt").read_text().replace(" 1 3.png", " 2 3.png")
-    (colmap_folder / "images.txt").write_text(text)
+        (text_folder / name).unlink()
+    text = (text_folder / "images.txt").read_text().replace(" 1 3.png", " 2 3.png")
+    (text_folder / "images.txt").write_text(text)
     contents = read_known_poses(pictures, "colmap", *SIZE)
     focal = {
         name: contents.lenses[index].params[0]
@@ -140,27 +133,21 @@ def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, model, colmap_fo
     assert focal == {name: 61.0 if name == "3.png" else 60.0 for name in contents.names}
 
 
-def test_an_unsupported_model_of_colmap_is_named(pictures, model, colmap_folder):
+def test_an_unsupported_model_of_colmap_is_named(pictures, text_folder):
     """The error names the file and what is supported."""
-    shutil.rmtree(colmap_folder)
-    colmap_folder.mkdir()
-    model.write_text(colmap_folder)
-    (colmap_folder / "cameras.txt").write_text(f"1 FOV {WIDTH} {HEIGHT} 60 60 31 25 0.9\n")
+    (text_folder / "cameras.txt").write_text(f"1 FOV {WIDTH} {HEIGHT} 60 60 31 25 0.9\n")
     with pytest.raises(UserError, match="colmap: 1.png: camera model FOV is not supported.*OPENCV_FISHEYE"):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
 @pytest.mark.parametrize("numbers", ["1 0 0 0 1e999 2 3", "1 0 0 0 nan 2 3", "1 1 0 0 1 2 3"])
-def test_a_pose_that_is_no_rotation_is_named(pictures, model, colmap_folder, numbers):
+def test_a_pose_that_is_no_rotation_is_named(pictures, text_folder, numbers):
     """Scaled, or not finite."""
-    shutil.rmtree(colmap_folder)
-    colmap_folder.mkdir()
-    model.write_text(colmap_folder)
-    lines = (colmap_folder / "images.txt").read_text().splitlines()
+    lines = (text_folder / "images.txt").read_text().splitlines()
     at = next(index for index, line in enumerate(lines) if line.endswith("3.png"))
     words = lines[at].split()
     lines[at] = " ".join([words[0], numbers, *words[8:]])
-    (colmap_folder / "images.txt").write_text("\n".join(lines) + "\n")
+    (text_folder / "images.txt").write_text("\n".join(lines) + "\n")
     with pytest.raises(UserError, match="colmap: (3.png: the pose|not a readable COLMAP model)"):
         read_known_poses(pictures, "colmap", *SIZE)
 
@@ -344,17 +331,3 @@ def test_positions_far_from_each_other_or_from_the_origin_are_named(pictures, tr
         one["transform_matrix"][0][3] *= 1e6
     transforms(frames=frames)
     assert read_known_poses(pictures, "transforms", *SIZE).camera_to_world[3, 0, 3] == pytest.approx(9e5)
-
-
-@pytest.mark.parametrize(
-    "kind, colors", [("float", "1.0 0.5 0"), ("ushort", "65535 32768 0"), ("uchar", "255 128 0")]
-)
-def test_colors_of_points_in_other_types(pictures, transforms, kind, colors):
-    """Fractions and 16 bits become bytes."""
-    head = "".join(f"property {kind} {name}\n" for name in ("red", "green", "blue"))
-    axes = "".join(f"property float {axis}\n" for axis in "xyz")
-    (pictures / "points.ply").write_text(
-        f"ply\nformat ascii 1.0\ncomment element vertex 9\nelement vertex 1\n{axes}{head}end_header\n1 2 3 {colors}\n"
-    )
-    transforms(ply_file_path="points.ply")
-    assert read_known_poses(pictures, "transforms", *SIZE).point_rgb.tolist() == [[255, 128, 0]]

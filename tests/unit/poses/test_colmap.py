@@ -10,13 +10,14 @@ import numpy as np
 import pycolmap
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from benchmarks.colmap.alignment import trajectory_error
 from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.joining import too_few_message
 from egosplat.calibration.colmap.matching import sequential_pairs
 from egosplat.errors import UserError
-from egosplat.geometry import Camera
+from egosplat.geometry import Camera, make_pose
 from egosplat.poses.colmap import colmap_poses, filter_points
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses
@@ -46,8 +47,10 @@ def reconstruct(
     return colmap_poses(iter(images), valid, camera, known, keys, overlap=2, threads=threads)
 
 
-def noise(seed: int) -> NDArray[np.uint8]:
-    return np.random.default_rng(seed).integers(0, 256, (*EVERYWHERE.shape, 3), dtype=np.uint8)
+def noise(*seeds: int) -> Images:
+    return [
+        np.random.default_rng(seed).integers(0, 256, (*EVERYWHERE.shape, 3), dtype=np.uint8) for seed in seeds
+    ]
 
 
 @pytest.fixture(scope="session")
@@ -121,25 +124,21 @@ def test_unrelated_frames_are_left_out_and_reported(
     walk_images: Images, estimated: Poses, true_poses: NDArray[np.float64]
 ):
     blank = np.full_like(walk_images[0], 90)
-    poses = reconstruct([noise(1), *walk_images[:5], blank, *walk_images[5:], noise(2)])
+    poses = reconstruct([*noise(1), *walk_images[:5], blank, *walk_images[5:], *noise(2)])
     assert np.flatnonzero(~poses.registered).tolist() == [0, 6, 12]
     assert np.isnan(poses.camera_to_world[~poses.registered]).all()
     assert poses.notes["registered"] == 10
     assert trajectory_error(poses.camera_to_world[poses.registered], true_poses)["ate_rmse_m"] < 0.005
 
 
-def test_a_model_with_too_few_images_is_rejected_with_its_size(walk_images: Images):
+def test_a_model_with_too_few_images_is_rejected_with_what_to_do(walk_images: Images):
     with pytest.raises(UserError, match="10 of 13 .*poses.min_registered .*80%") as caught:
-        reconstruct([*walk_images, *(noise(seed) for seed in range(3))], min_registered=0.8)
-    assert "not registered (indices from 0): 10 to 12" in str(caught.value)
-    assert str(caught.value).endswith("poses.min_registered")
-
-
-@pytest.mark.parametrize("side, advised", [(256, True), (512, False)])
-def test_larger_frames_are_advised_for_small_ones_only(side, advised):
-    text = too_few_message(3, "3 to 8", 9, 0.5, "exhaustive", side)
-    assert ("\nSet frames.resolution=512, as 256 px" in text) == advised
-    assert "frames.stride" in text and "poses.matching" not in text
+        reconstruct([*walk_images, *noise(0, 1, 2)], min_registered=0.8)
+    problem, advice = str(caught.value).splitlines()
+    assert problem.endswith("10 to 12") and advice.startswith("Set frames.resolution=512, as 240 px")
+    assert "frames.stride" in advice and advice.endswith("poses.min_registered")
+    large = too_few_message(3, "3 to 8", 9, 0.5, "sequential", 512)
+    assert "frames.resolution" not in large and "poses.matching=exhaustive" in large
 
 
 def test_two_places_without_a_common_view_give_the_larger_one(room: Any, capsys: pytest.CaptureFixture[str]):
@@ -271,3 +270,13 @@ def test_no_feature_lies_where_an_image_s_own_mask_leaves_pixels_out(walk_images
     assert min(map(len, points)) > 50 and min(one[:, 1].min() for one in points) > 30
     assert points[1][:, 0].min() > 120 and points[2][:, 0].max() < 120
     assert points[0][:, 0].min() < 110 and points[0][:, 0].max() > 130
+
+
+def test_errors_of_trajectories_are_root_mean_squares():
+    rng = np.random.default_rng(1)
+    true = make_pose(Rotation.random(200, rng).as_matrix(), rng.normal(size=(200, 3)))
+    turned = Rotation.from_matrix(true[:, :3, :3]) * Rotation.from_euler("x", 2.0, degrees=True)
+    estimated = make_pose(turned.as_matrix(), true[:, :3, 3] + rng.normal(0.0, 0.01, (200, 3)))
+    error = trajectory_error(estimated, true)
+    assert error["ate_rmse_m"] == pytest.approx(0.01 * np.sqrt(3.0), rel=0.1)
+    assert error["rotation_rmse_deg"] == pytest.approx(2.0, rel=0.02)

@@ -36,10 +36,9 @@ _CLOSER = 8
 
 ReadFrames = Callable[[NDArray[np.int64]], Iterable[NDArray[np.uint8]]]
 ShownIn = Callable[[int], NDArray[np.bool_]]
-# As plain JSON: the number of ``pictures`` and ``observations``; the root mean square reprojection errors ``pinhole_px`` and
-# ``radial_px``, and the median ``median_px`` of the latter; ``chance`` of such a drop without distortion; ``bend_px``, the largest
-# distance between the two cameras at a feature; ``reach``, the distance from the center within which 99 % of the features lie, in half
-# diagonals; ``k1``, ``k2``; and the verdict, ``distorted``.
+# As plain JSON: the root mean square reprojection errors ``pinhole_px`` and ``radial_px``, and the median ``median_px`` of the latter;
+# ``chance`` of such a drop without distortion; ``bend_px``, the largest distance between the two cameras at a feature; ``reach``, the
+# distance from the center within which 99 % of the features lie, in half diagonals; and the verdict, ``distorted``.
 Evidence = dict[str, Any]
 
 
@@ -126,18 +125,13 @@ def compare(model: pycolmap.Reconstruction) -> tuple[Lens, Evidence]:
     reach = float(np.quantile(np.linalg.norm(features - [cx, cy], axis=1) / np.hypot(cx, cy), 0.99))
     squares = np.concatenate(list(with_it.values()))
     median = float(np.sqrt(np.median(squares)))
-    lens = Lens.of_colmap(radial)
-    return lens, {
-        "pictures": len(drops),
-        "observations": len(squares),
+    return Lens.of_colmap(radial), {
         "pinhole_px": float(np.sqrt(np.concatenate(list(without.values())).mean())),
         "radial_px": float(np.sqrt(squares.mean())),
         "median_px": median,
         "chance": chance,
         "bend_px": float(bend),
         "reach": reach,
-        "k1": lens.params[3],
-        "k2": lens.params[4],
         "distorted": bool(chance < FALSE_ALARM and bend > median and reach >= MIN_REACH),
     }
 
