@@ -132,8 +132,8 @@ def cpp_hash(folder: Path) -> str:
 def scripts_hash(folder: Path, suffixes: tuple[str, ...] = SCRIPTS) -> str:
     """Hash the names and bytes of files in ``folder``, the scripts of a page. Returns 16 hexadecimal digits; "" without any."""
     paths = sorted(path for path in folder.iterdir() if path.suffix in suffixes)
-    told = b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in paths)
-    return hashlib.sha256(told).hexdigest()[:16] if paths else ""
+    content = b"".join(path.name.encode() + b"\0" + path.read_bytes() + b"\0" for path in paths)
+    return hashlib.sha256(content).hexdigest()[:16] if paths else ""
 
 
 def cpp_tokens(text: str) -> Iterator[str]:

@@ -82,7 +82,8 @@ def stage_values(stage: str, config: Mapping[str, Any]) -> dict[str, Any]:
 def section_options() -> dict[str, type[Options]]:
     """Get the class of options that has the keys of each section."""
     shared: dict[str, Any] = {name: pkgutil.resolve_name(path) for name, path in _SHARED.items()}
-    return shared | {stage: stage_options(stage) for stage in STAGES if stage in stage_sections(stage)}
+    shared |= {stage: stage_options(stage) for stage in STAGES if stage in stage_sections(stage)}
+    return shared
 
 
 @functools.cache

@@ -15,19 +15,10 @@ ALL_FRAMES = "all"
 CAMERA = ("refine_poses", "compensate_exposure")
 
 # Artifacts with the masks, by splats.masking. The survey may choose any of the three; "masks" is the longest chain of stages.
-_MASKS: dict[str, tuple[str, ...]] = {
-    "none": (),
-    "initial": ("transient",),
-    "refined": ("masks",),
-    AUTO: ("masks",),
-}
+_MASKS = {"none": (), "initial": ("transient",), "refined": ("masks",), AUTO: ("masks",)}
 
-# Artifacts that codes are learnt from, by language.method; of every other method, and of joint training, _INSTANCES.
-_LEARNT_FROM: dict[str, tuple[str, ...]] = {"field": ("tiles",), "quantized": ("tiles",)}
-_INSTANCES = ("instances", "features")
-
-# Pages of what codes are learnt from instances.
-_PAGES_OF_INSTANCES = ("instances_sheet", "crops_sheet", "scene_page")
+# Values of language.method that learn codes from tiles.
+_OF_TILES = ("field", "quantized")
 
 
 def leaves_frames_out(config: Config) -> bool:
@@ -121,9 +112,11 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
 
 def learnt_from(stage: str, config: Config) -> tuple[str, ...]:
     """Get the optional inputs of a stage that codes are learnt from. No survey decides them."""
-    wanted = _INSTANCES
-    if config["splats"]["language"] != "joint":
-        wanted = () if stage == "splats" else _LEARNT_FROM.get(config["language"]["method"], _INSTANCES)
+    is_joint = config["splats"]["language"] == "joint"
+    if stage == "splats" and not is_joint:
+        return ()
+    of_tiles = not is_joint and config["language"]["method"] in _OF_TILES
+    wanted = ("tiles",) if of_tiles else ("instances", "features")
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 
 
@@ -179,7 +172,8 @@ def story_stages(config: Config, annotated: bool, surveyed: bool) -> list[str]:
 
 def _pages_of_codes(config: Config) -> list[str]:
     """Get the stages that draw what a scene's codes are made from."""
-    pages = [*_PAGES_OF_INSTANCES] if "instances" in learnt_from("language", config) else []
+    of_instances = "instances" in learnt_from("language", config)
+    pages = ["instances_sheet", "crops_sheet", "scene_page"] if of_instances else []
     # The survey may still decide against tracks, as against masks.
     is_tracked = tracks_what_moves(config) and config["segments"]["track_moving"] != AUTO
     carried = ["carries_sheet"] if pages and is_tracked else []

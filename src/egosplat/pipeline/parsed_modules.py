@@ -18,6 +18,9 @@ DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 # Functions whose arguments are words for a reader; as are those of an exception that is raised.
 WORDED = {"UserError", "log", "track"}
 
+# This file is a part of the keys of kept modules: an edited rule of hashing forgets what the earlier one gave.
+_OWN = Path(__file__).read_bytes()
+
 
 class ParsedModule(NamedTuple):
     """A module's part of a code hash: a hash of its syntax tree without comments, layout, docstrings, the words of messages
@@ -35,8 +38,7 @@ def parse_module(name: str, path: Path) -> ParsedModule:
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     last = name.rpartition(".")[2]
     definition = "" if path.stem in (last, "__init__") else last
-    # This file is a part of the key: an edited rule of hashing forgets what the earlier one gave.
-    key = hashlib.sha256(f"{_own_hash()} {package} {definition}\n".encode() + source).hexdigest()
+    key = hashlib.sha256(_OWN + f" {package} {definition}\n".encode() + source).hexdigest()
     # Without a folder to write in, each start parses again. ``Path.home`` raises RuntimeError for a user without one.
     with contextlib.suppress(OSError, RuntimeError, ValueError):
         tree_hash, imports = read_json(user_cache() / "modules" / key)
@@ -46,21 +48,12 @@ def parse_module(name: str, path: Path) -> ParsedModule:
         _leave_definition(tree, definition)
     imports = tuple(_imported(tree, package))
     _drop_messages(tree)
-    module = ParsedModule(_hash(_canonical(tree)), imports)
+    module = ParsedModule(hashlib.sha256(_canonical(tree).encode()).hexdigest(), imports)
     with contextlib.suppress(OSError, RuntimeError):
         kept = user_cache() / "modules" / key
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(json.dumps(module))
     return module
-
-
-@functools.cache
-def _own_hash() -> str:
-    return _hash(Path(__file__).read_text(encoding="utf-8"))
-
-
-def _hash(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _imported(tree: ast.Module, package: str) -> Iterator[str]:

@@ -125,14 +125,10 @@ def variant_folder(variant: str | None) -> str:
     return f"variants/{variant}/" if variant else ""
 
 
-def artifact_folder(stage: str, scene: Scene, variant: str | None) -> str:
-    """Get the folder, below the scene's, of a variant's artifact, its own or a shared one."""
-    return variant_folder(owner(stage, scene.config, variant, scene.name) if variant else None)
-
-
 def artifact_path(stage: str, scene: Scene, variant: str | None) -> str:
     """Get the path of a variant's artifact, its own or a shared one."""
-    return f"{scene.results}/{artifact_folder(stage, scene, variant)}{STAGES[stage].output}"
+    name = owner(stage, scene.config, variant, scene.name) if variant else None
+    return f"{scene.results}/{variant_folder(name)}{STAGES[stage].output}"
 
 
 def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) -> list[str]:

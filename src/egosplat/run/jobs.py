@@ -18,7 +18,6 @@ from egosplat.pipeline.scenes import Scene, check_recording
 from egosplat.pipeline.stages import STAGES, code_of
 from egosplat.pipeline.survey_file import Survey, read_survey
 from egosplat.pipeline.variants import (
-    artifact_folder,
     artifact_path,
     chosen_value,
     method_of,
@@ -59,8 +58,9 @@ class Job:
     @property
     def survey(self) -> Survey:
         """The survey. Snakemake makes it first, and then evaluates the rules again."""
-        self.wait(self.scene, artifact_folder("survey", self.scene, self.variant))
         path = path_of("survey", self)
+        folder = path.removeprefix(f"{self.scene.results}/").removesuffix("survey.json")
+        self.wait(self.scene, folder)
         return _survey_at(path, os.stat(path).st_mtime_ns)
 
     @functools.cached_property
