@@ -1,9 +1,10 @@
-"""Sightings of things on their ways, for tests of carries."""
+"""Sightings of things on their ways, and rests between them."""
 
 import itertools
 
 import numpy as np
 
+from egosplat.histories.known import Rests
 from egosplat.histories.moves import find_carries
 from egosplat.histories.sightings import SIGHTING
 
@@ -35,3 +36,13 @@ def found(*tracks, inside=None, seconds=None, **more):
     """The carries among the sightings of tracks, by default at ``RATE``."""
     seen = sightings(*tracks, **more)
     return find_carries(seen, inside or {}, np.arange(200) / RATE if seconds is None else seconds)
+
+
+def make_rests(thing, from_s, until_s, feature, **changes):
+    """Rests of things at the origin, for their spans [s], which no carry is linked to."""
+    count, nothing = len(thing), np.zeros(0, np.int64)
+    values = {"gaussians": None, "rest": nothing, "thing": thing, "from_s": from_s, "until_s": until_s}
+    values |= {"feature": feature, "absent_s": np.full((2, count), np.nan), "center": np.zeros((count, 3))}
+    values |= {"size": np.full(count, 0.2), "frame": np.zeros(count, np.int64)}
+    values |= {"box": np.zeros((count, 4), np.int32), "links": np.zeros((3, 0), np.int32)}
+    return Rests(**values | changes)

@@ -60,18 +60,6 @@ def test_the_last_frames(left, carries):
 
 
 @pytest.mark.numerics(
-    "two equal things that change places, each in the same frames, with masks that touch",
-    outside="two carries, each from where the other ends",
-)
-def test_two_things_change_places():
-    ways = way((HERE, 10), (THERE, 10)), way((THERE, 10), (HERE, 10))
-    touching = {(frame, small, 1 - small): 0.4 for frame in range(30) for small in (0, 1)}
-    one, other = found((0, ways[0]), (0, ways[1]), inside=touching)
-    np.testing.assert_allclose([one.start, one.end], [other.end, other.start], atol=0.01)
-    assert (one.first, one.last) == (other.first, other.last)
-
-
-@pytest.mark.numerics(
     "times of frames that repeat, go backwards, jump by a day, and are shuffled",
     outside="frames.zarr of a recording never has them; carries stay in the order of frames, with finite ends",
 )

@@ -3,6 +3,7 @@
 import contextlib
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import click
 import numpy as np
@@ -11,7 +12,7 @@ import torch
 
 from egosplat.cli.flags import parse_time
 from egosplat.errors import UserError
-from egosplat.histories.known import Histories, Rests
+from egosplat.histories.known import Histories
 from egosplat.histories.told import Carried, clock, place_at
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import find_history
@@ -19,6 +20,7 @@ from egosplat.query.text import Texts
 from tests.support.commands import run_command
 from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
 from tests.support.scenes import put
+from tests.support.sightings import make_rests
 
 TABLE, DESK, SHELF = np.eye(3)
 SECONDS = np.arange(100.0)
@@ -33,27 +35,6 @@ def carried(from_s, until_s, start, end):
 HISTORY = (carried(4.2, 7.0, TABLE, DESK), carried(16.0, 18.5, DESK, SHELF))
 
 
-@pytest.mark.parametrize(
-    ("second", "position", "told"),
-    [
-        (0, TABLE, "until 0:04"),
-        (4.2, None, "carried since 0:04, until 0:07"),
-        (5, None, "carried since 0:04, until 0:07"),
-        (10, DESK, "since 0:07, until 0:16"),
-        (17, None, "carried since 0:16, until 0:18"),
-        (18.6, SHELF, "since 0:18"),
-        (1e6, SHELF, "since 0:18"),
-        (-5, TABLE, "until 0:04"),
-    ],
-)
-def test_a_thing_was_where_it_was_put_last(second, position, told):
-    place = place_at(HISTORY, second)
-    assert place.told == told
-    assert (place.position is None) == (position is None)
-    if position is not None:
-        np.testing.assert_array_equal(place.position, position)
-
-
 NOWHERE = np.full(3, np.nan)
 UNSEEN, LOST = carried(16.0, 18.5, NOWHERE, SHELF), carried(4.2, 7.0, TABLE, NOWHERE)
 
@@ -61,6 +42,13 @@ UNSEEN, LOST = carried(16.0, 18.5, NOWHERE, SHELF), carried(4.2, 7.0, TABLE, NOW
 @pytest.mark.parametrize(
     ("history", "second", "position", "told"),
     [
+        (HISTORY, 0, TABLE, "until 0:04"),
+        (HISTORY, 4.2, None, "carried since 0:04, until 0:07"),
+        (HISTORY, 10, DESK, "since 0:07, until 0:16"),
+        (HISTORY, 17, None, "carried since 0:16, until 0:18"),
+        (HISTORY, 18.6, SHELF, "since 0:18"),
+        (HISTORY, 1e6, SHELF, "since 0:18"),
+        (HISTORY, -5, TABLE, "until 0:04"),
         # The thing was put on the desk, and taken from the table.
         ((HISTORY[0], carried(16.0, 18.5, TABLE, SHELF)), 10, None, "not known since 0:07, until 0:16"),
         ((HISTORY[0], carried(16.0, 18.5, TABLE, SHELF)), 20, SHELF, "since 0:18"),
@@ -94,21 +82,12 @@ def test_a_time_that_is_none_is_an_error():
     assert [clock(second) for second in (0, 9.99, 65, 3600)] == ["0:00", "0:09", "1:05", "60:00"]
 
 
-class Carries:
+def carries_of(count, step=10):
     """The carries of histories.zarr, in turn at 0, 10, 20 ... s for five seconds each, or at once."""
-
-    def __init__(self, count, step=10):
-        first = step * np.arange(count)
-        self.arrays = {
-            "first_frame": first,
-            "last_frame": first + 5,
-            "size": np.full(count, 0.1),
-            "best_frame": first,
-            "box": np.zeros((count, 4), np.int32),
-        }
-
-    def read(self, name):
-        return self.arrays[name.removeprefix("carries/")]
+    first = step * np.arange(count)
+    arrays = {"first_frame": first, "last_frame": first + 5, "best_frame": first}
+    arrays |= {"size": np.full(count, 0.1), "box": np.zeros((count, 4), np.int32)}
+    return SimpleNamespace(read=lambda name: arrays[name.removeprefix("carries/")])
 
 
 def rests_of(rests, carries, features, seconds=SECONDS):
@@ -116,20 +95,10 @@ def rests_of(rests, carries, features, seconds=SECONDS):
     things, first, last, place = (
         (np.array(one) for one in zip(*rests, strict=True)) if rests else [np.zeros(0, int)] * 4
     )
-    nothing = np.zeros(0, np.int64)
-    return Rests(
-        gaussians=None,
-        rest=nothing,
-        thing=things,
-        from_s=seconds[first],
-        until_s=seconds[last],
-        feature=torch.tensor(features, dtype=torch.float32).reshape(-1, 4),
-        absent_s=np.full((2, len(rests)), np.nan),
-        center=place.reshape(-1, 3).astype(np.float64),
-        size=np.full(len(rests), 0.2),
-        frame=first,
-        box=np.zeros((len(rests), 4), np.int32),
-        links=np.array(carries, np.int32).reshape(-1, 3).T,
+    features = torch.tensor(features, dtype=torch.float32).reshape(-1, 4)
+    center, links = place.reshape(-1, 3).astype(np.float64), np.array(carries, np.int32).reshape(-1, 3).T
+    return make_rests(
+        things, seconds[first], seconds[last], features, center=center, frame=first, links=links
     )
 
 
@@ -146,7 +115,7 @@ def of_one_carry_each(features, step=10, seconds=SECONDS):
     for thing, first in enumerate(step * np.arange(len(features))):
         rests += [(thing, first, first, TABLE), (thing, first + 5, first + 5, DESK)]
         links.append((thing, 2 * thing, 2 * thing + 1))
-    return Carries(len(features), step), rests_of(rests, links, features, seconds)
+    return carries_of(len(features), step), rests_of(rests, links, features, seconds)
 
 
 def told(features, query=CUP, step=10):
@@ -174,15 +143,19 @@ def test_only_names_of_what_people_carry_compete():
 
 def test_of_carries_at_one_time_the_longest_stays():
     """Two tracks end where one thing is put down."""
-    carries = Carries(2, step=3)
+    carries = carries_of(2, step=3)
     rests = rests_of([(0, 9, 20, DESK)], [(0, -1, 0), (0, -1, 0)], [CUP.tolist()])
     assert [one.from_s for one in history_of_things(carries, rests)] == [0.0]
+    # Frames may show a thing at its new place before it has left all frames of the old one: it is carried between these times.
+    rests = rests_of([(0, 0, 4, TABLE), (0, 3, 9, DESK)], [(0, 0, 1)], [CUP.tolist()])
+    [one] = history_of_things(carries_of(1), rests)
+    assert (one.from_s, one.until_s) == (3, 4)
 
 
 def test_no_carry_and_no_view_have_no_history():
     assert told([]) == [] and told([[0.0] * 4]) == [] and place_at((), 3.0) is None
     for count in (0, 1):
-        assert history_of_things(Carries(count), rests_of([], [(-1, -1, -1)] * count, [])) == ()
+        assert history_of_things(carries_of(count), rests_of([], [(-1, -1, -1)] * count, [])) == ()
 
 
 def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
@@ -208,6 +181,8 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     ]
     assert re.split(r"\s{2,}", table("--at", "0:0.3")[1]) == ["cup", "1.00, 0.00, 2.00", "since 0:00"]
     assert "give seconds, as 65" in table("--at", "soon")
+    _, out, _ = run_command(monkeypatch, capfd, "query", tmp_path, "couch", "--at", 0, "--overwrite")
+    assert "nothing of this was carried, as far as is known" in out
     assert "the recording ends at 0:00" in table("--at", "0:01")
     assert "frame 1 has its own time" in table("--at", "0", "--frame", "1")
     assert "since 0:00" in table("--at", "0:0.9")[1], "it is shown as 0:00, as the end is"
@@ -215,7 +190,7 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
 
 def test_a_thing_with_rests_is_told_from_rest_to_rest():
     """The carries look like hands; their thing is a cup. Times and places are those of its rests."""
-    carries = Carries(3)
+    carries = carries_of(3)
     rests = rests_of(
         [(0, 0, 1, TABLE), (0, 6, 9, DESK), (0, 17, 30, SHELF)],
         [(0, 0, 1), (0, 1, 2), (-1, -1, -1)],
@@ -232,7 +207,7 @@ def test_a_place_that_is_seen_empty_is_not_told():
     """It lay on the table from second 6 to 9: seconds 3 and 14 show the table without it, and no carry is known."""
     rests = rests_of([(0, 6, 9, TABLE)], [(-1, -1, -1)], [CUP.tolist()])
     rests = replace(rests, absent_s=np.array([[3.0], [14.0]]))
-    told = history_of_things(Carries(1), rests)
+    told = history_of_things(carries_of(1), rests)
     assert [(one.from_s, one.until_s) for one in told] == [(3, 6), (9, 14)]
     places = [place_at(told, second).position for second in (1, 5, 7, 12, 20)]
     assert [place is not None for place in places] == [False, False, True, False, False]
@@ -242,14 +217,14 @@ def test_a_place_that_is_seen_empty_is_not_told():
 def test_a_track_alone_confirms_no_place():
     """The track ends at the desk, and no frame shows the thing at rest there."""
     rests = rests_of([(0, 0, 4, TABLE)], [(0, 0, -1)], [CUP.tolist()])
-    [one] = history_of_things(Carries(1), rests)
+    [one] = history_of_things(carries_of(1), rests)
     assert one.start_is_known and not one.end_is_known
 
 
 def test_a_history_is_of_the_thing_that_fits_best():
     """Two cups are two things; a carry of no thing that rests is told by nobody, nor one that would join two."""
     better, worse = mixed((0.9, CUP), (0.1, HAND)), mixed((0.7, CUP), (0.3, HAND))
-    carries = Carries(4)
+    carries = carries_of(4)
     rests = rests_of(
         [(0, 6, 9, TABLE), (1, 16, 19, DESK)],
         [(0, -1, 0), (1, -1, 1), (-1, -1, -1), (0, 0, -1)],
@@ -260,13 +235,6 @@ def test_a_history_is_of_the_thing_that_fits_best():
     told = history_of_things(carries, rests)
     assert [(one.from_s, one.until_s) for one in told] == [(0, 6), (9, 35)]
     assert place_at(told, 7).position.tolist() == TABLE.tolist()
-
-
-def test_a_carry_whose_rests_overlap_lasts_between_these_times():
-    """Frames may show a thing at its new place before it has left all frames of the old one."""
-    rests = rests_of([(0, 0, 4, TABLE), (0, 3, 9, DESK)], [(0, 0, 1)], [CUP.tolist()])
-    [one] = history_of_things(Carries(1), rests)
-    assert (one.from_s, one.until_s) == (3, 4)
 
 
 EDITED = [
@@ -293,17 +261,6 @@ def test_spans_outside_of_the_recording_are_damaged(tmp_path, changes, said):
     with pytest.raises(UserError) if "rests" in said else contextlib.nullcontext():
         open_scene(folder).ask("cup", frame=0)
     assert message.startswith(f"{path}: {said}") and f"Rebuild it: rm -r {path} && snakemake" in message
-
-
-def test_without_a_carry_no_time_tells_a_place(tmp_path, monkeypatch, capfd):
-    """Nothing was carried: a time within the recording says so, in the library and in the table."""
-    put_page_scene(tmp_path)
-    put(tmp_path, "histories", {"carries/feature": np.zeros((0, 128), np.float32)}, made_from=["splats"])
-    scene = open_scene(tmp_path)
-    [cup] = scene.ask("cup")
-    assert scene.histories.every == () and cup.history == () and cup.at(0.1) is None
-    _, out, _ = run_command(monkeypatch, capfd, "query", tmp_path, "cup", "--at", 0, "--overwrite")
-    assert "nothing of this was carried, as far as is known" in out
 
 
 @pytest.mark.parametrize("made_from", ["other Gaussians", "another OpenCLIP"])

@@ -24,19 +24,24 @@ def test_a_rest_of_a_second_separates_two_carries():
     np.testing.assert_allclose([whole.start, whole.end], [HERE, BACK], atol=0.05)
 
 
+WAY = way((HERE, 10), (THERE, 10))
+
+
 @pytest.mark.parametrize(
-    "centers",
+    ("tracks", "edge"),
     [
-        # The depth of a still thing varies with the view.
-        HERE + 0.05 * np.sin(np.arange(30))[:, None] * np.array([0, 0, 1.0]),
-        # It is shifted by less than two of its sizes.
-        way((HERE, 10), (HERE + [0.3, 0, 0], 10)),
-        # Too few frames show it.
-        way((HERE, 10), (THERE, 10))[14:17],
+        # It is shifted by less than two of its sizes, or too few frames show it.
+        ([(0, way((HERE, 10), (HERE + [0.3, 0, 0], 10)))], 0.0),
+        ([(0, WAY[14:17])], 0.0),
+        # A track that slips to another thing is cut, and so one without a mask for a second.
+        ([(0, np.concatenate([np.tile(HERE, (10, 1)), np.tile(THERE, (10, 1))]))], 0.0),
+        ([(0, WAY[:12]), (30, WAY[18:])], 0.0),
+        # Arms at the edge of the picture are no things.
+        ([(0, WAY)], 0.03),
     ],
 )
-def test_what_stays_is_not_carried(centers):
-    assert found((0, centers)) == []
+def test_what_stays_is_not_carried(tracks, edge):
+    assert found(*tracks, edge=edge) == []
 
 
 def test_a_thing_that_is_lost_on_its_way_ends_nowhere():
@@ -50,12 +55,6 @@ def test_a_thing_that_is_lost_on_its_way_ends_nowhere():
     np.testing.assert_allclose(seen.end, lost[-1], atol=0.01)
 
 
-def test_a_track_that_slips_to_another_thing_is_cut():
-    """No carry leads from the place of one thing to that of the other."""
-    jump = np.concatenate([np.tile(HERE, (10, 1)), np.tile(THERE, (10, 1))])
-    assert found((0, jump)) == []
-
-
 def test_what_the_wearer_holds_does_not_slip():
     """The depth behind it jumps, and it stays before the camera."""
     centers = np.concatenate(
@@ -67,16 +66,6 @@ def test_what_the_wearer_holds_does_not_slip():
     seen.local[:] = HERE
     [one] = find_carries(seen, {}, seconds)
     np.testing.assert_allclose([one.start, one.end], [2 * HERE, 2 * THERE], atol=0.01)
-
-
-def test_a_gap_begins_anew():
-    """After a second without a mask, the track may show another thing."""
-    part = way((HERE, 10), (THERE, 10))
-    assert found((0, part[:12]), (30, part[18:])) == []
-
-
-def test_arms_at_the_edge_of_the_picture_are_no_things():
-    assert found((0, way((HERE, 10), (THERE, 10))), edge=0.03) == []
 
 
 def test_parts_of_one_thing_are_one_carry():

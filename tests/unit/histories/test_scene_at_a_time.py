@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import GAUSSIANS, HISTORIES, PIXELS
+from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.errors import UserError
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
-from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder
 from egosplat.query.command import run
 from egosplat.query.finished_scene import open_scene
@@ -21,6 +19,7 @@ from egosplat.query.text import Texts
 from egosplat.query.views import Asker
 from tests.support.blobs import blobs
 from tests.support.page_scene import put_histories, put_page_scene
+from tests.support.sightings import make_rests
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
@@ -45,26 +44,10 @@ def scene() -> QueryScene:
 
 def rests_of(*spans):
     """A rest of the cup for each span [s], a ball on the right each, and a thing that nobody sees."""
-    numbers = np.arange(len(spans))
-    span = np.array(spans, np.float64).reshape(-1, 2)
-    features = torch.eye(4)[1:2]
-    gaussians = balls(*((0.3 + 0.1 * number, 0, 2) for number in numbers))
-    things = torch.cat([features, torch.zeros(1, 4)])
-    count, nothing = len(spans), np.zeros(len(spans), np.int64)
-    return Rests(
-        gaussians,
-        rest=numbers,
-        thing=nothing,
-        from_s=span[:, 0],
-        until_s=span[:, 1],
-        feature=things,
-        absent_s=np.full((2, count), np.nan),
-        center=np.zeros((count, 3)),
-        size=np.ones(count),
-        frame=nothing,
-        box=np.zeros((count, 4), np.int32),
-        links=np.zeros((3, 0), np.int32),
-    )
+    count, span = len(spans), np.array(spans, np.float64).reshape(-1, 2)
+    gaussians = balls(*((0.3 + 0.1 * number, 0, 2) for number in range(count)))
+    things, owner = torch.cat([torch.eye(4)[1:2], torch.zeros(1, 4)]), np.zeros(count, np.int64)
+    return make_rests(owner, *span.T, things, gaussians=gaussians, rest=np.arange(count))
 
 
 @pytest.mark.parametrize(
@@ -98,10 +81,18 @@ def test_what_lies_there_answers_at_its_time_alone(scene):
 
 
 @pytest.mark.parametrize(
-    "rests, second", [(rests_of((1, 2)), 3.0), (rests_of((1, 2)), None), (rests_of(), 1.0)]
+    "decoded, rests, second",
+    [
+        (GAUSSIANS, rests_of((1, 2)), 3.0),
+        (GAUSSIANS, rests_of((1, 2)), None),
+        (GAUSSIANS, rests_of(), 1.0),
+        # A thing's feature is no code of theirs.
+        (PIXELS, rests_of((1, 2)), 1.5),
+    ],
 )
-def test_without_a_rest_at_a_time_answers_are_those_without_time(scene, rests, second):
+def test_without_a_rest_at_a_time_answers_are_those_without_time(scene, decoded, rests, second):
     """To the bit: a scene's scores must not change where nothing rests."""
+    scene = replace(scene, decoded=decoded)
     for one, other in zip(answers(scene, None, None), answers(scene, rests, second), strict=True):
         assert (one.score, one.pixel, one.level) == (other.score, other.pixel, other.level)
         np.testing.assert_array_equal(one.relevancy, other.relevancy)
@@ -113,14 +104,6 @@ def test_what_lies_before_the_scene_hides_it(scene):
     before.gaussians.means[:] = torch.tensor([-0.25, 0, 1])
     wall, cup = answers(scene, before, 1.0)
     assert wall.score < 0.6 and cup.mask[24, 17] and cup.position[2] == pytest.approx(1.0, abs=0.01)
-
-
-def test_codes_that_are_decoded_in_pixels_show_no_rest(scene):
-    """A thing's feature is no code of theirs."""
-    pixels = replace(scene, decoded=PIXELS)
-    for one, other in zip(answers(pixels, None, None), answers(pixels, rests_of((1, 2)), 1.5), strict=True):
-        assert one.score == other.score
-        np.testing.assert_array_equal(one.mask, other.mask)
 
 
 def test_a_thing_without_a_feature_has_no_relevancy(scene):
@@ -144,24 +127,18 @@ def test_a_frame_shows_what_lies_there_at_its_time(tmp_path):
     plain = open_scene(tmp_path).render(0)
     put_histories(tmp_path, ((0, 1), (4, 4)))
     scene = open_scene(tmp_path)
-    red = [
-        (scene.render(frame)[..., 0] - scene.render(pose=scene.poses[frame])[..., 0]).max()
-        for frame in (0, 1, 2, 4)
-    ]
-    assert [one > 0.2 for one in red] == [True, True, False, True]
+    for frame, shown in ((0, True), (1, True), (2, False), (4, True)):
+        red = scene.render(frame)[..., 0] - scene.render(pose=scene.poses[frame])[..., 0]
+        assert (red.max() > 0.2) == shown
     np.testing.assert_array_equal(scene.render(pose=scene.poses[0]), plain)
-    assert (
-        scene.viewpoint(2).second == pytest.approx(0.2)
-        and scene.viewpoint(pose=scene.poses[2]).second is None
-    )
+    framed, posed = scene.viewpoint(2), scene.viewpoint(pose=scene.poses[2])
+    assert framed.second == pytest.approx(0.2) and posed.second is None
     np.testing.assert_array_equal(scene.render(pose=scene.poses[0], second=0.1), scene.render(0))
     for given in ({"frame": 0}, {}):
         with pytest.raises(UserError, match="second"):
             scene.ask("cup", second=0.1, **given)
-    read = Rests.read(
-        open_artifact(tmp_path / "histories.zarr", HISTORIES), scene.seconds, torch.device("cpu")
-    )
-    assert read.gaussians.count == 8 and read.from_s.tolist() == scene.seconds[[0, 4]].tolist()
+    assert scene.rests.gaussians.count == 8
+    assert scene.rests.from_s.tolist() == scene.seconds[[0, 4]].tolist()
 
 
 def test_a_pose_is_asked_at_a_time(tmp_path):

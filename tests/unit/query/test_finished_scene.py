@@ -69,11 +69,12 @@ def test_a_scene_is_read_once_and_a_changed_byte_of_what_no_query_reads_is_named
     scene, counted = egosplat.open_scene("results/adt/scene1"), []
     with monkeypatch.context() as patch:
         checked = reader.Artifact._checked
-        patch.setattr(
-            reader.Artifact,
-            "_checked",
-            lambda self, *a: (counted.append((self.schema.name, a[1])), checked(self, *a))[1],
-        )
+
+        def count(self, *given):
+            counted.append((self.schema.name, given[1]))
+            return checked(self, *given)
+
+        patch.setattr(reader.Artifact, "_checked", count)
         scene.ask("couch")
     assert ("language", "code") in counted and len(counted) == len(set(counted))
     mine = work / "damaged"
