@@ -12,7 +12,7 @@ import egosplat
 from benchmarks.public.scannet import CLASSES, SETS, main, prepare, read_labels, score, score_scene
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
-from egosplat.export.ply import write_ply
+from egosplat.export.gaussians import write_ply
 from tests.support.page_scene import put_page_scene
 
 WIDTH, HEIGHT = 64, 48

@@ -8,7 +8,7 @@ from typing import Any, get_args
 import click
 
 from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, parse_time, without_collection
-from egosplat.export.formats import FORMATS, check_export
+from egosplat.export.scene import FORMATS, export_scene
 from egosplat.files import check_output
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.home import ASKED, check_scene_folder
@@ -119,29 +119,17 @@ def view(folder: Path, host: str, port: int, options: PageOptions) -> None:
 @click.option(
     "--format",
     type=click.Choice(list(FORMATS)),
-    help="Gaussians (ply, spz), a point cloud in the colors of instances, a table of what is carried (carries), images with "
-    "cameras (nerfstudio, colmap), the scene page (html), or all of these over time for Rerun (rrd). [default: by the "
-    "suffix of --output, else ply]",
+    help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, colmap), the scene "
+    "page (html), or all of these over time for Rerun (rrd). [default: by the suffix of --output, else ply]",
 )
 @click.option(
     "--query", metavar="WORDS", help="The best answer's Gaussians (ply, spz), or boxes of answers (rrd)."
 )
 @writes("Output file or folder. [default: a name in FOLDER]")
 @click.option("--codes/--no-codes", default=True, show_default=True, help="Include the language codes; ply.")
-def export(
-    folder: Path,
-    output: Path | None,
-    options: AskingOptions,
-    format: str | None,
-    query: str | None,
-    codes: bool,
-    overwrite: bool,
-) -> None:
+def export(folder: Path, output: Path | None, options: AskingOptions, **asked: Any) -> None:
     """Write the finished scene of FOLDER, such as results/adt/scene1, for other programs."""
-    format, output = check_export(folder, output, format, query, codes=codes, overwrite=overwrite)
-    from egosplat.export.scene import export_folder
-
-    export_folder(folder, output, format, query, codes, options)
+    export_scene(folder, output, options=options, **asked)
 
 
 @on_folder(AskingOptions, "query", "Draw a moving picture of a scene that is asked.")

@@ -1,5 +1,4 @@
-"""A moving picture of a scene that is asked (``egosplat movie``): the camera goes to each answer, which lights up; photographs show
-when a thing is carried, with a ring where it lies."""
+"""A moving picture of a scene that is asked (``egosplat movie``): the camera goes to each answer, which lights up."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -14,9 +13,8 @@ from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
-from egosplat.geometry import Array, Camera, invert, known_poses, transform
-from egosplat.histories.told import clock
-from egosplat.images import evenly_spaced, shrink_image
+from egosplat.geometry import Array, known_poses
+from egosplat.images import evenly_spaced
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer, Thing
 from egosplat.query.finished_scene import Scene
@@ -27,8 +25,8 @@ from egosplat.query.text import clean_phrase
 # Largest number of views on the way to an answer, steps in which it lights up, and times of a step and of an answer [ms].
 _STEPS, _LIGHTS, _STEP_MS, _ANSWER_MS = 16, 4, 90, 1800
 
-# What is shown before and after a carry [s]; width and radius of the ring, and height of the text, relative to the longer side.
-_BEFORE_S, _AFTER_S, _RING, _RADIUS, _LINE = 1.0, 2.0, 0.006, 0.03, 0.085
+# Height of the text, relative to the longer side.
+_LINE = 0.085
 
 # Color of an answer, a red of the color map Turbo, with its share; the rest is the own brightness. Brightness of all else.
 _HOT, _STRENGTH, _DIM = (195.0, 37.0, 3.0), 0.75, 0.6
@@ -45,18 +43,13 @@ def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
         UserError: no query has an answer; also as ``Scene.ask``.
     """
     answers = scene.ask(*map(clean_phrase, phrases), most=1)
-    for one in answers:
-        if one.refusal and not one.history:
-            log(f"{one.phrase!r} is left out: {one.refusal}")
-    shown = [one for one in answers if one.things and not one.history]
-    carried = [one for one in answers if one.history]
-    if not shown + carried:
+    for answer in answers:
+        if answer.refusal:
+            log(f"{answer.phrase!r} is left out: {answer.refusal}")
+    shown = [answer for answer in answers if answer.things]
+    if not shown:
         raise UserError(f"{scene.folder}: no query has an answer to show")
-    pictures = [
-        *_pictures(scene, shown, side),
-        *(each for one in carried for each in _history(scene, one, side)),
-    ]
-    (first, *others), times = zip(*pictures, strict=True)
+    (first, *others), times = zip(*_pictures(scene, shown, side), strict=True)
     how = {"save_all": True, "duration": list(times), "loop": 0, "quality": 70, "method": 4}
     with atomic_file(output) as scratch:
         first.save(scratch, format="WEBP", append_images=others, **how)
@@ -71,53 +64,19 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
         rendered = painted.picture(camera, scene.poses[frame])
         return np.rot90(rendered, -1) if turned else rendered
 
-    before, grading = shown[-1].things[0].frame if shown else 0, scene.grading()
-    for one in track(shown, "drawing answers", unit="answer"):
-        thing = one.things[0]
+    before, grading = shown[-1].things[0].frame, scene.grading()
+    for answer in track(shown, "drawing answers", unit="answer"):
+        thing = answer.things[0]
         for frame in way(scene.poses, before, thing.frame):
             yield _captioned(picture(scene.trained, frame), ""), _STEP_MS
         plain, lit = picture(scene.trained, thing.frame), picture(_lit(scene.trained, thing), thing.frame)
-        said = f"best guess, {grading.measure}" if one.grade == GUESS else grading.measure
+        said = f"best guess, {grading.measure}" if answer.grade == GUESS else grading.measure
         size = " x ".join(f"{length:.2f}" for length in thing.size)
-        text = f'"{one.phrase}"   {size} {scene.unit}   {said} {grading.shown(one.rating)}'
+        text = f'"{answer.phrase}"   {size} {scene.unit}   {said} {grading.shown(answer.rating)}'
         for share in np.arange(1, _LIGHTS + 1) / _LIGHTS:
             mixed = (1 - share) * plain + share * lit
             yield _captioned(mixed, text), _ANSWER_MS if share == 1 else _STEP_MS
         before = thing.frame
-
-
-def _history(scene: Scene, answer: Answer, side: int) -> Iterator[tuple[Image.Image, int]]:
-    """Photographs of each carry and the time of each [ms], beside what the scene shows at its time, if it knows what rests."""
-    camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
-    posed = known_poses(scene.poses)
-    seconds = scene.seconds[posed]
-    step_ms = round(1000 * float(np.median(np.diff(seconds)))) if len(posed) > 1 else _STEP_MS
-    for carry in answer.history:
-        near = posed[(seconds >= carry.from_s - _BEFORE_S) & (seconds <= carry.until_s + _AFTER_S)].tolist()
-        for frame in near:
-            pose, second = scene.poses[frame], float(scene.seconds[frame])
-            image, place = Image.fromarray(shrink_image(scene.frames[frame], side)), answer.at(second)
-            if place is not None and place.position is not None:
-                _draw_ring(image, camera, pose, place.position)
-            picture = np.asarray(image, np.float32) / 255
-            if scene.rests is not None:
-                now = scene.trained.at(scene.rests, second).picture(camera, pose)
-                picture = np.concatenate([picture, now], axis=0 if turned else 1)
-            text = f'"{answer.phrase}"   {clock(second)}   {place.told if place else ""}'
-            shown = np.rot90(picture, -1) if turned else picture
-            yield _captioned(shown, text), _ANSWER_MS if frame == near[-1] else step_ms
-
-
-def _draw_ring(image: Image.Image, camera: Camera, pose: Array, point: Array) -> None:
-    """Draw a ring around a point of the world; nothing if the camera does not see it."""
-    local = transform(invert(pose), point[None])
-    (x, y), side = camera.project(local)[0], max(image.size)
-    if local[0, 2] <= 0 or not camera.contains(np.array([[x, y]]))[0]:
-        return
-    radius, width = _RADIUS * side, max(1, round(_RING * side))
-    for color, wider in (("black", width), ("white", 0)):
-        box = (x - radius - wider, y - radius - wider, x + radius + wider, y + radius + wider)
-        ImageDraw.Draw(image).ellipse(box, outline=color, width=width + 2 * wider)
 
 
 def way(poses: Array, start: int, end: int) -> list[int]:
@@ -127,9 +86,8 @@ def way(poses: Array, start: int, end: int) -> list[int]:
         poses: (F, 4, 4) camera_to_world, NaN without a pose.
     """
     known = known_poses(poses)
-    between = known[(known >= min(start, end)) & (known <= max(start, end))]
-    ordered = between if start <= end else between[::-1]
-    return [int(frame) for frame in ordered[evenly_spaced(len(ordered), _STEPS + 1)][1:]]
+    between = known[(known >= min(start, end)) & (known <= max(start, end))][:: 1 if start <= end else -1]
+    return between[evenly_spaced(len(between), _STEPS + 1)][1:].tolist()
 
 
 def _lit(scene: QueryScene, thing: Thing) -> QueryScene:

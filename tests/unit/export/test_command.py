@@ -1,8 +1,6 @@
 """``egosplat export``: a scene in the formats of other programs, read back by these or by libraries that know them."""
 
-import csv
 import json
-import shutil
 import sys
 
 import numpy as np
@@ -16,11 +14,8 @@ from PIL import Image
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
-from egosplat.errors import UserError
-from egosplat.export.scene import export_scene
-from egosplat.query.finished_scene import open_scene
 from tests.support.commands import run_command
-from tests.support.page_scene import CAMERA, PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
+from tests.support.page_scene import CAMERA, put_page_scene
 
 POSED = [0, 1, 2, 4]
 """Frames of the scene that have a pose."""
@@ -31,7 +26,6 @@ def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results") / "scene1"
     folder.mkdir()
     put_page_scene(folder)
-    put_histories(folder)
     return folder
 
 
@@ -80,7 +74,7 @@ def rows_of(path) -> dict[str, list[dict]]:
 def test_rerun_reads_its_recording(scene, export, tmp_path):
     """By its own reader: a pose, a picture and instances for each frame, points, and a box for each answer."""
     status, said = export("--query", "couch, elephant", "--output", tmp_path / "scene.rrd")
-    assert status == 0 and "4 frames, 2 answers, 1 carries" in said
+    assert status == 0 and "4 frames, 2 answers" in said
     rows = rows_of(tmp_path / "scene.rrd")
     placed = {row["frame"]: row for row in rows["/world/camera"] if row.get("frame") is not None}
     found = [np.ravel(placed[frame]["Transform3D:translation"]) for frame in POSED]
@@ -94,52 +88,6 @@ def test_rerun_reads_its_recording(scene, export, tmp_path):
     assert 0 < len(points["Points3D:positions"]) <= 700
     assert couch["Boxes3D:centers"][0][0] < -0.3 and couch["Boxes3D:labels"][0].startswith("couch 0.")
     assert not elephant["Boxes3D:centers"]
-
-
-def test_rerun_reads_what_is_carried_over_time(scene, export, tmp_path):
-    """A line while a carry lasts, and a point where the thing lies before and after, on both time lines."""
-    status, said = export("--query", "cup, couch", "--output", tmp_path / "scene.rrd")
-    assert status == 0, said
-    rows = rows_of(tmp_path / "scene.rrd")
-    assert "/world/places/couch" not in rows, "it was not carried"
-    places = {row["frame"]: row["Points3D:positions"] for row in rows["/world/places/cup"]}
-    assert sorted(places) == [0, 1, 3] and not places[1]
-    np.testing.assert_allclose([places[0][0], places[3][0]], [TAKEN_UP, PUT_DOWN])
-    ways = {row["frame"]: row for row in rows["/world/carries/1"]}
-    assert sorted(ways) == [1, 3] and ways[3].get("Clear:is_recursive") is not None
-    np.testing.assert_allclose(ways[1]["LineStrips3D:strips"][0], [TAKEN_UP, PUT_DOWN])
-    assert "/world/carries/2" not in rows, "nothing that rests was carried then"
-
-
-def test_what_is_carried_as_a_table(scene, export, tmp_path):
-    """A row for each carry of something that rests, with times, places and a name."""
-    status, said = export("--output", tmp_path / "x.csv")
-    assert status == 0 and "1 carries, 1 with a name" in said
-    with (tmp_path / "x.csv").open(newline="") as file:
-        [cup] = csv.DictReader(file)
-    assert (cup["name"], cup["from_s"], cup["until_s"], cup["frame"]) == ("cup", "0.100", "0.200", "2")
-    for part, place in (("start", TAKEN_UP), ("end", PUT_DOWN)):
-        assert tuple(float(cup[f"{part}_{axis}"]) for axis in "xyz") == place
-    assert float(cup["size"]) == 0.1
-
-
-def test_a_place_and_a_name_that_are_not_known_are_empty_in_the_table(tmp_path):
-    """The cup was put down where nobody sees it; the other thing, which looks like nothing, was taken up there."""
-    put_page_scene(tmp_path)
-    put_histories(tmp_path, ((0, 1),), absent_after=(2,))
-    export_scene(open_scene(tmp_path), tmp_path / "x.csv", format="carries")
-    with (tmp_path / "x.csv").open(newline="") as file:
-        [row] = csv.DictReader(file)
-    assert (row["name"], row["start_x"], row["end_x"], row["end_z"]) == ("cup", "-1", "", "")
-    put_histories(tmp_path, ((0, 1), (2, 4), (0, 2)), absent_after=(-1, -1, 3))
-    assert [(name, one.end_is_known) for name, one in open_scene(tmp_path).carried()] == [
-        ("cup", True),
-        ("", False),
-    ]
-    shutil.rmtree(tmp_path / "histories.zarr")
-    with pytest.raises(UserError, match=r"histories\.zarr.*Make it"):
-        export_scene(open_scene(tmp_path), tmp_path / "y.csv")
-    assert open_scene(tmp_path).carried() == [] and not (tmp_path / "y.csv").exists()
 
 
 def test_without_rerun_its_extra_is_named(export, tmp_path, monkeypatch):
@@ -165,23 +113,10 @@ def test_instances_as_a_point_cloud(scene, export, tmp_path):
     cloud = trimesh.load(tmp_path / "x.ply")
     data = cloud.metadata["_ply_raw"]["vertex"]["data"]
     raw = {name: data[name].ravel() for name in data.dtype.names}
-    stays, owner = raw["thing"] < 0, raw["instance_whole"]
-    assert stays.sum() == 700 and owner.max() > 0
-    for one in np.unique(owner[stays]):
-        assert len(np.unique(cloud.colors[stays & (owner == one)], axis=0)) == 1, "an instance has one color"
-    spans = np.unique(np.stack([raw["thing"], raw["from_s"], raw["until_s"]], axis=1), axis=0)
-    np.testing.assert_allclose(spans, [[-1, 0, 0.4], [0, 0, 0.1], [0, 0.2, 0.4]], atol=1e-6)
-    assert (owner[~stays] == -1).all() and (~stays).sum() == 8, (
-        "what lies somewhere for a while is no instance"
-    )
-
-
-def test_a_scene_without_rests_has_a_point_cloud_without_times(tmp_path):
-    put_page_scene(tmp_path)
-    export_scene(open_scene(tmp_path), tmp_path / "x.ply", format="instances")
-    cloud = trimesh.load(tmp_path / "x.ply")
-    assert len(cloud.vertices) == 700
-    assert not {"thing", "from_s"} & set(cloud.metadata["_ply_raw"]["vertex"]["data"].dtype.names)
+    owner = raw["instance_whole"]
+    assert len(owner) == 700 and owner.max() > 0
+    for one in np.unique(owner):
+        assert len(np.unique(cloud.colors[owner == one], axis=0)) == 1, "an instance has one color"
 
 
 def test_nerfstudio_cameras(scene, export, tmp_path):
@@ -235,7 +170,7 @@ def test_what_readers_of_gaussians_check(export, tmp_path):
     assert lines[3] == ["element", "vertex", str(len(values))] and np.isfinite(values).all()
 
 
-@pytest.mark.parametrize("format", ["ply", "spz", "instances", "carries", "nerfstudio", "colmap", "html"])
+@pytest.mark.parametrize("format", ["ply", "spz", "instances", "nerfstudio", "colmap", "html"])
 def test_without_artifacts_one_line_says_what_is_missing(tmp_path, monkeypatch, capfd, format):
     status, _, said = run_command(monkeypatch, capfd, "export", tmp_path, "--format", format)
     assert status == 2 and "lacks" in said and "Traceback" not in said

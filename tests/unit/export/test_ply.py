@@ -5,7 +5,7 @@ import pytest
 import torch
 import trimesh
 
-from egosplat.export.ply import code_columns, geometry_columns, point_columns, write_ply
+from egosplat.export.gaussians import geometry_columns, point_columns, write_ply
 from egosplat.gaussians.model import Gaussians
 
 
@@ -43,16 +43,6 @@ def test_ply_uses_the_names_that_viewers_expect(tmp_path, gaussians):
     assert np.array_equal(found["opacity"].ravel(), gaussians.logit_opacities.numpy())
     assert np.array_equal(found["scale_2"].ravel(), gaussians.log_scales[:, 2].numpy())
     assert np.array_equal(found["rot_0"].ravel(), gaussians.quats[:, 0].numpy())
-
-
-def test_codes_are_additional_properties():
-    code, share = np.arange(12, dtype=np.float32).reshape(2, 2, 3), np.ones((2, 2), np.float32)
-    columns = code_columns(code, share, ["part", "whole"])
-    assert list(columns) == [
-        *("share_part", "code_part_0", "code_part_1", "code_part_2"),
-        *("share_whole", "code_whole_0", "code_whole_1", "code_whole_2"),
-    ]
-    assert columns["code_whole_2"].tolist() == [5.0, 11.0]
 
 
 def test_points_have_the_colors_and_the_numbers_that_were_written(tmp_path):

@@ -14,7 +14,7 @@ import torch
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import POSES, SCHEMAS
 from egosplat.errors import UserError
-from egosplat.export.ply import geometry_columns, write_ply
+from egosplat.export.gaussians import geometry_columns, write_ply
 from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.render import RenderSettings, render
