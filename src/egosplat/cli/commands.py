@@ -107,12 +107,8 @@ def print_snakefile() -> None:
     click.echo(find_home(SNAKEFILE).absolute())
 
 
-CONFIGFILE = click.option(
-    "--configfile", multiple=True, type=ARTIFACT, help="Overrides config/config.yaml. May be repeated."
-)
-CONFIG = click.option(
-    "--config", multiple=True, metavar="KEY=VALUE", help="Overrides all files, as in preset=draft."
-)
+CONFIGFILE = click.option("--configfile", multiple=True, type=ARTIFACT, help="Overrides config/config.yaml.")
+CONFIG = click.option("--config", multiple=True, metavar="KEY=VALUE", help="Overrides files: preset=draft.")
 
 
 @cli.command(short_help="Report what this machine can do and what is missing.")

@@ -57,13 +57,9 @@ def _check_paths(
 
 @on_folder(AskingOptions, "query", "Find things in a finished scene by words.")
 @_PHRASES
-@click.option(
-    "--at", callback=parse_time, metavar="MIN:S", help="Where carried things were then, as 1:05 or 65 [s]."
-)
+@click.option("--at", callback=parse_time, metavar="MIN:S", help="Where carried things were then, as 1:05.")
 @click.option("--frame", type=click.IntRange(0), help="Search only this frame. [default: the whole scene]")
-@click.option(
-    "--pose", type=ARTIFACT, help='Search only this view: JSON file, {"camera_to_world": 4 rows of 4}.'
-)
+@click.option("--pose", type=ARTIFACT, help='Search only this view: JSON, {"camera_to_world": 4 rows of 4}.')
 @click.option("--most", type=click.IntRange(1), default=MOST, show_default=True, help="Most matches listed.")
 @writes("Output image, .png. [default: FOLDER/query.png]")
 def query(
@@ -105,9 +101,7 @@ def page(
 # The keys of the page but those of OpenCLIP, which the scene tells.
 @on_folder(PageOptions, "scene_page", "Look at a finished scene in the browser, and ask it.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="0: any free port."
-)
+@click.option("--port", type=click.IntRange(0, 65535), default=8080, show_default=True, help="0: any.")
 def view(folder: Path, host: str, port: int, options: PageOptions) -> None:
     """Show the finished scene of FOLDER, such as results/adt/scene1, in the browser."""
     from egosplat.viewing.command import run

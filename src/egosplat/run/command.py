@@ -30,14 +30,9 @@ def make_scene(
     options: Sequence[str] = (),
     cores: int | None = None,
 ) -> Scene:
-    """Write the row of a recording, and run the workflow to the scene's page.
+    """Write the row of a recording, a file or folder, with the keys ``options``, and run the workflow to the scene's page.
 
-    Args:
-        source: file or folder.
-        name: of the scene, with or without its dataset; None: from the source.
-        preset: None: that of the configuration.
-        options: keys of the scene's row, as ``frames.stride=3``.
-        cores: number of processors; None: all.
+    None is for the name of the source, the preset of the configuration, and all processors.
 
     Raises:
         UserError: the source is no recording, the name is taken, a key is wrong, or a step failed.

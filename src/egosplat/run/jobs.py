@@ -28,13 +28,9 @@ from egosplat.pipeline.variants import (
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A scene or its variant, on which a stage works.
+    """A scene, or its ``variant``, on which a stage works, alone on the ``chunk`` of frames of that number.
 
-    Attributes:
-        scene: row of the table of scenes.
-        variant: name of the variant; None for the scene itself.
-        chunk: number of the chunk of frames that the stage works on alone; None for all frames.
-        wait: waits until the survey in a folder of the scene is made.
+    ``wait`` waits until the survey in a folder of the scene is made.
     """
 
     scene: Scene

@@ -5,8 +5,10 @@ import os
 import re
 import zipfile
 import zlib
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 import cv2
 
@@ -42,21 +44,13 @@ _VIDEOS = (
 _FAULTS = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError)
 
 
-@dataclass(frozen=True)
-class Source:
-    """A recording.
-
-    Attributes:
-        format: ``plain`` or ``adt``.
-        path: folder or file, as the table of scenes names it.
-        about: what it is, in a few words, with the number of its frames.
-        options: keys that suit it, by name in the table of scenes.
-    """
+class Source(NamedTuple):
+    """A recording: format and path as the table of scenes names them, what it is in a few words, and keys that suit it."""
 
     format: str
     path: Path
     about: str
-    options: dict[str, str] = field(default_factory=dict)
+    options: Mapping[str, str] = MappingProxyType({})
 
 
 def name_of(given: Path) -> str:

@@ -215,8 +215,8 @@ def summary(document: Mapping[str, Any]) -> str:
         return f"no queries; {about}"
     scores = []
     for key, name in (("accuracy", "accuracy"), ("mean_iou", "mIoU")):
-        low, high = score[f"{key}_interval"] or (None, None)
-        interval = "" if low is None else f" ({100 * low:.1f} to {100 * high:.1f})"
+        bounds = " to ".join(f"{100 * bound:.1f}" for bound in score[f"{key}_interval"] or ())
+        interval = f" ({bounds})" if bounds else ""
         scores.append(f"{name} {100 * score[key]:.1f} %{interval}")
     chance = ", ".join(f"{name} {100 * score[key]:.1f} %" for key, name in CHANCE.items())
     boxes = ", dashed: their boxes" if document["provenance"]["options"]["hit_region"] == "box" else ""
