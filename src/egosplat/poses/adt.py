@@ -19,7 +19,7 @@ from egosplat.geometry import Camera
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses, mean_camera_up
 from egosplat.poses.trajectory import MAX_POSITION_M, interpolate_trajectory, read_trajectory
-from egosplat.progress import log, track
+from egosplat.progress import log
 
 # Longest gap in the device's trajectory that is interpolated [ms]: one missing row of ground truth, which has one every
 # 33.3 ms; a closed-loop trajectory has one a millisecond.
@@ -35,8 +35,6 @@ _POSITION = ["px_world", "py_world", "pz_world"]
 _COLUMNS = [*_POSITION, "inv_dist_std", "dist_std"]
 # EgoLifter's limits of a point's standard deviations: of the inverse distance [1/m], and of the distance [m].
 MAX_INV_DIST_STD, MAX_DIST_STD_M = 0.001, 0.15
-# The file is read in blocks, so that memory holds the kept points and one block.
-_ROWS_PER_BLOCK = 1_000_000
 
 
 def adt_poses(
@@ -113,21 +111,16 @@ def read_semidense_points(path: Path) -> tuple[NDArray[np.float64], int, dict[st
 
     Returns (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.
     """
-    rejected: dict[str, int] = dict.fromkeys(("not_finite", "too_far", "inv_dist_std", "dist_std"), 0)
-    kept, read = [np.empty((0, 3))], 0
     try:
-        with pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64, chunksize=_ROWS_PER_BLOCK) as blocks:
-            for block in track(blocks, f"reading {path.name}", unit="block"):
-                position = block[_POSITION].to_numpy()
-                failed = {
-                    "not_finite": ~np.isfinite(position).all(axis=1),
-                    "too_far": (np.abs(position) > MAX_POSITION_M).any(axis=1),
-                    "inv_dist_std": ~(block["inv_dist_std"].to_numpy() < MAX_INV_DIST_STD),
-                    "dist_std": ~(block["dist_std"].to_numpy() < MAX_DIST_STD_M),
-                }
-                kept.append(position[~np.logical_or.reduce(list(failed.values()))])
-                read += len(block)
-                rejected = {name: count + int(failed[name].sum()) for name, count in rejected.items()}
+        table = pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64)
     except (ValueError, gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise UserError(f"{path} is not a readable MPS point cloud ({error}); download it again") from error
-    return np.concatenate(kept), read, rejected
+    position = table[_POSITION].to_numpy()
+    failed = {
+        "not_finite": ~np.isfinite(position).all(axis=1),
+        "too_far": (np.abs(position) > MAX_POSITION_M).any(axis=1),
+        "inv_dist_std": ~(table["inv_dist_std"].to_numpy() < MAX_INV_DIST_STD),
+        "dist_std": ~(table["dist_std"].to_numpy() < MAX_DIST_STD_M),
+    }
+    kept = ~np.logical_or.reduce(list(failed.values()))
+    return position[kept], len(table), {name: int(mask.sum()) for name, mask in failed.items()}

@@ -7,6 +7,7 @@ import numpy as np
 import pycolmap
 import pytest
 
+from egosplat.calibration.files import known_pose_files
 from egosplat.calibration.known_poses import (
     check_numbers,
     find_known_poses,
@@ -331,3 +332,23 @@ def test_positions_far_from_each_other_or_from_the_origin_are_named(pictures, tr
         one["transform_matrix"][0][3] *= 1e6
     transforms(frames=frames)
     assert read_known_poses(pictures, "transforms", *SIZE).camera_to_world[3, 0, 3] == pytest.approx(9e5)
+
+
+def files_of(recording, wanted):
+    return [path.relative_to(recording).as_posix() for path in known_pose_files(recording, wanted)]
+
+
+def test_of_a_colmap_model_three_files_of_one_format_are_read(pictures, model, colmap_folder):
+    binary = ["colmap/cameras.bin", "colmap/images.bin", "colmap/points3D.bin"]
+    model.write_text(colmap_folder)
+    assert files_of(pictures, "auto") == binary
+    (colmap_folder / "images.bin").unlink()
+    assert files_of(pictures, "colmap") == [name.replace(".bin", ".txt") for name in binary]
+    assert files_of(pictures, "none") == files_of(pictures, "transforms") == []
+
+
+def test_a_transforms_file_names_the_file_of_its_points(pictures, transforms):
+    transforms()
+    assert files_of(pictures, "auto") == ["transforms.json"]
+    transforms(ply_file_path="cloud/points.ply")
+    assert files_of(pictures, "auto") == ["transforms.json", "cloud/points.ply"]

@@ -15,6 +15,7 @@ from egosplat.poses.adt import TRAJECTORIES, adt_poses
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses
 from egosplat.poses.trajectory import read_trajectory
+from tests.support.recordings import copy_files, opened
 
 Recording = Callable[..., Path]
 
@@ -195,3 +196,26 @@ def test_frames_that_are_not_upright_are_reported(
         poses = adt_poses(folder, time, mount, CAMERA, PosesOptions(trajectory="ground_truth"))
         assert poses.notes["up_against_pictures_deg"] == pytest.approx(180.0 - turn_deg)
         assert ("are the frames upright?" in capsys.readouterr().err) == told
+
+
+TIMES = np.array([1_010_000_000, 1_015_000_000])
+
+
+@pytest.mark.parametrize("trajectory", ["closed_loop", "ground_truth"])
+def test_the_trajectory_and_the_points_of_the_device_are_read(recording, table, tmp_path, trajectory):
+    folder = recording(table, cloud([1e-4], [0.01]), trajectory == "closed_loop")
+    listed = opened("poses", "adt", folder, trajectory=trajectory)
+    copied = copy_files(listed, folder, tmp_path / "copy")
+    whole, alone = (
+        adt_poses(one, TIMES, MOUNT, CAMERA, PosesOptions(trajectory=trajectory)) for one in (folder, copied)
+    )
+    np.testing.assert_array_equal(whole.camera_to_world, alone.camera_to_world)
+    np.testing.assert_array_equal(whole.points, alone.points)
+    assert len(listed) == 2 and len(whole.points) == 1
+
+
+def test_colmap_reads_no_file_and_known_poses_theirs(tmp_path):
+    (tmp_path / "transforms.json").write_text("{}")
+    assert opened("poses", "plain", tmp_path, method="colmap") == []
+    assert opened("poses", "plain", tmp_path) == [tmp_path / "transforms.json"]
+    assert opened("poses", "adt", tmp_path / "nowhere") == []
