@@ -45,10 +45,11 @@ class LiftedMasks:
     seen: sparse.csr_array
 
     @property
-    def weight(self) -> NDArray[np.float32]:
+    def weight(self) -> NDArray[np.floating]:
         """(N,) mean compositing weight of each Gaussian in the frames that see it [px]."""
-        often = np.bincount(self.seen.indices[self.seen.data >= LEAST_SEEN], minlength=self.seen.shape[1])
-        return self.seen.sum(0) / np.maximum(often, 1)
+        total = np.asarray(self.seen.sum(0), np.float32)
+        often = np.bincount(self.seen.indices[self.seen.data >= LEAST_SEEN], minlength=len(total))
+        return total / np.maximum(often, 1)
 
     def seen_at(self, place: int) -> NDArray[np.float32]:
         """(N,) row of ``seen`` of one of the T frames."""
@@ -63,6 +64,7 @@ class LiftedMasks:
         """Gaussians of whose weight in the frame the mask holds at least the share ``inside``; ``seen_at`` of the frame."""
         span = slice(self.votes.indptr[mask], self.votes.indptr[mask + 1])
         gaussian, weight = self.votes.indices[span], self.votes.data[span]
+        gaussian = np.asarray(gaussian, np.int32)
         return gaussian[weight >= inside * np.maximum(seen[gaussian], LEAST_SEEN)]
 
 

@@ -16,7 +16,7 @@ SAMPLE = 20_000
 """Gaussians, drawn at random, by which runs are compared."""
 
 Ints = NDArray[np.int64]
-Floats = NDArray[np.float32]
+Floats = NDArray[np.floating]
 
 # Masks are compared only if their frames have both seen at least this share of the smaller one.
 COMMON = 0.2
@@ -60,13 +60,13 @@ def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions)
     count = int(run.max(initial=-1)) + 1
     some = np.random.default_rng(0).permutation(len(weight))[:SAMPLE]
     votes, seen = sparse.csr_array(masks.votes.T)[:, some], masks.seen[:, some]
-    first = np.full(count, seen.shape[0])
+    first = np.full(count, len(masks.row))
     np.minimum.at(first, run, masks.frame)
     thing, block = np.arange(count), first // FRAMES_A_BLOCK
     while count:
         for one in np.unique(block):
             members = np.flatnonzero((block == one) & (thing == np.arange(count)))
-            runs = _sum_masks(votes, seen, masks.frame, thing[run], members, keys.inside)
+            runs = Runs(*_sum_masks(votes, seen, masks.frame, thing[run], members), keys.inside)
             thing[members] = members[agglomerate(runs, weight[some], keys)]
             thing = thing[thing]
         if not block.any():
@@ -76,18 +76,18 @@ def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions)
 
 
 def _sum_masks(
-    votes: sparse.csr_array, seen: sparse.csr_array, frame: Ints, group: Ints, members: Ints, inside: float
-) -> Runs:
-    """Sum the masks of the groups ``members``."""
+    votes: sparse.csr_array, seen: sparse.csr_array, frame: Ints, group: Ints, members: Ints
+) -> tuple[Floats, Floats]:
+    """Votes and seen weights of the groups ``members`` of masks, as in ``Runs``."""
     chosen = np.flatnonzero(np.isin(group, members))
     row = np.searchsorted(members, group[chosen])
     ones = np.ones(len(chosen), np.float32)
     which = sparse.csr_array((ones, (row, chosen)), (len(members), len(group)))
     # A frame counts once for a group, even if several of its masks belong to it.
-    frames = sparse.csr_array((ones, (row, frame[chosen])), (len(members), seen.shape[0]))
+    frames = sparse.csr_array((ones, (row, frame[chosen])), (len(members), len(seen.indptr) - 1))
     frames.sum_duplicates()
     frames.data[:] = 1.0
-    return Runs((which @ votes).toarray(), (frames @ seen).toarray(), inside)
+    return sparse.csr_array(which @ votes).toarray(), sparse.csr_array(frames @ seen).toarray()
 
 
 def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:

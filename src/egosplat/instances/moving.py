@@ -46,7 +46,7 @@ class MovingTracks:
 
     def remove(self, labels: Labels) -> tuple[Labels, NDArray[np.bool_]]:
         """Labels (L, H, W) of segments.zarr without pixels of any track, and (H, W) bool, which pixels these are."""
-        moving = (self._number[labels] >= 0).any(axis=0)
+        moving = np.asarray((self._number[labels] >= 0).any(axis=0))
         # A frame without masks of its own would count for the tracks that stand still, and against all others.
         voting = self._single[labels].any()
         return np.where(moving | ~voting, np.int32(-1), labels), moving

@@ -71,7 +71,7 @@ def _strongest(
 
 def _near(beliefs: sparse.csr_array) -> NDArray[np.intp]:
     """Things that some Gaussian of (n, K) holds enough of: a pixel, a weighted mean, shows no more than the largest."""
-    if 0 in beliefs.shape:
+    if not beliefs.nnz:
         return np.zeros(0, np.intp)
     # Rounding may lift a mean above the largest value, by less than a thousandth.
     return np.flatnonzero(beliefs.max(axis=0).toarray().ravel() > 0.999 * LEAST_BELIEF)

@@ -28,7 +28,7 @@ class Scene:
     Attributes:
         geometry: Gaussians that masks are merged on.
         shown: returns the (H, W) bool pixels of a frame that show the scene.
-        weight: (N,) float32, mean compositing weight of each Gaussian in the frames that see it [px].
+        weight: (N,) mean compositing weight of each Gaussian in the frames that see it [px].
         beliefs: by level, (N, K_l) share of each Gaussian's weight in the masks of each thing of the level.
         level: (K,) int8 level of each thing; the things of a level follow each other.
         masks: (K,) int32 number of merged masks.
@@ -38,7 +38,7 @@ class Scene:
 
     geometry: Geometry
     shown: Callable[[int], NDArray[np.bool_]]
-    weight: NDArray[np.float32]
+    weight: NDArray[np.floating]
     beliefs: list[sparse.csr_array]
     level: NDArray[np.int8]
     masks: NDArray[np.int32]
@@ -69,7 +69,7 @@ class Scene:
         """(K,) int32 thing of the next coarser level that holds most of each thing, -1 for none."""
         found = np.full(len(self.level), -1, np.int32)
         for level, (fine, coarse) in enumerate(zip(self.beliefs[:-1], self.beliefs[1:], strict=True)):
-            if not fine.shape[1] or not coarse.shape[1]:
+            if not (self.level == level).any() or not (self.level == level + 1).any():
                 continue
             weighted = sparse.csr_array(fine.multiply(self.weight[:, None]))
             shared = (weighted.T @ coarse).toarray()
@@ -103,12 +103,12 @@ def keep_outlines(rendered: Labels, drawn: Labels) -> Labels:
 def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
     """(N,) column of the largest value of each row of (N, K) values, the first of equal ones; -1 if none is above 0."""
     # SciPy's own argmax visits row by row in Python.
-    rows = np.repeat(np.arange(values.shape[0]), np.diff(values.indptr))
+    rows = np.repeat(np.arange(len(values.indptr) - 1), np.diff(values.indptr))
     above = values.data > 0
-    rows, columns, data = rows[above], values.indices[above], values.data[above]
-    order = np.lexsort((columns, -data, rows))
+    rows, columns, data = rows[above], values.indices[above], np.asarray(values.data)[above]
+    order = np.lexsort((columns, np.negative(data), rows))
     owner, first = np.unique(rows[order], return_index=True)
-    found = np.full(values.shape[0], -1, np.int64)
+    found = np.full(len(values.indptr) - 1, -1, np.int64)
     found[owner] = columns[order][first]
     return found
 
@@ -141,7 +141,7 @@ def find_scene(
             f"{counts[name]['things']} {name}s from {counts[name]['masks']} masks; {counts[name]['dropped']} masks and "
             f"{counts[name]['claimed']} {name}s are left out, because others contradict them"
         )
-        count, first = counts[name]["things"], sum(own.shape[1] for own in held)
+        count, first = counts[name]["things"], sum(len(own) for own in level)
         held.append(beliefs(some, thing))
         level.append(np.full(count, number, np.int8))
         masks.append(np.bincount(thing[thing >= 0], minlength=count).astype(np.int32))

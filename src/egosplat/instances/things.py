@@ -9,7 +9,7 @@ from egosplat.instances.merging import COMMON, merge
 from egosplat.instances.options import InstancesOptions
 
 Ints = NDArray[np.int64]
-Floats = NDArray[np.float32]
+Floats = NDArray[np.floating]
 
 _FEW_MASKS = 3
 """Things of fewer masks keep them all: two masks that disagree do not tell which of them is wrong."""
@@ -69,7 +69,7 @@ def cut_tracks(masks: LiftedMasks, keys: InstancesOptions) -> Ints:
             count += place == 0 or not _agree(masks, int(mine[place - 1]), int(mask), keys)
             run[mask] = count - 1
     # Numbered by first frame, as merging expects.
-    first = np.full(count, masks.seen.shape[0])
+    first = np.full(count, len(masks.row))
     np.minimum.at(first, run, masks.frame)
     return np.argsort(np.argsort(first, kind="stable"), kind="stable")[run]
 
