@@ -36,19 +36,16 @@ class Group:
         first_frame: the frame in which they start.
         position: (1, C, h, w) positional encoding of memories, the same for all objects and frames.
         begun: memory of the first frame.
+        unseen: (K,) frames since each object was last seen; infinite for one that is never searched for again.
         recent: memory of the last frames, by frame.
-        unseen: number of frames since each object was last seen; infinite for one that is never searched for again.
     """
 
     ids: list[int]
     first_frame: int
     position: Tensor
     begun: Memory
+    unseen: Tensor
     recent: dict[int, Memory] = field(default_factory=dict)
-    unseen: list[float] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.unseen = self.unseen or [0] * len(self.ids)
 
     @staticmethod
     def restored(saved: State, device: torch.device) -> "Group":
@@ -61,15 +58,12 @@ class Group:
 
     def end(self, ids: set[int]) -> None:
         """Search for these objects in no later frame, in neither direction."""
-        self.unseen = [
-            math.inf if number in ids else unseen
-            for number, unseen in zip(self.ids, self.unseen, strict=True)
-        ]
+        self.unseen[[number in ids for number in self.ids]] = math.inf
 
     def restart(self) -> None:
         """Go back to the first frame, to be propagated in the other direction; objects that ended stay so."""
         self.recent = {}
-        self.unseen = [math.inf if unseen == math.inf else 0 for unseen in self.unseen]
+        self.unseen[self.unseen < math.inf] = 0
 
 
 class Propagator:
@@ -113,7 +107,8 @@ class Propagator:
             object_score_logits=output["object_score_logits"],
             is_mask_from_pts=True,
         )
-        return Group(ids, frame, position[-1][:1], _memory(stored, output["obj_ptr"]))
+        begun = _memory(stored, output["obj_ptr"])
+        return Group(ids, frame, position[-1][:1], begun, torch.zeros(len(ids)))
 
     def step(self, frame: int, group: Group, reverse: bool, accepts: Accepts | None = None) -> Tensor:
         """Propagate a group to the next frame: (K, M, M) float32 logits; all are below 0 if an object is absent.
@@ -126,7 +121,7 @@ class Propagator:
         logits = group.begun["obj_ptr"].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
         # Frame indices, not the age of a track: lost tracks of all groups are then searched for in the same frames.
         patience = self._patience if frame % self._lost_track_stride == 0 else self._lost_track_stride
-        chosen = [row for row, unseen in enumerate(group.unseen) if unseen < min(patience, self._patience)]
+        chosen = (group.unseen < min(patience, self._patience)).nonzero()[:, 0].tolist()
         memory = dict(group.recent.get(frame + 1 if reverse else frame - 1, group.begun))
         if chosen:  # only these objects pass through the model
             found, new = self._track(frame, group, chosen, reverse)
@@ -140,14 +135,14 @@ class Propagator:
                     memory[name] = memory[name].clone()
                     memory[name][kept] = values[rows].to(memory[name].dtype)
         group.recent[frame] = memory
-        seen = (logits > 0).flatten(1).any(1).tolist()
-        group.unseen = [0 if one else before + 1 for one, before in zip(seen, group.unseen, strict=True)]
+        seen = (logits > 0).flatten(1).any(1).cpu()
+        group.unseen = torch.where(seen, 0, group.unseen + 1)
         self._forget(group, frame)
         return logits
 
     def ended(self, group: Group) -> bool:
         """Whether no object of a group is searched for again: it has no mask in any later frame, and needs no memory."""
-        return min(group.unseen) >= self._patience
+        return bool(group.unseen.min() >= self._patience)
 
     def _inputs(self, frame: int, count: int) -> dict[str, Any]:
         """What SAM2 takes for a batch of objects in a frame."""

@@ -54,7 +54,7 @@ class Tracker:
                 track is lost where they hardly do. None: tracks follow everything.
             prompted: frames in which objects are searched for.
         """
-        self._sam2, self._video, self._options, self._moves = sam2, video, options, moves
+        self._sam2, self._video, self._options = sam2, video, options
         self._searched = frozenset(prompted)
         self._groups: list[list[Group]] = [[] for _ in LEVELS]
         self._overlaps = [Overlaps() for _ in LEVELS]
@@ -65,11 +65,11 @@ class Tracker:
         self._side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
         # Of the last frame that was asked for.
         self._encoded = lru_cache(1)(lambda frame: encode(sam2, video.image(frame)))
-        self._moving = lru_cache(1)(self._read_moving)
+        everything = np.ones(video.shown(0).shape, np.float32)
+        self._moving = lru_cache(1)(lambda frame: self._shrunk(moves(frame) if moves else everything))
         self._inside = lru_cache(1)(lambda frame: self._shrunk(video.shown(frame).astype(np.float32)) > 0.5)
         # What moves again later is prompted again. Or else the time would grow with tracks times frames.
-        ends = moves is not None
-        stride = options.lost_track_stride
+        ends, stride = moves is not None, options.lost_track_stride
         self._propagator = Propagator(sam2, self._encoded, video.length, stride, lost_tracks_end=ends)
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
@@ -112,10 +112,6 @@ class Tracker:
         for overlaps, sums in zip(self._overlaps, state["overlaps"], strict=True):
             overlaps.sums = sums.numpy()
 
-    def _read_moving(self, frame: int) -> Tensor:
-        """(M, M) probability; 1 where everything is tracked."""
-        return self._inside(frame).float() if self._moves is None else self._shrunk(self._moves(frame))
-
     def _shrunk(self, values: NDArray[np.float32]) -> Tensor:
         """(M, M) means of (H, W) values, at the size of the model's masks."""
         large = torch.from_numpy(values)[None, None].to(self._sam2.compute.device)
@@ -123,8 +119,6 @@ class Tracker:
 
     def _may_move(self, masks: Tensor, frame: int, share: float) -> Tensor:
         """(K,) bool, which (K, M, M) bool masks have a mean probability of at least a share of the threshold."""
-        if self._moves is None:
-            return torch.ones_like(masks[:, 0, 0])
         # Summed instead of multiplied as matrices, which bfloat16 would round.
         sums = (masks * self._moving(frame)).flatten(1).sum(1)
         return sums >= share * self._options.threshold * areas(masks)

@@ -138,7 +138,7 @@ def test_absent_objects_do_not_change_the_tracked_ones(sam2, video):
         propagator = Propagator(sam2, encoded.__getitem__, FRAMES, lost_track_stride=10)
         both, alone = (propagator.begin(0, [0, 1][:count], logits()[:count]) for count in (2, 1))
         # The second object counts as lost: the first must be propagated as if alone.
-        both.unseen = [0, 10]
+        both.unseen = torch.tensor([0.0, 10.0])
         for frame in range(1, FRAMES):
             together = propagator.step(frame, both, reverse=False)
             single = propagator.step(frame, alone, reverse=False)

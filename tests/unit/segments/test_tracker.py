@@ -108,7 +108,7 @@ def test_the_first_frame_alone_is_prompted(sam2, images):
 
 def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, monkeypatch):
     tracker = Tracker(sam2, Video(FRAMES, images.__getitem__, lambda _: EVERYWHERE), OPTIONS)
-    groups = [Group([0, 7], 0, torch.zeros(1), {}), Group([3], 1, torch.zeros(1), {})]
+    groups = [Group(ids, 0, torch.zeros(1), {}, torch.zeros(len(ids))) for ids in ([0, 7], [3])]
     left, right = torch.zeros(2, 8, 8, dtype=torch.bool)
     left[:, :4], right[:, 4:] = True, True
     masks = torch.stack([left, right, left])
@@ -119,7 +119,7 @@ def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, m
     monkeypatch.setattr(tracker, "_add_new_tracks", lambda *_: None)
     tracker._forwards(0)
     for _ in ("forwards", "backwards"):
-        assert [group.unseen for group in groups] == [[0, 0], [np.inf]]
+        assert [group.unseen.tolist() for group in groups] == [[0, 0], [np.inf]]
         assert tracker._propagator.ended(groups[1])
         for group in groups:
             group.restart()
