@@ -19,7 +19,7 @@ _Folder = Annotated[Text | None, BeforeValidator(lambda path: None if path == "n
 Format = Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"]
 
 # Protocols of public benchmarks, under ``formats``, and ``variants``.
-SHIPPED: dict[str, dict[str, Any]] = read_yaml(Path(__file__).with_name("shipped.yaml"))
+SHIPPED: Any = read_yaml(Path(__file__).with_name("shipped.yaml"))
 
 
 class VariantKeys(TypedDict, total=False):
@@ -52,7 +52,7 @@ class GeneralOptions(Options):
     """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
     (docs/running.md)."""
 
-    formats: dict[Format, dict[str, Any]] = Field(default=SHIPPED["formats"])
+    formats: dict[Format, dict[str, Any]] = SHIPPED["formats"]
     """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys of all scenes,
     and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks lerf and 3d_ovs have their
     protocol here (benchmarks/public/README.md); a key set in the configuration wins over those."""

@@ -159,15 +159,12 @@ def test_an_error_names_the_last_layer_that_sets_the_key():
     [
         ({"frames": {"resolutoin": 3}}, "unknown key 'frames.resolutoin'; did you mean 'resolution'?"),
         ({"xyz": {}}, "unknown key 'xyz'; known keys: preset, scenes"),
-        ({"frames": {"resolution": "big"}}, "frames.resolution = 'big' .* whole number"),
         ({"frames": {"resolution": 3}}, "frames.resolution = 3 .* 32"),
         ({"frames": {"resolution": 512.0}}, "frames.resolution = 512.0 .* whole number"),
         ({"frames": {"focal": float("nan")}}, "frames.focal = nan .* a number"),
-        ({"frames": None}, "frames = None .* frames: {resolution: 512}"),
         ({"splats": 5}, "splats = 5 .* splats: {masking: auto}"),
         ({"splats": {"iterations:5": ""}}, "iterations: 5"),
         ({"features": {"dims": "most"}}, "features.dims = 'most' .* a whole number or auto"),
-        ({"splats": {"sh_degree": 7}}, "splats.sh_degree = 7 .* at most 3"),
         ({"transient": {"input_size": 100}}, "transient.input_size = 100 .* a multiple of 32"),
         ({"variants": {"a/b": {}}}, "variants.a/b .* only letters, digits, _ and -"),
         ({"tradeoff": {"variants": ["a", "a"]}}, "tradeoff.variants = .* no repeated items"),
@@ -181,7 +178,6 @@ def test_an_error_names_the_last_layer_that_sets_the_key():
         ({"frames.stride": 2}, "'frames.stride'; write frames: {stride: ...}"),
         ({"max_points": 2}, "did you mean .*splats.max_points"),
         ({"data_root": {False: "/x"}}, "data_root.* is not allowed"),
-        ({"variants": {"a": None}}, "variants.a = None "),
     ],
 )
 def test_invalid_values_are_named_by_key(user, message):
@@ -249,7 +245,6 @@ def test_a_format_has_keys_of_its_own_between_the_preset_and_the_row(tmp_path):
     "formats, message",
     [
         ({"hoi5d": {}}, "formats.hoi5d = .* 'adt', 'hoi4d', 'plain'"),
-        ({"hoi4d": 5}, "formats.hoi4d = 5"),
         ({"hoi4d": {"preset": {}}}, "formats.hoi4d: preset = "),
         ({"hoi4d": {"masks": {"treshold": 1}}}, "formats.hoi4d: unknown key 'masks.treshold'; did you mean"),
         ({"plain": {"masks": {"threshold": 7}}}, "formats.plain: masks.threshold = 7 .* 1"),
@@ -270,7 +265,6 @@ def test_wrong_keys_of_a_format_are_named(formats, message):
             "line 2: format = 'avi' is not allowed: must be one of adt, hoi4d, plain",
         ),
         (HEADER + "adt\ts\tadt\t-\t\n", "line 2: recording - .* synthetic.seed"),
-        (HEADER + "a\ts\tplain\t-\tsynthetic.seed=1\n", "line 2: recording - .* format adt"),
         (HEADER + "adt\ts\tadt\tr\tstride=3\n", "option 'stride=3' is not of the form section.key=value"),
         (HEADER + "adt\ts\tadt\tr\tframes.strid=3\n", "line 2: .*'frames.strid'.* 'stride'"),
         (HEADER + "adt\ts\tadt\tr\tframes.stride=2 frames.stride=3\n", "line 2: .*'frames.stride' .* twice"),
@@ -296,12 +290,3 @@ def test_an_absent_table_an_unknown_scene_and_an_unknown_root_are_named(tmp_path
 def test_each_artifact_of_the_table_of_stages_has_a_schema():
     """The table of stages and the registry of artifacts name the same artifacts, in the same order."""
     assert [*SCHEMAS] == [name for name, stage in STAGES.items() if stage.output.endswith(".zarr")]
-
-
-def test_on_and_off_may_be_written_as_yaml_reads_them():
-    """YAML reads on and off as booleans; a key that has these words takes both."""
-    found = config.resolve({"camera": {"refine_poses": True, "compensate_exposure": "off"}}, PRESETS)
-    assert found["camera"] == {"refine_poses": "on", "compensate_exposure": "off"}
-    row = config.parse_options("camera.refine_poses=off frames.upright=off", "row 1")
-    parsed = config.configure([config.Layer("row 1", row)])
-    assert parsed["camera"]["refine_poses"] == "off" and parsed["frames"]["upright"] is False

@@ -1,12 +1,11 @@
 """Inputs of stages and decisions of a survey, without Snakemake."""
 
 import json
-from pathlib import Path
 
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline.config import Layer, configure, defaults, merge, resolve, section_keys
+from egosplat.pipeline.config import Layer, configure, defaults, merge, section_keys
 from egosplat.pipeline.dag import (
     ALL_FRAMES,
     count_chunks,
@@ -25,7 +24,7 @@ from egosplat.pipeline.dag import (
     training_frames,
 )
 from egosplat.pipeline.stages import STAGES, load_module
-from egosplat.pipeline.variants import reaches, variant_config
+from egosplat.pipeline.variants import reaches
 
 BASE = defaults()
 METHODS = section_keys("language")["method"]["enum"]
@@ -88,13 +87,6 @@ def test_training_stages_read_the_survey_where_it_leaves_frames_out(stage):
     assert "survey" in optional_inputs_of(stage, BASE)
     assert "survey" not in optional_inputs_of(stage, EVERY_FRAME)
     assert leaves_frames_out(BASE) and not leaves_frames_out(EVERY_FRAME)
-
-
-def test_a_survey_that_decides_masking_is_an_input_of_splats_alone():
-    """Protects the DAG of masking auto with every frame kept."""
-    assert ("splats", "masking") in decided_by_survey(TRACKS)
-    assert inputs_of("splats", TRACKS)[-1] == "survey"
-    assert "survey" not in inputs_of("segments", TRACKS)
 
 
 @pytest.mark.parametrize(
@@ -174,8 +166,6 @@ def test_gaussians_train_on_all_frames_where_nothing_is_masked(stage, keys, foun
         ("segments", {}, 500, 0),
         ("segments", {}, 501, 2),
         ("segments", {"segments": {"prompting": "initial_frame"}}, 501, 0),
-        ("segments", {"segments": {"segmenter": "classical"}}, 501, 0),
-        ("view_features", {}, 36_000, 72),
         ("view_features", {"view_features": {"max_views": 20}}, 36_000, 0),
         ("tiles", {}, 1001, 3),
     ],
@@ -183,21 +173,6 @@ def test_gaussians_train_on_all_frames_where_nothing_is_masked(stage, keys, foun
 def test_a_long_recording_has_chunks_where_a_stage_treats_frames_apart(stage, keys, frames, expected):
     found = survey("none") | {"poses": {"frames": frames}}
     assert count_chunks(stage, merge(BASE, keys), found) == expected
-
-
-def test_options_are_json_in_order_of_their_names():
-    """Protects the command line of a stage: types of values, and order."""
-    keys = {"frames": {"upright": False, "start_s": 1.5, "end_s": None, "stride": 2}}
-    found = json.loads(options_json("frames", merge(BASE, keys)))
-    assert list(found) == sorted(found) and keys["frames"].items() <= found.items()
-
-
-@pytest.mark.parametrize("masking", ["none", "auto", "refined"])
-def test_what_moves_is_drawn_where_instances_mask_it(masking):
-    """Protects the files of a run without a target."""
-    pages = default_pages(merge(BASE, {"splats": {"masking": masking}}))
-    assert ("transient.png" in pages) == (masking == "refined")
-    assert {"instances.png", "crops.png", "scene.html", "metrics.json", "queries.png"} <= set(pages)
 
 
 @pytest.mark.parametrize(
@@ -208,10 +183,6 @@ def test_what_moves_is_drawn_where_instances_mask_it(masking):
         ({"splats": {"masking": "none"}}, "refined", True),
         ({"splats": {"source": "point_cloud.ply"}}, "refined", True),
         ({"segments": {"track_moving": "always"}}, "none", True),
-        ({"segments": {"track_moving": "never"}}, "refined", False),
-        ({"segments": {"prompting": "initial_frame"}}, "refined", False),
-        ({"segments": {"segmenter": "classical"}}, "refined", False),
-        ({"language": {"method": "field"}}, "refined", False),
     ],
 )
 def test_carries_are_drawn_and_told_where_what_moves_is_tracked(keys, moving, drawn):
@@ -228,9 +199,6 @@ def test_carries_are_drawn_and_told_where_what_moves_is_tracked(keys, moving, dr
     "keys, moving, shown",
     [
         ({}, "refined", True),
-        ({}, "none", False),
-        ({"splats": {"masking": "none"}}, "refined", True),
-        ({"splats": {"language": "joint"}}, "refined", False),
         ({"language": {"method": "center"}}, "refined", False),
         ({"segments": {"track_moving": "always"}}, "none", True),
         ({"segments": {"track_moving": "never"}}, "refined", False),
@@ -248,14 +216,6 @@ def test_scores_and_pages_are_of_a_time_where_what_moves_is_tracked(keys, moving
         waits = is_open and "histories" in optional_inputs_of(stage, undecided)
         assert "survey" in inputs_of(stage, undecided) or not waits
     assert ("histories" in stages_behind(["metrics"], config)) == shown
-
-
-def test_methods_of_others_and_the_paper_have_no_rests():
-    variants = [name for name, keys in BASE["variants"].items() if "method" in keys]
-    configs = [variant_config(BASE, name, "a scene") for name in variants]
-    configs.append(resolve({"preset": "paper"}, Path("config/presets")))
-    assert len(configs) > 7
-    assert not any("histories" in optional_inputs_of("metrics", config) for config in configs)
 
 
 OF_INSTANCES = {"segments", "instances", "view_features", "features"}
@@ -308,12 +268,9 @@ def test_gaussians_of_another_program_stand_before_what_is_merged_on_them(maskin
         ({}, "refined", False),
         # Variants without masks share the instances of their scene.
         ({"splats": {"masking": "none"}}, "refined", False),
-        ({"splats": {"masking": "initial"}}, "none", False),
-        ({"splats": {"masking": "refined"}}, "none", False),
         ({"splats": {"language": "joint"}}, "none", False),
         ({"segments": {"track_moving": "always"}}, "none", False),
         ({"segments": {"prompting": "initial_frame"}}, "none", False),
-        ({"segments": {"prompting": "initial_frame"}, "instances": {"source": "both"}}, "none", False),
         ({"instances": {"source": "tracks"}}, "none", False),
     ],
 )
@@ -329,13 +286,6 @@ def test_masks_are_merged_on_the_scenes_gaussians_where_nothing_is_tracked_or_ma
     assert ("splats" in inputs_of("instances", config)) == merges_on_splats(config) == on_splats
     assert {"instances", "splats"} <= set(stages_behind(["metrics"], config))
     assert not reaches("metrics", config, config)
-
-
-def test_no_survey_corrects_the_camera_of_trained_gaussians():
-    config = merge(BASE, SOURCE | {"camera": {"refine_poses": "auto", "compensate_exposure": "auto"}})
-    decided = decide(config, survey("none"))
-    assert decided["splats"]["masking"] == "none"
-    assert decided["camera"] == config["camera"] and "survey" not in inputs_of("splats", decided)
 
 
 @pytest.mark.parametrize(

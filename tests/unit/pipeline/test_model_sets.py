@@ -100,14 +100,12 @@ def test_a_format_a_scene_and_a_variant_may_choose_a_set(tmp_path):
     "format, options, metadata, expected",
     [
         ("plain", "", None, "photos"),
-        ("hoi4d", "", None, "photos"),
         ("adt", "", None, "photos"),
         ("adt", "", {"origin": "synthetic"}, "small"),
         ("adt", "", {"origin": "real"}, "photos"),
         ("adt", "synthetic.seed=1", None, "small"),
         ("plain", "models.set=small", None, "small"),
         ("plain", "models.set=published", None, "published"),
-        ("plain", "models.set=auto", None, "photos"),
     ],
 )
 def test_a_scene_without_a_choice_takes_the_set_that_suits_its_recording(
@@ -128,12 +126,9 @@ def test_a_scene_without_a_choice_takes_the_set_that_suits_its_recording(
     "options, user",
     [
         ("", {"query": {"min_score": 0.5}}),
-        ("query.min_score=0.5", {}),
         ("query.min_score=0.78", {}),  # the small models' default is a choice here
-        ("", {"query": {"min_score": 0.78}}),
         ("", {"formats": {"plain": {"query": {"min_score": 0.78}}}}),
         ("models.set=auto query.min_score=0.78", PUBLISHED),
-        ("", {"models": {"set": "photos"}, "query": {"min_score": 0.78}}),
     ],
 )
 def test_a_key_of_the_user_stays_where_photos_are_taken_by_themselves(tmp_path, options, user):

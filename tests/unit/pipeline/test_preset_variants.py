@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.pipeline.config import merge, resolve, stage_values
-from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.variants import owner, preset_keys, variant_config, with_presets
+from egosplat.pipeline.config import merge, resolve
+from egosplat.pipeline.variants import preset_keys, variant_config, with_presets
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 
@@ -15,21 +14,6 @@ def test_a_variant_of_the_configuration_keeps_its_name_from_a_preset():
     own = {"draft": {"features": {"dims": 4}}}
     found = with_presets(resolve({"variants": own}, PRESETS), PRESETS, "adt")["variants"]
     assert found["draft"] == own["draft"] and "accurate" in found
-
-
-def test_variants_of_another_seed_share_what_they_have_in_common():
-    variants = {
-        "seed": {"run": {"seed": 1}},
-        "narrow": {"features": {"dims": 8}},
-        "both": {"extends": ["narrow", "seed"]},
-    }
-    config = resolve({"splats": {"masking": "refined"}, "variants": variants}, PRESETS)
-    owners = {stage: owner(stage, config, "both", "adt/scene1") for stage in STAGES}
-    assert {stage for stage, name in owners.items() if name == "both"} >= {"features", "language", "metrics"}
-    assert {owners[stage] for stage in ("segments", "transient", "masks", "splats")} == {"seed"}
-    found = variant_config(config, "seed", "adt/scene1")
-    changed = {stage for stage in STAGES if stage_values(stage, found) != stage_values(stage, config)}
-    assert changed == {"instances", "features", "transient", "splats", "language", "histories"}
 
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from egosplat import cli
 from egosplat.errors import UserError
 from egosplat.pipeline.home import check_scene_folder, title_of
 
@@ -59,12 +58,6 @@ def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_a_finished_scene_is_taken(folder):
-    for name in STAGES:
-        (folder / SCENE / f"{name}.zarr").mkdir(exist_ok=True)
-    check_scene_folder(folder / SCENE, STAGES)
-
-
 def test_a_variant_may_share_everything(folder):
     """It has artifacts of its own, those of its scene and those of other variants."""
     for name in ("features", "language"):
@@ -77,11 +70,3 @@ def test_a_variant_may_share_everything(folder):
 )
 def test_titles_name_the_scene_and_the_variant(folder, place, title):
     assert title_of(folder / place) == title
-
-
-@pytest.mark.parametrize("words", [("query", "README.md", "cup"), ("export", "README.md")])
-def test_the_commands_check_it_first(folder, monkeypatch, capsys, words):
-    monkeypatch.setattr("sys.argv", ["egosplat", *words])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    assert stop.value.code == 2 and "README.md: is a file" in capsys.readouterr().err

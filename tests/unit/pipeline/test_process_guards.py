@@ -1,15 +1,17 @@
-"""Locks of a killed Snakemake are removed, those of a running one stay; and a user always has a name."""
+"""Locks of a killed Snakemake are removed, those of a running one stay; a stage ends with its Snakemake; a user has a name."""
 
 import getpass
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
-from egosplat.pipeline.process_guards import clear_stale_locks, name_user
+from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks, name_user
 
 HOLD = """
 import sys
+import time
 from pathlib import Path
 from egosplat.pipeline.process_guards import clear_stale_locks
 print(clear_stale_locks(Path(sys.argv[1])), flush=True)
@@ -88,3 +90,46 @@ def test_a_user_without_a_name_gets_a_number(monkeypatch):
     monkeypatch.setattr(getpass, "getuser", unknown)
     name_user()
     assert os.environ["USER"] == str(os.getuid())
+
+
+STAGE = """
+import time
+from egosplat.pipeline.process_guards import end_with_snakemake
+from egosplat.progress import show_log
+show_log()
+end_with_snakemake()
+print("begun", flush=True)
+time.sleep(600)
+"""
+
+
+def stage(started_by: str) -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", STAGE],
+        env=os.environ | {STARTED_BY: started_by},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None and process.stdout.readline() == "begun\n"
+    return process
+
+
+def test_a_stage_exits_with_its_snakemake():
+    snakemake = subprocess.Popen(["sleep", "600"])
+    process = stage(str(snakemake.pid))
+    time.sleep(0.2)
+    assert process.poll() is None
+    snakemake.kill()
+    snakemake.wait()
+    assert process.wait(timeout=120) == 1
+    assert "continues from here" in process.stderr.read()
+
+
+def test_a_stage_without_snakemake_keeps_running():
+    processes = [stage(started_by) for started_by in ("", "rubbish", str(os.getpid()))]
+    time.sleep(1.5)
+    for process in processes:
+        assert process.poll() is None
+        process.kill()
+        process.wait()
