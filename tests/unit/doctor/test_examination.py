@@ -7,7 +7,6 @@ import pytest
 import torch
 import yaml
 
-from egosplat import cli
 from egosplat.doctor import findings as doctor
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import examine
@@ -15,6 +14,7 @@ from egosplat.errors import UserError
 from egosplat.models.configs import PHOTO_WEIGHTS
 from egosplat.rasterize import cuda
 from egosplat.rasterize.kernels import library
+from tests.support.commands import run_command
 
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"
 
@@ -228,19 +228,10 @@ def test_a_wrong_configuration_is_an_error(folder):
         examine([], ["models={sam: small}"])
 
 
-def run(monkeypatch, capsys, *words: object) -> tuple[object, str]:
-    """Status and output of ``egosplat doctor`` with some options."""
-    monkeypatch.setattr("sys.argv", ["egosplat", "doctor", *map(str, words)])
-    try:
-        cli.main()
-    except SystemExit as stop:
-        return stop.code, capsys.readouterr().out
-    return 0, capsys.readouterr().out
-
-
-def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, capsys):
-    status, text = run(monkeypatch, capsys)
+def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, capfd):
+    status, text, _ = run_command(monkeypatch, capfd, "doctor")
     assert status == 0 and text.endswith("Nothing is missing.\n") and "\x1b" not in text
     (folder / "more.yaml").write_text("models: {sam2_checkpoint: /nowhere.pt}")
-    status, text = run(monkeypatch, capsys, "--configfile", "more.yaml", "--config", "preset=draft")
+    words = ("doctor", "--configfile", "more.yaml", "--config", "preset=draft")
+    status, text, _ = run_command(monkeypatch, capfd, *words)
     assert status == 1 and "missing  SAM2 " in text and "preset draft" in text
