@@ -1,6 +1,4 @@
-"""
-Inputs, parameters and requests of the rules as functions of the wildcards: the plain functions in egosplat.run.jobs of a job.
-"""
+"""Inputs, parameters and requests of rules as functions of wildcards: the plain functions in egosplat.run.jobs of a job."""
 
 from egosplat.pipeline import costs
 from egosplat.pipeline.code_hash import code_hash
@@ -62,27 +60,22 @@ def configured(stage):
 
 def params(stage):
     """Get the parameters of a stage, to unpack in its rule; they are words of its command and what makes it stale."""
-    return {
-        name: asked(function, stage)
-        for name, function in jobs.parameters(stage).items()
-    }
+    functions = jobs.parameters(stage).items()
+    return {name: asked(function, stage) for name, function in functions}
 
 
 def request(stage):
     """Get the memory, time and GPUs that a job requests, for the rule to unpack; they are <TBD> until its inputs exist."""
 
-    def requested(wildcards, input, attempt):
-        job = job_of(wildcards)
-        return costs.request(stage, job.config, input, attempt, bool(job.chunk))
+    def requested(name):
+        def value(wildcards, input, attempt):
+            job = job_of(wildcards)
+            request = costs.request(stage, job.config, input, attempt, bool(job.chunk))
+            return request[name]
 
-    found = {
-        "mem_mb": lambda wildcards, input, attempt: (
-            requested(wildcards, input, attempt)["mem_mb"]
-        ),
-        "runtime": lambda wildcards, input, attempt: (
-            requested(wildcards, input, attempt)["runtime"]
-        ),
-    }
+        return value
+
+    found = {name: requested(name) for name in ("mem_mb", "runtime")}
     if costs.can_use_gpu(stage):
         found["gpu"] = asked(lambda job: costs.gpus(stage, job.config))
     return found
@@ -103,8 +96,8 @@ def wanted_scenes():
     """Get the scenes of a run without a target, and name the user's own that lack their recordings."""
     for scene in scenes.values():
         if is_own(scene) and scene.lacks_recording:
-            told = f"{scene.name} is skipped: no recording at {scene.recording}"
-            print(f"egosplat: {told}", file=sys.stderr)
+            lack = f"no recording at {scene.recording}"
+            print(f"egosplat: {scene.name} is skipped: {lack}", file=sys.stderr)
     return default_scenes(scenes.values())
 
 

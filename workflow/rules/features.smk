@@ -4,7 +4,6 @@ OpenCLIP features of each instance: per view, aggregated over the views, and com
 REQUIRED INPUTS: frames.zarr, instances.zarr. Never annotations.zarr.
 OUTPUTS: view_features.zarr, features.zarr. While view_features runs, .view_features.zarr.checkpoint, from which a killed run
 resumes. Of a long recording, {stage}.{chunk}.chunk, which the stage gathers; temporary.
-TOOLS: OpenCLIP, PyTorch.
 """
 
 

@@ -3,7 +3,6 @@ Frames of a recording, and annotations for evaluation only.
 
 REQUIRED INPUTS: the recording (ADT sequence, HOI4D sequence, video or folder of images).
 OUTPUTS: recording/ (synthetic apartment only), frames.zarr, annotations.zarr.
-TOOLS: projectaria-tools, OpenCV; trimesh and Embree for the synthetic apartment.
 """
 
 

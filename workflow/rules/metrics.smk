@@ -4,7 +4,6 @@ Scores of a scene: localization, masks and rendering.
 REQUIRED INPUTS: frames.zarr, poses.zarr, annotations.zarr, features.zarr or tiles.zarr, splats.zarr, language.zarr. The stage also
 reads the time and memory of the artifacts that these were made from.
 OUTPUTS: metrics.json, as src/egosplat/pipeline/schemas/metrics.schema.yaml describes it; results/benchmark/ for all scenes.
-TOOLS: OpenCLIP, PyTorch, egosplat's kernels or gsplat; Jinja2.
 """
 
 

@@ -3,7 +3,6 @@ Camera poses, and the points that initialize the Gaussians.
 
 REQUIRED INPUTS: frames.zarr; for ADT the recording's trajectory and points; known poses of a plain recording.
 OUTPUTS: poses.zarr.
-TOOLS: projectaria-tools for ADT's trajectories, pycolmap for everything else.
 """
 
 

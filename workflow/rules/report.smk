@@ -5,7 +5,6 @@ REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_
 tiles.zarr, transient.zarr, masks.zarr, splats.zarr, language.zarr, histories.zarr, metrics.json.
 OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, carries.png, language.png, queries.png,
 scene.html, story.html.
-TOOLS: matplotlib; egosplat's kernels or gsplat; OpenCLIP; Jinja.
 """
 
 # Stages that draw a sheet of a scene, with its label in Snakemake's report.

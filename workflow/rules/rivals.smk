@@ -4,7 +4,6 @@ Methods of others on the same data, the paper's tables, and speed against accura
 REQUIRED INPUTS: frames.zarr, survey.json; metrics.json of scenes and their variants.
 OUTPUTS: tiles.zarr of a scene and methods.png; tradeoff/tradeoff.html of a scene; results/benchmark/tables.html and
 tradeoff.html of several scenes.
-TOOLS: OpenCLIP, PyTorch, SAM2; pandas, matplotlib, adjustText, Jinja2.
 """
 
 from egosplat_rivals.compared import (
@@ -14,6 +13,8 @@ from egosplat_rivals.compared import (
     table_scores,
 )
 
+PAGES = ("jinja2", "jsonschema", "pandas")
+CHARTS = ("adjustText", "jinja2", "jsonschema", "matplotlib", "pandas")
 TABLES = ("adt_accuracy", "adt_iou", "adt_ablation", "hoi4d", "adt_transient")
 
 
@@ -76,16 +77,9 @@ rule tables:
         pictures=lambda wildcards, input: [
             word for path in input.pictures for word in ("--picture", path)
         ],
-        code=code_hash(
-            "egosplat_rivals.tables.stage",
-            libraries=("jinja2", "jsonschema", "pandas"),
-        ),
+        code=code_hash("egosplat_rivals.tables.stage", libraries=PAGES),
     shell:
-        "egosplat-rivals tables"
-        " --output results/benchmark"
-        " {params.pictures:q}"
-        " {input.metrics:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat-rivals tables --output results/benchmark {params.pictures:q} {input.metrics:q} 2>&1 | tee {log:q}"
 
 
 rule tradeoff:
@@ -107,21 +101,9 @@ rule tradeoff:
         runtime="10m",
     params:
         folder=subpath(output.page, parent=True),
-        code=code_hash(
-            "egosplat_rivals.tradeoff.stage",
-            libraries=(
-                "adjustText",
-                "jinja2",
-                "jsonschema",
-                "matplotlib",
-                "pandas",
-            ),
-        ),
+        code=code_hash("egosplat_rivals.tradeoff.stage", libraries=CHARTS),
     shell:
-        "egosplat-rivals tradeoff"
-        " --output {params.folder:q}"
-        " {input.metrics:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat-rivals tradeoff --output {params.folder:q} {input.metrics:q} 2>&1 | tee {log:q}"
 
 
 use rule tradeoff as tradeoff_scenes with:
@@ -165,8 +147,4 @@ rule methods_sheet:
             "egosplat_rivals.methods_sheet", libraries=("matplotlib", "torch")
         ),
     shell:
-        "egosplat-rivals methods-sheet"
-        " --title {params.title:q}"
-        " --output {output:q}"
-        " {input.metrics:q}"
-        " 2>&1 | tee {log:q}"
+        "egosplat-rivals methods-sheet --title {params.title:q} --output {output:q} {input.metrics:q} 2>&1 | tee {log:q}"

@@ -5,7 +5,6 @@ REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: transient
 splats.zarr, if masks are merged on its Gaussians; survey.json. Never annotations.zarr.
 OUTPUTS: segments.zarr, instances.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes. Of a
 long recording, segments.{chunk}.chunk, which segments gathers; temporary.
-TOOLS: SAM2, or OpenCV's graph segmentation and optical flow; egosplat's kernels.
 """
 
 

@@ -4,7 +4,6 @@
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, instances.zarr and
 features.zarr or tiles.zarr, survey.json; of histories, instances.zarr and view_features.zarr. Never annotations.zarr.
 OUTPUTS: splats.zarr, language.zarr, histories.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
-TOOLS: PyTorch, egosplat's kernels or gsplat.
 """
 
 

@@ -3,11 +3,9 @@ Survey of a scene: whether it is static, and which frames add views.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. Never annotations.zarr.
 OUTPUTS: survey.json, as src/egosplat/pipeline/schemas/survey.schema.yaml describes it.
-TOOLS: OpenCV.
 
-The rule is a checkpoint: its result decides which rules follow. Until it has run, a plan shows all that may follow. A rule
-that reads the survey reruns only if a decision that it uses has changed. In the run that makes the survey, Snakemake still
-reruns the rules after such a rule.
+A checkpoint: its result decides which rules follow; until it has run, a plan shows all that may follow. A rule that reads the
+survey reruns only if a decision that it uses has changed; in the run that makes the survey, so do the rules after such a rule.
 """
 
 

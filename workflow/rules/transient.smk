@@ -3,7 +3,6 @@ Transient pixels, predicted by a network from what static Gaussians cannot fit, 
 
 REQUIRED INPUTS: frames.zarr, poses.zarr, instances.zarr; survey.json, if it may leave frames out. Never annotations.zarr.
 OUTPUTS: transient.zarr, masks.zarr. While transient runs, .transient.zarr.checkpoint, from which a killed run resumes.
-TOOLS: PyTorch, timm, egosplat's kernels or gsplat.
 """
 
 
