@@ -28,9 +28,6 @@ DRAWN_SIDE, CELL = 256, 4.0
 
 _ABSENT = "-"
 
-# What moves is masked: a carried thing is found nowhere, and yet known.
-_CARRIED = "carried about: not found among what stays"
-
 # An answer with its match in a view, the view's name if each answer has its own, and its (H, W, 3) picture in [0, 1].
 DrawnAnswer = tuple[Answer, str, NDArray | None]
 
@@ -128,7 +125,8 @@ def _rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     view, shown = answer.view, grading.shown(answer.rating)
     if answer.refusal:
         graded = answer.rating > 0 and not answer.untaught
-        reason = _CARRIED if answer.history else answer.refusal
+        # What moves is masked: a carried thing is found nowhere, and yet known.
+        reason = "carried about: not found among what stays" if answer.history else answer.refusal
         return [(answer.phrase, f"{reason} ({grading.measure} {shown})" if graded else reason)]
     if view is not None and view.pixel is not None and view.level is not None:
         pixel = f"{view.pixel[0]}, {view.pixel[1]}"

@@ -226,7 +226,7 @@ def judge(
     refusal = refusal or grading.refusal(best.rating)
     grade = NOT_FOUND if refusal else grading.grade(best.rating)
     # Nothing is shown of what is refused; what is found hides guesses.
-    shown = () if refusal else (one for one in things[:most] if grading.grade(one.rating) == grade)
+    shown = [] if refusal else [one for one in things[:most] if grading.grade(one.rating) == grade]
     verdict = best.score, best.probability, refusal, untaught
     return Answer(phrase, grade, *verdict, things=tuple(shown), candidates=tuple(things))
 
