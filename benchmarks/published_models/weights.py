@@ -6,7 +6,7 @@ import timm
 import torch
 from safetensors.torch import save_file
 
-from egosplat.models.configs import clip_folder, sam2_config_file
+from egosplat.models.checkpoints import clip_folder, sam2_config_file
 from egosplat.models.open_clip_loader import build_model, read_description
 from egosplat.models.sam2_loader import build_predictor
 

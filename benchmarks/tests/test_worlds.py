@@ -10,7 +10,7 @@ from benchmarks.segments import __main__ as segments
 from benchmarks.single_frames import __main__ as single_frames
 from benchmarks.small_open_clip import __main__ as small_open_clip
 from benchmarks.small_sam2 import __main__ as small_sam2
-from egosplat.models.configs import SMALL_CLIP
+from egosplat.models.checkpoints import SMALL_CLIP
 from tests.support.tables import cells
 from training.small_models.crops import cut_world
 from training.small_models.worlds import HELD_OUT_SEEDS, ClipSettings, render_world

@@ -18,9 +18,8 @@ from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
 from egosplat.models import image_encoder
-from egosplat.models.checkpoints import CLIP, SAM2, model_hash
+from egosplat.models.checkpoints import CLIP, SAM2, SMALL, model_hash
 from egosplat.models.clip import OpenClip
-from egosplat.models.configs import SMALL
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.progress import log, track

@@ -1,6 +1,6 @@
 """The small OpenCLIP's word list is the one that training writes."""
 
-from egosplat.models.configs import CLIP_WORDS, SMALL_CLIP
+from egosplat.models.checkpoints import CLIP_WORDS, SMALL_CLIP
 from training.small_models.clip_model import WORDS, write_description
 
 

@@ -13,7 +13,7 @@ from egosplat.evaluation.evaluation_frames import Evaluation, RegionScore, summa
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.scores import AnsweredQuery, pixel_accuracy, summarise
 from egosplat.files import write_json
-from egosplat.models.configs import SMALL
+from egosplat.models.checkpoints import SMALL
 from egosplat.pipeline.validation import Draft202012Validator, schema
 
 # Raised with every change of the schema (pipeline/schemas/metrics.schema.yaml).

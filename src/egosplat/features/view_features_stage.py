@@ -28,9 +28,8 @@ from egosplat.features.crops import (
 )
 from egosplat.features.options import ViewFeaturesOptions
 from egosplat.language.vectors import usable
-from egosplat.models.checkpoints import CLIP, model_hash
+from egosplat.models.checkpoints import CLIP, SMALL, model_hash
 from egosplat.models.clip import OpenClip
-from egosplat.models.configs import SMALL
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.progress import log
 

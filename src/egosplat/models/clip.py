@@ -2,14 +2,9 @@
 
 from collections.abc import Container
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from egosplat.compute import Compute
-
-if TYPE_CHECKING:
-    from open_clip import SimpleTokenizer
-
-    from egosplat.models.sentences import WordPieces
 
 
 @dataclass(frozen=True)
@@ -36,13 +31,13 @@ class OpenClip:
         model: a module; ``encode_image`` takes (N, 3, H, W) preprocessed images, ``encode_text`` (N, T) tokens; both return
             (N, D) features.
         preprocessing: input format of ``encode_image``.
-        tokenizer: maps a list of N texts to (N, T) int64 tokens.
+        tokenizer: maps a list of N texts to (N, T) int64 tokens; with ``clean_fn``, ``encode`` and ``context_length``.
         compute: device and precision; run the model within ``compute.inference()``.
         words: lower-case words that the model knows; None if they are not known.
     """
 
     model: Any
     preprocessing: Preprocessing
-    tokenizer: "SimpleTokenizer | WordPieces"
+    tokenizer: Any
     compute: Compute
     words: Container[str] | None = None

@@ -46,7 +46,6 @@ def encode(sam2: Sam2, image: NDArray[np.uint8]) -> EncodedImage:
     side = (model.image_size, model.image_size)
     values = F.interpolate(values, side, mode="bilinear", antialias=True, align_corners=False)
     mean, std = (torch.tensor(each, device=values.device)[:, None, None] for each in (_MEAN, _STD))
-    _, features, positions, sizes = model._prepare_backbone_features(
-        model.forward_image((values - mean) / std)
-    )
+    encoded = model.forward_image((values - mean) / std)
+    _, features, positions, sizes = model._prepare_backbone_features(encoded)
     return EncodedImage(list(features), list(positions), [tuple(size) for size in sizes])

@@ -10,16 +10,12 @@ from typing import Any
 
 from egosplat.errors import UserError, reraise_as
 from egosplat.files import atomic_file, expand_home
-from egosplat.models.checkpoints import CLIP, SAM2, content_hash
-from egosplat.models.configs import PHOTO_WEIGHTS, PHOTOS, SENTENCES, SMALL
+from egosplat.models.checkpoints import CLIP, PHOTO_WEIGHTS, PHOTOS, SAM2, SENTENCES, SMALL, content_hash
 from egosplat.models.suitability import configured_checkpoints
 from egosplat.pipeline.model_sets import CATALOGUE, PublishedModel, hub, locate_checkpoints, named_model
 from egosplat.progress import log
 
-_SMALL_FILES = {model.checkpoint_key: model.small for model in (SAM2, CLIP)}
-
-# License of the bundled checkpoints, which is egosplat's own.
-_OWN_LICENSE = "Apache-2.0"
+_SMALL_FILES = {f"models.{model.checkpoint_key}": model.small for model in (SAM2, CLIP)}
 
 
 @dataclass(frozen=True)
@@ -58,11 +54,12 @@ def find_needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
 
 def _files(key: str, value: str) -> list[Needed]:
     if value == PHOTOS:
-        packages = (PHOTO_WEIGHTS, SENTENCES)
-        names = [f"{package.title}, of the Python package {package.name}" for package in packages]
-        return [Needed(key, p.find(), name, p.license) for p, name in zip(packages, names, strict=True)]
+        title = "{0.title}, of the Python package {0.name}"
+        return [
+            Needed(key, each.find(), title.format(each), each.license) for each in (PHOTO_WEIGHTS, SENTENCES)
+        ]
     if value == SMALL:
-        return [Needed(key, _SMALL_FILES[key.partition(".")[2]], "bundled with egosplat", _OWN_LICENSE)]
+        return [Needed(key, _SMALL_FILES[key], "bundled with egosplat", "Apache-2.0")]
     path = expand_home(value)
     model = next((model for model in CATALOGUE if model.file == path.name), None)
     return [_published(key, path, model) if model else Needed(key, path, "your own file")]
@@ -95,7 +92,11 @@ def listing(files: Sequence[Needed], options: Sequence[str] = ()) -> str:
 
 def _entry(file: Needed) -> str:
     digest, model = None if file.missing else content_hash(file.path), file.published
-    rows = {"file": f"{file.path}: {_state(file, digest)}"}
+    state = "missing" if digest is None else "there"
+    if digest and model and model.sha256:
+        damaged = "THERE, BUT DAMAGED OR ANOTHER FILE (its SHA-256 differs)"
+        state = "there, SHA-256 verified" if digest == model.sha256 else damaged
+    rows = {"file": f"{file.path}: {state}"}
     if model:
         rows |= {"address": model.address, "license": model.license, "size": f"{model.megabytes:,.1f} MB"}
         rows["SHA-256"] = model.sha256 or "none is published"
@@ -109,17 +110,6 @@ def _entry(file: Needed) -> str:
     return "\n".join([head, *(f"  {what:<13}{text}" for what, text in rows.items())])
 
 
-def _state(file: Needed, digest: str | None) -> str:
-    if digest is None:
-        return "missing"
-    if not (file.published and file.published.sha256):
-        return "there"
-    verified = digest == file.published.sha256
-    return (
-        "there, SHA-256 verified" if verified else "THERE, BUT DAMAGED OR ANOTHER FILE (its SHA-256 differs)"
-    )
-
-
 def download(files: Sequence[Needed]) -> list[str]:
     """Fetch what is missing of published checkpoints, and verify what is there; a line for each file.
 
@@ -128,24 +118,22 @@ def download(files: Sequence[Needed]) -> list[str]:
     Raises:
         UserError: a file cannot be fetched, or is not the published one; with the addresses and places of all that are missing.
     """
-    by_hand = [
-        f"{file.published.address} -> {file.path}" for file in files if file.published and file.missing
-    ]
+    missing = [file for file in files if file.missing]
+    by_hand = [f"{file.published.address} -> {file.path}" for file in missing if file.published]
     lines = []
     for file in files:
-        if file.published is None:
-            if file.missing:
-                raise UserError(
-                    f"{file.key}: there is no file {file.path}, and egosplat's catalogue does not have it"
-                )
+        model, told = file.published, "already there"
+        if file in missing:
+            if model is None:
+                wrong = f"there is no file {file.path}, and egosplat's catalogue does not have it"
+                raise UserError(f"{file.key}: {wrong}")
+            _fetch(model, file.path, by_hand)
+            told = "fetched"
+        if model is None:
             lines.append(f"{file.path}: {file.name}")
             continue
-        told = "fetched" if file.missing else "already there"
-        if file.missing:
-            _fetch(file.published, file.path, by_hand)
-        digest = content_hash(file.path)
-        _check_digest(file.published, file.path, digest)
-        trust = f"as published ({digest})" if file.published.sha256 else f"{digest} (none is published)"
+        digest = _checked_digest(model, file.path)
+        trust = f"as published ({digest})" if model.sha256 else f"{digest} (none is published)"
         lines.append(f"{file.path}: {told}, SHA-256 {trust}")
     return lines
 
@@ -158,16 +146,15 @@ def _fetch(model: PublishedModel, path: Path, by_hand: Sequence[str]) -> None:
         reason = str(error.__cause__ or error).partition("\n")[0].rstrip(".") or type(error).__name__
         names = [name for name in os.environ if name == "HF_ENDPOINT" or name.lower().endswith("_proxy")]
         through = f" (with {', '.join(sorted(names))} set)" if names else ""
-        return UserError(
-            f"{model.address}: cannot be fetched: {reason}{through}.\nFetch by hand: {'; '.join(by_hand)}"
-        )
+        told = f"{model.address}: cannot be fetched: {reason}{through}."
+        return UserError(f"{told}\nFetch by hand: {'; '.join(by_hand)}")
 
     log(f"{path.name}: {model.megabytes:,.0f} MB from {model.address} (license: {model.license})")
     with reraise_as(describe):
         cached = hf_hub_download(model.repository, model.remote, revision=model.revision, endpoint=hub())
     fetched = Path(cached).resolve()
     try:
-        _check_digest(model, fetched, content_hash(fetched))
+        _checked_digest(model, fetched)
     except UserError:
         fetched.unlink()  # else the cache would give it again
         raise
@@ -179,9 +166,12 @@ def _fetch(model: PublishedModel, path: Path, by_hand: Sequence[str]) -> None:
             shutil.copyfile(fetched, scratch)
 
 
-def _check_digest(model: PublishedModel, path: Path, digest: str) -> None:
+def _checked_digest(model: PublishedModel, path: Path) -> str:
+    """SHA-256 of a file; UserError if it is not the published one."""
+    digest = content_hash(path)
     if model.sha256 not in (None, digest):
         raise UserError(
             f"{path}: has SHA-256 {digest}, published is {model.sha256}: it is damaged, or another file.\n"
             "Remove it and start the command again, or give its key another name"
         )
+    return digest

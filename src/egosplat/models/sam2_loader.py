@@ -11,8 +11,7 @@ from torch import nn
 
 from egosplat.compute import Compute, choose_compute
 from egosplat.errors import UserError
-from egosplat.models.checkpoints import SAM2, find_checkpoint
-from egosplat.models.configs import sam2_config_file
+from egosplat.models.checkpoints import SAM2, find_checkpoint, sam2_config_file
 from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
 
 if TYPE_CHECKING:
@@ -95,12 +94,9 @@ def set_image_size(model: "SAM2Base", side: int) -> None:
 
 
 def build_predictor(file: Path) -> "VideoPredictor":
-    """Build the video predictor that a YAML file describes, with random weights, on the CPU.
+    """Build the video predictor that a YAML file describes, with random weights, on the CPU; UserError if it describes none.
 
     Hydra's global state is neither read nor changed. Interpolations can only refer to the file itself.
-
-    Raises:
-        UserError: the file cannot be read or describes no SAM2.
     """
     from hydra.errors import HydraException
     from hydra.utils import instantiate
@@ -116,16 +112,16 @@ def build_predictor(file: Path) -> "VideoPredictor":
         raise
     except (yaml.YAMLError, OmegaConfBaseException, HydraException, *_NO_DESCRIPTION) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise UserError(
-            f"{file}: describes no SAM2 ({reason}). See the configurations of the package sam2 for an example"
-        ) from None
+        advice = "See the configurations of the package sam2 for an example"
+        raise UserError(f"{file}: describes no SAM2 ({reason}). {advice}") from None
 
 
 def _check_targets(tree: Any, file: Path) -> None:
     """Raise UserError unless every ``_target_``, which Hydra would call, is a network of the package sam2."""
     targets = list(_targets(tree))
-    if foreign := [name for name in targets if not _is_network(name)]:
-        raise UserError(f"{file}: _target_ {str(foreign[0])[:200]!r} is no network of the package sam2")
+    for name in targets:
+        if not _is_network(name):
+            raise UserError(f"{file}: _target_ {str(name)[:200]!r} is no network of the package sam2")
     if not targets or not isinstance(tree, dict) or "model" not in tree:
         raise UserError(f"{file}: describes no SAM2: it has no key 'model' with a _target_")
 
@@ -144,10 +140,7 @@ def _is_network(name: object) -> bool:
 
 
 def _targets(tree: Any) -> Iterator[Any]:
-    if isinstance(tree, dict):
-        if "_target_" in tree:
-            yield tree["_target_"]
-        tree = list(tree.values())
-    if isinstance(tree, list):
-        for part in tree:
-            yield from _targets(part)
+    if isinstance(tree, dict) and "_target_" in tree:
+        yield tree["_target_"]
+    for part in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
+        yield from _targets(part)

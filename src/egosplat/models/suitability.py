@@ -1,14 +1,11 @@
 """Warn if models that do not suit a real recording are used on it: those of apartments, and words of photographs."""
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from egosplat.artifacts.provenance import joint_origin
-from egosplat.models.checkpoints import CLIP, SAM2
-from egosplat.models.configs import PHOTOS, SMALL
-
-if TYPE_CHECKING:
-    from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.reader import Artifact
+from egosplat.models.checkpoints import CLIP, PHOTOS, SAM2, SMALL
 
 _FETCH = "Set models.set to published, and fetch the checkpoints with egosplat models download"
 
@@ -24,26 +21,22 @@ def notice(origin: str, checkpoints: Mapping[str, str], *, aria: bool = False) -
         checkpoints: by key of the configuration's section ``models``, its value.
         aria: whether Aria glasses filmed it.
     """
-    if origin == "real" and PHOTOS in checkpoints.values():
-        if aria:
-            return (
-                "models.set photos names hardly anything in the dark pictures of Aria glasses: answers are unreliable. "
-                f"{_FETCH}"
-            )
-        return (
-            "models.set photos: words are matched through ImageNet's 1,000 classes, and masks come from the small SAM2, "
-            f"which was trained on synthetic apartments only. {_FETCH}, for better answers"
-        )
-    small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value == SMALL]
-    if origin != "real" or not small:
+    if origin != "real":
         return None
-    return (
-        f"the small checkpoints ({', '.join(small)}) were trained on synthetic apartments only: results on a real "
-        f"recording are unreliable. {_FETCH}"
+    if PHOTOS in checkpoints.values():
+        if aria:
+            told = "names hardly anything in the dark pictures of Aria glasses: answers are unreliable"
+            return f"models.set photos {told}. {_FETCH}"
+        told = "words are matched through ImageNet's 1,000 classes, and masks come from the small SAM2"
+        return f"models.set photos: {told}, which was {BRIEF}. {_FETCH}, for better answers"
+    small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value == SMALL]
+    told = (
+        f"the small checkpoints ({', '.join(small)}) were {BRIEF}: results on a real recording are unreliable"
     )
+    return f"{told}. {_FETCH}" if small else None
 
 
-def notice_of_artifacts(artifacts: "Iterable[Artifact]") -> str | None:
+def notice_of_artifacts(artifacts: Iterable[Artifact]) -> str | None:
     """The ``notice`` of a scene, from the provenance of its artifacts."""
     artifacts = list(artifacts)
     checkpoints: dict[str, str] = {}

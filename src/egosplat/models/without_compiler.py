@@ -1,5 +1,7 @@
-"""Import libraries of models without torch's compiler, whose import takes 2.3 to 2.8 CPU-seconds (torch 2.15, timm 1.0), and without
-transformers, which open_clip imports where it finds it and egosplat never uses."""
+"""Import libraries of models without torch's compiler, whose import takes 2.3 to 2.8 CPU-seconds (torch 2.15, timm 1.0).
+
+Without transformers, too, which open_clip imports where it finds it and egosplat never uses.
+"""
 
 import sys
 from collections.abc import Callable, Iterator

@@ -75,18 +75,15 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
     """
     if not phrases:
         return torch.zeros(0, 0)
+    limit = clip.tokenizer.context_length - 2  # without the start and the end of every text
     for phrase in phrases:
         if not clean_phrase(phrase):
             raise UserError("query: is blank; describe the object in a few words")
         if any(unicodedata.category(letter) == _NO_TEXT for letter in phrase):
             raise UserError(f"query {phrase[:80]!r}: is not UTF-8; describe the object in words")
+        if (count := len(clip.tokenizer.encode(clean_phrase(phrase)))) > limit:
+            raise UserError(f"query {phrase[:80]!r}: has {count} tokens, the model reads {limit}; shorten it")
     tokens = clip.tokenizer([clean_phrase(phrase) for phrase in phrases])
-    for phrase, row in zip(phrases, tokens, strict=True):
-        # Without the start and the end of every text; zeros fill a shorter one.
-        limit = tokens.shape[1] - 2
-        if row[-1] != 0 and (count := len(clip.tokenizer.encode(clean_phrase(phrase)))) > limit:
-            what = f"has {count} tokens, the model reads {limit}; shorten it"
-            raise UserError(f"query {phrase[:80]!r}: {what}")
     with clip.compute.inference():
         features = clip.model.encode_text(tokens.to(clip.compute.device)).float().cpu().numpy()
     for phrase, good in zip(phrases, usable(features), strict=True):

@@ -11,7 +11,7 @@ from egosplat.doctor import findings as doctor
 from egosplat.doctor.findings import Finding, Mark
 from egosplat.doctor.inputs import examine
 from egosplat.errors import UserError
-from egosplat.models.configs import PHOTO_WEIGHTS
+from egosplat.models.checkpoints import PHOTO_WEIGHTS
 from egosplat.rasterize import cuda
 from egosplat.rasterize.kernels import library
 from tests.support.commands import run_command

@@ -12,7 +12,7 @@ import torch
 import yaml
 from omegaconf import OmegaConf
 
-from egosplat.models.configs import SMALL_SAM2
+from egosplat.models.checkpoints import SMALL_SAM2
 from egosplat.models.sam2_loader import build_predictor
 from tests.support.tiny_clip import DESCRIPTION, save_half, write_tiny_clip
 

@@ -3,7 +3,7 @@
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.models.configs import clip_config_files, clip_folder, sam2_config_file, sam2_configs
+from egosplat.models.checkpoints import clip_config_files, clip_folder, sam2_config_file, sam2_configs
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ from torch import nn
 
 from egosplat.errors import UserError
 from egosplat.features.crops import channels, encode
-from egosplat.models.checkpoints import CLIP, MISSING, model_hash, model_hashes
-from egosplat.models.configs import PHOTO_WEIGHTS, SENTENCES
+from egosplat.models.checkpoints import CLIP, MISSING, PHOTO_WEIGHTS, SENTENCES, model_hash, model_hashes
 from egosplat.models.needed import find_needed
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.photo_words import fold_norms, read_classifier

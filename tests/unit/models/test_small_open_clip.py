@@ -11,8 +11,8 @@ import pytest
 import torch
 from torch.nn import functional as F
 
+from egosplat.models.checkpoints import SMALL_CLIP
 from egosplat.models.clip import OpenClip
-from egosplat.models.configs import SMALL_CLIP
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat_apartments.camera.raycasting import Body, build_geometry, interpolated, static_scene
 from egosplat_apartments.objects.atlas import Atlas

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from egosplat.compute import choose_compute
-from egosplat.models.configs import SMALL_SAM2
+from egosplat.models.checkpoints import SMALL_SAM2
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
 
 

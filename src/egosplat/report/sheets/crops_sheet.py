@@ -10,7 +10,7 @@ from egosplat.features.aggregation import disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
 from egosplat.language.vectors import unit
-from egosplat.models.configs import PHOTOS
+from egosplat.models.checkpoints import PHOTOS
 from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of views of an instance.
