@@ -88,29 +88,15 @@ def adt_poses(
 
 
 def _points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """The semi-dense points and their notes; no points if they are missing, which ground truth may be used without."""
+    """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter), and their notes.
+
+    Without any, ground truth may be used, and a closed loop not.
+    """
     path, required = find_points(folder / MPS_FOLDER), options.trajectory == "closed_loop"
     if path is None and required:
         raise UserError(f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud")
     if path is None:
         return np.empty((0, 3)), {"points": 0, "points_missing": "the recording has no semi-dense points"}
-    points, read, rejected = read_semidense_points(path)
-    notes = {"points": len(points), "points_read": read, "points_rejected": rejected}
-    if len(points):
-        return points, notes
-    if required:
-        raise UserError(
-            f"{path}: none of {read} points passes inv_dist_std < {MAX_INV_DIST_STD} and dist_std < {MAX_DIST_STD_M}: "
-            "process the recording again, or set poses.trajectory to ground_truth"
-        )
-    return points, notes | {"points_missing": "no semi-dense point passes the filter"}
-
-
-def read_semidense_points(path: Path) -> tuple[NDArray[np.float64], int, dict[str, int]]:
-    """Read the points with a small position uncertainty (docs/method.md#point-filter) of a table, compressed or not.
-
-    Returns (P, 3) float64 points [m], the number in the file, and the number that fail each criterion, or several.
-    """
     try:
         table = pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64)
     except (ValueError, gzip.BadGzipFile, EOFError, zlib.error) as error:
@@ -122,5 +108,13 @@ def read_semidense_points(path: Path) -> tuple[NDArray[np.float64], int, dict[st
         "inv_dist_std": ~(table["inv_dist_std"].to_numpy() < MAX_INV_DIST_STD),
         "dist_std": ~(table["dist_std"].to_numpy() < MAX_DIST_STD_M),
     }
-    kept = ~np.logical_or.reduce(list(failed.values()))
-    return position[kept], len(table), {name: int(mask.sum()) for name, mask in failed.items()}
+    points = position[~np.logical_or.reduce(list(failed.values()))]
+    rejected = {name: int(mask.sum()) for name, mask in failed.items()}
+    notes = {"points": len(points), "points_read": len(table), "points_rejected": rejected}
+    if not len(points) and required:
+        raise UserError(
+            f"{path}: none of {len(table)} points passes inv_dist_std < {MAX_INV_DIST_STD} and dist_std < {MAX_DIST_STD_M}: "
+            "process the recording again, or set poses.trajectory to ground_truth"
+        )
+    missing = {} if len(points) else {"points_missing": "no semi-dense point passes the filter"}
+    return points, notes | missing

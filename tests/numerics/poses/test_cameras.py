@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from benchmarks.colmap.alignment import align, similarity, trajectory_error
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import random_points, scene_extent, seen
 from egosplat.gaussians.training_views import split_views
@@ -59,42 +58,6 @@ def test_random_points_without_motion(measured, count):
     xyz, rgb = random_points(500, CAMERA, poses, near_plane=NEAR, seed=0)
     assert np.isfinite(xyz).all() and len(rgb) == 500 and np.linalg.norm(xyz - [1, 2, 3], axis=1).max() < 5
     measured(float((~seen(xyz, CAMERA, poses, near_plane=NEAR * (1 - 1e-9))).mean()))
-
-
-@pytest.mark.numerics(
-    "aligning trajectories that differ by a similarity: scales of 1e-3 to 1e3, 1e3 m apart, 3 to 50 cameras",
-    within=1e-9,
-)
-@given(seed=st.integers(0, 999), count=st.integers(3, 50), exponent=st.floats(-3, 3))
-def test_alignment(measured, seed, count, exponent):
-    rng = np.random.default_rng(seed)
-    true = make_pose(Rotation.random(count, random_state=seed).as_matrix(), rng.normal(size=(count, 3)))
-    turn, scale = Rotation.random(random_state=seed + 1).as_matrix(), 10.0**exponent
-    moved = make_pose(turn @ true[:, :3, :3], scale * true[:, :3, 3] @ turn.T + 1e3)
-    aligned, factor = align(moved, true)
-    measured(np.linalg.norm(aligned[:, :3, 3] - true[:, :3, 3]) / np.linalg.norm(true[:, :3, 3]))
-    measured(abs(factor * scale - 1))
-
-
-@pytest.mark.numerics(
-    "aligning coincident cameras, collinear cameras (also up to 1e-7 of the length), one camera, two cameras",
-    outside="ValueError: not determined",
-)
-@pytest.mark.parametrize("case", ["coincident", "line", "almost a line", "one", "two"])
-def test_alignments_that_are_not_determined(case):
-    along = np.outer(np.linspace(0, 1, 5), [1.0, 2.0, 3.0])
-    places = {
-        "coincident": np.ones((5, 3)),
-        "line": along,
-        "almost a line": along + 1e-7 * np.random.default_rng(0).normal(size=(5, 3)),
-        "one": along[:1],
-        "two": along[:2],
-    }[case]
-    with pytest.raises(ValueError, match="determined|three"):
-        similarity(places, places)
-    poses = make_pose(np.eye(3), places)
-    with pytest.raises(ValueError):
-        trajectory_error(poses, poses)
 
 
 @pytest.mark.numerics(

@@ -37,12 +37,10 @@ def reconstruct(
     images: Images,
     camera: Camera = CAMERA,
     known: bool = True,
-    valid: NDArray[np.bool_] | None = None,
     threads: int = 2,
     **options: Any,
 ) -> Poses:
-    if valid is None:
-        valid = np.ones((camera.height, camera.width), np.bool_)
+    valid = np.ones((camera.height, camera.width), np.bool_)
     keys = PosesOptions(**options)
     return colmap_poses(iter(images), valid, camera, known, keys, overlap=2, threads=threads)
 
@@ -191,12 +189,10 @@ def test_colmap_leaves_no_temporary_files(
     assert "mapping: 4/4 images" in output.err
 
 
-def features_of(
-    images: Images, valid: NDArray[np.bool_], folder: Path, shown: NDArray[np.bool_] | None = None
-) -> Project:
+def features_of(images: Images, folder: Path, shown: NDArray[np.bool_] | None = None) -> Project:
     project = Project(folder, PINHOLE)
     project.write_images(images)
-    project.write_masks(valid, shown)
+    project.write_masks(EVERYWHERE, shown)
     project.import_images()
     project.extract(threads=1)
     return project
@@ -211,7 +207,7 @@ def test_frames_are_matched_with_neighbors_and_places_seen_again(
 ):
     back = room.walk(10)[::-1].copy()
     back[:, 2, 3] -= 0.05
-    project = features_of([*walk_images, *room.images(back)], EVERYWHERE, tmp_path)
+    project = features_of([*walk_images, *room.images(back)], tmp_path)
     pycolmap.set_random_seed(0)
     pairs = sequential_pairs(project, 3, seed=0)
     assert len(pairs) == len(set(pairs))
@@ -242,11 +238,8 @@ def test_points_are_filtered_by_track_length_and_error():
     assert len(expected) == 2
     np.testing.assert_array_equal(points, [point.xyz for point in expected])
     np.testing.assert_array_equal(colors, [point.color for point in expected])
-    assert notes == {
-        "points": 2,
-        "points_read": 5,
-        "points_rejected": {"track_length": 2, "reprojection_error": 2},
-    }
+    rejected = {"track_length": 2, "reprojection_error": 2}
+    assert notes == {"points": 2, "points_read": 5, "points_rejected": rejected}
 
 
 def test_real_photographs_are_all_registered_and_their_camera_is_found(real_data: Callable[[str], Path]):
@@ -263,7 +256,7 @@ def test_no_feature_lies_where_an_image_s_own_mask_leaves_pixels_out(walk_images
     """The mask of each image hides the top, and another half."""
     shown = np.stack([EVERYWHERE] * 3)
     shown[:, :30], shown[1, :, :120], shown[2, :, 120:] = False, False, False
-    project = features_of(walk_images[:3], EVERYWHERE, tmp_path, shown)
+    project = features_of(walk_images[:3], tmp_path, shown)
     with pycolmap.Database.open(project.database) as database:
         images = sorted(database.read_all_images(), key=lambda image: image.name)
         points = [np.asarray(database.read_keypoints(image.image_id))[:, :2] for image in images]
