@@ -11,7 +11,7 @@ from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.instances.lifted_masks import lift_masks
 from tests.support.scenes import put
-from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, LEFT, RIGHT, SIZE, options
+from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, RIGHT, SIZE, options
 
 
 def run(folder, name="instances.zarr", **changes):
@@ -21,17 +21,26 @@ def run(folder, name="instances.zarr", **changes):
     return verify(folder / name, SCHEMAS)
 
 
+def agreement(found, truth, chosen=slice(None)) -> float:
+    """Share of the chosen pixels of the whole things that name their square, whichever number it has."""
+    shown = found.read("labels")[:, 1]
+    return max((shown == names)[chosen].mean() for names in (truth, 1 - truth))
+
+
+def marked(truth) -> np.ndarray:
+    """Labels of the wall's masks in each second frame, each an instance of its own."""
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(0, FRAMES, 2):
+        labels[frame, 1] = truth[frame] + frame
+    return labels
+
+
 def test_each_square_is_one_instance_in_every_frame(scene, truth):
     """Frames without masks, among them a held-out one, show the merged instances too."""
     found = run(scene())
     assert found.read("instances/level").tolist() == [1, 1]
     assert found.read("instances/masks").tolist() == [5, 5]
-    labels = found.read("labels")
-    assert (labels[:, 0] == -1).all()
-    agree = (labels[:, 1] == truth) | (labels[:, 1] == 1 - truth)
-    assert agree.mean() > 0.95
-    right = max((labels[:, 1] == truth).mean(), (labels[:, 1] == 1 - truth).mean())
-    assert right > 0.95
+    assert (found.read("labels")[:, 0] == -1).all() and agreement(found, truth) > 0.95
     assert set(found.provenance["inputs"]) == {"frames.zarr", "poses.zarr", "segments.zarr"}
 
 
@@ -98,9 +107,7 @@ def test_a_broken_track_is_repaired(scene, truth):
     folder = scene(labels=labels, **{"instances/level": np.ones(2, np.int8)})
     found = run(folder, source="both")
     assert found.shape("instances/level") == (2,)
-    shown = found.read("labels")[:, 1]
-    assert max((shown == truth).mean(), (shown == 1 - truth).mean()) > 0.95
-    assert min((labels[:, 1] == truth).mean(), (labels[:, 1] == 1 - truth).mean()) > 0.4
+    assert agreement(found, truth) > 0.95 and (labels[:, 1] == truth).mean() < 0.6
 
 
 def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(scene, truth, monkeypatch):
@@ -113,10 +120,7 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
         return lift_masks(gaussians, look, frames, *others)
 
     monkeypatch.setattr("egosplat.instances.lifted_masks.lift_masks", watched)
-    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-    for frame in range(0, FRAMES, 2):
-        labels[frame, 1] = truth[frame] + frame
-    hidden = np.zeros((FRAMES, SIZE, SIZE), bool)
+    labels, hidden = marked(truth), np.zeros((FRAMES, SIZE, SIZE), bool)
     for frame in range(FRAMES - 1):
         hidden[frame, 4 * frame : 4 * frame + 8, 10:30] = True
     labels[:, 1][hidden] = -1
@@ -137,16 +141,13 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     shown = found.read("labels")
     assert np.array_equal(shown[:, 0] == 2, hidden) and (shown[:, 0][~hidden] == -1).all()
     assert (shown[:, 1][hidden] == -1).all()
-    rest, square = shown[:, 1][~hidden], truth[~hidden]
-    assert max((rest == square).mean(), (rest == 1 - square).mean()) > 0.95
+    assert agreement(found, truth, ~hidden) > 0.95
     assert found.read("gaussians/instance").max() == 1
 
 
 def test_a_track_that_stands_still_is_merged_like_any_mask(scene, truth):
     """The right square is a track in every frame, as if the transient network took it for something that moves."""
-    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-    for frame in range(0, FRAMES, 2):
-        labels[frame, 1] = np.where(truth[frame] == LEFT, frame, -1)
+    labels = marked(truth)
     labels[:, 1][truth == RIGHT] = FRAMES
     level, moving = np.ones(FRAMES + 1, np.int8), np.arange(FRAMES + 1) == FRAMES
     times = np.arange(FRAMES, dtype=np.int64) * 10**9
@@ -155,8 +156,7 @@ def test_a_track_that_stands_still_is_merged_like_any_mask(scene, truth):
     assert found.facts["standing_tracks"] == 1
     assert found.read("instances/moving").tolist() == [False, False]
     assert found.read("instances/masks").tolist() == [5, 5], "only frames with masks of their own vote"
-    shown = found.read("labels")[:, 1]
-    assert max((shown == truth).mean(), (shown == 1 - truth).mean()) > 0.95
+    assert agreement(found, truth) > 0.95
 
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):
@@ -201,14 +201,9 @@ def test_pixels_that_a_frame_leaves_out_neither_vote_nor_get_a_label(scene, trut
     """Half of the frames hide their left half, where their masks, if they counted, would be one with the right square's."""
     hidden = np.zeros((FRAMES, SIZE, SIZE), bool)
     hidden[::4, :, : SIZE // 2] = True
-    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-    for frame in range(0, FRAMES, 2):
-        labels[frame, 1] = np.where(hidden[frame], RIGHT, truth[frame]) + frame
-    found = run(scene(labels=labels, masked=hidden))
+    found = run(scene(labels=marked(np.where(hidden, RIGHT, truth)), masked=hidden))
     assert found.read("instances/level").tolist() == [1, 1]
-    labels, shown = found.read("labels")[:, 1], ~hidden
-    assert (labels[hidden] == -1).all()
-    assert max((labels == other)[shown].mean() for other in (truth, 1 - truth)) > 0.95
+    assert (found.read("labels")[:, 1][hidden] == -1).all() and agreement(found, truth, ~hidden) > 0.95
     assert found.facts["pixels_without_instance"] < 0.05
 
 
@@ -238,8 +233,7 @@ def test_masks_are_merged_on_given_gaussians(scene, truth, splats):
     assert found[1].digest == found[20].digest and np.array_equal(
         found[20].read("gaussians/xyz"), splats["means"]
     )
-    labels = found[20].read("labels")[:, 1]
-    assert max((labels == truth).mean(), (labels == 1 - truth).mean()) > 0.95
+    assert agreement(found[20], truth) > 0.95
     made = found[20].provenance
     assert made["options"]["splats"] == open_artifact(folder / "splats.zarr", SPLATS).digest
     assert "splats.zarr" not in made["inputs"] and lineage([found[20]]).lost == ()

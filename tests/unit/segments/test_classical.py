@@ -13,9 +13,9 @@ from egosplat.segments.video import Video
 SIDE = 128
 
 
-def segment(image: np.ndarray, shown: np.ndarray) -> np.ndarray:
+def segment(image: np.ndarray, shown: np.ndarray | None = None) -> np.ndarray:
     """The (3, H, W) regions of the levels subpart, part and whole."""
-    return partition(reduce_image(image, shown))[1:]
+    return partition(reduce_image(image, np.ones(image.shape[:2], bool) if shown is None else shown))[1:]
 
 
 def scene(side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -28,10 +28,6 @@ def scene(side: int) -> tuple[np.ndarray, np.ndarray]:
     size = (side, side)
     image = cv2.resize(cv2.GaussianBlur(colors[what], (0, 0), 0.7), size, interpolation=cv2.INTER_AREA)
     return image, cv2.resize(what, size, interpolation=cv2.INTER_NEAREST)
-
-
-def everywhere(image: np.ndarray) -> np.ndarray:
-    return np.ones(image.shape[:2], dtype=bool)
 
 
 def iou(left: np.ndarray, right: np.ndarray) -> float:
@@ -56,14 +52,14 @@ def textured(side: int = 96) -> np.ndarray:
 @pytest.mark.parametrize("side", [256, 512, 1408])
 def test_objects_are_found_at_any_image_size(side):
     image, what = scene(side)
-    levels = segment(image, everywhere(image))
+    levels = segment(image)
     assert levels.shape == (3, side, side) and levels.dtype == np.int32
     assert all(best_iou(levels, what == one) > 0.93 for one in range(4))
 
 
 @pytest.mark.parametrize("image", [scene(128)[0], textured()], ids=["scene", "textured"])
 def test_levels_are_nested_and_every_valid_pixel_has_a_region(image):
-    levels = segment(image, everywhere(image))
+    levels = segment(image)
     assert levels.min() == 0
     counts = [len(np.unique(level)) for level in levels]
     for finer, coarser, count in zip(levels[:2], levels[1:], counts[:2], strict=True):
@@ -86,7 +82,7 @@ def test_textures_of_equal_mean_color_are_separated():
     rng = np.random.default_rng(4)
     amplitude = np.where(np.arange(128) < 64, 4, 90)[None, :, None]
     image = (120 + amplitude * rng.uniform(-1, 1, (128, 128, 1)) + np.zeros(3)).astype(np.uint8)
-    levels = segment(image, everywhere(image))
+    levels = segment(image)
     left = np.broadcast_to(np.arange(128) < 64, (128, 128))
     assert best_iou(levels, left) > 0.85
 
@@ -100,7 +96,7 @@ def test_small_and_thin_regions_are_merged_into_similar_neighbors(monkeypatch):
     for area, width in ((1e-4, 0.0), (1e-3, 9.0)):
         monkeypatch.setattr(module, "LEAST_AREA", area)
         monkeypatch.setattr(module, "_LEAST_WIDTH", width)
-        found.append(segment(image, everywhere(image))[0])
+        found.append(segment(image)[0])
     kept, cleaned = found
     assert len(np.unique(cleaned)) <= 3 < len(np.unique(kept))
     assert set(cleaned[:, 30]) <= {cleaned[0, 10], cleaned[0, 50]}
@@ -110,7 +106,7 @@ def test_small_and_thin_regions_are_merged_into_similar_neighbors(monkeypatch):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 3), (8, 8), (37, 61), (200, 5)])
 def test_odd_and_tiny_pictures_are_segmented_and_tracked(shape):
     image = np.random.default_rng(6).integers(0, 256, (*shape, 3), dtype=np.uint8)
-    levels = segment(image, everywhere(image))
+    levels = segment(image)
     assert levels.shape == (3, *shape) and levels.min() == 0
     found = track([np.full_like(image, 90)] * 3, "whole")
     assert all((labels == 2).all() for labels in found), "after a subpart and a part"
@@ -121,12 +117,6 @@ def track(images, level, shown=None):
     shown = [np.ones(images[0].shape[:2], bool)] * len(images) if shown is None else shown
     found = segment_video(Video(len(images), images.__getitem__, shown.__getitem__))
     return [found.labels[frame][LEVELS.index(level)] for frame in range(len(images))]
-
-
-def propagated(labels, previous, current, regions):
-    """Labels that optical flow brings from one image to the next."""
-    images = (reduce_image(image, regions >= 0) for image in (previous, current))
-    return propagate(labels, *find_origins(*images), regions)
 
 
 def texture(seed: int, low: int, high: int, side: int) -> np.ndarray:
@@ -165,15 +155,6 @@ def test_new_objects_get_new_tracks_and_lost_ones_end():
     assert new not in before
     assert iou(during == new, mask) > 0.8
     assert not (after == new)[~mask].any()
-
-
-def test_labels_are_propagated_and_unlabeled_pixels_stay_unlabeled():
-    (previous, mask), (current, moved) = frame(20), frame(26)
-    labels = np.where(mask, np.int32(7), np.int32(-1))
-    regions = np.where(moved, np.int32(1), np.int32(0))
-    carried = propagated(labels, previous, current, regions)
-    assert iou(carried == 7, moved) > 0.97
-    assert set(np.unique(carried)) == {-1, 7}
 
 
 def test_large_uncovered_regions_become_tracks():

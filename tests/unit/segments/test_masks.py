@@ -19,14 +19,6 @@ def squares(*corners: tuple[int, int, int, int], side: int = 40) -> torch.Tensor
     return masks
 
 
-def test_overlaps_are_counted():
-    masks = squares((0, 0, 10, 10), (5, 0, 15, 10), (20, 20, 20, 20))
-    assert areas(masks).tolist() == [100, 100, 0]
-    assert intersections(masks, masks).tolist() == [[100, 50, 0], [50, 100, 0], [0, 0, 0]]
-    expected = torch.tensor([[1, 1 / 3, 0], [1 / 3, 1, 0], [0, 0, 0]])
-    torch.testing.assert_close(mask_iou(masks, masks), expected)
-
-
 def test_overlaps_are_exact_where_models_multiply_in_bfloat16():
     """bfloat16 has 8 bits: 257 pixels would be 256, and 1601 of 1999 would not be above an IoU of 0.8."""
     side = 45
@@ -55,22 +47,25 @@ def test_stability_is_the_iou_of_two_cuts():
     torch.testing.assert_close(stability_score(logits, 1.0), torch.tensor([1.0, 0.5, 0.0]))
 
 
-def test_a_nested_mask_is_dropped_whatever_its_score():
-    # Area 1000 with score 0.9 around area 100 with score 0.95: A B = 0.1, and 0.9 > 0.5.
-    masks = squares((0, 0, 40, 25), (5, 5, 15, 15))
-    assert areas(masks).tolist() == [1000, 100]
-    assert mask_nms(masks, torch.tensor([0.9, 0.95]), LIMITS).tolist() == [True, False]
-    apart = replace(LIMITS, nms_inner_thresh=0.0)
-    assert mask_nms(masks, torch.tensor([0.9, 0.95]), apart).tolist() == [True, True]
+NESTED = [(0, 0, 40, 25), (5, 5, 15, 15)]
+ALIKE = [(0, 0, 20, 20), (0, 0, 20, 21), (25, 25, 35, 35)]
 
 
-def test_the_better_of_two_overlapping_masks_is_kept():
-    masks = squares((0, 0, 20, 20), (0, 0, 20, 21), (25, 25, 35, 35))
-    assert mask_nms(masks, torch.tensor([0.8, 0.9, 0.75]), LIMITS).tolist() == [False, True, True]
-    assert mask_nms(masks, torch.tensor([0.9, 0.9, 0.9]), LIMITS).tolist() == [True, False, True], (
-        "the earlier of equal scores"
-    )
-    assert mask_nms(masks, torch.tensor([0.7, 0.71, 0.7]), LIMITS).tolist() == [False, True, False]
+@pytest.mark.parametrize(
+    ("corners", "scores", "inner", "kept"),
+    [
+        # Area 1000 around area 100: A B = 0.1, and 0.9 > 0.5, whatever the scores.
+        (NESTED, [0.9, 0.95], 0.5, [True, False]),
+        (NESTED, [0.9, 0.95], 0.0, [True, True]),
+        (ALIKE, [0.8, 0.9, 0.75], 0.5, [False, True, True]),
+        # The earlier of equal scores.
+        (ALIKE, [0.9, 0.9, 0.9], 0.5, [True, False, True]),
+        (ALIKE, [0.7, 0.71, 0.7], 0.5, [False, True, False]),
+    ],
+)
+def test_nested_overlapping_and_bad_masks_are_dropped(corners, scores, inner, kept):
+    limits = replace(LIMITS, nms_inner_thresh=inner)
+    assert mask_nms(squares(*corners), torch.tensor(scores), limits).tolist() == kept
 
 
 def test_box_nms_ranks_by_score():

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.survey.brightness import (
-    compare_light,
-    equalize,
-    exposure_changes,
-    exposure_curve,
-)
+from egosplat.survey.brightness import compare_light, equalize, exposure_changes, exposure_curve
 
 SCENE = np.random.default_rng(0).uniform(0.05, 0.3, (40, 40))
 """Linear light."""

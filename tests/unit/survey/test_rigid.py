@@ -1,10 +1,102 @@
-"""The correction of a pose: it is found among things that move, and stays finite where nothing can be known."""
+"""Epipolar segments against known points; corrections of poses among things that move, and where nothing can be known."""
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from egosplat.geometry import Camera
-from egosplat.survey.rigid import View, fit_correction, robust_scale, static_residual, turn
+from egosplat.geometry import Camera, invert, make_pose, transform
+from egosplat.survey.rigid import (
+    View,
+    fit_correction,
+    robust_scale,
+    rotation_homography,
+    static_residual,
+    static_segment,
+    turn,
+)
+
+CAMERA = Camera(256, 256, 90.0, 95.0, 127.0, 130.0)
+NEAR = 0.5
+
+
+def random_pose(seed: int, far: float = 0.2, angle: float = 15.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.from_rotvec(rng.normal(size=3) * angle, degrees=True).as_matrix()
+    return make_pose(rotation, rng.normal(size=3) * far)
+
+
+def visible_points(pose: np.ndarray, seed: int) -> np.ndarray:
+    """(N, 3) in the world, in front of the camera, from the minimum depth to 20 m."""
+    rng = np.random.default_rng(seed)
+    depth = NEAR + rng.uniform(0, 20, 500) ** 1.5 / 5
+    pixels = rng.uniform(0, 256, (500, 2))
+    rays = np.concatenate([pixels, np.ones((500, 1))], axis=1) @ np.linalg.inv(CAMERA.matrix).T
+    return transform(pose, rays * depth[:, None])
+
+
+def project_rotated(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N, 2) pixels of points in the second camera, rotated to the orientation of the first."""
+    turned = make_pose(first[:3, :3], second[:3, 3])
+    return CAMERA.project(transform(invert(turned), points))
+
+
+def view(first: np.ndarray, second: np.ndarray) -> View:
+    return View(CAMERA.matrix, (invert(first) @ second)[:3, 3], 2.0, NEAR)
+
+
+def distance(pixels: np.ndarray, flow: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N,) from the segment, with poses taken as they are [px]."""
+    return np.linalg.norm(static_residual(view(first, second), pixels, flow, np.zeros(6)), axis=1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_static_points_stay_on_their_segment(seed):
+    first, second = random_pose(seed), random_pose(seed + 100)
+    points = visible_points(first, seed)
+    pixels = CAMERA.project(transform(invert(first), points))
+    ends = project_rotated(points, first, second)
+    visible = np.isfinite(ends).all(axis=1) & (np.abs(ends - pixels) < 256).all(axis=1)
+    missed = distance(pixels, ends - pixels, first, second)
+    assert visible.sum() > 300 and missed[visible].max() < 1e-9
+
+
+def test_flow_is_compared_with_its_nearest_point_on_the_segment():
+    first, second = np.eye(4), make_pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
+    pixel = np.array([100.0, 80.0])
+    # Static points move to the left, at most by fx 0.1 / 0.5 = 18 px.
+    assert static_segment(view(first, second), pixel, np.zeros(6)) == pytest.approx([-18.0, 0.0])
+    flows = np.array([[-10.0, 0.0], [-10.0, 4.0], [6.0, 0.0], [-25.0, 0.0], [0.0, 0.0]])
+    assert distance(pixel, flows, first, second) == pytest.approx([0.0, 4.0, 6.0, 7.0, 0.0])
+
+
+@pytest.mark.parametrize("angle", [0.0, 25.0])
+def test_a_pure_rotation_leaves_static_points_in_place(angle):
+    first, second = np.eye(4), random_pose(3, far=0.0, angle=angle)
+    flow = np.array([[0.0, 0.0], [3.0, 4.0]])
+    missed = distance(np.full((2, 2), 50.0), flow, first, second)
+    assert missed == pytest.approx([0.0, 5.0], abs=1e-12)
+
+
+def test_passing_the_nearest_points_is_no_division_by_zero():
+    """Moving 2 m ahead passes all points at the minimum depth; only points still ahead are visible."""
+    ahead = 2.0
+    pixels = np.array([[0.0, 0.0], [127.0, 130.0]])
+    span = static_segment(
+        view(np.eye(4), make_pose(np.eye(3), np.array([0.0, 0.0, ahead]))), pixels, np.zeros(6)
+    )
+    assert np.isfinite(span).all() and (span[0] < 0).all() and span[1] == pytest.approx([0.0, 0.0])
+
+
+def test_far_points_follow_the_homography_of_the_rotation():
+    first, second = random_pose(1), random_pose(2)
+    rays = np.array([[0.1, 0.2, 1.0], [-0.3, 0.1, 1.0]])
+    far = transform(first, rays * 1e9)
+    pixels = np.concatenate([CAMERA.project(rays), np.ones((2, 1))], axis=1)
+    mapped = pixels @ rotation_homography(CAMERA.matrix, first, second).T
+    assert mapped[:, :2] / mapped[:, 2:] == pytest.approx(
+        CAMERA.project(transform(invert(second), far)), abs=1e-5
+    )
+
 
 K = Camera(200, 200, 150.0, 150.0, 100.0, 100.0).matrix
 VIEW = View(K, np.array([0.2, 0.0, 0.05]), 2.0, 0.5)
@@ -32,11 +124,7 @@ def test_the_correction_of_a_pose_is_found():
     found = fit_correction(VIEW, pixels, flow)
     assert found[:3] == pytest.approx(TRUE[:3], abs=5e-4)
     assert scale(VIEW, pixels, flow, found) < 0.1 and scale(VIEW, pixels, flow, np.zeros(6)) > 0.5
-
-
-def test_what_moves_does_not_bend_the_correction():
-    pixels, flow = seen(VIEW, TRUE)
-    flow[:150] += [4.0, 9.0]
+    flow[:150] += [4.0, 9.0]  # what moves does not bend it
     assert fit_correction(VIEW, pixels, flow)[:3] == pytest.approx(TRUE[:3], abs=1e-3)
 
 

@@ -83,22 +83,18 @@ def test_poses_of_other_frames_are_rejected(scene, trajectory, still):
     assert not (folder / "survey.json").exists()
 
 
-def test_later_stages_record_the_kept_frames(scene, trajectory, still):
+def test_later_stages_record_the_kept_frames(scene, trajectory, still, moving):
+    """They reject a survey of other frames."""
     folder = scene(trajectory, still)
-    frames = open_artifact(folder / "frames.zarr", FRAMES)
+    frames, path = open_artifact(folder / "frames.zarr", FRAMES), folder / "survey.json"
     survey = surveyed(folder, min_view_change_deg=6.0)["views"]
-    kept, recorded = kept_frames(frames, folder / "survey.json")
+    kept, recorded = kept_frames(frames, path)
     assert np.flatnonzero(kept).tolist() == survey["kept"] and recorded == {"kept_frames": survey["digest"]}
     kept, recorded = kept_frames(frames, None)
     assert kept.all() and recorded == {}
-
-
-def test_a_survey_of_other_frames_is_rejected(scene, trajectory, still, moving):
-    folder = scene(trajectory, still)
-    surveyed(folder)
     scene(trajectory, moving)
     with pytest.raises(UserError, match=r"survey\.json: was made from another frames.zarr than"):
-        kept_frames(open_artifact(folder / "frames.zarr", FRAMES), folder / "survey.json")
+        kept_frames(open_artifact(folder / "frames.zarr", FRAMES), path)
 
 
 @pytest.mark.parametrize(
