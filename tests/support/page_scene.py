@@ -16,9 +16,8 @@ from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import Surface, find_neighbors
-from egosplat.viewing.container import Arrays, Facts, unpack
 from egosplat.viewing.gaussians import STEP
-from egosplat.viewing.html import data_of
+from egosplat.viewing.html import Arrays, Facts, data_of, unpack
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.stage import run
 from tests.support.scenes import UP, camera_facts, put

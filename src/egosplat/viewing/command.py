@@ -14,8 +14,7 @@ from egosplat.pipeline.home import check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
 from egosplat.query.options import AskingOptions
-from egosplat.viewing.container import Facts, unpack
-from egosplat.viewing.html import data_of, record_of
+from egosplat.viewing.html import Facts, data_of, record_of, unpack
 from egosplat.viewing.options import PageOptions, ScenePageOptions
 from egosplat.viewing.server import Ask, PageServer
 
@@ -49,9 +48,18 @@ def run(folder: Path, options: PageOptions, host: str, port: int, *, browse: boo
 
 def write_page(folder: Path, output: Path, options: AskingOptions, title: str | None = None) -> None:
     """Write the scene page of a finished scene; its title is ``dataset/scene`` unless given. Raises as the stage."""
-    paths = {path.stem: path for path in locate_for_page(folder)}
-    page = page_options(open_artifact(paths["features"], SCHEMAS["features"]), options)
+    artifacts = _open_inputs(folder)
+    paths = {name: artifact.path for name, artifact in artifacts.items()}
+    page = page_options(artifacts["features"], options)
     run_stage(_PAGE.name, page, **paths, output=output, title=title or title_of(folder))
+
+
+def _open_inputs(folder: Path) -> dict[str, Artifact]:
+    """Open what a scene's page is made of: the inputs of its stage, and histories.zarr if it is there."""
+    paths = locate(folder, *_PAGE.inputs)
+    artifacts = {path.stem: open_artifact(path, SCHEMAS[path.stem]) for path in paths}
+    histories = open_histories(folder, artifacts["splats"])
+    return artifacts if histories is None else artifacts | {"histories": histories}
 
 
 def page_options(features: Artifact, options: AskingOptions) -> ScenePageOptions:
@@ -63,24 +71,28 @@ def page_options(features: Artifact, options: AskingOptions) -> ScenePageOptions
 
 
 def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
-    """The page of a scene, and what answers phrases that the page does not know; errors as in ``run``."""
-    paths = locate_for_page(folder)
-    artifacts = {path.stem: open_artifact(path, SCHEMAS[path.stem]) for path in paths}
-    page_keys = page_options(artifacts["features"], options)
+    """The page of a scene, and what answers phrases that the page does not know; errors as in ``run``.
+
+    The page in the folder is taken if it was made from the same artifacts with the same options.
+    """
+    artifacts = _open_inputs(folder)
+    keys = page_options(artifacts["features"], options)
 
     @cache
     def scene() -> Any:
         # Here, because PyTorch takes seconds to import, which a page that is there does not need.
         from egosplat.query.finished_scene import scene_of
 
-        return scene_of(artifacts.values(), page_keys)
+        return scene_of(artifacts.values(), keys)
 
-    page, facts = _written_page(folder, artifacts, page_keys) or (None, {})
-    if page is None:
+    path = folder / _PAGE.output
+    page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    facts = unpack(data)[0] if (data := data_of(page)) else {}
+    if not record_of(artifacts.values(), keys).items() <= facts.items():
         from egosplat.viewing.stage import make_page
 
         log(f"{folder}: making the page")
-        page, facts = make_page(scene(), page_keys, title_of(folder))
+        page, facts = make_page(scene(), keys, title_of(folder))
     if not facts["tower"]:
         # Nothing else encodes words: an OpenCLIP that is missing is told at once.
         scene().clip  # noqa: B018
@@ -96,24 +108,3 @@ def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
                 return {"why": str(error)}
 
     return page, ask
-
-
-def locate_for_page(folder: Path) -> list[Path]:
-    """The paths of what a scene's page is made of: its inputs, and histories.zarr if it is there."""
-    paths = locate(folder, *_PAGE.inputs)
-    splats = open_artifact(paths[_PAGE.inputs.index("splats")], SCHEMAS["splats"])
-    histories = open_histories(folder, splats)
-    return paths if histories is None else [*paths, histories.path]
-
-
-def _written_page(
-    folder: Path, artifacts: dict[str, Artifact], options: ScenePageOptions
-) -> tuple[str, Facts] | None:
-    """The page in the folder with its facts, if it was made from these artifacts with these options."""
-    path = folder / _PAGE.output
-    page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-    if not (data := data_of(page)):
-        return None
-    facts, _ = unpack(data)
-    record = record_of(artifacts.values(), options)
-    return (page, facts) if record.items() <= facts.items() else None

@@ -1,40 +1,71 @@
-"""Assemble the scene page: one HTML file with its styles, scripts, shaders and data."""
+"""The scene page: one HTML file with its styles, scripts, shaders and data, which are named arrays and facts packed as text."""
 
-from collections.abc import Iterable
+import base64
+import gzip
+import json
+from collections.abc import Iterable, Mapping
 from html import escape
 from importlib import resources
+from typing import Any
+
+import numpy as np
 
 import egosplat
 from egosplat.artifacts.reader import Artifact
 from egosplat.query.options import QueryOptions
-from egosplat.viewing.container import Facts
 from egosplat.viewing.options import ScenePageOptions
 
-# Generator named in the page's metadata.
-GENERATOR = "egosplat page"
+Arrays = dict[str, np.ndarray]
+Facts = dict[str, Any]
 
 # Scripts of the page, in the order of their definitions.
-SCRIPTS = (
-    "container",
-    "scene",
-    "text",
-    "answer",
-    "carried",
-    "camera",
-    "cameras",
-    "renderer",
-    "picking",
-    "controls",
-    "main",
-)
+SCRIPTS = "container scene text answer carried camera cameras renderer picking controls main"
+
+# The kinds of numbers that the page reads.
+DTYPES = ("uint8", "int8", "uint16", "float16", "float32")
+
+
+def pack(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
+    """Pack facts and arrays for ``source/container.js``: gzip in base64, which holds no character that HTML would read as markup.
+
+    Behind the length of the header (uint32) and the header (JSON: facts, and dtype and shape of each array) lie the arrays in order.
+    The first bytes of all numbers come before the second bytes: equal bytes in a row compress better.
+    """
+    for name, values in arrays.items():
+        if values.dtype.name not in DTYPES:
+            raise ValueError(f"array {name} has dtype {values.dtype}, the page reads {', '.join(DTYPES)}")
+    described = {name: {"dtype": values.dtype.name, "shape": values.shape} for name, values in arrays.items()}
+    header = json.dumps({"facts": facts, "arrays": described}, allow_nan=False).encode()
+    parts = [np.uint32(len(header)).tobytes(), header, *map(_planes, arrays.values())]
+    # Without the time of compression: the same scene gives the same page.
+    return base64.b64encode(gzip.compress(b"".join(parts), 9, mtime=0)).decode()
+
+
+def unpack(text: str) -> tuple[Facts, Arrays]:
+    """Read what ``pack`` wrote."""
+    raw = gzip.decompress(base64.b64decode(text))
+    length = int(np.frombuffer(raw, np.uint32, 1)[0])
+    header, place = json.loads(raw[4 : 4 + length]), 4 + length
+    arrays: Arrays = {}
+    for name, about in header["arrays"].items():
+        dtype, size = np.dtype(about["dtype"]), int(np.prod(about["shape"]))
+        planes = np.frombuffer(raw, np.uint8, size * dtype.itemsize, place).reshape(dtype.itemsize, size)
+        arrays[name] = np.ascontiguousarray(planes.T).view(dtype).reshape(about["shape"])
+        place += size * dtype.itemsize
+    return header["facts"], arrays
+
+
+def _planes(values: np.ndarray) -> bytes:
+    little = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False)
+    return little.reshape(-1).view(np.uint8).reshape(-1, values.dtype.itemsize).T.tobytes()
 
 
 def scene_html(title: str, data: str) -> str:
-    """Build the page from any title, and the data of ``container.pack``."""
-    scripts = "\n".join(_source(f"{name}.js") for name in SCRIPTS)
+    """Build the page from any title, and the data of ``pack``."""
+    scripts = "\n".join(_source(f"{name}.js") for name in SCRIPTS.split())
     parts = {
         "title": escape(title),
-        "generator": GENERATOR,
+        "generator": "egosplat page",
         "style": _source("page.css"),
         "vertex": _source("splat.vert.glsl"),
         "fragment": _source("splat.frag.glsl"),
@@ -46,15 +77,13 @@ def scene_html(title: str, data: str) -> str:
     }
     page = _source("page.html")
     for name, text in parts.items():
-        before, mark, after = page.partition(f"<!--{{{name}}}-->")
-        if not mark:
-            raise ValueError(f"page.html lacks the mark of {name}")
+        before, _, after = page.partition(f"<!--{{{name}}}-->")
         page = before + text + after
     return page
 
 
 def data_of(page: str) -> str:
-    """The text of ``container.pack`` in a page."""
+    """The text of ``pack`` in a page."""
     return page.partition('id="data">')[2].partition("</script>")[0]
 
 

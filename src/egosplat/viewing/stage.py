@@ -21,26 +21,22 @@ from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.grades import LEAST_FIT, SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
-from egosplat.viewing.container import Arrays, Facts, pack
 from egosplat.viewing.gaussians import (
     keep_largest,
+    pack_codes,
     pack_gaussians,
     pack_instances,
     pack_visibility,
     spatial_order,
 )
-from egosplat.viewing.html import record_of, scene_html
+from egosplat.viewing.html import Arrays, Facts, pack, record_of, scene_html
 from egosplat.viewing.options import ScenePageOptions
-from egosplat.viewing.palette import pack_codes
 from egosplat.viewing.words import pack_words
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, HISTORIES)
 
-# Decimals of a time [s].
-SECOND = 2
-
-# Largest number of pictures, their longer side [px] and the quality of WebP.
-PICTURES, SIDE, QUALITY = 40, 256, 60
+# Decimals of a time [s]; largest number of pictures, their longer side [px] and the quality of WebP.
+SECOND, PICTURES, SIDE, QUALITY = 2, 40, 256, 60
 
 
 def run(
@@ -85,18 +81,16 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
     thinned = trained.gaussians.select(torch.from_numpy(kept).to(trained.code.device))
     code, share = (values.cpu().numpy()[kept] for values in (trained.code, trained.share))
     every, of_rests = add_rests(thinned, scene.rests)
-    packed = [
+    facts, arrays = _about(scene, options), pack_codes(code, share, trained.decoder)
+    arrays |= pack_instances(scene.artifact("instances"), thinned.means.cpu().numpy())
+    for more_arrays, more_facts in (
         pack_gaussians(every, trained.sh_degree),
-        (pack_codes(code, share, trained.decoder), {}),
         pack_visibility(surface.shares[:, kept], surface.frame),
-        (pack_instances(scene.artifact("instances"), thinned.means.cpu().numpy()), {}),
         pack_words(scene),
         pack_frames(scene.artifact("frames"), scene.poses, scene.seconds),
         pack_carries(scene.histories),
         ({}, of_rests),
-    ]
-    facts, arrays = _about(scene, options), {}
-    for more_arrays, more_facts in packed:
+    ):
         arrays |= more_arrays
         facts |= more_facts
     return facts, arrays
@@ -107,6 +101,8 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     settings, clip = scene.trained.settings, scene.encoded.facts["clip"]
     calibration = scene.grading(options).calibration
     keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
+    limits = {"calibration": calibration and asdict(calibration), "nearest": NEAREST, "reach": REACH}
+    limits |= {"least": LEAST_GAUSSIANS, "same": SAME, "synonym": SYNONYM, "apart": APART, "fits": LEAST_FIT}
     return {
         "origin": joint_origin(scene.given),
         "recording": scene.artifact("frames").facts["recording"],
@@ -125,17 +121,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
         "white": settings.background == "white",
         "antialiased": settings.antialiased,
         "levels": list(scene.levels),
-        "query": {name: getattr(options, name) for name in keys}
-        | {"calibration": calibration and asdict(calibration)}
-        | {
-            "nearest": NEAREST,
-            "reach": REACH,
-            "least": LEAST_GAUSSIANS,
-            "same": SAME,
-            "synonym": SYNONYM,
-            "apart": APART,
-            "fits": LEAST_FIT,
-        },
+        "query": {name: getattr(options, name) for name in keys} | limits,
     }
 
 

@@ -11,7 +11,7 @@ from egosplat.models.without_compiler import without_compiler
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
 from egosplat.query.text import CARRIED, encode_phrases, words_to_try
-from egosplat.viewing.container import Arrays, Facts
+from egosplat.viewing.html import Arrays, Facts
 
 with without_compiler():
     import open_clip
@@ -81,33 +81,30 @@ def answer_facts(answer: Answer, levels: Sequence[str]) -> Facts:
 def _tower(clip: OpenClip) -> tuple[Arrays, Facts | None]:
     """Weights and tokenizer of a text tower that ``source/text.js`` computes; None for one that is too large or differs."""
     model = clip.model
-    if not isinstance(model, open_clip.CLIP) or model.text_pool_type != "argmax" or not _is_plain(model):
+    if not isinstance(model, open_clip.CLIP) or not isinstance(model.text_projection, torch.Tensor):
         return {}, None
-    named = {name: values for name, values in model.state_dict().items() if not name.startswith("visual.")}
-    weights = {f"text/{name}": _half(values) for name, values in named.items() if values.ndim}
-    if sum(values.size for values in weights.values()) > MOST_NUMBERS:
-        return {}, None
-    merges = sorted(clip.tokenizer.bpe_ranks, key=clip.tokenizer.bpe_ranks.__getitem__)
-    block = model.transformer.resblocks[0]
-    return weights, {
-        "context": clip.tokenizer.context_length,
-        "layers": len(model.transformer.resblocks),
-        "heads": block.attn.num_heads,
-        "epsilon": model.ln_final.eps,
-        "quick_gelu": not isinstance(block.mlp.gelu, torch.nn.GELU),
-        "merges": [" ".join(pair) for pair in merges],
-        "start": clip.tokenizer.sot_token_id,
-        "end": clip.tokenizer.eot_token_id,
-    }
-
-
-def _is_plain(model: Any) -> bool:
-    """Whether the tower is the transformer of CLIP, without the extensions that OpenCLIP knows."""
-    blocks = model.transformer.resblocks
-    return isinstance(model.text_projection, torch.Tensor) and all(
+    norm: Any = model.ln_final
+    blocks: Any = model.transformer.resblocks
+    # The transformer of CLIP, without the extensions that OpenCLIP knows.
+    plain = model.text_pool_type == "argmax" and all(
         isinstance(block.ls_1, torch.nn.Identity) and isinstance(block.attn, torch.nn.MultiheadAttention)
         for block in blocks
     )
+    named = {name: values for name, values in model.state_dict().items() if not name.startswith("visual.")}
+    weights = {f"text/{name}": _half(values) for name, values in named.items() if values.ndim}
+    if not plain or sum(values.size for values in weights.values()) > MOST_NUMBERS:
+        return {}, None
+    tokenizer: Any = clip.tokenizer
+    return weights, {
+        "context": tokenizer.context_length,
+        "layers": len(blocks),
+        "heads": blocks[0].attn.num_heads,
+        "epsilon": norm.eps,
+        "quick_gelu": not isinstance(blocks[0].mlp.gelu, torch.nn.GELU),
+        "merges": [" ".join(pair) for pair in sorted(tokenizer.bpe_ranks, key=tokenizer.bpe_ranks.get)],
+        "start": tokenizer.sot_token_id,
+        "end": tokenizer.eot_token_id,
+    }
 
 
 def _half(values: torch.Tensor) -> np.ndarray:

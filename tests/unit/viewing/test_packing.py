@@ -9,18 +9,19 @@ import torch
 from scipy.cluster.vq import vq
 
 from egosplat.language.decoder import Decoder
-from egosplat.viewing.container import pack, unpack
 from egosplat.viewing.gaussians import (
     SMALLEST,
     STEP,
+    fit_palette,
     keep_largest,
+    pack_codes,
     pack_gaussians,
     pack_instances,
     pack_visibility,
     spatial_order,
     to_bytes,
 )
-from egosplat.viewing.palette import fit_palette, pack_codes
+from egosplat.viewing.html import pack, unpack
 from tests.support.commands import run_command
 from tests.support.page_scene import (
     TITLE,

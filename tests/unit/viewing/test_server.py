@@ -11,8 +11,7 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.viewing.command import open_page
-from egosplat.viewing.container import unpack
-from egosplat.viewing.html import data_of
+from egosplat.viewing.html import data_of, unpack
 from egosplat.viewing.options import PageOptions
 from egosplat.viewing.server import PageServer
 from tests.support.page_scene import put_page_scene, write_page

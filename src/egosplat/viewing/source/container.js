@@ -1,4 +1,4 @@
-// Read what egosplat/viewing/container.py packs.
+// Read what egosplat/viewing/html.py packs.
 
 async function unpackScene(text) {
   const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
