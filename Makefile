@@ -58,7 +58,7 @@ $(DEVELOPED): requirements-dev.lock $(INSTALLED)
 	touch $@
 
 # Without a compiler the file stays away, and each call tries again.
-$(COMPILED): $(INSTALLED) pyproject.toml setup.py $(addprefix $(KERNELS)/,targets.py compiling.py) $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
+$(COMPILED): $(INSTALLED) pyproject.toml setup.py compiling.py $(KERNELS)/targets.py $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
 	@echo "Compiling the C++ kernels: about a minute."
 	$(PIP_INSTALL) --no-build-isolation --no-deps --editable .
 	@$(BIN)/python -c 'from egosplat.rasterize.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'
@@ -89,8 +89,8 @@ numerics: develop
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/numerics --numerics-table docs/numerics.md
 
 lint: develop
-	$(BIN)/ruff check setup.py src tests benchmarks training
-	$(BIN)/ruff format --check setup.py src tests benchmarks training
+	$(BIN)/ruff check setup.py compiling.py src tests benchmarks training
+	$(BIN)/ruff format --check setup.py compiling.py src tests benchmarks training
 	$(BIN)/snakefmt --check workflow
 	$(BIN)/snakemake --lint --config container=image.sif
 	$(BIN)/python -m tests.support.rooms

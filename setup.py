@@ -20,9 +20,9 @@ KERNELS, RAYS = "egosplat/rasterize/kernels", "egosplat_apartments/rays"
 SHIPPED = "egosplat/shipped"
 WORKFLOW = ("workflow/**/*", "config/**/*.yaml", "config/scenes.tsv")
 
-sys.path.insert(0, str(ROOT / "src"))
+sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from egosplat.rasterize.kernels.compiling import compile_kernels, compile_rays
+from compiling import compile_kernels, compile_rays
 from egosplat.rasterize.kernels.targets import VARIANTS
 from egosplat_apartments.rays.library import LIBRARY
 

@@ -13,11 +13,11 @@ import torch
 from benchmarks.rasterizer import iteration, passes
 from benchmarks.rasterizer.scenes import SCENES
 from benchmarks.rasterizer.timing import Turn, start_worker, summary, take_turns
+from compiling import find_compiler
 from egosplat.artifacts.provenance import machine
 from egosplat.errors import UserError
 from egosplat.progress import log, track
 from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels.compiling import find_compiler
 from egosplat.rasterize.kernels.targets import HERE, VARIANTS
 
 CHANNELS = (3, 12)

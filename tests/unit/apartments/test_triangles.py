@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compiling import compile_rays, find_compiler
 from egosplat.errors import UserError
-from egosplat.rasterize.kernels.compiling import compile_rays, find_compiler
 from egosplat_apartments.rays import library
 from egosplat_apartments.rays.triangles import Triangles
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.rasterize.kernels.compiling import compile_kernels
+from compiling import compile_kernels
 from egosplat.rasterize.kernels.targets import VARIANTS, Variant, source_hash
 
 GENERIC = VARIANTS[-1:]

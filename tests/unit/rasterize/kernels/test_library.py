@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from compiling import compile_kernels
 from egosplat.errors import UserError
 from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels.compiling import compile_kernels
 from egosplat.rasterize.kernels.library import choose, cpu_features, open_library
 from egosplat.rasterize.kernels.targets import HERE, VARIANTS
 

@@ -1,4 +1,4 @@
-"""Compile the kernels and the ray caster during installation."""
+"""Compile the kernels and the ray caster during installation (setup.py)."""
 
 import hashlib
 import os
