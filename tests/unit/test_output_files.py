@@ -25,7 +25,7 @@ from egosplat_rivals.tables import stage as tables_stage
 
 def stage_words(stage: str) -> list[str]:
     """All inputs of a stage as flags."""
-    paths = STAGES[stage].inputs + tuple(STAGES[stage].optional)
+    paths = STAGES[stage].inputs + STAGES[stage].optional
     return [word for name in paths for word in (f"--{name.replace('_', '-')}", f"{{folder}}/{name}")]
 
 

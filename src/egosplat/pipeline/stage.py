@@ -1,6 +1,5 @@
 """What a stage is: its code, inputs, output and options."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 
@@ -14,7 +13,7 @@ class Stage:
         help: one-line help of its command.
         output: name of the file or folder that it writes in the scene's folder.
         inputs: inputs that it always reads: names of stages (their outputs) or of ``PATHS``.
-        optional: inputs that some configurations need, with the condition as text, by name of the stage.
+        optional: stages whose outputs some configurations need.
         libraries: distributions whose version changes the output.
         options: class of its options, MODULE:CLASS; empty for a stage without keys.
         scene: values that it takes from the table of scenes and the variant: ``format`` of the recording, ``title`` for
@@ -34,7 +33,7 @@ class Stage:
     help: str
     output: str
     inputs: tuple[str, ...] = ()
-    optional: Mapping[str, str] = field(default_factory=dict)
+    optional: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ()
     options: str = ""
     scene: tuple[str, ...] = ()

@@ -17,18 +17,18 @@ from egosplat.pipeline.stage import Stage
 # The input that no stage writes.
 PATHS = {"recording": "the recording's folder or video file"}
 
-_TRAINING_FRAMES = {"survey": "to train only on frames that add views"}
-_MASKING = {"transient": "if splats.masking is initial", "masks": "if splats.masking is refined"}
-_MOVING = {"transient": "to track what moves: if segments.prompting is each_frame"}
-_GIVEN = {"splats": "to merge masks on: if splats.source is given, or nothing is masked or tracked"}
-_JOINT = dict.fromkeys(("instances", "features"), "if splats.language is joint")
-_LEARNT_FROM = {
-    **dict.fromkeys(("instances", "features"), "unless language.method is field or quantized"),
+# When a stage reads what is no input of it in all configurations.
+_WHEN = {
+    "survey": "to train only on frames that add views",
+    "transient": "if splats.masking is initial, or segments tracks what moves",
+    "masks": "if splats.masking is refined",
+    "splats": "to merge masks on: if splats.source is given, or nothing is masked or tracked",
+    **dict.fromkeys(("instances", "features"), "if codes are learnt from it"),
     "tiles": "if language.method is field or quantized",
+    "histories": "if what moves is tracked and language.method is lifted",
 }
-_TRACKED = {"histories": "if what moves is tracked and language.method is lifted"}
+
 _OPENCV = "opencv-contrib-python-headless"
-_ENCODED = {name: _LEARNT_FROM[name] for name in ("features", "tiles")}
 
 
 def _modules(**modules: str) -> dict[str, str]:
@@ -88,14 +88,14 @@ _STAGES = (
     _artifact(
         *("transient", "transient.stage", "Train a network that predicts moving pixels."),
         inputs=("frames", "poses"),
-        optional=_TRAINING_FRAMES,
+        optional=("survey",),
         libraries=(_OPENCV, "scipy", "timm", "torch"),
         request=(6500, 1000, 120, 1000),
     ),
     _artifact(
         *("segments", "segments.stage", "Find instances at three levels in the frames."),
         inputs=("frames",),
-        optional=_TRAINING_FRAMES | _MOVING,
+        optional=("survey", "transient"),
         libraries=("scipy", _OPENCV, "torch", "torchvision", "sam2"),
         by_chunks=True,
         request=(9000, 500, 120, 4000),
@@ -103,7 +103,7 @@ _STAGES = (
     _artifact(
         *("instances", "instances.stage", "Merge masks into instances that hold in 3D."),
         inputs=("frames", "poses", "segments"),
-        optional=_TRAINING_FRAMES | _GIVEN,
+        optional=("survey", "splats"),
         libraries=(_OPENCV, "scipy", "torch"),
         request=(6500, 2500, 60, 2000),
     ),
@@ -132,14 +132,14 @@ _STAGES = (
     _artifact(
         *("splats", "splats.stage", "Train 3D Gaussians on the frames, or read them."),
         inputs=("frames", "poses"),
-        optional=_TRAINING_FRAMES | _MASKING | _JOINT,
+        optional=("survey", "transient", "masks", "instances", "features"),
         libraries=("scipy", "torch"),
         request=(6500, 1500, 120, 1500),
     ),
     _artifact(
         *("language", "language.stage", "Assign each Gaussian the code of its instance."),
         inputs=("frames", "poses", "splats"),
-        optional=_TRAINING_FRAMES | _MASKING | _LEARNT_FROM,
+        optional=("survey", "transient", "masks", "instances", "features", "tiles"),
         libraries=("scipy", "torch"),
         by="language.method",
         modules=_modules(joint="language.joint", lifted="language.dominant"),
@@ -148,7 +148,7 @@ _STAGES = (
     _artifact(
         *("histories", "histories.stage", "Find what is carried, and what lies somewhere for a while."),
         inputs=("frames", "poses", "instances", "view_features", "splats"),
-        optional={"masks": _MASKING["masks"]},
+        optional=("masks",),
         libraries=("open_clip_torch", _OPENCV, "scipy", "torch"),
         request=(6000, 500, 60, 1800),
     ),
@@ -157,7 +157,7 @@ _STAGES = (
         options="egosplat.evaluation.options:MetricsOptions",
         output="metrics.json",
         inputs=("frames", "poses", "annotations", "splats", "language"),
-        optional=_ENCODED | _TRACKED,
+        optional=("features", "tiles", "histories"),
         libraries=("jsonschema", "numpy", "open_clip_torch", _OPENCV, "scipy", "torch", "zarr"),
         scene=("title", "method", "preset", "world_seed", "camera"),
         request=(7000, 1000, 60, 600),
@@ -196,7 +196,7 @@ _STAGES = (
     _sheet(
         *("queries_sheet", "Draw the queries with the best and the worst answers.", "queries.png"),
         inputs=("frames", "poses", "annotations", "splats", "language", "metrics"),
-        optional=_ENCODED | _TRACKED,
+        optional=("features", "tiles", "histories"),
         libraries=("open_clip_torch", _OPENCV, "torch"),
         request=(6500, 600, 30, 100),
     ),
@@ -205,7 +205,7 @@ _STAGES = (
         options="egosplat.viewing.options:ScenePageOptions",
         output="scene.html",
         inputs=("frames", "poses", "instances", "features", "splats", "language"),
-        optional=_TRACKED,
+        optional=("histories",),
         libraries=("open_clip_torch", _OPENCV, "torch"),
         scene=("title",),
     ),
@@ -244,7 +244,7 @@ PIPELINE = tuple(name for name, stage in STAGES.items() if name not in PAGES and
 def path_help(stage: Stage) -> dict[str, str]:
     """Get a line of help for each path of a stage, by name: inputs, optional inputs, and ``output``."""
     inputs = {name: PATHS.get(name) or f"the scene's {STAGES[name].output}" for name in stage.inputs}
-    optional = {name: f"the scene's {STAGES[name].output}, {when}" for name, when in stage.optional.items()}
+    optional = {name: f"the scene's {STAGES[name].output}, {_WHEN[name]}" for name in stage.optional}
     return inputs | optional | {"output": f"where to write {stage.output}"}
 
 

@@ -45,11 +45,6 @@ def read_document(path: Path, name: str) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise UserError(f"{path}: cannot be read as JSON ({reason}). {again}") from None
-    version = schema(name)["properties"]["format_version"]["const"]
-    if isinstance(document, dict) and (given := document.get("format_version", version)) != version:
-        raise UserError(
-            f"{path}: has format {given!r}; this version of egosplat reads format {version}.\n{again}"
-        )
     for error in Draft202012Validator(schema(name)).iter_errors(document):
         why = f"its schema has {error.validator}: {shorten(error.validator_value)}"
         told = not_allowed(".".join(map(str, error.absolute_path)), error.instance, why)

@@ -103,7 +103,7 @@ def test_later_stages_record_the_kept_frames(scene, trajectory, still, moving):
         (None, "survey.json: does not exist"),
         ("{", "cannot be read as JSON"),
         ("[]", "value = .. is not allowed"),
-        ({"format_version": 99}, "has format 99"),
+        ({"format_version": 99}, "format_version = 99"),
         ({"motion": {}}, "motion = "),
     ],
 )
