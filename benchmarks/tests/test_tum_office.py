@@ -9,10 +9,10 @@ from PIL import Image
 
 from benchmarks.tum_office.__main__ import HERE, Outline, parse_drawing, rasterize, write_recording
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
 from egosplat.frames.plain_annotations import read_instances
+from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.selection import split_frames
 
 DRAWING = parse_drawing(json.loads((HERE / "polygons.json").read_text()))
@@ -58,7 +58,7 @@ def test_nothing_that_is_drawn_is_hidden_wholly(name):
 
 
 def test_the_drawn_pictures_are_the_evaluated_ones():
-    _, evaluation = split_frames(len(DRAWING.pictures), CONFIG["frames"]["evaluation_frames"], holdout=True)
+    _, evaluation = split_frames(len(DRAWING.pictures), FramesOptions(**CONFIG["frames"]), True)
     assert [DRAWING.pictures[index] for index in np.flatnonzero(evaluation)] == sorted(DRAWING.outlines)
 
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
-from egosplat.frames.recording import Annotations
+from egosplat.frames.recording import AnnotationKeys, Annotations
 from egosplat.geometry import Camera
 
 # Range of an object's position up to which it is static, whatever its label (docs/method.md#static-dynamic).

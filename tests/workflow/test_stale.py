@@ -104,8 +104,8 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
         ),
         (
             "frames/adt_annotations.py",
-            "\nclass ",
-            "\nCHANGED = 1\n\n\nclass ",
+            "\ndef ",
+            "\nCHANGED = 1\n\n\ndef ",
             {"annotations", "contact_sheet", *AFTER_QUERIES},
         ),
         (
@@ -148,7 +148,7 @@ WITHOUT_EFFECT = (
     ("calibration/colmap/mapping.py", "MIN_POINTS = 50", "MIN_POINTS = 60"),
     ("poses/colmap.py", "\ndef colmap_poses", "\nCHANGED = 1\n\n\ndef colmap_poses"),
     ("frames/pictures.py", "FOCAL_PRIOR = 1.2", "FOCAL_PRIOR = 1.3"),
-    ("frames/hoi4d_annotations.py", "_MAX_LABEL = 6", "_MAX_LABEL = 7"),
+    ("frames/hoi4d.py", "_MAX_LABEL = 6", "_MAX_LABEL = 7"),
     ("egosplat_rivals/lerf.py", "LARGEST_SCALE = 1.5", "LARGEST_SCALE = 1.6"),
     ("language/joint.py", "\nMETHOD = ", "\nCHANGED = 1\nMETHOD = "),
 )

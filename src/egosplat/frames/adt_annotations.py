@@ -1,100 +1,69 @@
 """Read the instance segmentation of Aria Digital Twin (ADT). For evaluation only."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from projectaria_tools.core.sensor_data import TimeDomain
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
 
 from egosplat.calibration.files import ADT_INSTANCES, ADT_SEGMENTATIONS, adt_video, find_segmentation
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.frames.adt import RGB_STREAM, device_calibration, open_checked, open_video, rectification
-from egosplat.frames.keys import AnnotationKeys
-from egosplat.frames.native_log import captured_log, find_damage, log_messages
-from egosplat.frames.recording import Instance
+from egosplat.frames.adt import RGB_STREAM, decode, open_checked, open_video, rectification
+from egosplat.frames.recording import AnnotationKeys, Annotations, Instance, check_instance
+from egosplat.frames.rectify import Rectification
 from egosplat.progress import log
 
 WITH_PEOPLE, WITHOUT_PEOPLE = ADT_SEGMENTATIONS
 _FIELDS = ("instance_id", "instance_name", "category", "motion_type", "instance_type")
-_ALLOWED = {"motion_type": ("static", "dynamic"), "instance_type": ("object", "human")}
 
 
-def open_annotations(path: Path, keys: AnnotationKeys) -> "AdtAnnotations | None":
-    """Open a sequence's annotations; None without a segmentation, UserError if it is missing or they are damaged."""
-    if not path.is_dir():
-        raise UserError(f"{path}: no such folder. Give the folder of an ADT sequence.")
-    segmentation = find_segmentation(path)
-    return AdtAnnotations(path, segmentation, keys) if segmentation else None
+def open_annotations(folder: Path, keys: AnnotationKeys) -> Annotations | None:
+    """Open a sequence's segmentation, preferably with people; None without any, UserError if a file is missing or damaged.
 
-
-class AdtAnnotations:
-    """The annotations of a sequence folder; an ``Annotations``.
-
-    ``segmentations_with_skeleton.vrs`` includes people. Releases without it have ``segmentations.vrs``, which is read
-    instead and logged.
+    Maps are read with UserError if they cannot be decoded, or an id is not in ``instances.json``.
     """
+    if not folder.is_dir():
+        raise UserError(f"{folder}: no such folder. Give the folder of an ADT sequence.")
+    if (path := find_segmentation(folder)) is None:
+        return None
+    instances = read_instances(folder / ADT_INSTANCES)
+    if path.name == WITHOUT_PEOPLE:
+        log(f"{folder}: has no {WITH_PEOPLE}; reading {WITHOUT_PEOPLE}, which does not annotate people")
+    video, device = adt_video(folder), open_video(folder).get_device_calibration()
+    rectified = rectification(device, keys.camera, keys.upright, video)
+    provider = open_segmentation(video, path)
+    listed = np.array([instance.id for instance in instances], dtype=np.uint64)
 
-    def __init__(self, folder: Path, path: Path, keys: AnnotationKeys) -> None:
-        """Open the segmentation at ``path``, and ``instances.json``; UserError if one is missing or damaged."""
-        self.instances = read_instances(folder / ADT_INSTANCES)
-        self._ids = np.array([instance.id for instance in self.instances], dtype=np.uint64)
-        self._path, self._max_age_ns = path, keys.max_age_ns
-        if path.name == WITHOUT_PEOPLE:
-            log(f"{folder}: has no {WITH_PEOPLE}; reading {WITHOUT_PEOPLE}, which does not annotate people")
-        video, opened = adt_video(folder), open_video(folder)
-        device = device_calibration(opened, video)
-        self._rectification = rectification(device, keys.camera, keys.upright, video)
-        self._provider = open_segmentation(video, path)
-        self._log_covered(opened.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME))
+    def read(timestamp_ns: int) -> NDArray[np.int32] | None:
+        ids = decode(path, "", lambda: _ids_near(provider, timestamp_ns, keys.max_age_ns, rectified))
+        return None if ids is None else _index_of(ids, listed, path)[None]
 
-    def _log_covered(self, frames_ns: list[int]) -> None:
-        """Log which part of the recording is annotated, unless all of it is."""
-        # The segmentation nearest to a time before all others is the first.
-        first, last = (
-            time + self._provider.get_segmentation_image_by_timestamp_ns(time, RGB_STREAM).dt_ns()
-            for time in (0, 2**62)
+    return Annotations(instances, read)
+
+
+def _ids_near(
+    provider: AriaDigitalTwinDataProvider, timestamp_ns: int, max_age_ns: int, rectified: Rectification
+) -> NDArray[Any] | None:
+    """(H, W) uint64 ids of the segmentation that is not older or newer; None if there is none."""
+    nearest = provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
+    # The provider returns the nearest segmentation, however far away in time. The ground truth follows the clock of the
+    # other cameras, about 0.1 ms off (docs/method.md#annotation-age).
+    near = nearest.is_valid() and abs(nearest.dt_ns()) <= max_age_ns
+    return rectified.labels(nearest.data().to_numpy_array()) if near else None
+
+
+def _index_of(ids: NDArray[Any], listed: NDArray[np.uint64], path: Path) -> NDArray[np.int32]:
+    """(H, W) ids -> (H, W) index into the sorted ``listed`` ones, -1 for 0, which lies outside the lens circle."""
+    # Ids have up to 64 bits, so a lookup table would be too large.
+    index = np.searchsorted(listed, ids).clip(max=len(listed) - 1)
+    if len(unknown := ids[(listed[index] != ids) & (ids != 0)]):
+        raise UserError(
+            f"{path}: instance id {unknown[0]} is not in instances.json. "
+            "Are both of the same recording? Download them again."
         )
-        if first > frames_ns[0] + self._max_age_ns or last < frames_ns[-1] - self._max_age_ns:
-            start_s, end_s = ((time - frames_ns[0]) * 1e-9 for time in (first, last))
-            log(
-                f"{self._path}: covers {start_s:.1f} s to {end_s:.1f} s after the first frame, and not the rest"
-            )
-
-    def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """See ``Annotations.instance_map``; UserError if it cannot be decoded, or an id is not in ``instances.json``."""
-        try:
-            with captured_log() as messages:
-                nearest = self._provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
-                # The provider returns the nearest segmentation, however far away in time. The ground truth follows the
-                # clock of the other cameras, about 0.1 ms off (docs/method.md#annotation-age).
-                if not nearest.is_valid() or abs(nearest.dt_ns()) > self._max_age_ns:
-                    return None
-                ids = nearest.data().to_numpy_array()
-        except RuntimeError as error:
-            raise UserError(f"{self._path}: cannot be decoded ({error}). Download it again.") from error
-        # The library returns a damaged segmentation partly decoded and only logs lines about it.
-        if reason := find_damage(messages):
-            raise UserError(f"{self._path}: cannot be decoded ({reason}). Download it again.")
-        log_messages(messages, self._path)
-        try:
-            return self._to_index(self._rectification.labels(ids))
-        except ValueError as error:
-            raise UserError(f"{self._path}: {error}. Is it of the same recording as video.vrs?") from error
-
-    def _to_index(self, ids: NDArray[np.uint64]) -> NDArray[np.int32]:
-        """(H, W) uint64 ids -> (H, W) int32 index into ``instances``."""
-        # ``instances`` is sorted by id; ids have up to 64 bits, so a lookup table would be too large.
-        index = np.searchsorted(self._ids, ids).clip(max=len(self._ids) - 1)
-        unknown = ids[(self._ids[index] != ids) & (ids != 0)]
-        if len(unknown):
-            raise UserError(
-                f"{self._path}: instance id {unknown[0]} is not in instances.json. "
-                "Are both of the same recording? Download them again."
-            )
-        # Id 0 lies outside the lens circle.
-        return np.where(ids == 0, -1, index).astype(np.int32)
+    return np.where(ids == 0, -1, index).astype(np.int32)
 
 
 def read_instances(path: Path) -> list[Instance]:
@@ -109,24 +78,13 @@ def read_instances(path: Path) -> list[Instance]:
         raise UserError(f"{path}: has no instances. Download it again.")
     instances: dict[int, Instance] = {}
     for key, entry in entries.items():
-        instance = _instance(path, key, entry)
+        where = f"{path}: instance {key}"
+        if not isinstance(entry, dict) or any(field not in entry for field in _FIELDS):
+            raise UserError(f"{where} lacks one of {', '.join(_FIELDS)}. Download it again.")
+        instance = check_instance(where, entry, _FIELDS, largest=2**64 - 1)
         if instances.setdefault(instance.id, instance) is not instance:
             raise UserError(f"{path}: instance_id {instance.id} occurs twice. Download it again.")
     return [instances[identity] for identity in sorted(instances)]
-
-
-def _instance(path: Path, key: str, entry: object) -> Instance:
-    if not isinstance(entry, dict) or any(field not in entry for field in _FIELDS):
-        raise UserError(f"{path}: instance {key} lacks one of {', '.join(_FIELDS)}. Download it again.")
-    for field, allowed in _ALLOWED.items():
-        if entry[field] not in allowed:
-            raise UserError(
-                f"{path}: instance {key}: {field} is {entry[field]!r}, not {' or '.join(allowed)}."
-            )
-    if not isinstance(entry["instance_id"], int) or not 0 < entry["instance_id"] < 2**64:
-        raise UserError(f"{path}: instance {key}: instance_id is not a positive whole number of 64 bits.")
-    identity, name, category, motion_type, instance_type = (entry[field] for field in _FIELDS)
-    return Instance(identity, str(name), str(category), motion_type, instance_type)
 
 
 def open_segmentation(video: Path, path: Path) -> AriaDigitalTwinDataProvider:

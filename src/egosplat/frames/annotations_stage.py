@@ -1,18 +1,20 @@
 """Stage ``annotations``: read the instance maps of the evaluation frames. For evaluation only."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES
 from egosplat.artifacts.writer import create
+from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
-from egosplat.frames.keys import AnnotationKeys, Originals
 from egosplat.frames.options import AnnotationsOptions
-from egosplat.frames.recording import Annotations, LayeredAnnotations
+from egosplat.frames.recording import AnnotationKeys, Annotations
 from egosplat.geometry import Camera
 from egosplat.pipeline.stages import load_module
 from egosplat.progress import log, track
@@ -25,29 +27,24 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
         UserError: an annotation is damaged or does not fit its frame, or no evaluation frame has one.
     """
     frames = open_artifact(frames_path, FRAMES)
-    facts, every = frames.facts, frames.read("timestamp_ns")
+    format, times = frames.facts["format"], frames.read("timestamp_ns")
     indices = np.flatnonzero(frames.read("evaluation")).astype(np.int64)
-    camera = Camera(**facts["camera"])
-    originals = Originals.of_facts(facts, every)
-    keys = AnnotationKeys(camera, facts["upright"], round(options.max_age_ms * 1e6), originals)
-    reader = open_annotations(facts["format"], recording_path, keys)
-    made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=facts["format"])
-    annotated = np.zeros(len(indices), bool)
+    keys = _keys(frames.facts, times, round(options.max_age_ms * 1e6))
+    reader = open_annotations(format, recording_path, keys)
+    made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=format)
+    annotated, covered = np.zeros(len(indices), bool), reader.covered if reader else 0
     with create(output, ANNOTATIONS, made) as artifact:
-        size = camera.height, camera.width
+        size = keys.camera.height, keys.camera.width
         artifact.allocate("instance_map", (len(indices), *size))
-        layered = reader if isinstance(reader, LayeredAnnotations) else None
-        covered = layered.covered if layered else 0
         if covered:
             artifact.allocate("covered_map", (len(indices), covered, *size))
-        for row, time in enumerate(track(every[indices], "reading annotations", total=len(indices))):
-            instance_map = reader.instance_map(int(time)) if reader else None
-            annotated[row] = instance_map is not None
-            nothing = np.full((1 + covered, *size), -1, np.int32)
-            artifact.put_row("instance_map", row, nothing[0] if instance_map is None else instance_map)
-            if layered and covered:
-                beside = layered.covered_map(time) if annotated[row] else nothing[1:]
-                artifact.put_row("covered_map", row, beside)
+        for row, time in enumerate(track(times[indices], "reading annotations", total=len(indices))):
+            layers = np.full((1 + covered, *size), -1, np.int32)
+            if reader and (read := reader.read(int(time))) is not None:
+                annotated[row], layers[: len(read)] = True, read
+            artifact.put_row("instance_map", row, layers[0])
+            if covered:
+                artifact.put_row("covered_map", row, layers[1:])
         if reader and not annotated.any():
             raise UserError(
                 f"{recording_path}: none of the {len(indices)} evaluation frames is annotated. Are the annotations of "
@@ -60,6 +57,21 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
     missing = ", ".join(map(str, indices[~annotated]))
     lacking = f"; not annotated (indices from 0): {missing}" if missing else ""
     log(f"{annotated.sum()} of {len(indices)} evaluation frames are annotated{lacking}")
+
+
+def _keys(facts: dict[str, Any], timestamp_ns: NDArray[np.int64], max_age_ns: int) -> AnnotationKeys:
+    keys = AnnotationKeys(Camera(**facts["camera"]), facts["upright"], max_age_ns)
+    if "pictures" not in facts:
+        return keys
+    lenses, pinhole = [Lens.of_facts(lens) for lens in facts["lenses"]], facts["pinhole"]
+    lens_of = zip(timestamp_ns.tolist(), facts["lens_of_frame"], strict=True) if lenses else ()
+    return replace(
+        keys,
+        known_poses=facts["known_poses"],
+        turned=facts["turned"],
+        lenses={time: lenses[index] for time, index in lens_of},
+        pinhole=Camera(**pinhole) if pinhole else None,
+    )
 
 
 def open_annotations(format: str, path: Path, keys: AnnotationKeys) -> Annotations | None:

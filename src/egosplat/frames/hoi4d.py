@@ -1,24 +1,71 @@
-"""Import HOI4D recordings (docs/method.md#hoi4d-files).
+"""Import HOI4D recordings (docs/method.md#hoi4d-files), and for evaluation only their motion segmentation.
 
 A sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset with the video ``align_rgb/image.mp4``. The
 intrinsics are a separate download: ``camera_params/<ZY…>/intrin.npy`` in the dataset's root folder.
+
+Masks of hands and handled objects are RGB images in ``2Dseg/shift_mask`` or ``2Dseg/mask``, 15 per second, from ``00000.png``
+for the first frame, with the colors of PASCAL VOC.
 """
 
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from egosplat.calibration.files import HOI4D_VIDEO, find_sequence, intrinsics_files, sequence_parts
+from egosplat.calibration.files import (
+    HOI4D_VIDEO,
+    find_masks,
+    find_sequence,
+    intrinsics_files,
+    sequence_parts,
+)
 from egosplat.errors import UserError
+from egosplat.frames.images import read_rgb
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.recording import Recording
+from egosplat.frames.recording import AnnotationKeys, Annotations, Instance, Recording
 from egosplat.frames.selection import select_frames
-from egosplat.frames.video import Video
+from egosplat.frames.video import open_video
 from egosplat.geometry import Camera
-from egosplat.images import resize_image
+from egosplat.images import resize_image, resize_labels
+
+MASKS_PER_SECOND = 15
 
 # intrin.npy has pixel centers at integers, as OpenCV and Open3D do.
 _OPENCV_PIXEL_OFFSET = 0.5
+
+# The object of each category, and the meanings of labels 1, 2, … in it (the dataset's
+# ``definitions/motion segmentation/label.csv``).
+_LABELS: dict[str, tuple[str, ...]] = {
+    "C1": ("toy car", "toy car", "right hand"),
+    "C2": ("mug", "mug", "right hand", "mug"),
+    "C3": ("laptop", "screen", "right hand", "keyboard"),
+    "C4": ("storage furniture", "door", "right hand", "body of the cabinet", "drawer", "bottle"),
+    "C5": ("bottle", "bottle", "right hand", "mug"),
+    "C6": ("safe", "body of the safe", "right hand", "door", "bottle"),
+    "C7": ("bowl", "bowl", "right hand", "ball"),
+    "C8": (
+        "bucket",
+        "body of the bucket",
+        "right hand",
+        "handle",
+        "body of the bucket",
+        "handle",
+        "left hand",
+    ),
+    "C9": ("scissors", "left part of the scissors", "right hand", "right part of the scissors"),
+    "C11": ("pliers", "left part of the pliers", "right hand", "right part of the pliers"),
+    "C12": ("kettle", "kettle", "right hand", "mug"),
+    "C13": ("knife", "knife", "right hand", "apple"),
+    "C14": ("trash can", "body of the trash can", "right hand", "lid", "bottle"),
+    "C17": ("lamp", "base", "right hand", "tube", "top link", "bottom link", "left hand"),
+    "C18": ("stapler", "base", "right hand", "slot", "lid", "paper"),
+    "C20": ("chair", "chair", "right hand", "left hand"),
+}
+_MAX_LABEL = 6
+# RGB of labels 0 to 6: their bits are the highest of red, green and blue.
+COLORS = 128 * (np.arange(_MAX_LABEL + 1)[:, None] >> np.arange(3) & 1)
+# The dataset's own tools ignore colors of no label; more than this share means another kind of image.
+_MAX_UNKNOWN_SHARE = 0.01
 
 
 def open_recording(path: Path, options: FramesOptions) -> Recording:
@@ -28,35 +75,29 @@ def open_recording(path: Path, options: FramesOptions) -> Recording:
         UserError: the sequence, its video or its intrinsics are missing, damaged or too small, or no frame is selected.
     """
     folder = find_sequence(path)
-    video = Video(folder / HOI4D_VIDEO)
-    width, height, resolution = video.width, video.height, options.resolution
+    video = open_video(folder / HOI4D_VIDEO)
+    (width, height), resolution = video.size, options.resolution
     if resolution > width:
         raise UserError(
             f"resolution: {resolution} px, but {video.path} is {width} px wide. Choose from 1 to {width}."
         )
-    camera = read_intrinsics(find_intrinsics(folder), width, height)
+    if not (files := intrinsics_files(folder)):
+        raise UserError(
+            f"{folder}: has no intrinsics. Put HOI4D's camera parameters at "
+            f"camera_params/{sequence_parts(folder)[0]}/intrin.npy in the dataset's root folder."
+        )
+    camera = read_intrinsics(files[0], width, height)
     camera = camera.scaled_to(resolution, max(1, round(height * resolution / width)))
-    frames = select_frames(video.timestamp_ns, options, video.path)
-    times, size = video.timestamp_ns[frames], (camera.width, camera.height)
+    video = video.keep(select_frames(video.timestamp_ns, options, video.path))
     return Recording(
-        timestamp_ns=times,
-        exposure_middle_ns=times,
+        timestamp_ns=video.timestamp_ns,
+        exposure_middle_ns=video.timestamp_ns,
         camera=camera,
         camera_known=True,
-        valid=np.ones(size[::-1], dtype=bool),
+        valid=np.ones((camera.height, camera.width), dtype=bool),
         read_frames=lambda indices: (
-            resize_image(image, *size) for image in video.read_frames(frames[indices])
+            resize_image(image, camera.width, camera.height) for image in video.read_frames(indices)
         ),
-    )
-
-
-def find_intrinsics(folder: Path) -> Path:
-    """Path of ``intrin.npy``, see ``intrinsics_files``; UserError if it does not exist."""
-    if files := intrinsics_files(folder):
-        return files[0]
-    raise UserError(
-        f"{folder}: has no intrinsics. Put HOI4D's camera parameters at "
-        f"camera_params/{sequence_parts(folder)[0]}/intrin.npy in the dataset's root folder."
     )
 
 
@@ -77,3 +118,61 @@ def read_intrinsics(path: Path, width: int, height: int) -> Camera:
     if not camera.contains(matrix[:2, 2]):
         raise UserError(f"{path}: the principal point lies outside the {width}x{height} px video.")
     return camera
+
+
+def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
+    """Open the masks of a sequence; None if it has none, UserError if its object category is unknown.
+
+    Maps are read with UserError if the mask is unreadable, or of another shape or other colors. Ids are labels 1 to 6.
+    """
+    folder, camera = find_sequence(path), keys.camera
+    if (masks := find_masks(folder)) is None:
+        return None
+
+    def read(timestamp_ns: int) -> NDArray[np.int32] | None:
+        number = round(timestamp_ns * MASKS_PER_SECOND / 1e9)
+        mask = masks / f"{number:05d}.png"
+        age_ns = abs(timestamp_ns - round(number * 1e9 / MASKS_PER_SECOND))
+        if age_ns > keys.max_age_ns or not mask.is_file():
+            return None
+        labels = decode_labels(read_rgb(mask))
+        if (unknown := float((labels < 0).mean())) > _MAX_UNKNOWN_SHARE:
+            raise UserError(
+                f"{mask}: {unknown:.0%} of the pixels have a color of no HOI4D label. Download it again."
+            )
+        height, width = labels.shape
+        if abs(height * camera.width - width * camera.height) > max(width, camera.width):
+            raise UserError(
+                f"{mask}: {width}x{height} px has another aspect ratio than the video. Download it again."
+            )
+        resized = resize_labels(labels, camera.width, camera.height)
+        return np.where(resized > 0, resized - 1, -1).astype(np.int32)[None]
+
+    return Annotations(instances_of(sequence_parts(folder)[2], folder), read)
+
+
+def instances_of(category: str, folder: Path) -> list[Instance]:
+    """The instances of labels 1 to 6 of a category ``C1`` … ``C20``; UserError if HOI4D has no such category."""
+    if category not in _LABELS:
+        raise UserError(f"{folder}: {category} is not an object category of HOI4D.")
+    # A label without a documented meaning gets the name of the object. HOI4D labels only what moves or is moved.
+    thing, *meanings = _LABELS[category]
+    meanings += [thing] * (_MAX_LABEL - len(meanings))
+    return [
+        Instance(
+            label,
+            f"{meaning.title().replace(' ', '')}_{label}",
+            meaning,
+            "dynamic",
+            "human" if meaning.endswith(" hand") else "object",
+        )
+        for label, meaning in enumerate(meanings, start=1)
+    ]
+
+
+def decode_labels(mask: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(H, W, 3) uint8 RGB mask -> (H, W) int64 labels 0 (none) to 6; -1 for other colors."""
+    labels = np.full(mask.shape[:2], -1, np.int64)
+    for label, color in enumerate(COLORS):
+        labels[(mask == color).all(axis=-1)] = label
+    return labels

@@ -21,15 +21,13 @@ _CHATTER = re.compile(
     r"|not found in Aria Device Model|does not contain calib_json|Tag 'metadata' was not found"
     r"|Invalid device version|No metadata file provided|Unknown dataset version"
 )
-_DAMAGE = re.compile(r"\[ERROR\]|corrupt|premature end|unsupported marker|decompression error", re.IGNORECASE)
 
 
 @contextlib.contextmanager
 def captured_log() -> Iterator[list[str]]:
-    """Capture the messages that C++ code logs inside the block, without chatter.
+    """Capture the messages that C++ code logs inside the block, without chatter; they appear nowhere else.
 
-    The list is filled when the block ends. Pass the messages to ``log_messages`` or put them into an error;
-    they appear nowhere else.
+    The list is filled when the block ends. Pass the messages to ``log_messages`` or put them into an error.
     """
     # C++ writes to file descriptors 1 and 2, so redirecting sys.stdout and sys.stderr would not catch it.
     messages: list[str] = []
@@ -49,11 +47,6 @@ def captured_log() -> Iterator[list[str]]:
             text = sink.read().decode(errors="replace")
             lines = [_NOISE.sub("", line).strip() for line in text.splitlines()]
             messages += [line for line in lines if line and not _CHATTER.search(line)]
-
-
-def find_damage(messages: list[str]) -> str | None:
-    """The first message that reports damaged data; the libraries continue after it with partial data."""
-    return next((message for message in messages if _DAMAGE.search(message)), None)
 
 
 def log_messages(messages: list[str], path: Path) -> None:

@@ -1,23 +1,29 @@
 """Import any video file or folder of pictures, with the companion files of docs/recordings.md."""
 
 import os
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.distortion import lens_of_frames
-from egosplat.calibration.files import VALID_MASK, companion_path
-from egosplat.calibration.known_poses import find_known_poses
+from egosplat.calibration.files import CAMERA_FILE, VALID_MASK, companion_path, known_poses_path
+from egosplat.calibration.known_poses import (
+    check_numbers,
+    find_known_poses,
+    match_pictures,
+    read_known_poses,
+    unmatched_line,
+)
+from egosplat.calibration.lens import Rectifier, read_camera_file
 from egosplat.errors import UserError
-from egosplat.frames.images import ImageFolder, read_mask, read_valid
-from egosplat.frames.labels import match_labels
+from egosplat.frames.images import Source, read_mask
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.picture_lenses import Lenses, calibrate
 from egosplat.frames.recording import Recording
-from egosplat.frames.selection import SHARPEST, select_frames, select_sharpest
+from egosplat.frames.selection import select_frames, select_sharpest
 from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
 from egosplat.images import measure_sharpness, resize_image, resize_mask, shrunk_size
@@ -29,162 +35,240 @@ FOCAL_PRIOR = 1.2
 # Frames per second that show a walk well enough. COLMAP takes six times as long for three times as many (docs/speed.md).
 ENOUGH_PER_S = 3.0
 
+Mask = NDArray[np.bool_]
+FindLabeled = Callable[[list[str]], list[int]]
+# By its time, a phone's pictures may have a lens each, and a table of positions takes megabytes.
+_rectifier = lru_cache(maxsize=4)(Rectifier)
+
 
 @dataclass(frozen=True)
 class Pictures:
-    """The pictures of a source that become frames.
+    """The pictures of a source as frames.
 
     Attributes:
-        frames: (F,) int64 numbers of the pictures.
         valid: (h, w) bool: pixels of all full-size pictures that show the scene.
-        width, height: of the frames [px].
+        pinhole: camera of the rectified full-size pictures; None if they are not rectified.
+        size: width and height of the frames [px].
     """
 
-    source: Video | ImageFolder
-    frames: NDArray[np.int64]
-    lenses: Lenses
-    valid: NDArray[np.bool_]
-    width: int
-    height: int
+    source: Source
+    valid: Mask
+    pinhole: Camera | None
+    size: tuple[int, int]
 
-    def read(self, indices: NDArray[np.int64], valid: NDArray[np.bool_]) -> Iterator[NDArray[np.uint8]]:
+    def _rectifier(self, index: int) -> Rectifier | None:
+        picture = self.source.pictures[index]
+        return _rectifier(self.source.lenses[picture.lens], self.pinhole) if self.source.lenses else None
+
+    def read(self, indices: NDArray[np.int64], valid: Mask) -> Iterator[NDArray[np.uint8]]:
         """Yield the rectified (H, W, 3) uint8 frame of each index, 0 outside of ``valid``; UserError if it is undecodable."""
-        frames = self.frames[indices]
-        for frame, full in zip(frames.tolist(), self.source.read_frames(frames), strict=True):
-            if self.source.has_alpha(frame):
+        for index, full in zip(indices.tolist(), self.source.read_frames(indices), strict=True):
+            if self.source.pictures[index].alpha:
                 # Below transparent pixels is any color.
-                full = full * self.source.read_opaque(frame)[..., None]
-            rectifier = self.lenses.rectifier(frame)
-            image = resize_image(rectifier.image(full) if rectifier else full, self.width, self.height)
+                full = full * self.source.read_opaque(index)[..., None]
+            rectifier = self._rectifier(index)
+            image = resize_image(rectifier.image(full) if rectifier else full, *self.size)
             image[~valid] = 0
             yield image
 
-    def is_masked(self, index: int) -> bool:
-        """Whether the mask of a frame may differ from that of the first."""
-        frame = int(self.frames[index])
-        differs = self.lenses.index(frame) != self.lenses.index(int(self.frames[0])) and not self.valid.all()
-        masks = self.lenses.mask(frame), self.source.mask(frame)
-        return differs or any(masks) or self.source.has_alpha(frame)
-
     @property
     def any_masked(self) -> bool:
-        return any(self.is_masked(index) for index in range(len(self.frames)))
+        """Whether the mask of a frame may differ from that of the first."""
+        first, bordered = self.source.pictures[0], not self.valid.all()
+        return any(
+            picture.alpha or picture.mask or picture.moving or (bordered and picture.lens != first.lens)
+            for picture in self.source.pictures
+        )
 
-    def shown(self, index: int) -> NDArray[np.bool_]:
-        """(H, W) bool: pixels of a rectified frame that ``valid``, its own mask and its transparency all leave."""
-        frame = int(self.frames[index])
-        width, height = self.source.sizes[frame]
+    def shown(self, index: int) -> Mask:
+        """(H, W) bool: pixels of a rectified frame that ``valid``, its own masks and its transparency all leave."""
+        picture, (width, height) = self.source.pictures[index], self.source.sizes[index]
         # With pictures of several sizes ``valid.png`` is refused.
         shown = self.valid if self.valid.shape == (height, width) else np.ones((height, width), bool)
-        if path := self.lenses.mask(frame):
-            shown = shown & read_mask(path, width, height)
-        if path := self.source.mask(frame):
-            shown = shown & ~read_mask(path, width, height)
-        if self.source.has_alpha(frame):
-            shown = shown & self.source.read_opaque(frame)
-        if rectifier := self.lenses.rectifier(frame):
+        if picture.mask:
+            shown = shown & read_mask(picture.mask, width, height)
+        if picture.moving:
+            shown = shown & ~read_mask(picture.moving, width, height)
+        if picture.alpha:
+            shown = shown & self.source.read_opaque(index)
+        if rectifier := self._rectifier(index):
             shown = rectifier.mask(shown)
-        return resize_mask(shown, self.width, self.height)
+        return resize_mask(shown, *self.size)
 
 
-def open_recording(path: Path, options: FramesOptions, labels: Mapping[str, Path] | None = None) -> Recording:
+def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled | None = None) -> Recording:
     """Open a video or a folder of images, one a second; select frames and find the camera.
 
     Args:
-        labels: of pictures by their names, see ``labels.match_labels``; these pictures are taken whatever the stride.
+        find_labeled: the indices of the labeled ones among pictures of given names; these are taken whatever the stride.
 
     Raises:
         UserError: the source or the calibration cannot be read, or no frame is selected.
     """
     kind = find_known_poses(path, options.known_poses)
-    source = open_source(path, kind)
-    lenses = calibrate(path, kind, source)
-    focal = FOCAL_PRIOR * max(source.width, source.height)
-    guess = Camera(source.width, source.height, focal, focal, source.width / 2, source.height / 2)
-    full = lenses.pinhole or guess
-    size = fit(full, options.resolution, path)
-    valid = _read_valid(path, source)
-    frames, labeled = _choose_frames(source, path, options, labels, resize_mask(valid, *size))
-    times = source.timestamp_ns[frames]
-    if kind is None and (line := stride_advice(times, options.stride)):
-        log(f"{path.name}: {line}")
-    pictures, evidence = Pictures(source, frames, lenses, valid, *size), None
-    if not (known := bool(lenses.lenses)):
-        lenses, evidence = _estimate_lens(pictures, full, options.lens)
-        pictures = Pictures(source, frames, lenses, valid, *size)
-    facts = {
-        "pictures": [source.names[frame] for frame in frames],
-        "known_poses": kind,
-        "turned": source.turned,
-        "pinhole": asdict(pinhole) if (pinhole := lenses.pinhole) else None,
-        "lenses": [asdict(lens) for lens in lenses.lenses],
-        "lens_of_frame": [lenses.index(frame) for frame in frames.tolist()],
-        "lens_evidence": evidence,
-    }
+    every = calibrate(path, kind, open_source(path, kind))
+    width, height = every.size
+    focal = FOCAL_PRIOR * max(width, height)
+    full = every.pinhole or Camera(width, height, focal, focal, width / 2, height / 2)
+    if options.resolution > (longest := max(full.width, full.height)):
+        log(
+            f"{path.name}: frames keep their {longest} px, which are less than resolution: {options.resolution}"
+        )
+    size, valid = shrunk_size(full.width, full.height, options.resolution), _read_valid(path, every)
+    frames, labeled = _choose_frames(every, path, options, find_labeled, resize_mask(valid, *size))
+    pictures, evidence = Pictures(every.keep(frames), valid, every.pinhole, size), None
+    if kind is None:
+        _advise_stride(pictures.source, options.stride)
+    if not every.lenses:
+        pictures, evidence = _estimate_lens(pictures, full, options.lens)
+    source, pinhole = pictures.source, pictures.pinhole
     shown, left_out = _shared_mask(pictures)
     return Recording(
-        timestamp_ns=times,
-        exposure_middle_ns=times,
-        camera=(lenses.pinhole or full).scaled_to(*size),
-        camera_known=known,
+        timestamp_ns=source.timestamp_ns,
+        exposure_middle_ns=source.timestamp_ns,
+        camera=(pinhole or full).scaled_to(*size),
+        camera_known=bool(every.lenses),
         valid=shown,
         read_frames=lambda indices: pictures.read(indices, shown),
         labeled=None if labeled is None else np.searchsorted(frames, labeled),
         masked=left_out,
-        facts=facts,
+        facts={
+            "pictures": source.names,
+            "known_poses": kind,
+            "turned": source.turned,
+            "pinhole": asdict(pinhole) if pinhole else None,
+            "lenses": [asdict(lens) for lens in source.lenses],
+            "lens_of_frame": [picture.lens for picture in source.pictures],
+            "lens_evidence": evidence,
+        },
     )
 
 
-def fit(full: Camera, resolution: int, path: Path) -> tuple[int, int]:
-    """Width and height of frames whose longer side is ``resolution`` [px]; a smaller source keeps its own, and the log says so."""
-    longest = max(full.width, full.height)
-    if resolution > longest:
-        log(f"{path.name}: frames keep their {longest} px, which are less than resolution: {resolution}")
-    return shrunk_size(full.width, full.height, resolution)
+def calibrate(path: Path, kind: str | None, source: Source) -> Source:
+    """Give full-size pictures the lenses and masks of the known poses, or the lens of ``camera.json``, if there is any.
+
+    Pictures without a camera are left out where there are several cameras.
+    """
+    file = companion_path(path, CAMERA_FILE)
+    # A broken link is not a missing file: reading it reports the error.
+    calibrated = os.path.lexists(file)
+    if kind is None:
+        return replace(source, lenses=[read_camera_file(file, *source.size)]) if calibrated else source
+    known = known_poses_path(path, kind)
+    if calibrated:
+        raise UserError(f"{file}: {known} has a camera, too. Remove one, or set frames.known_poses=none.")
+    contents = read_known_poses(path, kind, *source.size)
+    if isinstance(source, Video):
+        check_numbers(contents.names, len(source.pictures), known)
+    row, unmatched = match_pictures(contents.names, source.names, known)
+    if contents.unread:
+        log(f"{known}: these keys do not count: {', '.join(contents.unread)}")
+    if unmatched:
+        log(unmatched_line(unmatched, known))
+    if len(contents.lenses) > 1:
+        log(f"{known}: {len(contents.lenses)} cameras; the frames show what all of them see")
+        if absent := int((row < 0).sum()):
+            if isinstance(source, Video):
+                raise UserError(f"{source.path}: a video has one camera, but its known poses have several.")
+            log(f"{source.path}: leaves out {absent} pictures whose camera is not known")
+            source, row = source.keep(np.flatnonzero(row >= 0)), row[row >= 0]
+    masks = [contents.masks[entry] if contents.masks and entry >= 0 else None for entry in row]
+    # Without an entry the last one stands, which has the only lens.
+    matched = zip(source.pictures, contents.lens_of[row].tolist(), masks, strict=True)
+    pictures = [replace(picture, lens=lens, mask=mask) for picture, lens, mask in matched]
+    source = replace(source, pictures=pictures, lenses=contents.lenses)
+    if source.oriented:
+        # COLMAP reads pictures as they are stored; they are turned only if this is their camera's size.
+        source = replace(source, turned=_misfit(source) is not None)
+        stored, turned = "as stored, as COLMAP reads them", "turned by it, as the size of their camera asks"
+        how = turned if source.turned else stored
+        log(
+            f"{path.name}: {source.oriented} pictures of {known} have an EXIF orientation: they are read {how}"
+        )
+    if (index := _misfit(source)) is not None:
+        lens, (width, height) = source.lenses[source.pictures[index].lens], source.sizes[index]
+        raise UserError(
+            f"{known}: for {lens.width}x{lens.height} px, but the frames are {width}x{height} "
+            f"({source.names[index]})."
+        )
+    return source
+
+
+def _misfit(source: Source) -> int | None:
+    """The first picture that has not the size of its camera."""
+    lenses = [source.lenses[picture.lens] for picture in source.pictures]
+    sizes = enumerate(zip(lenses, source.sizes, strict=True))
+    return next((index for index, (lens, size) in sizes if size != (lens.width, lens.height)), None)
+
+
+def _read_valid(path: Path, source: Source) -> Mask:
+    """The mask of the full-size pictures' pixels that show the scene."""
+    file, (width, height) = companion_path(path, VALID_MASK), source.size
+    # A broken link is not a missing file: reading it reports the error.
+    if not os.path.lexists(file):
+        return np.ones((height, width), dtype=bool)
+    if len(set(source.sizes)) > 1:
+        raise UserError(
+            f"{file}: the pictures have several sizes. Give each a mask_path in transforms.json instead."
+        )
+    mask = read_mask(file, width, height)
+    if not mask.any():
+        raise UserError(f"{file}: all black, so no pixel is left. White pixels show the scene.")
+    return mask
 
 
 def _choose_frames(
-    source: Video | ImageFolder,
-    path: Path,
-    options: FramesOptions,
-    labels: Mapping[str, Path] | None,
-    valid: NDArray[np.bool_],
+    source: Source, path: Path, options: FramesOptions, find_labeled: FindLabeled | None, valid: Mask
 ) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
-    """The numbers of the pictures that become frames, and of the labeled ones; sharpness is measured at the size of a mask."""
-    every = select_frames(source.timestamp_ns, options, path, stride=1)
-    frames, labeled = select_frames(source.timestamp_ns, options, path), None
-    if labels is not None:
-        places = np.array([*match_labels(labels, source.names)], np.int64)
-        if not len(labeled := np.intersect1d(places, every)):
+    """The indices of the pictures that become frames, and of the labeled ones; sharpness is measured at the size of a mask."""
+    every = select_frames(source.timestamp_ns, options.change(stride=1), path)
+    frames, labeled = every[:: options.stride], None
+    if find_labeled is not None:
+        matched = np.array(find_labeled(source.names), np.int64)
+        if not len(labeled := np.intersect1d(matched, every)):
             raise UserError(
-                f"{source.path}: none of its {len(places)} labeled pictures is within frames.start_s and frames.end_s; "
-                f"these are pictures {', '.join(map(str, places))}, one a second."
+                f"{path}: none of its {len(matched)} labeled pictures is within frames.start_s and frames.end_s; "
+                f"these are pictures {', '.join(map(str, matched))}, one a second."
             )
         frames = np.union1d(frames, labeled)
-    if options.pick == SHARPEST and options.stride > 1:
+    if options.pick == "sharpest" and options.stride > 1:
         pictures = track(source.read_frames(every), "looking for sharp frames", total=len(every))
         sharpness = (measure_sharpness(resize_image(each, *valid.shape[::-1]), valid) for each in pictures)
         frames = select_sharpest(every, sharpness, options.stride)
     return frames, labeled
 
 
-def _estimate_lens(pictures: Pictures, full: Camera, wanted: str) -> tuple[Lenses, dict | None]:
-    """The lens that frames of unknown cameras ask for, if any, and the evidence."""
-    valid = resize_mask(pictures.valid, pictures.width, pictures.height)
+def _advise_stride(source: Source, stride: int) -> None:
+    """Log what to set if COLMAP has to find poses of far more frames than it needs."""
+    count, span_s = len(source.pictures), float(source.timestamp_ns[-1] - source.timestamp_ns[0]) * 1e-9
+    rate = (count - 1) / span_s if span_s > 0 else 0.0
+    if rate >= 2 * ENOUGH_PER_S:
+        log(
+            f"{source.path.name}: {count} frames, {rate:.0f} a second; frames.stride={stride * int(rate / ENOUGH_PER_S)} takes "
+            f"about {ENOUGH_PER_S:.0f} a second, for which COLMAP takes a fraction of the time"
+        )
+
+
+def _estimate_lens(pictures: Pictures, full: Camera, wanted: str) -> tuple[Pictures, dict | None]:
+    """The pictures with the lens that frames of unknown cameras ask for, if any, and the evidence."""
+    valid = resize_mask(pictures.valid, *pictures.size)
     lens, evidence = lens_of_frames(
         wanted,
         lambda indices: pictures.read(indices, valid),
-        len(pictures.frames),
+        len(pictures.source.pictures),
         valid,
-        full.scaled_to(pictures.width, pictures.height),
+        full.scaled_to(*pictures.size),
         pictures.shown if pictures.any_masked else None,
     )
-    return Lenses([lens.scaled_to(full.width, full.height)] if lens else []), evidence
+    if lens is None:
+        return pictures, evidence
+    source = replace(pictures.source, lenses=[lens.scaled_to(full.width, full.height)])
+    return replace(pictures, source=source, pinhole=source.pinhole), evidence
 
 
-def _shared_mask(pictures: Pictures):
+def _shared_mask(pictures: Pictures) -> tuple[Mask, Callable[[int], Mask] | None]:
     """(H, W) bool: the pixels that some frame shows; and what returns those of them that a frame leaves out, or None."""
-    count = len(pictures.frames)
+    count = len(pictures.source.pictures)
     if not pictures.any_masked:
         return pictures.shown(0), None
     masks = track(map(pictures.shown, range(count)), "reading masks", total=count)
@@ -198,29 +282,7 @@ def _shared_mask(pictures: Pictures):
         )
     left_out = valid & ~shown
 
-    def unpacked(bits: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        return np.unpackbits(bits, axis=1, count=pictures.width).astype(bool)
+    def unpacked(bits: NDArray[np.uint8]) -> Mask:
+        return np.unpackbits(bits, axis=1, count=pictures.size[0]).astype(bool)
 
     return unpacked(valid), (lambda index: unpacked(left_out[index])) if left_out.any() else None
-
-
-def stride_advice(timestamp_ns: NDArray[np.int64], stride: int) -> str | None:
-    """What to set if COLMAP has to find poses of far more frames, at (N,) times, than it needs; None if it has not."""
-    span_s = float(timestamp_ns[-1] - timestamp_ns[0]) * 1e-9
-    rate = (len(timestamp_ns) - 1) / span_s if span_s > 0 else 0.0
-    if rate < 2 * ENOUGH_PER_S:
-        return None
-    return (
-        f"{len(timestamp_ns)} frames, {rate:.0f} a second; frames.stride={stride * int(rate / ENOUGH_PER_S)} takes about "
-        f"{ENOUGH_PER_S:.0f} a second, for which COLMAP takes a fraction of the time"
-    )
-
-
-def _read_valid(path: Path, source: Video | ImageFolder) -> NDArray[np.bool_]:
-    """The mask of the pictures' pixels that show the scene."""
-    file = companion_path(path, VALID_MASK)
-    if len(set(source.sizes)) > 1 and os.path.lexists(file):
-        raise UserError(
-            f"{file}: the pictures have several sizes. Give each a mask_path in transforms.json instead."
-        )
-    return read_valid(file, source.width, source.height)

@@ -1,14 +1,17 @@
 """A recording as importers return it, one a format: its frames, and separately its annotations, which training never reads."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.calibration.files import Origin
+from egosplat.calibration.lens import Lens, Rectifier
+from egosplat.errors import UserError
 from egosplat.geometry import Camera
+from egosplat.images import resize_labels
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,7 @@ class Instance:
     Attributes:
         id, name: the dataset's.
         category: the phrase of its query, for example ``"step stool"``.
-        motion_type: the dataset's label ``static`` or ``dynamic``; people are dynamic.
-        instance_type: ``object`` or ``human``.
+        motion_type: the dataset's label; people are dynamic.
     """
 
     id: int
@@ -61,40 +63,60 @@ class Instance:
     instance_type: Literal["object", "human"]
 
 
-class Annotations(Protocol):
-    """The annotations of a recording, in the pixels of its rectified frames."""
-
-    @property
-    def instances(self) -> list[Instance]: ...
-
-    def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """(H, W) int32 index into ``instances`` of the frame captured then, -1 for none; None if it is not annotated."""
-        ...
+def check_instance(where: str, entry: Mapping[str, Any], fields: Sequence[str], largest: int) -> Instance:
+    """Make an instance of an entry's fields, in the order of ``Instance``; UserError, of ``where``, if a value is not possible."""
+    identity, name, category, motion, kind = (entry[field] for field in fields)
+    if not isinstance(identity, int) or not 0 < identity <= largest:
+        raise UserError(f"{where}: {fields[0]} is {identity!r:.40}, not a whole number from 1 to {largest}.")
+    if motion not in ("static", "dynamic"):
+        raise UserError(f"{where}: {fields[3]} is {motion!r:.40}, not static or dynamic.")
+    if kind not in ("object", "human"):
+        raise UserError(f"{where}: {fields[4]} is {kind!r:.40}, not object or human.")
+    return Instance(identity, str(name), str(category), motion, kind)
 
 
 @dataclass(frozen=True, eq=False)
-class LayeredAnnotations:
-    """Annotations of a few frames whose instances may overlap; an ``Annotations``.
+class Annotations:
+    """The annotations of a recording, in the pixels of its rectified frames.
 
     Attributes:
-        layers: (L, H, W) int32 of each annotated frame, by its time: the instance map, then further ones with the instances
-            that it shows in part, whole.
+        read: returns (L, H, W) int32 indices into ``instances`` of the frame captured at a time [ns], -1 for none: the instance
+            map, then layers with the instances that it shows in part, whole. None if the frame is not annotated.
+        covered: largest number of layers beside the instance map.
     """
 
     instances: list[Instance]
-    layers: Mapping[int, NDArray[np.int32]]
-
-    @property
-    def covered(self) -> int:
-        """Number of layers beside the instance map."""
-        return max(len(layers) for layers in self.layers.values()) - 1
+    read: Callable[[int], NDArray[np.int32] | None]
+    covered: int = 0
 
     def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """See ``Annotations.instance_map``."""
-        layers = self.layers.get(int(timestamp_ns))
+        """(H, W) int32: the instance map of the frame captured then; None if it is not annotated."""
+        layers = self.read(timestamp_ns)
         return None if layers is None else layers[0]
 
-    def covered_map(self, timestamp_ns: int) -> NDArray[np.int32]:
-        """(covered, H, W) int32: the layers beside the instance map of an annotated frame; -1 for none."""
-        beside = self.layers[int(timestamp_ns)][1:]
-        return np.pad(beside, [(0, self.covered - len(beside)), (0, 0), (0, 0)], constant_values=-1)
+
+@dataclass(frozen=True)
+class AnnotationKeys:
+    """How annotations are read.
+
+    Attributes:
+        camera, upright: of the frames, as in ``Recording``.
+        max_age_ns: largest time between a frame and its annotation; pictures are annotated by name.
+        known_poses, turned: of pictures: the kind of their known poses, and whether EXIF orientation was applied.
+        lenses: of pictures that are rectified: the lens of each frame, by its time.
+        pinhole: camera of the rectified full-size pictures; None if they are not rectified.
+    """
+
+    camera: Camera
+    upright: bool = True
+    max_age_ns: int = 3_000_000
+    known_poses: str | None = None
+    turned: bool = True
+    lenses: Mapping[int, Lens] = field(default_factory=dict)
+    pinhole: Camera | None = None
+
+    def fit(self, labels: NDArray[np.int32], time: int) -> NDArray[np.int32]:
+        """Rectify and resize (h, w) labels of a picture to its frame at ``time`` [ns], (H, W)."""
+        if lens := self.lenses.get(time):
+            labels = Rectifier(lens, self.pinhole).labels(labels)
+        return resize_labels(labels, self.camera.width, self.camera.height)

@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
 
-# Values of ``frames.pick``, and of ``frames.evaluation_frames`` that derives the number from the recording.
-SHARPEST, AUTO = "sharpest", "auto"
-
 # Longer times in nanoseconds overflow int64.
 _MAX_S = 9e9
 
@@ -20,16 +17,11 @@ _MIN_TRAINING_FRAMES = 2
 _AUTO_EVALUATION_FRAMES, _FRAMES_PER_EVALUATION_FRAME = 12, 6
 
 
-def select_frames(
-    timestamp_ns: NDArray[np.int64], options: FramesOptions, source: Path, *, stride: int | None = None
-) -> NDArray[np.int64]:
-    """Select every ``stride``-th frame, by default of the options, of the time range start_s <= t < end_s.
-
-    Args:
-        timestamp_ns: (N,) int64, strictly increasing capture times of all frames.
+def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, source: Path) -> NDArray[np.int64]:
+    """Select every ``stride``-th frame of the time range start_s <= t < end_s.
 
     Returns:
-        (F,) int64 indices into ``timestamp_ns``, F >= 1; the first frame of the range is one.
+        (F,) int64 indices into the (N,) times, F >= 1; the first frame of the range is one.
 
     Raises:
         UserError: the times do not increase, the range is empty, or no frame is in it.
@@ -46,7 +38,7 @@ def select_frames(
     in_range = elapsed_ns >= round(min(start_s, _MAX_S) * 1e9)
     if end_s is not None and end_s < _MAX_S:
         in_range &= elapsed_ns < round(end_s * 1e9)
-    selected = np.flatnonzero(in_range)[:: stride or options.stride].astype(np.int64)
+    selected = np.flatnonzero(in_range)[:: options.stride].astype(np.int64)
     if not len(selected):
         raise UserError(
             f"{source}: no frame between start_s and end_s; the last one is at {elapsed_ns[-1] * 1e-9:.3f} s."
@@ -61,28 +53,13 @@ def select_sharpest(frames: NDArray[np.int64], sharpness: Iterable[float], strid
     return frames[best]
 
 
-def evaluation_count(wanted: int | str, count: int, annotated: bool, labeled: int | None = None) -> int:
-    """Number of evaluation frames: the ``wanted`` one, or for ``auto`` by the frames and annotations of the recording.
-
-    Args:
-        labeled: number of frames that alone may be chosen; None if all may.
-    """
-    if wanted != AUTO:
-        return int(wanted)
-    if labeled is not None:
-        return labeled
-    # Without annotations there is no query to score, so every frame trains.
-    auto = min(_AUTO_EVALUATION_FRAMES, max(1, count // _FRAMES_PER_EVALUATION_FRAME))
-    return auto if annotated else 0
-
-
 def split_frames(
-    count: int, evaluation: int, holdout: bool, labeled: NDArray[np.int64] | None = None
+    count: int, options: FramesOptions, annotated: bool, labeled: NDArray[np.int64] | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Choose the middle frame of each of ``evaluation`` equal parts of the recording for evaluation.
+    """Choose the middle frame of each of ``evaluation_frames`` equal parts of the recording for evaluation.
 
     Args:
-        holdout: whether they are excluded from training; the paper does not say (docs/method.md#holdout).
+        annotated: without annotations there is no query to score, so that auto lets every frame train.
         labeled: the frames that alone may be chosen, increasing: parts are then of these; None if all may.
 
     Returns:
@@ -96,12 +73,15 @@ def split_frames(
             f"{count} frame is read, and training needs {_MIN_TRAINING_FRAMES} or more: add pictures, or take more of "
             "them (frames.stride, frames.start_s, frames.end_s)."
         )
-    candidates = np.arange(count) if labeled is None else labeled
-    if evaluation > len(candidates) and labeled is not None:
+    candidates, evaluation = np.arange(count) if labeled is None else labeled, options.evaluation_frames
+    if evaluation == "auto":
+        sixth = min(_AUTO_EVALUATION_FRAMES, max(1, count // _FRAMES_PER_EVALUATION_FRAME))
+        evaluation = len(labeled) if labeled is not None else sixth if annotated else 0
+    if labeled is not None and evaluation > len(labeled):
         raise UserError(
             f"frames.evaluation_frames: {evaluation} evaluation frames, but the recording labels {len(labeled)}; auto takes them all."
         )
-    remaining = count - evaluation if holdout else count
+    remaining = count - evaluation if options.holdout else count
     if evaluation > count or remaining < _MIN_TRAINING_FRAMES:
         raise UserError(
             f"frames.evaluation_frames: {evaluation} evaluation frames of {count} leave {max(remaining, 0)} for "
@@ -111,4 +91,4 @@ def split_frames(
     # The middle of part i of count candidates is count (i + 1/2) / evaluation; integer arithmetic keeps it exact.
     middles = [len(candidates) * (2 * part + 1) // (2 * evaluation) for part in range(evaluation)]
     is_evaluation[candidates[middles]] = True
-    return (~is_evaluation if holdout else np.ones(count, dtype=bool)), is_evaluation
+    return (~is_evaluation if options.holdout else np.ones(count, dtype=bool)), is_evaluation

@@ -13,7 +13,7 @@ from egosplat.calibration.files import is_annotated
 from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Recording
-from egosplat.frames.selection import AUTO, SHARPEST, evaluation_count, split_frames
+from egosplat.frames.selection import split_frames
 from egosplat.images import measure_sharpness
 from egosplat.pipeline.stages import load_module
 from egosplat.progress import log, track
@@ -30,30 +30,27 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         UserError: the recording is missing or damaged, or the keys select no frame.
     """
     recording = open_recording(format, recording_path, options)
-    count, labeled = len(recording.timestamp_ns), recording.labeled
+    count, valid = len(recording.timestamp_ns), recording.valid
     annotated = is_annotated(format, recording_path)
-    wanted = evaluation_count(
-        options.evaluation_frames, count, annotated, None if labeled is None else len(labeled)
-    )
-    train, evaluation = split_frames(count, wanted, options.holdout, labeled)
+    train, evaluation = split_frames(count, options, annotated, recording.labeled)
     made = provenance.begin("frames", options.as_dict() | {"format": format}, recording.origin, chosen=format)
     with create(output, FRAMES, made) as artifact:
-        artifact.put("valid", recording.valid)
+        artifact.put("valid", valid)
         artifact.put("timestamp_ns", recording.timestamp_ns)
         artifact.put("exposure_middle_ns", recording.exposure_middle_ns)
         artifact.put("train", train)
         artifact.put("evaluation", evaluation)
-        artifact.allocate("rgb", (count, *recording.valid.shape, 3))
+        artifact.allocate("rgb", (count, *valid.shape, 3))
         if recording.masked:
-            artifact.allocate("masked", (count, *recording.valid.shape))
+            artifact.allocate("masked", (count, *valid.shape))
         # One frame at a time: a recording does not fit into memory.
         images, sharpness = recording.read_frames(np.arange(count)), np.empty(count)
         for index, image in enumerate(track(images, f"reading {recording_path.name}", total=count)):
             artifact.put_row("rgb", index, image)
-            shown = recording.valid
+            shown = valid
             if recording.masked:
                 artifact.put_row("masked", index, masked := recording.masked(index))
-                shown = shown & ~masked
+                shown = valid & ~masked
             sharpness[index] = measure_sharpness(image, shown)
         device = recording.device_from_camera
         artifact.facts = {
@@ -66,13 +63,10 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
             "device_from_camera": None if device is None else device.tolist(),
             **recording.facts,
         }
-    if options.evaluation_frames == AUTO and not annotated:
-        log(
-            f"{count} frames, all for training: the recording has no annotations "
-            "(frames.evaluation_frames=N holds N of them out)"
-        )
-    else:
-        log(f"{count} frames, {evaluation.sum()} of them for evaluation")
+    told = f"{evaluation.sum()} of them for evaluation"
+    if options.evaluation_frames == "auto" and not annotated:
+        told = "all for training: the recording has no annotations (frames.evaluation_frames=N holds N of them out)"
+    log(f"{count} frames, {told}")
 
 
 def open_recording(format: str, path: Path, options: FramesOptions) -> Recording:
@@ -81,10 +75,8 @@ def open_recording(format: str, path: Path, options: FramesOptions) -> Recording
     Raises:
         UserError: the format is unknown, the recording unreadable, or a key does not fit it.
     """
-    if options.pick == SHARPEST and format != "plain":
-        raise UserError(
-            f"frames.pick={SHARPEST}: only for plain recordings, and this is {format}; set first."
-        )
+    if options.pick == "sharpest" and format != "plain":
+        raise UserError(f"frames.pick=sharpest: only for plain recordings, and this is {format}; set first.")
     return load_module("frames", format).open_recording(path, options)
 
 

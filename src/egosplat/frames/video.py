@@ -1,7 +1,9 @@
 """Read the frames of a video file with OpenCV, or of a folder of images."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 
 from egosplat.calibration.files import NONE, picture_folders
 from egosplat.errors import UserError
-from egosplat.frames.images import ImageFolder
+from egosplat.frames.images import Picture, Source, open_folder
 from egosplat.frames.native_log import captured_log
 from egosplat.progress import log, track
 
@@ -22,60 +24,22 @@ _COUNTED = (".mp4", ".m4v", ".mov", ".3gp", ".avi")
 _SECONDS_OFF, _SHARE_OFF = 1.0, 0.1
 
 
-class Video:
-    """Frames and presentation times of a video; a rotation in its metadata is applied, and its pixels are made square.
+@dataclass(frozen=True)
+class Video(Source):
+    """The frames of a video; a rotation in its metadata is applied, and its pixels are made square.
 
     Attributes:
-        names: numbers of the frames, from 0.
-        width, height: size of the frames after rotation, with square pixels [px].
-        sizes, turned, oriented: as of an ``ImageFolder``.
-        timestamp_ns: (N,) int64: presentation time of each frame since the first, from the container; valid for
-            variable frame rates too. Times that do not increase are rebuilt, see ``rebuild_times``.
+        aspect: width of a stored pixel by its height.
+        lies: whether the rotation makes the stored width the height.
     """
 
-    turned, oriented = False, 0
+    aspect: float = 1.0
+    lies: bool = False
 
-    def __init__(self, path: Path) -> None:
-        """Scan the video for the times of its frames; UserError if it is missing or no frame can be decoded."""
-        self.path = path
-        # The frame count and rate in the header are unreliable.
-        capture, messages = self._open(), []
-        declared, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
-        frames = _grabbed(capture, messages)
-        milliseconds = list(track(frames, f"scanning {path.name}", total=declared if declared > 0 else None))
-        if not milliseconds:
-            # ffmpeg also repairs what it can.
-            raise UserError(
-                f"{path}: no frame can be decoded{_codec(capture)}{_reason(messages)}. "
-                f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18 {path.stem}_h264.mp4"
-            )
-        counted = path.suffix.lower() in _COUNTED
-        least = declared if counted else (1.0 - _SHARE_OFF) * declared - _SECONDS_OFF * max(rate, 0.0)
-        if len(milliseconds) < least or messages:
-            log(
-                f"{path}: {len(milliseconds)} of {declared} declared frames can be read"
-                f"{_reason(messages)}; is it complete?"
-            )
-        times = np.array(milliseconds)
-        if not (np.diff(times) > 0).all():
-            times, rate = rebuild_times(times, rate)
-            log(f"{path}: the times of its frames are missing or out of order; taken as {rate:g} a second")
-        self.timestamp_ns = np.round((times - times[0]) * 1e6).astype(np.int64)
-        num, den = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
-        self._pixel_aspect = num / den if num > 0 and den > 0 else 1.0
-        self._lies = capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180 == 90
-        self.height, self.width = next(self.read_frames(np.array([0]))).shape[:2]
-        self.names, self.sizes = [*map(str, range(len(times)))], [(self.width, self.height)] * len(times)
-        if self._pixel_aspect != 1.0:
-            log(
-                f"{path}: its pixels are {num:g}:{den:g}; frames are resampled to square ones, "
-                f"{self.width}x{self.height}"
-            )
-
-    def read_frames(self, frames: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the (height, width, 3) uint8 RGB frame of each number, increasing; UserError if the video ends before."""
-        capture, position = self._open(), -1
-        for frame in frames:
+    def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+        """Yield the (height, width, 3) uint8 RGB frame of each index, increasing; UserError if the video ends before."""
+        capture, position = _open(self.path), -1
+        for frame in [int(self.pictures[index].name) for index in indices]:
             with captured_log() as messages:
                 # Seeking in a video is not exact, so every frame before is grabbed.
                 while position < frame and capture.grab():
@@ -85,47 +49,79 @@ class Video:
                 raise UserError(f"{self.path}: frame {frame} cannot be decoded{_reason(messages)}.")
             yield self._squared(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
-    def has_alpha(self, frame: int) -> bool:
-        """As of an ``ImageFolder``: no frame has transparent pixels."""
-        return False
-
-    def mask(self, frame: int) -> None:
-        """As of an ``ImageFolder``: no frame has a mask beside it."""
-
-    def _squared(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _squared(self, image: Any) -> NDArray[np.uint8]:
         """An image with square pixels: its side that was stored as the width is scaled."""
-        if self._pixel_aspect == 1.0:
+        if self.aspect == 1.0:
             return image
         height, width = image.shape[:2]
-        stored = max(1, round((height if self._lies else width) * self._pixel_aspect))
-        size = (width, stored) if self._lies else (stored, height)
-        method = cv2.INTER_AREA if self._pixel_aspect < 1.0 else cv2.INTER_LINEAR
-        return cv2.resize(image, size, interpolation=method)
-
-    def _open(self) -> cv2.VideoCapture:
-        if not self.path.is_file():
-            raise UserError(f"{self.path}: not found. Check the path.")
-        if not self.path.stat().st_size:
-            raise UserError(f"{self.path}: an empty file (0 bytes). Copy it again.")
-        with captured_log() as messages:
-            capture = cv2.VideoCapture(str(self.path))
-        if not capture.isOpened():
-            raise UserError(
-                f"{self.path}: not a video, or an incomplete one{_reason(messages)}. Copy it again."
-            )
-        return capture
+        stored = max(1, round((height if self.lies else width) * self.aspect))
+        size = (width, stored) if self.lies else (stored, height)
+        return cv2.resize(
+            image, size, interpolation=cv2.INTER_AREA if self.aspect < 1.0 else cv2.INTER_LINEAR
+        )
 
 
-def open_source(path: Path, known_poses: str | None) -> Video | ImageFolder:
-    """Open a video file or an image folder; UserError if it cannot be read.
+def open_video(path: Path) -> Video:
+    """Scan a video for the presentation times of its frames; UserError if it is missing or no frame can be decoded.
 
-    Known poses name the pictures, and their tools do not turn them by EXIF orientation.
+    Times that do not increase are rebuilt, see ``rebuild_times``.
+    """
+    # The frame count and rate in the header are unreliable.
+    capture, messages = _open(path), []
+    declared, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
+    grabbed = _grabbed(capture, messages)
+    milliseconds = list(track(grabbed, f"scanning {path.name}", total=declared if declared > 0 else None))
+    if not milliseconds:
+        code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
+        letters = code.decode("ascii", "replace")
+        codec = f", codec {letters}" if letters.isprintable() else ""
+        # ffmpeg also repairs what it can.
+        raise UserError(
+            f"{path}: no frame can be decoded{codec}{_reason(messages)}. "
+            f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18 {path.stem}_h264.mp4"
+        )
+    counted = path.suffix.lower() in _COUNTED
+    least = declared if counted else (1.0 - _SHARE_OFF) * declared - _SECONDS_OFF * max(rate, 0.0)
+    if len(milliseconds) < least or messages:
+        log(
+            f"{path}: {len(milliseconds)} of {declared} declared frames can be read{_reason(messages)}; is it complete?"
+        )
+    times = np.array(milliseconds)
+    if not (np.diff(times) > 0).all():
+        times, rate = rebuild_times(times, rate)
+        log(f"{path}: the times of its frames are missing or out of order; taken as {rate:g} a second")
+    num, den = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
+    video = Video(
+        path,
+        [Picture(path, str(frame), (0, 0)) for frame in range(len(times))],
+        np.round((times - times[0]) * 1e6).astype(np.int64),
+        aspect=num / den if num > 0 and den > 0 else 1.0,
+        lies=capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180 == 90,
+    )
+    height, width = next(video.read_frames(np.array([0]))).shape[:2]
+    if video.aspect != 1.0:
+        log(f"{path}: its pixels are {num:g}:{den:g}; frames are resampled to square ones, {width}x{height}")
+    return replace(video, pictures=[replace(picture, stored=(width, height)) for picture in video.pictures])
+
+
+def open_source(path: Path, known_poses: str | None, *, turned: bool | None = None) -> Source:
+    """Open a video file or an image folder; UserError if it cannot be read, or pictures without known poses differ in size.
+
+    Args:
+        turned: whether EXIF orientation is applied, by default without known poses alone: they name the pictures, and their
+            tools do not turn them.
     """
     if not path.is_dir():
-        return Video(path)
-    source = ImageFolder(path, picture_folders(path, known_poses or NONE), turned=known_poses is None)
-    if known_poses is None:
-        source.check_sizes()
+        return open_video(path)
+    turned = known_poses is None if turned is None else turned
+    source = open_folder(path, picture_folders(path, known_poses or NONE), turned=turned)
+    width, height = source.size
+    for picture, size in zip(source.pictures, source.sizes, strict=True):
+        if known_poses is None and size != (width, height):
+            raise UserError(
+                f"{picture.path}: {size[0]}x{size[1]} px, but most images of the folder are {width}x{height}. "
+                "All must have the same size."
+            )
     return source
 
 
@@ -138,7 +134,19 @@ def rebuild_times(milliseconds: NDArray[np.float64], declared: float) -> tuple[N
     steps = np.diff(milliseconds)
     forward = steps[steps > 0]
     step = float(np.median(forward)) if len(forward) else 1e3 / (declared if declared > 0 else _ASSUMED_RATE)
-    return np.arange(len(milliseconds)) * step, 1e3 / step
+    return np.arange(len(milliseconds)) * np.float64(step), 1e3 / step
+
+
+def _open(path: Path) -> cv2.VideoCapture:
+    if not path.is_file():
+        raise UserError(f"{path}: not found. Check the path.")
+    if not path.stat().st_size:
+        raise UserError(f"{path}: an empty file (0 bytes). Copy it again.")
+    with captured_log() as messages:
+        capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise UserError(f"{path}: not a video, or an incomplete one{_reason(messages)}. Copy it again.")
+    return capture
 
 
 def _grabbed(capture: cv2.VideoCapture, messages: list[str]) -> Iterator[float]:
@@ -150,13 +158,6 @@ def _grabbed(capture: cv2.VideoCapture, messages: list[str]) -> Iterator[float]:
         if not grabbed:
             return
         yield capture.get(cv2.CAP_PROP_POS_MSEC)
-
-
-def _codec(capture: cv2.VideoCapture) -> str:
-    """The four letters of a video's codec, for a message."""
-    code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
-    letters = code.decode("ascii", "replace")
-    return f", codec {letters}" if letters.isprintable() else ""
 
 
 def _reason(messages: list[str]) -> str:

@@ -67,7 +67,9 @@ _STAGES = (
         inputs=("recording", "frames"),
         libraries=(_OPENCV, "projectaria-tools"),
         by="format",
-        modules={name: f"egosplat.frames.{name}_annotations" for name in ("adt", "hoi4d", "plain")},
+        modules=_modules(
+            adt="frames.adt_annotations", hoi4d="frames.hoi4d", plain="frames.plain_annotations"
+        ),
         request=(1500, 200, 30, 100),
     ),
     _artifact(

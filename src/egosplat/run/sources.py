@@ -24,10 +24,9 @@ from egosplat.calibration.files import (
 from egosplat.calibration.known_poses import find_known_poses
 from egosplat.errors import UserError
 from egosplat.files import atomic_directory
-from egosplat.frames.images import ImageFolder
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.pictures import ENOUGH_PER_S
-from egosplat.frames.video import Video, open_source
+from egosplat.frames.video import open_source, open_video
 
 _TAKES = "Give a video, a folder or .zip of photographs, a COLMAP or nerfstudio folder, or a .vrs"
 
@@ -123,10 +122,9 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
                 f"{folder}: holds no pictures, but {names}; give one of them, such as {others[0]}"
             )
     kind = find_known_poses(folder, known_poses)
-    pictures = open_source(folder, kind)
-    assert isinstance(pictures, ImageFolder)
+    count = len(open_source(folder, kind).pictures)
     poses = "" if kind is None else f" with poses ({KNOWN_POSES[kind]})"
-    return Source("plain", folder, f"{len(pictures.paths)} pictures{poses}")
+    return Source("plain", folder, f"{count} pictures{poses}")
 
 
 def _read_glasses(video: Path) -> Source:
@@ -149,7 +147,7 @@ def _read_video(path: Path, known_poses: str) -> Source:
         capture = cv2.VideoCapture(str(path))
         is_video = capture.isOpened() and capture.grab()
     if not is_video:
-        Video(path)  # says why
+        open_video(path)  # says why
         raise UserError(f"{path}: is no video that can be read. {_TAKES}")
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
     known = find_known_poses(path, known_poses) is not None

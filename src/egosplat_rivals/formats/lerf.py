@@ -7,11 +7,12 @@ A scene is the folder of a COLMAP project, ``figurines/images/`` and ``figurines
 from pathlib import Path
 
 from egosplat.frames import pictures
-from egosplat.frames.labels import find_labels
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Recording
+from egosplat_rivals.formats.labeled_annotations import find_labels, match_labels
 
 
 def open_recording(path: Path, options: FramesOptions) -> Recording:
     """Open the pictures of a scene."""
-    return pictures.open_recording(path, options, find_labels("lerf", path))
+    labels = find_labels("lerf", path)
+    return pictures.open_recording(path, options, lambda names: [*match_labels(labels, names)])

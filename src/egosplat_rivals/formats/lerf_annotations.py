@@ -16,17 +16,15 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.frames.keys import AnnotationKeys
-from egosplat.frames.labels import find_labels
-from egosplat.frames.recording import LayeredAnnotations
-from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate
+from egosplat.frames.recording import AnnotationKeys, Annotations
+from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate, find_labels
 
 _LEAST_POINTS = 3
 # A polygon's points lie in its picture; what lies far outside is in another unit.
 _MOST_PX = 2**20
 
 
-def open_annotations(path: Path, keys: AnnotationKeys) -> LayeredAnnotations:
+def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations:
     """Read the labels of a scene; UserError if there are none, one is damaged or of another size, or a polygon is none."""
     labels = find_labels("lerf", path)
     read = {label: _read_label(label) for label in labels.values()}

@@ -7,11 +7,12 @@ masks, ``04/CLASS.png``, for each labeled picture.
 from pathlib import Path
 
 from egosplat.frames import pictures
-from egosplat.frames.labels import find_labels
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Recording
+from egosplat_rivals.formats.labeled_annotations import find_labels, match_labels
 
 
 def open_recording(path: Path, options: FramesOptions) -> Recording:
     """Open the pictures of a scene."""
-    return pictures.open_recording(path, options, find_labels("3d_ovs", path))
+    labels = find_labels("3d_ovs", path)
+    return pictures.open_recording(path, options, lambda names: [*match_labels(labels, names)])

@@ -12,15 +12,13 @@ from egosplat.calibration.files import OVS_CLASSES, labels_folder, list_masks
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
 from egosplat.frames.images import read_rgb
-from egosplat.frames.keys import AnnotationKeys
-from egosplat.frames.labels import find_labels
-from egosplat.frames.recording import LayeredAnnotations
-from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate
+from egosplat.frames.recording import AnnotationKeys, Annotations
+from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate, find_labels
 
 _WHITE = 128
 
 
-def open_annotations(path: Path, keys: AnnotationKeys) -> LayeredAnnotations:
+def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations:
     """Read the class masks of a scene; UserError if a class has no name or mask, or a mask another size than its picture."""
     labels = find_labels("3d_ovs", path)
     classes = read_classes(labels_folder("3d_ovs", path) / OVS_CLASSES)

@@ -15,9 +15,9 @@ from egosplat.evaluation.scores import (
     pixel_accuracy,
     score_query,
 )
-from egosplat.frames.labels import paint_layers
 from egosplat.frames.recording import Instance
 from egosplat.query.answers import ViewMatch
+from egosplat_rivals.formats.labeled_annotations import paint_layers
 
 SIZE = (12, 16)
 INSTANCES = [

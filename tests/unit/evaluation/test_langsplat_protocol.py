@@ -7,10 +7,10 @@ import pytest
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.queries import Query, categories
 from egosplat.evaluation.scores import score_query
-from egosplat.frames.labels import paint_layers
 from egosplat.frames.recording import Instance
 from egosplat.pipeline.config import defaults, of_format, stage_values
 from egosplat.query.maps import localize, read_maps, segment
+from egosplat_rivals.formats.labeled_annotations import paint_layers
 
 WIDTH, HEIGHT = 986, 120
 OPTIONS = MetricsOptions(**stage_values("metrics", of_format(defaults(), "lerf")))

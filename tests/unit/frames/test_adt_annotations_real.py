@@ -8,8 +8,8 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.frames.adt import open_recording
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
+from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import pinhole
 
 OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)

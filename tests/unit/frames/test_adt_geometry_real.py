@@ -6,11 +6,11 @@ import pytest
 from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigitalTwinDataProvider
 from scipy.spatial.transform import Rotation
 
-from egosplat.frames.adt import RGB_LABEL, RGB_STREAM, device_calibration, open_recording, open_video
+from egosplat.frames.adt import RGB_LABEL, RGB_STREAM, open_recording, open_video
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.options import FramesOptions
+from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import Rectification
 from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, transform
 
@@ -19,7 +19,7 @@ ANNOTATION_NS = [87551170910000, 87551204237999]
 
 
 def rgb_calibration(sample):
-    return device_calibration(open_video(sample), sample).get_camera_calib(RGB_LABEL)
+    return open_video(sample).get_device_calibration().get_camera_calib(RGB_LABEL)
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ from egosplat.errors import UserError
 from egosplat.frames import adt
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, RGB_STREAM, open_recording
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.options import FramesOptions
+from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import pinhole
 from tests.support.recordings import opened
 
@@ -137,6 +137,6 @@ def test_missing_videos_are_named(copy):
 
 def test_a_black_frame_is_named(sample, monkeypatch):
     recording = open_recording(sample, OPTIONS)
-    monkeypatch.setattr(adt, "_decode", lambda *_: np.zeros((1408, 1408, 3), np.uint8))
+    monkeypatch.setattr(adt, "decode", lambda *_: np.zeros((1408, 1408, 3), np.uint8))
     with pytest.raises(UserError, match="frame 2 .*black"):
         next(recording.read_frames(np.array([2])))

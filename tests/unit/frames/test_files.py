@@ -11,8 +11,8 @@ from PIL import Image
 
 from egosplat.calibration.files import companion_path, digest_of_recording
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
+from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.stage import open_recording
 from tests.support.recordings import copy_files, opened
 from tests.unit.frames.test_hoi4d import FOLDER, root

@@ -24,7 +24,7 @@ from egosplat.errors import UserError
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import find_queries, mask_of, read_layers
 from egosplat.frames import annotations_stage, stage
-from egosplat.frames.labels import match_labels, paint_layers
+from egosplat_rivals.formats.labeled_annotations import match_labels, paint_layers
 
 WRITERS = {"lerf": write_lerf, "3d_ovs": write_3d_ovs}
 LABEL, MASKS = "label/boxes/frame_00003.json", "boxes/segmentations"

@@ -11,10 +11,9 @@ from egosplat.artifacts.schemas import FRAMES
 from egosplat.errors import UserError
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
-from egosplat.frames.recording import Instance
+from egosplat.frames.recording import AnnotationKeys, Instance
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
 
@@ -129,7 +128,7 @@ def test_video_frames_have_the_annotation_of_their_number(video, tmp_path):
         ("id\tname\tmotion_type\n5\tBall\tdynamic\n", "no column 'category'"),
         ("", "no column 'id'"),
         (TABLE + "5\tBall_2\tball\tdynamic\n", "id 5 is in lines 2 and 4"),
-        (TABLE + "0\tBall_2\tball\tdynamic\n", "line 4: id is '0'"),
+        (TABLE + "0\tBall_2\tball\tdynamic\n", "line 4: id is 0"),
         (TABLE + "x\tBall_2\tball\tdynamic\n", "line 4: id is 'x'"),
         (TABLE + "6\tBall_2\tball\tmoving\n", "line 4: motion_type is 'moving', not static or dynamic"),
         (TABLE + "6\tBall_2\n", "line 4: category"),

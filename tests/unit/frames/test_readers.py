@@ -4,8 +4,8 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
+from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.stage import open_recording
 from egosplat.geometry import Camera
 

@@ -7,13 +7,13 @@ import pytest
 
 from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.selection import evaluation_count, select_frames, split_frames
+from egosplat.frames.selection import select_frames, split_frames
 
 
 @pytest.mark.parametrize(("count", "evaluation"), [(10, 2), (300, 7), (5, 3), (1000, 999 - 1), (9, 1)])
 @pytest.mark.parametrize("holdout", [False, True])
 def test_evaluation_frames_are_the_middles_of_equal_parts(count, evaluation, holdout):
-    train, chosen = split_frames(count, evaluation, holdout)
+    train, chosen = split_frames(count, FramesOptions(evaluation_frames=evaluation, holdout=holdout), True)
     indices = np.flatnonzero(chosen)
     assert len(indices) == evaluation
     middles = (np.arange(evaluation) + 0.5) * count / evaluation
@@ -26,7 +26,7 @@ def test_evaluation_frames_are_the_middles_of_equal_parts(count, evaluation, hol
 @pytest.mark.parametrize(("count", "evaluation", "holdout"), [(10, 9, True), (10, 11, False)])
 def test_a_split_that_leaves_too_little_is_rejected(count, evaluation, holdout):
     with pytest.raises(UserError, match="evaluation frames"):
-        split_frames(count, evaluation, holdout)
+        split_frames(count, FramesOptions(evaluation_frames=evaluation, holdout=holdout), True)
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_a_split_that_leaves_too_little_is_rejected(count, evaluation, holdout):
     ],
 )
 def test_auto_holds_out_frames_of_annotated_recordings_only(count, annotated, expected):
-    assert evaluation_count("auto", count, annotated) == expected
+    assert split_frames(count, FramesOptions(), annotated)[1].sum() == expected
 
 
 TIMES = 87_551_170_813_262 + np.array([0, 100, 200, 300, 400, 500]) * 1_000_000

@@ -12,16 +12,16 @@ from projectaria_tools.core.calibration import (
     device_calibration_from_json_string,
     device_calibration_to_json_string,
 )
+from projectaria_tools.core.data_provider import VrsDataProvider
 from projectaria_tools.core.sophus import SE3
 from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
-from egosplat.frames import adt
 from egosplat.frames.adt import open_recording, rectification
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.keys import AnnotationKeys
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.rectify import clockwise_turns, pinhole, turns_from_rotation
+from egosplat.frames.recording import AnnotationKeys
+from egosplat.frames.rectify import clockwise_turns, pinhole
 
 RGB = "camera-rgb"
 BUILDS = [
@@ -73,11 +73,10 @@ def test_up_in_the_frame_is_up_of_the_wearer(version, build, origin, turns, tmp_
 
 def test_every_quarter_turn_is_found():
     """A camera turned counterclockwise about its axis needs as many clockwise turns of its image."""
-    upright = np.diag([-1.0, -1.0, 1.0])  # x to the right, y down, against CPF's left and up
     for turns in range(4):
         for tilt in (-40, 0, 40):
-            turned = upright @ Rotation.from_euler("z", 90 * turns + tilt, degrees=True).as_matrix()
-            assert turns_from_rotation(turned) == turns
+            turned = device(*BUILDS[2][:3], tilt_deg=90 * turns + tilt)
+            assert clockwise_turns(turned, RGB) == turns
 
 
 @pytest.mark.parametrize(
@@ -101,8 +100,10 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
     lying = open_recording(sample, OPTIONS.change(upright=False))
     assert not lying.upright
 
-    def gen2(provider, path):
-        lens = provider.get_device_calibration().get_camera_calib(RGB)
+    calibration = VrsDataProvider.get_device_calibration
+
+    def gen2(provider):
+        lens = calibration(provider).get_camera_calib(RGB)
         mounted = device(*BUILDS[2][:3])
         pose = mounted.get_camera_calib(RGB).get_transform_device_camera()
         size, radius = map(int, lens.get_image_size()), lens.get_valid_radius()
@@ -113,8 +114,7 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
             {RGB: camera}, {}, {}, {}, {}, cad, "DVT_LL", "slam-front-left", DeviceVersion.Gen2
         )
 
-    monkeypatch.setattr(adt, "device_calibration", gen2)
-    monkeypatch.setattr("egosplat.frames.adt_annotations.device_calibration", gen2)
+    monkeypatch.setattr(VrsDataProvider, "get_device_calibration", gen2)
     for upright in (True, False):
         turned = open_recording(sample, OPTIONS.change(upright=upright))
         assert turned.upright

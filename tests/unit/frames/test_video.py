@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.frames.video import Video, rebuild_times
+from egosplat.frames.video import open_video, rebuild_times
 from tests.unit.frames.conftest import grey_frames, write_video
 from tests.unit.frames.test_plain import ffmpeg
 
@@ -40,7 +40,7 @@ def test_frames_whose_times_are_missing_or_out_of_order_get_even_times(source, c
     """These files are sound: the decoder yields every frame in the order in which it is shown."""
     path = source.with_name(name)
     ffmpeg("-i", source, *ENCODED[name], path)
-    video = Video(path)
+    video = open_video(path)
     np.testing.assert_allclose(video.timestamp_ns, np.arange(COUNT) * 40e6, atol=1e3)
     assert np.abs(greens(video) - 10 * np.arange(COUNT)).max() <= 5
     assert f"{path}: the times" in (said := capsys.readouterr().err) and "25 a second" in said
@@ -66,7 +66,7 @@ def test_a_codec_without_a_decoder_is_named_with_the_command_that_converts_it(tm
     path = tmp_path / "clip.ivf"
     path.write_bytes(AV1)
     with pytest.raises(UserError, match=r"codec AV01.*ffmpeg -i clip.ivf .*clip_h264.mp4") as caught:
-        Video(path)
+        open_video(path)
     assert "0x" not in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -75,7 +75,7 @@ def test_an_empty_or_cut_off_video_asks_for_another_copy(source, share):
     content = source.read_bytes()
     source.write_bytes(content[: int(share * len(content))])
     with pytest.raises(UserError, match="source.mp4: .*(0 bytes|incomplete).*Copy it again") as caught:
-        Video(source)
+        open_video(source)
     assert "0x" not in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -87,8 +87,8 @@ def test_pixels_that_are_not_square_are_resampled(source, capsys, rotation, size
     stored, path = source.with_name("stored.mp4"), source.with_name("anamorphic.mp4")
     ffmpeg("-i", source, "-c:v", "libx264", "-vf", "setsar=12/11", stored)
     ffmpeg(*rotation, "-i", stored, "-c", "copy", path)
-    video = Video(path)
-    assert (video.width, video.height) == size and "12:11" in capsys.readouterr().err
+    video = open_video(path)
+    assert video.size == size and "12:11" in capsys.readouterr().err
     (frame,) = video.read_frames(np.array([2]))
     upright = np.rot90(frame, -1) if rotation else frame
     red = upright[24, :, 0].astype(int) - upright[24, :, 1]
@@ -101,5 +101,5 @@ def test_an_estimated_number_of_frames_is_no_promise(source, capsys, seconds, in
     path = source.with_name("clip.flv")
     sound = ("-f", "lavfi", "-i", "anullsrc=r=44100", "-t", seconds)
     ffmpeg("-i", source, *sound, "-c:v", "flv1", "-c:a", "pcm_s16le", path)
-    assert len(Video(path).timestamp_ns) == COUNT
+    assert len(open_video(path).timestamp_ns) == COUNT
     assert ("declared frames" in capsys.readouterr().err) == incomplete
