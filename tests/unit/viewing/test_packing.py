@@ -54,10 +54,8 @@ def test_arrays_and_facts_come_back():
         np.testing.assert_array_equal(found[name], values)
 
 
-def test_what_the_page_cannot_read_is_refused():
-    """A wrong dtype or a number that is not finite fails when the page is made, not in the browser."""
-    with pytest.raises(ValueError, match="wide"):
-        pack({}, {"wide": np.zeros(3)})
+def test_a_number_that_is_not_finite_is_refused():
+    """When the page is made, not in the browser."""
     with pytest.raises(ValueError):
         pack({"number": float("nan")}, {})
 
