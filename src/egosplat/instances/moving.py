@@ -23,8 +23,7 @@ class MovingTracks:
     """The M tracks of segments.zarr that show what moves.
 
     Attributes:
-        level: (M,) int8.
-        frames: (M,) int32 number of drawn frames that show each track.
+        level, frames: (M,) int8, and (M,) int32 number of drawn frames that show each track.
         standing: (S,) int64 instances of segments.zarr that are tracks and stand still. Their masks are merged.
     """
 

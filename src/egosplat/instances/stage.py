@@ -55,9 +55,8 @@ def run(
     if splats is not None:
         check_made_from(splats, frames, poses)
         merged_on = {"splats": splats.digest}
-    record = provenance.begin_from(
-        "instances", options.as_dict() | by_survey | merged_on, (frames, poses, segments)
-    )
+    keys = options.as_dict() | by_survey | merged_on
+    record = provenance.begin_from("instances", keys, (frames, poses, segments))
     if options.source == "auto":
         # Masks of single frames are no tracks.
         options = options.change(source="masks" if segments.facts.get("single_frames") else TRACKS)
@@ -130,12 +129,11 @@ def _write_things(
         artifact.put("instances/moving", moving)
         artifact.put("gaussians/xyz", scene.geometry.gaussians.means.cpu().numpy())
         artifact.put("gaussians/instance", scene.strongest())
-        figures = {
+        artifact.facts = _facts(segments, level, source) | {
             "merging": scene.counts,
             "pixels_without_instance": empty / max(pixels, 1),
             "standing_tracks": len(tracks.standing),
         }
-        artifact.facts = _facts(segments, level, source) | figures
 
 
 def _facts(segments: Artifact, level: NDArray[np.int8], source: str) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.models.sam2_loader import Sam2
 from egosplat.moving_regions import InstanceScores
 from egosplat.segments.options import SegmentsOptions
-from egosplat.segments.prompts import prompted_frames
 from egosplat.segments.tracker import Tracker
 from egosplat.segments.video import LabelMaps, Segmented, Video, finalize_instances
 
@@ -39,7 +38,8 @@ def track_moving(
     def moves(frame: int) -> NDArray[np.float32]:
         return np.where(video.shown(frame), probability(frame).astype(np.float32), np.float32(0))
 
-    found = Tracker(sam2, video, options, moves, prompted_frames(training, options)).run(checkpoint)
+    prompted = training[:: options.key_frame_stride].tolist()
+    found = Tracker(sam2, video, options, moves, prompted).run(checkpoint)
     table, kept, _ = finalize_instances(found, options.min_frames)
     scores = InstanceScores(len(kept))
     for frame in training.tolist():

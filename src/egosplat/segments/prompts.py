@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.models.image_encoder import EncodedImage
@@ -30,11 +28,6 @@ class Bounds:
     least: float
     most: float = 1.0
     border: Tensor | None = None
-
-
-def prompted_frames(frames: NDArray[np.intp], options: SegmentsOptions) -> list[int]:
-    """Every ``key_frame_stride``-th of the frames that may be prompted."""
-    return frames[:: options.key_frame_stride].tolist()
 
 
 def grid_points(points_per_side: int) -> Tensor:

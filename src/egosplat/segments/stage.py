@@ -80,15 +80,10 @@ def run(
             "or set segments.segmenter to classical"
         )
     with create(output, SEGMENTS, replace(made, gathered=work.costs)) as artifact:
-        artifact.facts = _put_instances(artifact, segmented, instances, rows)
-        artifact.facts |= _put_labels(
-            artifact, segmented, table, video, rows, len(kept), options.single_frames
-        )
-        artifact.facts |= {
-            "segmenter": options.segmenter,
-            "single_frames": options.single_frames,
-            "merged": merged,
-        }
+        single = options.single_frames
+        facts = {"segmenter": options.segmenter, "single_frames": single, "merged": merged}
+        facts |= _put_instances(artifact, segmented, instances, rows)
+        artifact.facts = facts | _put_labels(artifact, segmented, table, video, rows, len(kept), single)
     work.finish()
 
 
@@ -121,7 +116,6 @@ def _segment_with_sam2(
     # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
     from egosplat.segments.moving import add_tracks, track_moving
-    from egosplat.segments.prompts import prompted_frames
     from egosplat.segments.single_frames import join_frames, segment_frame
     from egosplat.segments.tracker import Tracker
 
@@ -129,7 +123,7 @@ def _segment_with_sam2(
     sam2 = load_sam2(*model, None if options.single_frames else options.image_size)
     if not options.single_frames:
         return Tracker(sam2, video, options).run(tracks)
-    frames = np.array(prompted_frames(training, options), np.intp)
+    frames = training[:: options.key_frame_stride]
     found = work.results(
         lambda chunks: frames[lie_within(rows[frames], chunks)].tolist(),
         lambda few: (segment_frame(sam2, video, frame, options) for frame in few),

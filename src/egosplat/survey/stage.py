@@ -27,14 +27,21 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
     record = provenance.begin_from("survey", options.as_dict(), (frames, poses))
-    motion = measure_motion(frames, poses)
+    motion, source = measure_motion(frames, poses), poses.facts.get("notes", {}).get("source", "colmap")
+    if frames.facts["device_from_camera"] is not None and poses.provenance["options"]["method"] != "colmap":
+        source = "device"
     document = {
         "format_version": FORMAT_VERSION,
         "origin": record.origin,
         "motion": decide_motion(motion, options.min_moving_share),
         "camera": decide_camera(motion),
         "views": _views(frames, poses, options.min_view_change_deg),
-        "poses": _poses(frames, poses),
+        "poses": {
+            "source": source,
+            "registered": int(poses.read("registered").sum()),
+            "frames": frames.shape("rgb")[0],
+            "points": poses.shape("points/xyz")[0],
+        },
         "provenance": record.record(),
     }
     write_survey(output, document)
@@ -55,17 +62,6 @@ def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any
         "min_view_change_deg": least_deg,
         "median_depth_m": median(depths),
         "digest": digest_of_frames(kept_frames),
-    }
-
-
-def _poses(frames: Artifact, poses: Artifact) -> dict[str, Any]:
-    has_device = frames.facts["device_from_camera"] is not None
-    from_device = has_device and poses.provenance["options"]["method"] != "colmap"
-    return {
-        "source": "device" if from_device else poses.facts.get("notes", {}).get("source", "colmap"),
-        "registered": int(poses.read("registered").sum()),
-        "frames": frames.shape("rgb")[0],
-        "points": poses.shape("points/xyz")[0],
     }
 
 

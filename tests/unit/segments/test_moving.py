@@ -16,7 +16,6 @@ from egosplat.models.sam2_loader import Sam2
 from egosplat.segments import stage
 from egosplat.segments.moving import add_tracks, track_moving
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
-from egosplat.segments.propagation import Propagator
 from egosplat.segments.tracker import Tracker
 from egosplat.segments.video import LabelMaps, Segmented, Track, Video
 from tests.support.scenes import put
@@ -115,22 +114,6 @@ def test_a_track_is_lost_where_nothing_moves_and_found_again(sam2, images):
         True,
         True,
     ]
-
-
-def test_time_does_not_grow_with_tracks_times_frames(sam2, images, monkeypatch):
-    """What is out of view for longer than SAM2's memory is prompted again, as another track; SAM2's tracker goes on."""
-    monkeypatch.setattr(sam2.video_predictor, "max_obj_ptrs_in_encoder", 2)
-    step = Propagator.step
-    for ends in (True, False):
-
-        def patient(self, *arguments, ends=ends):
-            self._patience = self._patience if ends else np.inf
-            return step(self, *arguments)
-
-        monkeypatch.setattr(Propagator, "step", patient)
-        found = tracked(sam2, images, probability(0, 3, 4), OPTIONS.change(lost_track_stride=1))
-        again = {found.instances[number].first_frame for number in np.unique(found.labels[3]) if number >= 0}
-        assert again == ({3} if ends else {0, 3})
 
 
 @pytest.mark.parametrize(("elsewhere", "kept"), [(0.72, True), (0.6, False)])
