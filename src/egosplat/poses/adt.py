@@ -71,7 +71,7 @@ def adt_poses(
         )
     # Both trajectories are in ADT's scene frame, which ADT publishes already aligned: no alignment is needed here.
     camera_to_world = world_from_device @ device_from_camera
-    points, point_notes = _points(folder, options)
+    points, point_notes = read_semidense_points(folder, options)
     up = mean_camera_up(camera_to_world[np.isfinite(camera_to_world).all(axis=(1, 2))])
     # Accurate for small angles, unlike the arc cosine.
     tilt = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(trajectory.up, up)), trajectory.up @ up)))
@@ -87,10 +87,10 @@ def adt_poses(
     return Poses(camera_to_world, camera, points, colors, trajectory.up, notes)
 
 
-def _points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], dict[str, Any]]:
+def read_semidense_points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter), and their notes.
 
-    Without any, ground truth may be used, and a closed loop not.
+    UserError if the file is damaged, or a closed loop has none of them.
     """
     path, required = find_points(folder / MPS_FOLDER), options.trajectory == "closed_loop"
     if path is None and required:
