@@ -60,13 +60,6 @@ def test_a_query_that_is_canonical(measured, temperature):
     measured(float((alone - 0.5).abs().max()))
 
 
-@pytest.mark.numerics("a feature equal to the query: the paper's formula", within=1e-3)
-@pytest.mark.parametrize("temperature", ENDS)
-def test_a_feature_that_is_the_query(measured, temperature):
-    given_ = directions(3, 5), directions(3, 5), directions(4, 4), temperature
-    measured(float((relevancy(*given_) - papers(*given_)).abs().max()))
-
-
 @pytest.mark.numerics(
     "float16 and bfloat16 features, queries and phrases, against the same numbers in float64",
     within=1e-3,

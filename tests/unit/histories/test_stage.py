@@ -90,9 +90,7 @@ def test_a_thing_rests_before_and_after_its_carry(found):
     first, last = found.read("rests/from_frame"), found.read("rests/until_frame")
     np.testing.assert_allclose([*first, *last], [0, 35, 24, 59], atol=2)
     assert (found.read("rests/gain") > 0.3).all()
-
-
-def test_rests_of_one_carry_are_one_thing_with_one_feature(found):
+    # Both are one thing with one feature.
     assert found.read("rests/thing").tolist() == [0, 0] and found.read("carries/thing").tolist() == [0]
     assert [found.read(f"carries/{name}_rest").tolist() for name in ("from", "to")] == [[0], [1]]
     np.testing.assert_allclose(np.linalg.norm(found.read("things/feature"), axis=1), 1.0, rtol=1e-5)
