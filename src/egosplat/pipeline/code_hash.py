@@ -23,16 +23,10 @@ TEXTS = (".csv", ".j2")
 SCRIPTS = (".css", ".glsl", ".html", ".js")
 
 # Modules that show, record or write, but cannot change an array: a better message makes nothing stale.
-NEUTRAL = {"egosplat"} | {  # which holds only the version and public names
-    f"egosplat.{name}"
-    for names in (
-        "artifacts.provenance errors files progress pipeline",
-        "pipeline.code_hash pipeline.home pipeline.messages pipeline.options pipeline.parsed_modules",
-        "pipeline.process_guards pipeline.shared_options pipeline.stage pipeline.stages",
-        "pipeline.strict_yaml pipeline.validation",
-    )
-    for name in names.split()
-}
+_NEUTRAL = """artifacts.provenance errors files progress pipeline pipeline.code_hash pipeline.home pipeline.messages
+pipeline.options pipeline.parsed_modules pipeline.process_guards pipeline.shared_options pipeline.stage pipeline.stages
+pipeline.strict_yaml pipeline.validation"""
+NEUTRAL = {"egosplat", *(f"egosplat.{name}" for name in _NEUTRAL.split())}
 
 # Of these modules a stage executes the definitions that it imports by name, each with those that it needs.
 SPLIT = {"egosplat.artifacts.schemas"}

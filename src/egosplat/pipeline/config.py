@@ -47,12 +47,7 @@ SHIPPED_LAYER = Layer("protocols", SHIPPED)
 
 
 class LayeredConfig(Config):
-    """A complete configuration, and the layers that it is merged from.
-
-    Attributes:
-        layers: what it is merged from; later ones win.
-        variants: complete configurations of variants by name, as far as they were asked for.
-    """
+    """A complete configuration, the layers that it is merged from, and its variants' by name, as far as they were asked for."""
 
     def __init__(self, values: Mapping[str, Any], layers: Sequence[Layer] = ()) -> None:
         super().__init__(values)
@@ -108,10 +103,7 @@ def _model() -> type[Options]:
 
 
 def configure(layers: Sequence[Layer], automatic: str = AUTO) -> LayeredConfig:
-    """Merge layers over the defaults of the set of models that they choose, and check the values.
-
-    Args:
-        automatic: the set that they choose with ``auto``, or by naming none.
+    """Merge layers over the defaults of the set of models that they choose, ``automatic`` by ``auto``, and check the values.
 
     Raises:
         UserError: a key is wrong; names the last layer that sets it, its value and what is allowed.

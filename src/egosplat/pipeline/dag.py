@@ -44,10 +44,8 @@ def merges_masks(config: Config) -> bool:
 
 
 def merges_on_splats(config: Config) -> bool:
-    """Whether masks are merged on the scene's Gaussians: another program's, or those trained where nothing is tracked or masked.
-
-    Elsewhere the Gaussians need the instances first, or show what moves in several places; temporary ones are trained.
-    """
+    """Whether masks are merged on the scene's Gaussians: another program's, or those trained where nothing is tracked or masked."""
+    # Elsewhere the Gaussians need the instances first, or show what moves in several places; temporary ones are trained.
     keys = config["splats"]
     still = segments_single_frames(config) and not tracks_what_moves(config) and keys["masking"] == "none"
     return merges_masks(config) and bool(keys["source"] or (still and keys["language"] == "after"))

@@ -40,11 +40,9 @@ _LIMITS = {
 
 
 def make_options(options: type[Options], values: Mapping[str, Any], where: str, own: str) -> Options:
-    """Make options, which checks the values and adds the defaults (UserError: names the first wrong key).
+    """Make options, which checks the values and adds the defaults (UserError: names ``where`` and the first wrong key).
 
-    Args:
-        where: what gives the values, for messages.
-        own: section of the keys that are in no shared one; empty for none.
+    ``own`` is the section of the keys that are in no shared one; empty for none.
     """
     try:
         return options.model_validate(values)
@@ -63,11 +61,7 @@ def refusal(
 ) -> str:
     """Describe an error in one line: the key, its value, and what is allowed.
 
-    Args:
-        steps: name of the key, then of parts of its value.
-        given: values by name.
-        keys: JSON schemas by name.
-        names: full names of the keys by name.
+    ``steps`` name the key, then parts of its value; ``given`` are values, ``keys`` JSON schemas, ``names`` full names by name.
     """
     name = str(steps[0])
     if name not in keys:

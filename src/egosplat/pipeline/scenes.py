@@ -47,25 +47,15 @@ class Row(Options):
 
 @dataclass(frozen=True)
 class Scene:
-    """A row of the table of scenes, with its paths.
+    """A row of the table of scenes, with its paths."""
 
-    Attributes:
-        dataset: first folder below results.
-        scene: second folder below results.
-        format: of its recording.
-        recording: folder or file of the recording; inside results if it is synthetic.
-        synthetic: whether egosplat makes the recording.
-        config: complete configuration, including the row's own keys.
-        by_name: whether only a target that names the scene makes it.
-    """
-
-    dataset: str
-    scene: str
-    format: str
-    recording: Path
-    synthetic: bool
-    config: LayeredConfig
-    by_name: bool = False
+    dataset: str  # first folder below results
+    scene: str  # second folder below results
+    format: str  # of its recording
+    recording: Path  # folder or file; inside results if it is synthetic
+    synthetic: bool  # whether egosplat makes the recording
+    config: LayeredConfig  # complete, including the row's own keys
+    by_name: bool = False  # whether only a target that names the scene makes it
 
     @property
     def name(self) -> str:
@@ -74,7 +64,7 @@ class Scene:
 
     @property
     def results(self) -> Path:
-        return Path("results") / self.dataset / self.scene
+        return Path("results", self.dataset, self.scene)
 
     @property
     def lacks_recording(self) -> bool:

@@ -35,9 +35,9 @@ class NearPlaneOptions(Options, section="run"):
     """Near plane of the renderer."""
 
     near_plane: Positive = 0.1
-    """Near plane in meters (scene units if the scale is unknown): nothing closer to the camera is rendered. If it is
-    too near, single Gaussians in front of the lens fill the frame; if it is too far, hands are cut off. Training stops
-    where most points lie closer. The smallest sizes are in proportion to it."""
+    """Near plane in meters (scene units if the scale is unknown): nothing closer to the camera is rendered. Too near,
+    single Gaussians in front of the lens fill the frame; too far, hands are cut off. Training stops where most points
+    lie closer. The smallest sizes are in proportion to it."""
 
 
 class RunOptions(SeedOptions, BackendOptions, DeviceOptions, NearPlaneOptions):
@@ -92,9 +92,9 @@ class ThresholdOptions(Options, section="masks"):
 
     threshold: Share = 0.7
     """Mean probability from which an instance is transient. Lower masks more. The paper uses 0.02 for ADT and 0.1
-    for HOI4D. The best value depends on transient_penalty, lr and iterations of the section transient. With their
-    defaults 0.65 to 0.75 work equally well on synthetic apartments, with the ideal and the real camera; with the
-    true instances 0.45 to 0.8. Where segments tracks what moves, a mask starts a track from six sevenths of it."""
+    for HOI4D. The best value depends on transient_penalty, lr and iterations of the section transient; with their
+    defaults 0.65 to 0.75 work equally well. Where segments tracks what moves, a mask starts a track from six
+    sevenths of it."""
 
 
 class MaskSourceOptions(Options, section="segments"):
