@@ -104,12 +104,9 @@ def _digest_of_file(path: Path, known: list[Any] | None) -> list[Any]:
 
 
 def opened_files(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> list[Path]:
-    """The existing files of a recording that the stage frames, annotations or poses opens.
+    """The existing files of a recording (folder, video, or name of a HOI4D sequence) that frames, annotations or poses opens.
 
-    Args:
-        format: of the recording, as in the table of scenes.
-        recording: folder, video file, or name of a HOI4D sequence.
-        config: the configuration, of which ``frames.known_poses``, ``poses.method`` and ``poses.trajectory`` count.
+    Of the configuration ``frames.known_poses``, ``poses.method`` and ``poses.trajectory`` count.
     """
     known, files = config["frames"]["known_poses"], []
     if stage == "poses":
@@ -165,12 +162,9 @@ def poses_source(method: str, has_device: bool, has_known: bool) -> str:
 
 
 def is_annotated(format: str, path: Path) -> bool:
-    """Whether a recording comes with annotations, judged without reading them.
-
-    HOI4D, LERF-OVS and 3D-OVS do. An ADT recording does if it has a segmentation, which other recordings of Aria glasses have not;
-    one that does not exist yet is a synthetic one. A plain recording does if its annotations folder exists.
-    """
+    """Whether a recording comes with annotations, judged without reading them; HOI4D, LERF-OVS and 3D-OVS do."""
     if format == "adt":
+        # Other recordings of Aria glasses have no segmentation; one that does not exist yet is a synthetic one.
         return find_segmentation(path) is not None or not path.is_dir()
     return format != "plain" or os.path.lexists(companion_path(path, ANNOTATIONS))
 
@@ -327,20 +321,20 @@ def _named_folders(recording: Path, root: Path, names: list[str]) -> list[Path]:
 def _names(recording: Path, kind: str) -> list[str]:
     """The names of pictures in a file with known poses; none of a damaged one, whose reader reports it."""
     path = known_poses_path(recording, kind)
-    names: list[str] = []
     if kind == "transforms":
         return [name for frame in _read_frames(path)[1] if isinstance(name := frame.get("file_path"), str)]
+    names: list[str] = []
     with suppress(OSError, ValueError, IndexError, struct.error):
-        for file in (file for file in model_files(path) if file.stem == "images"):
-            if file.suffix == ".txt":
-                lines = file.read_text(encoding="utf-8").splitlines()
-                # The tenth word of every second line.
-                rows = [line for line in lines if not line.startswith("#")][::2]
-                return [line.split(maxsplit=9)[9].strip() for line in rows if line.strip()]
-            content, position = file.read_bytes(), 8
-            for _ in range(*struct.unpack_from("<Q", content)):
-                name, position = next_image(content, position)
-                names.append(name.decode())
+        (file,) = (file for file in model_files(path) if file.stem == "images")
+        if file.suffix == ".txt":
+            lines = file.read_text(encoding="utf-8").splitlines()
+            # The tenth word of every second line.
+            rows = [line for line in lines if not line.startswith("#")][::2]
+            return [line.split(maxsplit=9)[9].strip() for line in rows if line.strip()]
+        content, position = file.read_bytes(), 8
+        for _ in range(*struct.unpack_from("<Q", content)):
+            name, position = next_image(content, position)
+            names.append(name.decode())
     return names
 
 

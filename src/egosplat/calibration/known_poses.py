@@ -137,8 +137,7 @@ def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
 
 def unmatched_line(unmatched: list[str], path: Path) -> str:
     """The log line about entries without a picture."""
-    more = ", ..." if len(unmatched) > _MAX_NAMES else ""
-    plural = "s" if len(unmatched) > 1 else ""
+    more, plural = ", ..." if len(unmatched) > _MAX_NAMES else "", "s" if len(unmatched) > 1 else ""
     return f"{path}: ignores {len(unmatched)} name{plural} without a picture: {', '.join(unmatched[:_MAX_NAMES])}{more}"
 
 

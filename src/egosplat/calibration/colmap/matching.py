@@ -28,9 +28,8 @@ _MAX_DESCRIPTORS, _MAX_WORDS = 200_000, 4096
 def match_images(project: Project, matching: str, overlap: int, seed: int, threads: int) -> dict[str, Any]:
     """Match features between images and verify the matches geometrically, by the same result for any number of threads.
 
-    ``matching`` is ``exhaustive`` (every pair), ``sequential`` (``sequential_pairs``), or ``auto``: exhaustive for up to
-    ``EXHAUSTIVE_UP_TO`` images. Returns the one that was used, and the numbers of pairs that were compared, that are verified
-    (consistent with a rigid scene), and of these with parallax: the camera moved past objects at different depths.
+    ``auto`` is ``exhaustive`` (every pair) for up to ``EXHAUSTIVE_UP_TO`` images, else ``sequential``. Returns the one that was used, and
+    the numbers of pairs that were compared, that fit to a rigid scene, and of these with parallax.
     """
     project.check_free_space()
     if matching == "auto":
