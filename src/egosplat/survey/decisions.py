@@ -60,7 +60,7 @@ def decide_camera(motion: Motion) -> dict[str, Any]:
     return {
         "pose_residual_px": finite(explained),
         "pose_noise_px": finite(noise),
-        "revisits": len(motion.revisits),
+        "revisits": len(motion.after_px) - count,
         "refine_poses": excess > 1,
         "brightness_stops": finite(stops),
         "compensate_exposure": stops is not None and stops > _MAX_STOPS,

@@ -16,7 +16,7 @@ from egosplat.progress import track
 from egosplat.survey import views
 from egosplat.survey.brightness import exposure_changes
 from egosplat.survey.pairs import Bools, Floats, Gray, detect_motion, match_images
-from egosplat.survey.rigid import View, rotation_homography
+from egosplat.survey.rigid import View
 
 # Longest side of the images that flow is computed of [px].
 _SIDE = 256
@@ -37,24 +37,26 @@ class Motion:
 
     Attributes:
         pairs: (P, 2) int64 frames.
-        moving: (P,) float64 pixels in moving regions, as a fraction of the valid ones.
-        lasting: (P,) float64 those in regions that move in a neighboring pair as well.
+        moving, lasting: (P,) float64 pixels in moving regions, and in those that move in a neighboring pair as well, as a
+            fraction of the valid ones.
         voting: (P,) float64 pixels that can show motion, as a fraction of the valid ones.
-        noise_px: (P,) float64 of the flow after the poses are corrected [px]; NaN if the pair is not judged.
         stops: (P,) float64 exposure of the second frame relative to the first; NaN if unknown.
-        revisits: (R, 2) int64 frames.
-        before_px, after_px: (P + R,) float64 noise without and with a correction of the poses [px]; NaN if not judged.
+        before_px, after_px: (P + R,) float64 noise of the flow without and with a correction of the poses [px]; NaN if the
+            pair is not judged.
     """
 
     pairs: views.Pairs
     moving: Array
     lasting: Array
     voting: Array
-    noise_px: Array
     stops: Array
-    revisits: views.Pairs
     before_px: Array
     after_px: Array
+
+    @property
+    def noise_px(self) -> Array:
+        """(P,) float64 ``after_px`` of the pairs."""
+        return self.after_px[: len(self.pairs)]
 
     @property
     def share(self) -> float | None:
@@ -101,36 +103,31 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
         judged = np.isfinite(found[-1].noise_px) and row < count
         lights.append(match.light if judged else None)
         # Flow is kept where something moves, for the next pair.
-        flows.append(match.flow if found[-1].regions.any() else None)
-    homographies = [rotation_homography(camera.matrix, *camera_to_world[pair]) for pair in pairs]
+        flows.append((match.flow, match.homography) if found[-1].regions.any() else None)
     regions = [pair.regions for pair in found[:count]]
     numbers = np.array([(pair.before_px, pair.noise_px) for pair in found]).reshape(-1, 2)
     valid_count = max(1, int(valid.sum()))
     return Motion(
         pairs=pairs,
         moving=np.array([np.count_nonzero(labels) for labels in regions]) / valid_count,
-        lasting=_lasting(pairs, regions, flows, homographies) / valid_count,
+        lasting=_lasting(pairs, regions, flows) / valid_count,
         voting=np.array([pair.voting for pair in found[:count]]) / valid_count,
-        noise_px=numbers[:count, 1],
         stops=exposure_changes(lights[:count]),
-        revisits=revisits,
         before_px=numbers[:, 0],
         after_px=numbers[:, 1],
     )
 
 
-def _lasting(
-    pairs: views.Pairs, regions: list[Labels], flows: list[Floats | None], homographies: list[Array]
-) -> Array:
-    """(P,) float64 pixels of each pair in regions that keep moving."""
+def _lasting(pairs: views.Pairs, regions: list[Labels], flows: list[tuple[Floats, Array] | None]) -> Array:
+    """(P,) float64 pixels of each pair in regions that keep moving; ``flows`` where some do, with their homographies."""
     row_of = {int(first): row for row, first in enumerate(pairs[:, 0])}
     links = []
     for row, second in enumerate(pairs[:, 1].tolist()):
         after, flow = row_of.get(second), flows[row]
         if after is None or flow is None or flows[after] is None:
             continue
-        arrived = landing(regions[row], flow, homographies[row])
-        links += [((row, one), (after, other)) for one, other in meetings(arrived, regions[after])]
+        met = meetings(landing(regions[row], *flow), regions[after])
+        links += [((row, one), (after, other)) for one, other in met]
     found = np.zeros(len(pairs))
     for row, region in lasting_regions(links):
         found[row] += np.count_nonzero(regions[row] == region)

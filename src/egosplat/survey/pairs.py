@@ -50,6 +50,7 @@ class Match:
     Attributes:
         first, second: uint8; the second has the brightness of the first.
         flow: (h, w, 2) float32 from the first to the second [px].
+        homography: (3, 3) from there to the second image's own orientation.
         measured: bool, pixels whose flow is reliable.
         flow_error: expected error of flow, from texture and noise; inf without texture [px].
         noise: difference of the fifth of the patches that match best [gray levels].
@@ -59,6 +60,7 @@ class Match:
     first: Gray
     second: Gray
     flow: Floats
+    homography: Array
     measured: Bools
     flow_error: NDArray[np.floating]
     noise: float
@@ -116,7 +118,7 @@ def match_images(
     noise = max(_MIN_NOISE, float(np.quantile(difference[measured], _BEST))) if measured.any() else _MIN_NOISE
     structure = np.minimum(_texture(first), sample(_texture(aligned), targets))
     error = noise / (_PATCH * np.sqrt(np.maximum(structure, 1e-12)))
-    return Match(first, aligned, forward, measured, error, noise, light)
+    return Match(first, aligned, forward, homography, measured, error, noise, light)
 
 
 def _texture(image: Gray) -> Floats:

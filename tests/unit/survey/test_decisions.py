@@ -17,9 +17,7 @@ def motion(
         moving=np.full(pairs, lasting + fleeting),
         lasting=np.full(pairs, lasting),
         voting=np.full(pairs, voting),
-        noise_px=np.full(pairs, noise),
         stops=np.full(pairs, stops),
-        revisits=np.zeros((revisits, 2), np.int64),
         before_px=every * before,
         after_px=every * noise,
     )
