@@ -50,10 +50,8 @@ class PageServer(ThreadingTCPServer):
         try:
             super().__init__((host, port), _Handler)
         except OSError as error:
-            why = error.strerror or str(error)
-            raise UserError(
-                f"--host {host} --port {port}: cannot listen there ({why}); give another --host or --port"
-            ) from None
+            why = f"cannot listen there ({error.strerror or error}); give another --host or --port"
+            raise UserError(f"--host {host} --port {port}: {why}") from None
         bound = ipaddress.ip_address(str(self.server_address[0]))
         self.token = "" if bound.is_loopback else secrets.token_urlsafe(16)
         name = socket.gethostname() if bound.is_unspecified else host

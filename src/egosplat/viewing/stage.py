@@ -100,6 +100,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     """Facts of the scene, and the constants of queries, which ``source/answer.js`` has no values of its own for."""
     settings, clip = scene.trained.settings, scene.encoded.facts["clip"]
     calibration = scene.grading(options).calibration
+    raster = {"margin": FRUSTUM_MARGIN, "blur": Arguments.__dataclass_fields__["eps2d"].default}
     keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
     limits = {"calibration": calibration and asdict(calibration), "nearest": NEAREST, "reach": REACH}
     limits |= {"least": LEAST_GAUSSIANS, "same": SAME, "synonym": SYNONYM, "apart": APART, "fits": LEAST_FIT}
@@ -112,12 +113,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
         "up": scene.artifact("poses").read("up").tolist(),
         "camera": asdict(scene.camera),
         "near": settings.near_plane,
-        "raster": {
-            "margin": FRUSTUM_MARGIN,
-            "blur": Arguments.__dataclass_fields__["eps2d"].default,
-            "least_alpha": ALPHA_THRESHOLD,
-            "most_alpha": MAX_ALPHA,
-        },
+        "raster": raster | {"least_alpha": ALPHA_THRESHOLD, "most_alpha": MAX_ALPHA},
         "white": settings.background == "white",
         "antialiased": settings.antialiased,
         "levels": list(scene.levels),
@@ -130,14 +126,19 @@ def add_rests(gaussians: Gaussians, rests: Rests | None) -> tuple[Gaussians, Fac
     if rests is None:
         return gaussians, {"count": gaussians.count, "drawn": gaussians.count, "rests": []}
     order = np.argsort(rests.rest, kind="stable")
-    every = Gaussians.concatenate(
-        [gaussians, rests.gaussians.select(torch.from_numpy(order).to(gaussians.means.device))]
-    )
-    counts = np.bincount(rests.rest, minlength=len(rests.thing))
-    spans = np.round([rests.from_s, rests.until_s], SECOND)
-    names = ("from", "until", "count")
-    about = [dict(zip(names, one, strict=True)) for one in zip(*spans.tolist(), counts.tolist(), strict=True)]
-    return every, {"count": gaussians.count, "drawn": every.count, "rests": about}
+    more = rests.gaussians.select(torch.from_numpy(order).to(gaussians.means.device))
+    spans = np.round([rests.from_s, rests.until_s], SECOND).tolist()
+    counts = np.bincount(rests.rest, minlength=len(rests.thing)).tolist()
+    about = [
+        {"from": first, "until": last, "count": count}
+        for first, last, count in zip(*spans, counts, strict=True)
+    ]
+    drawn = gaussians.count + more.count
+    return Gaussians.concatenate([gaussians, more]), {
+        "count": gaussians.count,
+        "drawn": drawn,
+        "rests": about,
+    }
 
 
 def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
@@ -171,11 +172,8 @@ def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tup
     posed = known_poses(camera_to_world)
     shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()
     files = [encode_webp(shrink_image(frames.row("rgb", frame), SIDE), QUALITY) for frame in shown]
-    arrays = {
-        "poses": camera_to_world[posed, :3].astype(np.float32),
-        "pictures": np.concatenate(files) if files else np.zeros(0, np.uint8),
-    }
-    return arrays, {
+    pictures = np.concatenate([*files, np.zeros(0, np.uint8)])
+    return {"poses": camera_to_world[posed, :3].astype(np.float32), "pictures": pictures}, {
         "frames": posed.tolist(),
         "seconds": np.round(seconds[posed], SECOND).tolist(),
         "pictures": [{"frame": frame, "bytes": len(file)} for frame, file in zip(shown, files, strict=True)],
