@@ -33,7 +33,6 @@ AREAS = {
     "histories": "Carries",
     "transient": "Transient network and masks",
     "poses": "Poses",
-    "survey": "Survey",
     "camera": "Camera of synthetic recordings",
     "gaussians": "Training",
     "models": "SAM2 and OpenCLIP",

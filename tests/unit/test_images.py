@@ -1,19 +1,9 @@
-"""Resizing images, masks and label maps; what lowers the sharpness of an image, and what does not."""
+"""Resizing images, masks and label maps."""
 
-import cv2
 import numpy as np
 import pytest
 
-from egosplat.images import measure_sharpness, resize_image, resize_labels, resize_mask, shrunk_size
-
-EVERYWHERE = np.ones((96, 96), bool)
-RNG = np.random.default_rng(0)
-EDGES = np.where(cv2.GaussianBlur(RNG.normal(size=(96, 96)), (0, 0), 3) > 0, 150, 60).astype(np.float32)
-"""Two shades with sharp edges in all directions."""
-
-
-def sharpness(grey: np.ndarray, valid: np.ndarray = EVERYWHERE) -> float:
-    return measure_sharpness(np.repeat(grey.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2), valid)
+from egosplat.images import resize_image, resize_labels, resize_mask, shrunk_size
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3, 4])
@@ -62,30 +52,3 @@ def test_an_image_of_the_wanted_size_is_not_copied():
 )
 def test_the_longer_side_shrinks_and_never_grows(longest, size):
     assert shrunk_size(64, 48, longest) == size
-
-
-@pytest.mark.parametrize("kernel", [(1, 5), (5, 1)])
-def test_motion_in_either_direction_lowers_it(kernel):
-    """Protects the mean over directions: motion blurs one of them only."""
-    assert sharpness(EDGES) - sharpness(cv2.blur(EDGES, kernel)) > 1.0
-    assert sharpness(cv2.blur(EDGES, kernel)) > sharpness(cv2.blur(EDGES, (7, 7)))
-
-
-def test_exposure_and_noise_do_not_change_it():
-    """Protects frames that are darker or noisier than their neighbors."""
-    noisy = EDGES + RNG.normal(0, 4, EDGES.shape)
-    for other in (0.5 * EDGES, EDGES + 60, noisy):
-        assert sharpness(other) == pytest.approx(sharpness(EDGES), abs=0.15)
-
-
-def test_only_valid_pixels_count():
-    """Protects against the edge of the lens circle, which is sharp in every frame."""
-    valid = EVERYWHERE.copy()
-    valid[:, 60:] = False
-    assert sharpness(np.where(valid, EDGES, 0), valid) == sharpness(EDGES, valid)
-
-
-@pytest.mark.parametrize("grey", [np.zeros((96, 96)), np.full((96, 96), 255), np.full((4, 4), 7)])
-def test_a_picture_without_edges_has_none(grey):
-    """Protects against a decision on frames that show nothing."""
-    assert np.isnan(sharpness(grey, np.ones(grey.shape, bool)))

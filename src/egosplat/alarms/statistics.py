@@ -40,11 +40,6 @@ def mean(array: str) -> Callable[[Artifact], Figures | None]:
     return read
 
 
-def blurred_frames(frames: Artifact) -> Figures | None:
-    blurred = frames.facts.get("blurred_frames")
-    return None if blurred is None else _share(blurred, frames.shape("rgb")[0])
-
-
 def points_per_frame(poses: Artifact) -> Figures | None:
     notes = poses.facts.get("notes", {})
     # A device's own points, and a file of poses without any, are no structure from motion.
@@ -127,7 +122,6 @@ def gaussians_without_code(language: Artifact) -> Figures | None:
 
 MEASURES = {
     "frames.valid_pixels": mean("valid"),
-    "frames.blurred": blurred_frames,
     "poses.registered": mean("registered"),
     "poses.reprojection": fact("notes", "reprojection_error_px"),
     "poses.parallax": fact("notes", "parallax_deg"),

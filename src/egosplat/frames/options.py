@@ -51,10 +51,6 @@ class FramesOptions(Options):
     estimates from up to 30 of them. auto: if the frames ask for it (docs/recordings.md). radial: always. pinhole:
     never, and without the estimate."""
 
-    pick: Literal["first", "sharpest"] = "first"
-    """Which of every stride frames of a plain recording is used. sharpest avoids motion blur and reads every frame
-    (docs/method.md#sharpness)."""
-
 
 class AnnotationsOptions(Options):
     """Ground-truth instance maps of the evaluation frames. Training never uses them."""

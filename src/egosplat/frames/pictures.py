@@ -23,10 +23,10 @@ from egosplat.errors import UserError
 from egosplat.frames.images import Source, read_mask
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Recording
-from egosplat.frames.selection import select_frames, select_sharpest
+from egosplat.frames.selection import select_frames
 from egosplat.frames.video import Video, open_source
 from egosplat.geometry import Camera
-from egosplat.images import measure_sharpness, resize_image, resize_mask, shrunk_size
+from egosplat.images import resize_image, resize_mask, shrunk_size
 from egosplat.progress import log, track
 
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
@@ -115,7 +115,7 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
             f"{path.name}: frames keep their {longest} px, which are less than resolution: {options.resolution}"
         )
     size, valid = shrunk_size(full.width, full.height, options.resolution), _read_valid(path, every)
-    frames, labeled = _choose_frames(every, path, options, find_labeled, resize_mask(valid, *size))
+    frames, labeled = _choose_frames(every, path, options, find_labeled)
     pictures, evidence = Pictures(every.keep(frames), valid, every.pinhole, size), None
     if kind is None:
         _advise_stride(pictures.source, options.stride)
@@ -218,9 +218,9 @@ def _read_valid(path: Path, source: Source) -> Mask:
 
 
 def _choose_frames(
-    source: Source, path: Path, options: FramesOptions, find_labeled: FindLabeled | None, valid: Mask
+    source: Source, path: Path, options: FramesOptions, find_labeled: FindLabeled | None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
-    """The indices of the pictures that become frames, and of the labeled ones; sharpness is measured at the size of a mask."""
+    """The indices of the pictures that become frames, and of the labeled ones."""
     every = select_frames(source.timestamp_ns, options.change(stride=1), path)
     frames, labeled = every[:: options.stride], None
     if find_labeled is not None:
@@ -231,10 +231,6 @@ def _choose_frames(
                 f"these are pictures {', '.join(map(str, matched))}, one a second."
             )
         frames = np.union1d(frames, labeled)
-    if options.pick == "sharpest" and options.stride > 1:
-        pictures = track(source.read_frames(every), "looking for sharp frames", total=len(every))
-        sharpness = (measure_sharpness(resize_image(each, *valid.shape[::-1]), valid) for each in pictures)
-        frames = select_sharpest(every, sharpness, options.stride)
     return frames, labeled
 
 

@@ -1,6 +1,5 @@
-"""Select frames of a recording by time, stride and sharpness, and split them into training and evaluation frames."""
+"""Select frames of a recording by time and stride, and split them into training and evaluation frames."""
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -44,13 +43,6 @@ def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, sourc
             f"{source}: no frame between start_s and end_s; the last one is at {elapsed_ns[-1] * 1e-9:.3f} s."
         )
     return selected
-
-
-def select_sharpest(frames: NDArray[np.int64], sharpness: Iterable[float], stride: int) -> NDArray[np.int64]:
-    """Select the sharpest of every ``stride`` of (N,) frames, the first of equally sharp ones; NaN is less than any other."""
-    values = np.nan_to_num(np.fromiter(sharpness, np.float64, len(frames)), nan=-np.inf)
-    best = [start + int(values[start : start + stride].argmax()) for start in range(0, len(frames), stride)]
-    return frames[best]
 
 
 def split_frames(

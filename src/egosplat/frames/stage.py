@@ -4,23 +4,16 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.schemas import FRAMES
 from egosplat.artifacts.writer import create
 from egosplat.calibration.files import is_annotated
-from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Recording
 from egosplat.frames.selection import split_frames
-from egosplat.images import measure_sharpness
 from egosplat.pipeline.stages import load_module
 from egosplat.progress import log, track
-
-# A frame is blurred that is less sharp than the recording's median by this: what a motion of 4 px during the exposure costs,
-# or a Gaussian blur of 0.7 px. The least sharp frame of a synthetic apartment is 0.4 below the median.
-BLURRED = 1.4
 
 
 def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
@@ -44,14 +37,11 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         if recording.masked:
             artifact.allocate("masked", (count, *valid.shape))
         # One frame at a time: a recording does not fit into memory.
-        images, sharpness = recording.read_frames(np.arange(count)), np.empty(count)
+        images = recording.read_frames(np.arange(count))
         for index, image in enumerate(track(images, f"reading {recording_path.name}", total=count)):
             artifact.put_row("rgb", index, image)
-            shown = valid
             if recording.masked:
-                artifact.put_row("masked", index, masked := recording.masked(index))
-                shown = valid & ~masked
-            sharpness[index] = measure_sharpness(image, shown)
+                artifact.put_row("masked", index, recording.masked(index))
         device = recording.device_from_camera
         artifact.facts = {
             "recording": recording_path.name,
@@ -59,7 +49,6 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
             "upright": recording.upright,
             "camera": asdict(recording.camera),
             "camera_known": recording.camera_known,
-            "blurred_frames": count_blurred(sharpness),
             "device_from_camera": None if device is None else device.tolist(),
             **recording.facts,
         }
@@ -75,13 +64,4 @@ def open_recording(format: str, path: Path, options: FramesOptions) -> Recording
     Raises:
         UserError: the format is unknown, the recording unreadable, or a key does not fit it.
     """
-    if options.pick == "sharpest" and format != "plain":
-        raise UserError(f"frames.pick=sharpest: only for plain recordings, and this is {format}; set first.")
     return load_module("frames", format).open_recording(path, options)
-
-
-def count_blurred(sharpness: NDArray[np.float64]) -> int:
-    """Number of blurred or blank frames, from the sharpness of every frame of a recording; NaN is blank."""
-    known = sharpness[np.isfinite(sharpness)]
-    blurred = int((known < np.median(known) - BLURRED).sum()) if len(known) else 0
-    return blurred + len(sharpness) - len(known)

@@ -18,8 +18,8 @@ FIGURES = {"pixels_without_instance": 0.6, "instances_per_frame": 2.0, "frames_p
 SUSPICIOUS = {
     "frames": (
         {"valid": np.arange(10) < 4, "train": np.ones(8, bool)},
-        {"blurred_frames": 1},
-        ["frames.valid_pixels", "frames.blurred"],
+        {},
+        ["frames.valid_pixels"],
     ),
     "poses": (
         {"registered": np.arange(10) < 8},

@@ -3,14 +3,12 @@
 import json
 import subprocess
 
-import cv2
 import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.frames import stage
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
 from egosplat.geometry import Camera
@@ -48,27 +46,6 @@ def test_images_come_in_natural_order(images):
     assert recording.timestamp_ns.tolist() == [number * 10**9 for number in range(12)]
     part = open_recording(images, OPTIONS.change(stride=3, start_s=2, end_s=9))
     assert reds(part, [0, 1, 2]) == [20, 50, 80]
-
-
-def test_the_sharpest_of_every_stride_frames_is_used(tmp_path):
-    """Protects the option for videos with motion blur; of equally sharp frames the first is used."""
-    edges = cv2.GaussianBlur(np.random.default_rng(0).normal(size=(48, 64)), (0, 0), 3) > 0
-    (folder := tmp_path / "images").mkdir()
-    for number, blur in enumerate((5, 1, 9, 1, 1, 7, 3)):
-        grey = np.where(edges, 180, 60).astype(np.uint8)
-        Image.fromarray(cv2.blur(grey, (blur, 1))).convert("RGB").save(folder / f"{number}.png")
-    options = OPTIONS.change(resolution=64, stride=3)
-    for pick, expected in (("first", [0, 3, 6]), ("sharpest", [1, 3, 6])):
-        capture = open_recording(folder, options.change(pick=pick))
-        assert capture.facts["pictures"] == [f"{number}.png" for number in expected]
-        assert capture.timestamp_ns.tolist() == [number * 10**9 for number in expected]
-    late = open_recording(folder, options.change(start_s=2.0, pick="sharpest"))
-    assert late.facts["pictures"] == ["3.png", "6.png"]
-
-
-def test_only_plain_recordings_have_a_sharpest_frame(tmp_path):
-    with pytest.raises(UserError, match="frames.pick=sharpest"):
-        stage.open_recording("adt", tmp_path, OPTIONS.change(stride=2, pick="sharpest"))
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp", ".tif", ".TIFF", ".bmp", ".heic", ".avif", ".dng"])
