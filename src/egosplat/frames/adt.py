@@ -71,7 +71,7 @@ def open_recording(folder: Path, options: FramesOptions) -> Recording:
         read_frames=read_frames,
         device_from_camera=rectified.device_from_camera,
         origin=recording_origin("adt", folder),
-        upright=options.upright or clockwise_turns(device, RGB_LABEL) == 0,
+        upright=options.upright or (device is not None and clockwise_turns(device, RGB_LABEL) == 0),
     )
 
 
@@ -131,8 +131,8 @@ def rectification(
         raise UserError(f"{path}: has no calibration of {RGB_LABEL}. Give a recording of Aria glasses.")
     turns = clockwise_turns(device, RGB_LABEL) if upright else 0
     if turns is None:
+        version = device.get_device_version().name
         raise UserError(
-            f"{path}: the calibration is of an unknown Aria (version {device.get_device_version().name}), so the upright "
-            "direction is unknown. Set frames.upright=false to keep the frames as they are."
+            f"{path}: the upright direction of Aria {version} is unknown. Set frames.upright=false."
         )
     return Rectification(lens, camera, turns)

@@ -1,6 +1,6 @@
 """Stage ``annotations``: read the instance maps of the evaluation frames. For evaluation only."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,8 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
                 artifact.put_row("covered_map", row, layers[1:])
         if reader and not annotated.any():
             raise UserError(
-                f"{recording_path}: none of the {len(indices)} evaluation frames is annotated. Are the annotations of "
-                "this recording? If so, they cover a part of it: take that part (frames.start_s, frames.end_s), or raise "
-                "frames.evaluation_frames."
+                f"{recording_path}: none of the {len(indices)} evaluation frames is annotated. If the annotations cover a part "
+                "of it, take that part (frames.start_s, frames.end_s), or raise frames.evaluation_frames."
             )
         artifact.put("frame", indices)
         artifact.put("annotated", annotated)
@@ -60,24 +59,19 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
 
 
 def _keys(facts: dict[str, Any], timestamp_ns: NDArray[np.int64], max_age_ns: int) -> AnnotationKeys:
-    keys = AnnotationKeys(Camera(**facts["camera"]), facts["upright"], max_age_ns)
-    if "pictures" not in facts:
-        return keys
-    lenses, pinhole = [Lens.of_facts(lens) for lens in facts["lenses"]], facts["pinhole"]
+    lenses, pinhole = [Lens.of_facts(lens) for lens in facts.get("lenses", ())], facts.get("pinhole")
     lens_of = zip(timestamp_ns.tolist(), facts["lens_of_frame"], strict=True) if lenses else ()
-    return replace(
-        keys,
-        known_poses=facts["known_poses"],
-        turned=facts["turned"],
-        lenses={time: lenses[index] for time, index in lens_of},
-        pinhole=Camera(**pinhole) if pinhole else None,
+    return AnnotationKeys(
+        Camera(**facts["camera"]),
+        facts["upright"],
+        max_age_ns,
+        facts.get("known_poses"),
+        facts.get("turned", True),
+        {time: lenses[index] for time, index in lens_of},
+        Camera(**pinhole) if pinhole else None,
     )
 
 
 def open_annotations(format: str, path: Path, keys: AnnotationKeys) -> Annotations | None:
-    """Open the annotations of a recording, a ``path`` as for its frames; None if it has none.
-
-    Raises:
-        UserError: the format is unknown, the recording missing, or its annotations unreadable.
-    """
+    """Open the annotations of a recording; None if it has none, UserError if it is missing, or they are unreadable."""
     return load_module("annotations", format).open_annotations(path, keys)

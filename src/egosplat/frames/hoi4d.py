@@ -1,10 +1,7 @@
 """Import HOI4D recordings (docs/method.md#hoi4d-files), and for evaluation only their motion segmentation.
 
-A sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset with the video ``align_rgb/image.mp4``. The
-intrinsics are a separate download: ``camera_params/<ZY…>/intrin.npy`` in the dataset's root folder.
-
-Masks of hands and handled objects are RGB images in ``2Dseg/shift_mask`` or ``2Dseg/mask``, 15 per second, from ``00000.png``
-for the first frame, with the colors of PASCAL VOC.
+A sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset. Masks of hands and handled objects are RGB images, 15 per
+second, with the colors of PASCAL VOC.
 """
 
 from pathlib import Path
@@ -78,14 +75,10 @@ def open_recording(path: Path, options: FramesOptions) -> Recording:
     video = open_video(folder / HOI4D_VIDEO)
     (width, height), resolution = video.size, options.resolution
     if resolution > width:
-        raise UserError(
-            f"resolution: {resolution} px, but {video.path} is {width} px wide. Choose from 1 to {width}."
-        )
+        raise UserError(f"resolution: {resolution} px, but {video.path} has {width}. Choose 1 to {width}.")
     if not (files := intrinsics_files(folder)):
-        raise UserError(
-            f"{folder}: has no intrinsics. Put HOI4D's camera parameters at "
-            f"camera_params/{sequence_parts(folder)[0]}/intrin.npy in the dataset's root folder."
-        )
+        place = f"camera_params/{sequence_parts(folder)[0]}/intrin.npy"
+        raise UserError(f"{folder}: has no intrinsics. Put them at {place} in the dataset's root folder.")
     camera = read_intrinsics(files[0], width, height)
     camera = camera.scaled_to(resolution, max(1, round(height * resolution / width)))
     video = video.keep(select_frames(video.timestamp_ns, options, video.path))
@@ -108,16 +101,14 @@ def read_intrinsics(path: Path, width: int, height: int) -> Camera:
             matrix = np.asarray(np.lib.format.read_array(file, allow_pickle=False), dtype=np.float64)
     except (OSError, ValueError, TypeError, EOFError, MemoryError) as error:
         raise UserError(f"{path}: not a readable NumPy array ({error}). Download it again.") from error
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise UserError(f"{path}: not a finite 3x3 matrix (shape {matrix.shape}). Download it again.")
     upper = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 0]], dtype=bool)
-    if min(matrix[0, 0], matrix[1, 1]) <= 0 or not np.allclose(matrix[~upper], [0, 0, 0, 0, 1], atol=1e-6):
-        raise UserError(f"{path}: not an intrinsic matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
-    matrix[:2, 2] += _OPENCV_PIXEL_OFFSET
-    camera = Camera.from_matrix(matrix, width, height)
-    if not camera.contains(matrix[:2, 2]):
-        raise UserError(f"{path}: the principal point lies outside the {width}x{height} px video.")
-    return camera
+    if matrix.shape == (3, 3) and np.allclose(matrix[~upper], [0, 0, 0, 0, 1], atol=1e-6):
+        matrix[:2, 2] += _OPENCV_PIXEL_OFFSET
+        camera = Camera.from_matrix(matrix, width, height)
+        if np.isfinite(matrix).all() and min(camera.fx, camera.fy) > 0 and camera.contains(matrix[:2, 2]):
+            return camera
+    form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    raise UserError(f"{path}: no intrinsics {form} with (cx, cy) in the {width}x{height} px video.")
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
@@ -138,14 +129,12 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
         labels = decode_labels(read_rgb(mask))
         if (unknown := float((labels < 0).mean())) > _MAX_UNKNOWN_SHARE:
             raise UserError(
-                f"{mask}: {unknown:.0%} of the pixels have a color of no HOI4D label. Download it again."
+                f"{mask}: {unknown:.0%} of the pixels have a color of no label. Download it again."
             )
         height, width = labels.shape
         if abs(height * camera.width - width * camera.height) > max(width, camera.width):
-            raise UserError(
-                f"{mask}: {width}x{height} px has another aspect ratio than the video. Download it again."
-            )
-        resized = resize_labels(labels, camera.width, camera.height)
+            raise UserError(f"{mask}: {width}x{height} px: another aspect ratio than the video's.")
+        resized = np.asarray(resize_labels(labels, camera.width, camera.height))
         return np.where(resized > 0, resized - 1, -1).astype(np.int32)[None]
 
     return Annotations(instances_of(sequence_parts(folder)[2], folder), read)
@@ -158,16 +147,12 @@ def instances_of(category: str, folder: Path) -> list[Instance]:
     # A label without a documented meaning gets the name of the object. HOI4D labels only what moves or is moved.
     thing, *meanings = _LABELS[category]
     meanings += [thing] * (_MAX_LABEL - len(meanings))
-    return [
-        Instance(
-            label,
-            f"{meaning.title().replace(' ', '')}_{label}",
-            meaning,
-            "dynamic",
-            "human" if meaning.endswith(" hand") else "object",
-        )
-        for label, meaning in enumerate(meanings, start=1)
-    ]
+    instances = []
+    for label, meaning in enumerate(meanings, start=1):
+        name = f"{meaning.title().replace(' ', '')}_{label}"
+        kind = "human" if meaning.endswith(" hand") else "object"
+        instances.append(Instance(label, name, meaning, "dynamic", kind))
+    return instances
 
 
 def decode_labels(mask: NDArray[np.uint8]) -> NDArray[np.int64]:

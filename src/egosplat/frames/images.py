@@ -73,8 +73,10 @@ class Source:
     @cached_property
     def sizes(self) -> list[tuple[int, int]]:
         """Width and height of each picture [px]."""
-        lies = [self.turned and picture.orientation in _TRANSPOSED for picture in self.pictures]
-        return [p.stored[::-1] if lie else p.stored for p, lie in zip(self.pictures, lies, strict=True)]
+        return [
+            (height, width) if self.turned and orientation in _TRANSPOSED else (width, height)
+            for orientation, (width, height) in ((p.orientation, p.stored) for p in self.pictures)
+        ]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -111,9 +113,8 @@ class Source:
         path = self.pictures[index].path
         opaque = read_rgb(path, turned=self.turned, alpha=True)[..., 3] == 255
         if not opaque.any():
-            raise UserError(
-                f"{path}: no pixel is opaque. Remove its alpha channel: magick mogrify -alpha off {path.name}"
-            )
+            remove = f"Remove its alpha channel: magick mogrify -alpha off {path.name}"
+            raise UserError(f"{path}: no pixel is opaque. {remove}")
         return opaque
 
 
@@ -189,7 +190,8 @@ def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> NDArray
 def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     """(height, width) bool, True where an image is not black; UserError if it is unreadable or of another size."""
     black = _BLACK_OF_JPEG if path.suffix.lower() in (".jpg", ".jpeg") else 0
-    mask = (read_rgb(path) > black).any(axis=2)
+    mask: NDArray[np.bool_] = np.any(read_rgb(path) > black, axis=2)
     if mask.shape != (height, width):
-        raise UserError(f"{path}: {mask.shape[1]}x{mask.shape[0]} px, but the frames are {width}x{height}.")
+        size = "{1}x{0}".format(*mask.shape)
+        raise UserError(f"{path}: {size} px, but the frames are {width}x{height}.")
     return mask

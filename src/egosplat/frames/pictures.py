@@ -9,15 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.calibration import known_poses
 from egosplat.calibration.colmap.distortion import lens_of_frames
 from egosplat.calibration.files import CAMERA_FILE, VALID_MASK, companion_path, known_poses_path
-from egosplat.calibration.known_poses import (
-    check_numbers,
-    find_known_poses,
-    match_pictures,
-    read_known_poses,
-    unmatched_line,
-)
 from egosplat.calibration.lens import Rectifier, read_camera_file
 from egosplat.errors import UserError
 from egosplat.frames.images import Source, read_mask
@@ -105,7 +99,7 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
     Raises:
         UserError: the source or the calibration cannot be read, or no frame is selected.
     """
-    kind = find_known_poses(path, options.known_poses)
+    kind = known_poses.find_known_poses(path, options.known_poses)
     every = calibrate(path, kind, open_source(path, kind))
     width, height = every.size
     focal = FOCAL_PRIOR * max(width, height)
@@ -117,8 +111,12 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
     size, valid = shrunk_size(full.width, full.height, options.resolution), _read_valid(path, every)
     frames, labeled = _choose_frames(every, path, options, find_labeled)
     pictures, evidence = Pictures(every.keep(frames), valid, every.pinhole, size), None
-    if kind is None:
-        _advise_stride(pictures.source, options.stride)
+    span_s = float(np.ptp(pictures.source.timestamp_ns)) * 1e-9
+    if kind is None and span_s > 0 and (rate := (len(frames) - 1) / span_s) >= 2 * ENOUGH_PER_S:
+        stride = f"frames.stride={options.stride * int(rate / ENOUGH_PER_S)}"
+        log(
+            f"{path.name}: {len(frames)} frames, {rate:.0f} a second; {stride} lets COLMAP take a fraction of the time"
+        )
     if not every.lenses:
         pictures, evidence = _estimate_lens(pictures, full, options.lens)
     source, pinhole = pictures.source, pictures.pinhole
@@ -157,14 +155,14 @@ def calibrate(path: Path, kind: str | None, source: Source) -> Source:
     known = known_poses_path(path, kind)
     if calibrated:
         raise UserError(f"{file}: {known} has a camera, too. Remove one, or set frames.known_poses=none.")
-    contents = read_known_poses(path, kind, *source.size)
+    contents = known_poses.read_known_poses(path, kind, *source.size)
     if isinstance(source, Video):
-        check_numbers(contents.names, len(source.pictures), known)
-    row, unmatched = match_pictures(contents.names, source.names, known)
+        known_poses.check_numbers(contents.names, len(source.pictures), known)
+    row, unmatched = known_poses.match_pictures(contents.names, source.names, known)
     if contents.unread:
         log(f"{known}: these keys do not count: {', '.join(contents.unread)}")
     if unmatched:
-        log(unmatched_line(unmatched, known))
+        log(known_poses.unmatched_line(unmatched, known))
     if len(contents.lenses) > 1:
         log(f"{known}: {len(contents.lenses)} cameras; the frames show what all of them see")
         if absent := int((row < 0).sum()):
@@ -177,28 +175,22 @@ def calibrate(path: Path, kind: str | None, source: Source) -> Source:
     matched = zip(source.pictures, contents.lens_of[row].tolist(), masks, strict=True)
     pictures = [replace(picture, lens=lens, mask=mask) for picture, lens, mask in matched]
     source = replace(source, pictures=pictures, lenses=contents.lenses)
-    if source.oriented:
-        # COLMAP reads pictures as they are stored; they are turned only if this is their camera's size.
-        source = replace(source, turned=_misfit(source) is not None)
-        stored, turned = "as stored, as COLMAP reads them", "turned by it, as the size of their camera asks"
-        how = turned if source.turned else stored
-        log(
-            f"{path.name}: {source.oriented} pictures of {known} have an EXIF orientation: they are read {how}"
-        )
+    # COLMAP reads pictures as they are stored; they are turned by EXIF only if this is their camera's size.
+    if source.oriented and _misfit(source) is not None:
+        source = replace(source, turned=True)
+        log(f"{known}: its cameras have the size of pictures that are turned by their EXIF orientation")
     if (index := _misfit(source)) is not None:
         lens, (width, height) = source.lenses[source.pictures[index].lens], source.sizes[index]
-        raise UserError(
-            f"{known}: for {lens.width}x{lens.height} px, but the frames are {width}x{height} "
-            f"({source.names[index]})."
-        )
+        of_frames = f"the frames are {width}x{height} ({source.names[index]})"
+        raise UserError(f"{known}: for {lens.width}x{lens.height} px, but {of_frames}.")
     return source
 
 
 def _misfit(source: Source) -> int | None:
     """The first picture that has not the size of its camera."""
     lenses = [source.lenses[picture.lens] for picture in source.pictures]
-    sizes = enumerate(zip(lenses, source.sizes, strict=True))
-    return next((index for index, (lens, size) in sizes if size != (lens.width, lens.height)), None)
+    misfits = [size != (lens.width, lens.height) for lens, size in zip(lenses, source.sizes, strict=True)]
+    return misfits.index(True) if any(misfits) else None
 
 
 def _read_valid(path: Path, source: Source) -> Mask:
@@ -208,9 +200,7 @@ def _read_valid(path: Path, source: Source) -> Mask:
     if not os.path.lexists(file):
         return np.ones((height, width), dtype=bool)
     if len(set(source.sizes)) > 1:
-        raise UserError(
-            f"{file}: the pictures have several sizes. Give each a mask_path in transforms.json instead."
-        )
+        raise UserError(f"{file}: the pictures have several sizes. Give each a mask_path in transforms.json.")
     mask = read_mask(file, width, height)
     if not mask.any():
         raise UserError(f"{file}: all black, so no pixel is left. White pixels show the scene.")
@@ -227,22 +217,11 @@ def _choose_frames(
         matched = np.array(find_labeled(source.names), np.int64)
         if not len(labeled := np.intersect1d(matched, every)):
             raise UserError(
-                f"{path}: none of its {len(matched)} labeled pictures is within frames.start_s and frames.end_s; "
-                f"these are pictures {', '.join(map(str, matched))}, one a second."
+                f"{path}: no labeled picture is within frames.start_s and frames.end_s; these are pictures "
+                f"{', '.join(map(str, matched))}, one a second."
             )
         frames = np.union1d(frames, labeled)
     return frames, labeled
-
-
-def _advise_stride(source: Source, stride: int) -> None:
-    """Log what to set if COLMAP has to find poses of far more frames than it needs."""
-    count, span_s = len(source.pictures), float(source.timestamp_ns[-1] - source.timestamp_ns[0]) * 1e-9
-    rate = (count - 1) / span_s if span_s > 0 else 0.0
-    if rate >= 2 * ENOUGH_PER_S:
-        log(
-            f"{source.path.name}: {count} frames, {rate:.0f} a second; frames.stride={stride * int(rate / ENOUGH_PER_S)} takes "
-            f"about {ENOUGH_PER_S:.0f} a second, for which COLMAP takes a fraction of the time"
-        )
 
 
 def _estimate_lens(pictures: Pictures, full: Camera, wanted: str) -> tuple[Pictures, dict | None]:

@@ -1,14 +1,4 @@
-"""Read the annotations of plain recordings (docs/recordings.md). For evaluation only.
-
-The folder ``annotations/`` (of a video: ``clip.mp4.annotations/``) holds:
-
-- ``instances.tsv``: a tab-separated table with a header and one line per instance. Columns: ``id`` (1..65535,
-  unique), ``name``, ``category`` (the phrase of its query), ``motion_type`` (``static`` or ``dynamic``) and,
-  optionally, ``instance_type`` (``object``, the default, or ``human``).
-- one PNG for each annotated frame, in full size, with a single channel: 8-bit gray, 8-bit palette (indices, not
-  colors) or 16-bit gray. Pixels hold the ``id`` of their instance, or 0. The PNG has the name of its image
-  (``img_7.png`` for ``img_7.jpg``), or the number of the video frame from 0 (``12.png`` or ``00012.png``).
-"""
+"""Read the annotations of plain recordings (docs/recordings.md). For evaluation only."""
 
 import csv
 import io
@@ -92,9 +82,7 @@ def _match(folder: Path, source: Source) -> dict[int, Path]:
     """The PNG of each annotated frame."""
     frames = {Path(name).stem: frame for frame, name in enumerate(source.names)}
     if len(frames) < len(source.names):
-        raise UserError(
-            f"{folder}: pictures of several folders share names, so annotations cannot tell them apart."
-        )
+        raise UserError(f"{folder}: pictures of several folders share names. Rename them.")
     pngs: dict[int, Path] = {}
     for path in list_masks(folder):
         is_number = source.path.is_file() and path.stem.isascii() and path.stem.isdigit()

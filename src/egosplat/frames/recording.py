@@ -19,13 +19,12 @@ class Recording:
     """The rectified frames of a recording, and what is known of them before any is decoded.
 
     Attributes:
-        timestamp_ns: (F,) int64, strictly increasing: capture time of each frame (video: since its start).
-        exposure_middle_ns: (F,) int64: middle of each exposure; poses are of this time.
+        timestamp_ns, exposure_middle_ns: (F,) int64, strictly increasing: capture time of each frame (video: since its start),
+            and the middle of its exposure; poses are of this time.
         camera_known: True for a calibration, False for a guessed field of view.
         valid: (H, W) bool: pixels that show the scene (inside the lens circle).
         read_frames: yields the (H, W, 3) uint8 RGB frame of each of increasing indices, 0 outside ``valid``.
         device_from_camera: (4, 4) float64, or None if the recording has no device frame.
-        origin: ``real`` or ``synthetic``.
         upright: whether up in the frames is up in the world, as far as the recording tells.
         labeled: (E,) int64 frames whose labels a benchmark scores; None if any frame may be held out.
         masked: returns the (H, W) bool pixels of a frame that its own mask or transparency leaves out; None if no frame has any.
@@ -119,4 +118,4 @@ class AnnotationKeys:
         """Rectify and resize (h, w) labels of a picture to its frame at ``time`` [ns], (H, W)."""
         if lens := self.lenses.get(time):
             labels = Rectifier(lens, self.pinhole).labels(labels)
-        return resize_labels(labels, self.camera.width, self.camera.height)
+        return np.asarray(resize_labels(labels, self.camera.width, self.camera.height), np.int32)

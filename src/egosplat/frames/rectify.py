@@ -74,7 +74,7 @@ class Rectification:
         nearest = aria.distort_label_by_calibration(numbered, linear_calibration(camera), calibration)
         self._source_index = self._turn(nearest.astype(np.int64))
 
-    def color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def color(self, image: NDArray[Any]) -> NDArray[Any]:
         """(h, w, 3) uint8 fisheye image -> (H, W, 3) uint8 pinhole image, 0 where not ``valid``; ValueError for another size."""
         self._check_shape(image)
         fine = cv2.remap(image, self._map_u, self._map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)

@@ -29,9 +29,7 @@ def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, sourc
     if end_s is not None and not end_s > start_s:
         raise UserError(f"end_s: {end_s} does not lie after start_s = {start_s}.")
     if not (np.diff(timestamp_ns) > 0).all():
-        raise UserError(
-            f"{source}: frames are not in order of time. Is the recording damaged? Copy it again."
-        )
+        raise UserError(f"{source}: frames are not in order of time. Copy the recording again.")
     # Relative to the first frame: devices count from their start or from 1970.
     elapsed_ns = timestamp_ns - timestamp_ns[0]
     in_range = elapsed_ns >= round(min(start_s, _MAX_S) * 1e9)
@@ -39,9 +37,8 @@ def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, sourc
         in_range &= elapsed_ns < round(end_s * 1e9)
     selected = np.flatnonzero(in_range)[:: options.stride].astype(np.int64)
     if not len(selected):
-        raise UserError(
-            f"{source}: no frame between start_s and end_s; the last one is at {elapsed_ns[-1] * 1e-9:.3f} s."
-        )
+        last = f"the last one is at {elapsed_ns[-1] * 1e-9:.3f} s"
+        raise UserError(f"{source}: no frame between start_s and end_s; {last}.")
     return selected
 
 
@@ -61,17 +58,15 @@ def split_frames(
         UserError: there are too few frames for the split.
     """
     if count < _MIN_TRAINING_FRAMES:
-        raise UserError(
-            f"{count} frame is read, and training needs {_MIN_TRAINING_FRAMES} or more: add pictures, or take more of "
-            "them (frames.stride, frames.start_s, frames.end_s)."
-        )
+        more = "add pictures, or take more of them (frames.stride, frames.start_s, frames.end_s)"
+        raise UserError(f"{count} frame is read, and training needs {_MIN_TRAINING_FRAMES} or more: {more}.")
     candidates, evaluation = np.arange(count) if labeled is None else labeled, options.evaluation_frames
     if evaluation == "auto":
         sixth = min(_AUTO_EVALUATION_FRAMES, max(1, count // _FRAMES_PER_EVALUATION_FRAME))
         evaluation = len(labeled) if labeled is not None else sixth if annotated else 0
     if labeled is not None and evaluation > len(labeled):
         raise UserError(
-            f"frames.evaluation_frames: {evaluation} evaluation frames, but the recording labels {len(labeled)}; auto takes them all."
+            f"frames.evaluation_frames: {evaluation}, but the recording labels {len(labeled)}; set auto."
         )
     remaining = count - evaluation if options.holdout else count
     if evaluation > count or remaining < _MIN_TRAINING_FRAMES:

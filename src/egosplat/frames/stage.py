@@ -59,9 +59,5 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
 
 
 def open_recording(format: str, path: Path, options: FramesOptions) -> Recording:
-    """Open the frames of a recording: a folder, a video file, or the name of a HOI4D sequence.
-
-    Raises:
-        UserError: the format is unknown, the recording unreadable, or a key does not fit it.
-    """
+    """Open the frames of a recording: a folder, a video file, or the name of a HOI4D sequence; UserError if it cannot be read."""
     return load_module("frames", format).open_recording(path, options)

@@ -1,9 +1,7 @@
 """Read the frames of a video file with OpenCV, or of a folder of images."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -24,17 +22,8 @@ _COUNTED = (".mp4", ".m4v", ".mov", ".3gp", ".avi")
 _SECONDS_OFF, _SHARE_OFF = 1.0, 0.1
 
 
-@dataclass(frozen=True)
 class Video(Source):
-    """The frames of a video; a rotation in its metadata is applied, and its pixels are made square.
-
-    Attributes:
-        aspect: width of a stored pixel by its height.
-        lies: whether the rotation makes the stored width the height.
-    """
-
-    aspect: float = 1.0
-    lies: bool = False
+    """The frames of a video; a rotation in its metadata is applied."""
 
     def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
         """Yield the (height, width, 3) uint8 RGB frame of each index, increasing; UserError if the video ends before."""
@@ -47,69 +36,52 @@ class Video(Source):
                 decoded, image = capture.retrieve() if position == frame else (False, None)
             if not decoded or image is None:
                 raise UserError(f"{self.path}: frame {frame} cannot be decoded{_reason(messages)}.")
-            yield self._squared(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
-
-    def _squared(self, image: Any) -> NDArray[np.uint8]:
-        """An image with square pixels: its side that was stored as the width is scaled."""
-        if self.aspect == 1.0:
-            return image
-        height, width = image.shape[:2]
-        stored = max(1, round((height if self.lies else width) * self.aspect))
-        size = (width, stored) if self.lies else (stored, height)
-        return cv2.resize(
-            image, size, interpolation=cv2.INTER_AREA if self.aspect < 1.0 else cv2.INTER_LINEAR
-        )
+            yield np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def open_video(path: Path) -> Video:
-    """Scan a video for the presentation times of its frames; UserError if it is missing or no frame can be decoded.
+    """Scan a video for the presentation times of its frames, which are rebuilt if they do not increase.
 
-    Times that do not increase are rebuilt, see ``rebuild_times``.
+    Raises:
+        UserError: it is missing, no frame can be decoded, or its pixels are not square.
     """
     # The frame count and rate in the header are unreliable.
     capture, messages = _open(path), []
     declared, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
     grabbed = _grabbed(capture, messages)
     milliseconds = list(track(grabbed, f"scanning {path.name}", total=declared if declared > 0 else None))
+    convert = f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18"
     if not milliseconds:
         code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
         letters = code.decode("ascii", "replace")
         codec = f", codec {letters}" if letters.isprintable() else ""
         # ffmpeg also repairs what it can.
         raise UserError(
-            f"{path}: no frame can be decoded{codec}{_reason(messages)}. "
-            f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18 {path.stem}_h264.mp4"
+            f"{path}: no frame can be decoded{codec}{_reason(messages)}. {convert} {path.stem}_h264.mp4"
         )
+    num, den = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
+    if num != den and min(num, den) > 0:
+        square = f"-vf scale=iw*sar:ih,setsar=1 {path.stem}_square.mp4"
+        raise UserError(f"{path}: its pixels are {num:g}:{den:g}, not square. {convert} {square}")
     counted = path.suffix.lower() in _COUNTED
     least = declared if counted else (1.0 - _SHARE_OFF) * declared - _SECONDS_OFF * max(rate, 0.0)
     if len(milliseconds) < least or messages:
-        log(
-            f"{path}: {len(milliseconds)} of {declared} declared frames can be read{_reason(messages)}; is it complete?"
-        )
+        readable = f"{len(milliseconds)} of {declared} declared frames can be read{_reason(messages)}"
+        log(f"{path}: {readable}; is it complete?")
     times = np.array(milliseconds)
     if not (np.diff(times) > 0).all():
         times, rate = rebuild_times(times, rate)
         log(f"{path}: the times of its frames are missing or out of order; taken as {rate:g} a second")
-    num, den = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
-    video = Video(
-        path,
-        [Picture(path, str(frame), (0, 0)) for frame in range(len(times))],
-        np.round((times - times[0]) * 1e6).astype(np.int64),
-        aspect=num / den if num > 0 and den > 0 else 1.0,
-        lies=capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180 == 90,
-    )
-    height, width = next(video.read_frames(np.array([0]))).shape[:2]
-    if video.aspect != 1.0:
-        log(f"{path}: its pixels are {num:g}:{den:g}; frames are resampled to square ones, {width}x{height}")
-    return replace(video, pictures=[replace(picture, stored=(width, height)) for picture in video.pictures])
+    since_ns = np.round((times - times[0]) * 1e6).astype(np.int64)
+    first = Video(path, [Picture(path, "0", (0, 0))], since_ns[:1])
+    height, width = next(first.read_frames(np.array([0]))).shape[:2]
+    return Video(path, [Picture(path, str(frame), (width, height)) for frame in range(len(times))], since_ns)
 
 
 def open_source(path: Path, known_poses: str | None, *, turned: bool | None = None) -> Source:
     """Open a video file or an image folder; UserError if it cannot be read, or pictures without known poses differ in size.
 
-    Args:
-        turned: whether EXIF orientation is applied, by default without known poses alone: they name the pictures, and their
-            tools do not turn them.
+    EXIF orientation is applied, unless ``turned`` says otherwise, without known poses alone: their tools do not turn pictures.
     """
     if not path.is_dir():
         return open_video(path)
@@ -118,18 +90,15 @@ def open_source(path: Path, known_poses: str | None, *, turned: bool | None = No
     width, height = source.size
     for picture, size in zip(source.pictures, source.sizes, strict=True):
         if known_poses is None and size != (width, height):
-            raise UserError(
-                f"{picture.path}: {size[0]}x{size[1]} px, but most images of the folder are {width}x{height}. "
-                "All must have the same size."
-            )
+            of_most = f"{size[0]}x{size[1]} px, but most images of the folder are {width}x{height}"
+            raise UserError(f"{picture.path}: {of_most}. All must have the same size.")
     return source
 
 
 def rebuild_times(milliseconds: NDArray[np.float64], declared: float) -> tuple[NDArray[np.float64], float]:
     """Even times [ms] of frames whose own do not increase, as in AVI with B-frames, raw streams and joined files.
 
-    The decoder yields the frames in the order in which they are shown, whatever their times say. Returns the frames a second,
-    too: by the median of the steps that go forward, else as ``declared`` by the header, which raw streams do not have.
+    Returns the frames a second, too: by the median of the steps that go forward, else as ``declared`` by the header.
     """
     steps = np.diff(milliseconds)
     forward = steps[steps > 0]
