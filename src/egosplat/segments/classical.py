@@ -123,7 +123,7 @@ def _look_alike(before: WorkingImage, now: WorkingImage, backward: Floats) -> Bo
     return np.linalg.norm(apart, axis=2) <= _COLOR_ERROR
 
 
-def _flow(source: Gray, target: Gray, motion: NDArray[np.float64]) -> Floats:
+def _flow(source: Gray, target: Gray, motion: NDArray[np.floating]) -> Floats:
     """(h, w, 2) float32 displacement (x, y) of each pixel of ``source`` in ``target`` [px]."""
     # Remove the camera's motion, a homography, first: a turning head moves pixels further than the search
     # finds among repeating textures.
@@ -138,16 +138,15 @@ def _camera_motion(source: Gray, target: Gray) -> NDArray[np.float64]:
     if min(source.shape) < _LEAST_SIDE:
         return np.eye(3)
     finder = cv2.ORB.create(_FEATURES, fastThreshold=_FAST_THRESHOLD)
-    (here, here_codes), (there, there_codes) = (
-        finder.detectAndCompute(one, None) for one in (source, target)
-    )
+    here, here_codes = finder.detectAndCompute(source, None)
+    there, there_codes = finder.detectAndCompute(target, None)
     if min(len(here), len(there)) < _LEAST_MATCHES:
         return np.eye(3)
     matches = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(here_codes, there_codes)
     if len(matches) < _LEAST_MATCHES:
         return np.eye(3)
-    begin = np.array([here[one.queryIdx].pt for one in matches], dtype=np.float32)
-    end = np.array([there[one.trainIdx].pt for one in matches], dtype=np.float32)
+    begin = np.array([here[match.queryIdx].pt for match in matches], dtype=np.float32)
+    end = np.array([there[match.trainIdx].pt for match in matches], dtype=np.float32)
     cv2.setRNGSeed(_SEED)  # RANSAC draws from OpenCV's global generator
     found, inliers = cv2.findHomography(begin, end, cv2.RANSAC, _TOLERANCE * max(source.shape))
     if found is None or inliers.mean() < _LEAST_INLIERS:

@@ -97,11 +97,9 @@ def prompt_with_crops(
     Returns:
         Candidates; their logits have the size of the frame's, or the larger one of ``crops_per_side`` times the crops'.
     """
-    crops, by_crop, coarse_side = (
-        crops_of(*shown.shape, options.crops_per_side),
-        [],
-        found[0].logits.shape[-1],
-    )
+    height, width = shown.shape
+    crops, by_crop = crops_of(height, width, options.crops_per_side), []
+    coarse_side = found[0].logits.shape[-1]
     for crop in crops:
         encoded = encode(sam2, image[crop])
         border = _inner_border(crop, shown.shape, encoded.sizes[0][0]).to(sam2.compute.device)
@@ -112,9 +110,8 @@ def prompt_with_crops(
     canvas = max(coarse_side, options.crops_per_side * by_crop[0][0].logits.shape[-1])
     merged = []
     for coarse, *fine in zip(found, *by_crop, strict=True):
-        placed = [
-            _to_canvas(masks, crop, shown.shape, canvas) for masks, crop in zip(fine, crops, strict=True)
-        ]
+        pairs = zip(fine, crops, strict=True)
+        placed = [_to_canvas(masks, crop, shown.shape, canvas) for masks, crop in pairs]
         merged.append(_merge(coarse, filter_masks(join(placed), options.mask_filter), canvas, options))
     return merged
 
