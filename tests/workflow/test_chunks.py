@@ -26,7 +26,7 @@ def test_only_a_long_recording_has_chunks_and_a_lost_one_alone_is_done_again(wor
     assert made(workdir, "--", SURVEY) == ["survey"]
     assert workdir.stale(VIEWS, config=AUTO) == set()
 
-    workdir.edit("pipeline/survey_file.py", "CHUNK_FRAMES = 500", "CHUNK_FRAMES = 4")
+    workdir.edit("pipeline/chunks.py", "CHUNK_FRAMES = 500", "CHUNK_FRAMES = 4")
     before = "        views, wanted = join_views(batches)"
     workdir.edit("features/view_features_stage.py", before, ENDS + before)
     (folder / "more.yaml").write_text(AUTO)

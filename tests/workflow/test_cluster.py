@@ -187,7 +187,7 @@ def test_a_lost_node_loses_its_own_chunk_alone(slurm, submit, workdir):
     folder = workdir.folder
     tiny = (folder / "tiny.yaml").read_text()
     (folder / "tiny.yaml").write_text(tiny.replace("masking: refined", "masking: auto"))
-    workdir.edit("pipeline/survey_file.py", "CHUNK_FRAMES = 500", "CHUNK_FRAMES = 4")
+    workdir.edit("pipeline/chunks.py", "CHUNK_FRAMES = 500", "CHUNK_FRAMES = 4")
     workdir.edit(
         "egosplat_rivals/tiles_stage.py", "        for row in rows:\n", WAITS + "        for row in rows:\n"
     )

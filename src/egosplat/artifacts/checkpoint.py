@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.provenance import Provenance, key_of
 from egosplat.errors import UserError
 from egosplat.files import atomic_file
-from egosplat.pipeline.survey_file import split_frames
+from egosplat.pipeline.chunks import split_frames
 from egosplat.progress import log, track
 
 # Tensors, numbers, texts, and lists and dictionaries of them.

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
+from egosplat.pipeline.chunks import CHUNK_FRAMES
 from egosplat.pipeline.config import Config, stage_sections, stage_values
 from egosplat.pipeline.dag import merges_masks
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.survey_file import CHUNK_FRAMES
 
 # Frames of a recording that is not read yet: two minutes of 30 frames per second.
 UNREAD_FRAMES = 3600

@@ -3,9 +3,10 @@
 import json
 from collections.abc import Iterable
 
+from egosplat.pipeline.chunks import split_frames
 from egosplat.pipeline.config import Config, merge, stage_sections, stage_values
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.survey_file import Survey, frames_of_gaussians, split_frames
+from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
 
 AUTO = "auto"
 

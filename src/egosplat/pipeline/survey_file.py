@@ -1,4 +1,4 @@
-"""Which frames stages work on: the decisions of ``survey.json``, and the chunks of a long recording."""
+"""Read ``survey.json``, the decisions that other stages follow."""
 
 import hashlib
 import json
@@ -9,15 +9,6 @@ from typing import Any
 from egosplat.pipeline.validation import read_document
 
 Survey = Mapping[str, Any]
-
-# A job starts in ten seconds and works on a chunk for minutes. Features depend on it in their last digits where a recording is
-# longer, because no batch of crops goes beyond a chunk.
-CHUNK_FRAMES = 500
-
-
-def split_frames(count: int) -> list[range]:
-    """Split the frames of a recording into chunks, on each of which a job of its own can work."""
-    return [range(begin, min(begin + CHUNK_FRAMES, count)) for begin in range(0, count, CHUNK_FRAMES)]
 
 
 def read_survey(path: Path) -> Survey:

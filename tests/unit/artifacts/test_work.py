@@ -8,14 +8,14 @@ import torch
 from egosplat.artifacts.checkpoint import Work
 from egosplat.artifacts.provenance import begin
 from egosplat.errors import UserError
-from egosplat.pipeline.survey_file import split_frames
+from egosplat.pipeline.chunks import split_frames
 
 FRAMES = 7
 
 
 @pytest.fixture(autouse=True)
 def small_chunks(monkeypatch):
-    monkeypatch.setattr("egosplat.pipeline.survey_file.CHUNK_FRAMES", 3)
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 3)
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_a_chunk_that_cannot_be_used_is_named(tmp_path, made, files, how):
 
 def test_a_killed_job_of_a_chunk_resumes(tmp_path, made, monkeypatch):
     monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
-    monkeypatch.setattr("egosplat.pipeline.survey_file.CHUNK_FRAMES", 6)
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 6)
     path, did = tmp_path / "tiles.1.chunk", []
 
     def killed(frames):

@@ -83,7 +83,7 @@ def test_batches_run_across_frames_and_change_nothing(scene, run, batch):
 
 def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatch):
     """Batches of two end with a chunk of three frames, in one job as well."""
-    monkeypatch.setattr("egosplat.pipeline.survey_file.CHUNK_FRAMES", 3)
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 3)
     folder = scene()
     whole = run(folder, "whole.zarr", batch=2)
     paths, options = (

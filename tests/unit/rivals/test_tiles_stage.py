@@ -84,7 +84,7 @@ def test_batches_and_kills_change_nothing(scene, run, monkeypatch):
 
 def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatch):
     """The last chunk has no frame to train on."""
-    monkeypatch.setattr("egosplat.pipeline.survey_file.CHUNK_FRAMES", 2)
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 2)
     folder = scene()
     whole = run(folder, "whole.zarr", regulariser="sam2")
     options = stage.TilesOptions(**KEYS | clip_keys | {"regulariser": "sam2"})

@@ -258,7 +258,7 @@ def test_the_square_that_moves_is_tracked_and_the_still_one_is_not(scene, tmp_pa
 
 def test_jobs_of_chunks_give_the_same_artifact(scene, tmp_path, monkeypatch):
     """They need not know what moves; the job that gathers their masks tracks it."""
-    monkeypatch.setattr("egosplat.pipeline.survey_file.CHUNK_FRAMES", 3)
+    monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 3)
     options = SegmentsOptions(
         key_frame_stride=2,
         threshold=0.6,
