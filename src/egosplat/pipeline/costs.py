@@ -14,11 +14,9 @@ from egosplat.pipeline.stages import STAGES
 # Frames of a recording that is not read yet: two minutes of 30 frames per second.
 UNREAD_FRAMES = 3600
 
-# CUDA's libraries in the main memory of a job that uses a GPU [MB] (assumed).
-_CUDA_MB = 4000
-
-# Models that were measured without a GPU take a multiple of the bundled ones' memory and time.
-_SMALL, _PUBLISHED_MB, _PUBLISHED_TIMES = "small", 3000, 10
+# CUDA's libraries in the main memory of a job that uses a GPU (assumed), and what other models than the bundled ones take more
+# [MB]; without a GPU they take a multiple of the time.
+_CUDA_MB, _PUBLISHED_MB, _PUBLISHED_TIMES = 4000, 3000, 10
 
 # A stage that is stopped after a day resumes from its checkpoint [min].
 _DAY_MIN = 1440
@@ -53,7 +51,7 @@ def request(
     """
     base_mb, slope_mb, base_min, slope_min = STAGES[stage].request
     values, size = stage_values(stage, config), gigapixels(stage, config, inputs, chunk)
-    is_published = any(values.get(key, _SMALL) != _SMALL for key in ("sam2_config", "clip_model"))
+    is_published = any(values.get(key, "small") != "small" for key in ("sam2_config", "clip_model"))
     devices = gpus(stage, config)
     megabytes = base_mb + slope_mb * size + _CUDA_MB * devices + _PUBLISHED_MB * is_published
     times = _PUBLISHED_TIMES if is_published and not devices else 1

@@ -233,13 +233,10 @@ def _with_plugins(own: tuple[Stage, ...]) -> dict[str, Stage]:
 # Stages by name, in the order of the pipeline.
 STAGES = _with_plugins(_STAGES)
 
-# The stages that write one file, by default under the name ``output``.
+# The stages that write one file, by default under the name ``output``; those of them that draw a page; and those from a scene's
+# recording to its scores.
 FILES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".json", ".png", ".html")))
-
-# The stages that draw a page.
 PAGES = tuple(name for name, stage in STAGES.items() if stage.output.endswith((".png", ".html")))
-
-# The stages from a scene's recording to its scores.
 PIPELINE = tuple(name for name, stage in STAGES.items() if name not in PAGES and not stage.aside)
 
 
