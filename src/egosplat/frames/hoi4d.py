@@ -134,8 +134,9 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
         height, width = labels.shape
         if abs(height * camera.width - width * camera.height) > max(width, camera.width):
             raise UserError(f"{mask}: {width}x{height} px: another aspect ratio than the video's.")
-        resized = np.asarray(resize_labels(labels, camera.width, camera.height))
-        return np.where(resized > 0, resized - 1, -1).astype(np.int32)[None]
+        return np.asarray(resize_labels(np.maximum(labels - 1, -1), camera.width, camera.height), np.int32)[
+            None
+        ]
 
     return Annotations(instances_of(sequence_parts(folder)[2], folder), read)
 
@@ -155,9 +156,9 @@ def instances_of(category: str, folder: Path) -> list[Instance]:
     return instances
 
 
-def decode_labels(mask: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """(H, W, 3) uint8 RGB mask -> (H, W) int64 labels 0 (none) to 6; -1 for other colors."""
-    labels = np.full(mask.shape[:2], -1, np.int64)
+def decode_labels(mask: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """(H, W, 3) uint8 RGB mask -> (H, W) int32 labels 0 (none) to 6; -1 for other colors."""
+    labels = np.full(mask.shape[:2], -1, np.int32)
     for label, color in enumerate(COLORS):
         labels[(mask == color).all(axis=-1)] = label
     return labels

@@ -26,7 +26,7 @@ INTERVAL_NS = 1_000_000_000
 _OTHER_SUFFIXES = (".gif", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif", ".avif", ".jxl", ".dng")
 
 _EIGHT_BIT = ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr")
-_ORIENTATION_TAG, _UPRIGHT, _TRANSPOSED = 0x0112, 1, (5, 6, 7, 8)
+_ORIENTATION_TAG, _TRANSPOSED = 0x0112, (5, 6, 7, 8)
 # Compression leaves gray values where a mask is black.
 _BLACK_OF_JPEG = 127
 
@@ -47,7 +47,7 @@ class Picture:
     path: Path
     name: str
     stored: tuple[int, int]
-    orientation: int = _UPRIGHT
+    orientation: int = 1
     alpha: bool = False
     moving: Path | None = None
     mask: Path | None = None
@@ -86,11 +86,6 @@ class Source:
     @property
     def names(self) -> list[str]:
         return [picture.name for picture in self.pictures]
-
-    @property
-    def oriented(self) -> int:
-        """Number of pictures with an EXIF orientation that is not upright."""
-        return sum(picture.orientation != _UPRIGHT for picture in self.pictures)
 
     @cached_property
     def pinhole(self) -> Camera | None:
@@ -146,7 +141,7 @@ def open_folder(path: Path, folders: Sequence[Path], *, turned: bool) -> Source:
 def _read_header(path: Path, folder: Path, masks: set[Path]) -> Picture:
     moving = path.with_name(f"{DYNAMIC_MASK}{path.stem}.png")
     with open_image(path) as image:
-        orientation, alpha = image.getexif().get(_ORIENTATION_TAG, _UPRIGHT), image.has_transparency_data
+        orientation, alpha = image.getexif().get(_ORIENTATION_TAG, 1), image.has_transparency_data
         name = os.path.relpath(path, folder)
         return Picture(path, name, image.size, orientation, alpha, moving if moving in masks else None)
 

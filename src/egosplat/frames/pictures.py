@@ -105,18 +105,14 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
     focal = FOCAL_PRIOR * max(width, height)
     full = every.pinhole or Camera(width, height, focal, focal, width / 2, height / 2)
     if options.resolution > (longest := max(full.width, full.height)):
-        log(
-            f"{path.name}: frames keep their {longest} px, which are less than resolution: {options.resolution}"
-        )
+        log(f"{path.name}: frames keep their {longest} px, less than resolution: {options.resolution}")
     size, valid = shrunk_size(full.width, full.height, options.resolution), _read_valid(path, every)
     frames, labeled = _choose_frames(every, path, options, find_labeled)
     pictures, evidence = Pictures(every.keep(frames), valid, every.pinhole, size), None
     span_s = float(np.ptp(pictures.source.timestamp_ns)) * 1e-9
     if kind is None and span_s > 0 and (rate := (len(frames) - 1) / span_s) >= 2 * ENOUGH_PER_S:
         stride = f"frames.stride={options.stride * int(rate / ENOUGH_PER_S)}"
-        log(
-            f"{path.name}: {len(frames)} frames, {rate:.0f} a second; {stride} lets COLMAP take a fraction of the time"
-        )
+        log(f"{path.name}: {len(frames)} frames, {rate:.0f} a second; {stride} makes COLMAP faster")
     if not every.lenses:
         pictures, evidence = _estimate_lens(pictures, full, options.lens)
     source, pinhole = pictures.source, pictures.pinhole
@@ -176,8 +172,8 @@ def calibrate(path: Path, kind: str | None, source: Source) -> Source:
     pictures = [replace(picture, lens=lens, mask=mask) for picture, lens, mask in matched]
     source = replace(source, pictures=pictures, lenses=contents.lenses)
     # COLMAP reads pictures as they are stored; they are turned by EXIF only if this is their camera's size.
-    if source.oriented and _misfit(source) is not None:
-        source = replace(source, turned=True)
+    if _misfit(source) is not None and _misfit(turned := replace(source, turned=True)) is None:
+        source = turned
         log(f"{known}: its cameras have the size of pictures that are turned by their EXIF orientation")
     if (index := _misfit(source)) is not None:
         lens, (width, height) = source.lenses[source.pictures[index].lens], source.sizes[index]
@@ -216,10 +212,8 @@ def _choose_frames(
     if find_labeled is not None:
         matched = np.array(find_labeled(source.names), np.int64)
         if not len(labeled := np.intersect1d(matched, every)):
-            raise UserError(
-                f"{path}: no labeled picture is within frames.start_s and frames.end_s; these are pictures "
-                f"{', '.join(map(str, matched))}, one a second."
-            )
+            at = f"labels are at {', '.join(map(str, matched))} s"
+            raise UserError(f"{path}: no labeled picture is within frames.start_s and frames.end_s; {at}.")
         frames = np.union1d(frames, labeled)
     return frames, labeled
 
@@ -251,10 +245,8 @@ def _shared_mask(pictures: Pictures) -> tuple[Mask, Callable[[int], Mask] | None
     # What no frame shows is the picture's own border; the rest are pixels of single frames.
     valid = np.bitwise_or.reduce(shown)
     if not valid.any():
-        raise UserError(
-            f"{pictures.source.path}: masks leave no pixel of any picture. White shows the scene (mask_path of "
-            "transforms.json, valid.png); in dynamic_mask_*.png black does."
-        )
+        shows = "White shows the scene (mask_path, valid.png); in dynamic_mask_*.png black does"
+        raise UserError(f"{pictures.source.path}: masks leave no pixel of any picture. {shows}.")
     left_out = valid & ~shown
 
     def unpacked(bits: NDArray[np.uint8]) -> Mask:

@@ -78,13 +78,8 @@ def test_an_id_that_no_instance_has_is_named(copy):
         reader.instance_map(CAPTURE_NS[0])
 
 
-ENTRY = {
-    "instance_id": 7,
-    "instance_name": "a",
-    "category": "b",
-    "motion_type": "static",
-    "instance_type": "object",
-}
+FIELDS = ("instance_id", "instance_name", "category", "motion_type", "instance_type")
+ENTRY = dict(zip(FIELDS, (7, "a", "b", "static", "object"), strict=True))
 
 
 @pytest.mark.parametrize(

@@ -61,18 +61,6 @@ def boxes(sample):
     return seen.assign(x=centers[:, 0], y=centers[:, 1], z=centers[:, 2])
 
 
-def test_box_centers_project_into_the_2d_boxes(sample, boxes, world_from_device):
-    calibration = rgb_calibration(sample)
-    device_from_camera = calibration.get_transform_device_camera().to_matrix()
-    points = transform(invert(world_from_device[0] @ device_from_camera), boxes[["x", "y", "z"]].to_numpy())
-    pixels = np.array([p if (p := calibration.project(point)) is not None else (-1, -1) for point in points])
-    inside = pixels[:, 0] >= boxes["x_min[pixel]"]
-    inside &= (pixels[:, 0] <= boxes["x_max[pixel]"]) & (pixels[:, 1] >= boxes["y_min[pixel]"])
-    inside &= pixels[:, 1] <= boxes["y_max[pixel]"]
-    assert len(boxes) == 74
-    assert inside.sum() >= 70
-
-
 @pytest.mark.parametrize("upright", [False, True])
 def test_the_pinhole_camera_finds_the_instances_at_box_centers(sample, boxes, world_from_device, upright):
     recording = open_recording(sample, OPTIONS.change(resolution=1408, upright=upright))

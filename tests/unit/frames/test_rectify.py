@@ -104,13 +104,3 @@ def test_a_fine_pattern_averages_instead_of_aliasing(fisheye):
     naive = distort_by_calibration(image, linear_calibration(camera), fisheye)[12:32, 12:32, 0].astype(float)
     assert np.abs(middle - 127.5).max() < 20
     assert naive.std() > 3 * middle.std()
-
-
-def test_upright_turns_clockwise(fisheye):
-    sensor = Rectification(fisheye, pinhole(176, 460.0), False)
-    upright = Rectification(fisheye, pinhole(176, 460.0), True)
-    image = noise()
-    assert (upright.color(image) == np.rot90(sensor.color(image), -1)).all()
-    assert (upright.valid == np.rot90(sensor.valid, -1)).all()
-    labels = image[..., 0].astype(np.uint16)
-    assert (upright.labels(labels) == np.rot90(sensor.labels(labels), -1)).all()
