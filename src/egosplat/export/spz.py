@@ -10,6 +10,7 @@ import torch
 from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.gaussians.model import Gaussians
+from egosplat.progress import log
 
 # Natural logarithms of the least and the largest stored size: a byte holds sixteenths.
 _LOG_SIZES = -10.0, 255 / 16 - 10.0
@@ -41,8 +42,13 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int) -> None:
             f"{path}: .spz stores sizes of {math.exp(low):.1g} to {math.exp(high):.0f}, and most Gaussians have about "
             f"{math.exp(typical):.1g}, in the world's unit. Set poses.meters_per_unit for the scene, or export ply"
         )
-    # 24 bits hold a coordinate with its sign, 12 of them after the point, as in most files.
-    chosen = gaussians.select((gaussians.means.abs() < 2**11 - 1).all(dim=1))
+    # 24 bits hold a coordinate with its sign; those before the point reach all but the farthest 0.1 % of the Gaussians.
+    farthest = gaussians.means.abs().amax(dim=1).double().numpy()
+    reach = max(float(np.quantile(farthest, 0.999)), 1e-3) if len(farthest) else 1.0
+    bits = int(np.clip(22 - np.ceil(np.log2(reach)), 1, 22))
+    chosen = gaussians.select(torch.from_numpy(farthest < 2.0 ** (23 - bits)))
+    if left_out := gaussians.count - chosen.count:
+        log(f"{path}: {left_out} of {gaussians.count} Gaussians are too far away for this format")
     rest = chosen.sh[:, 1 : (sh_degree + 1) ** 2].numpy()
     data = GSData(
         means=chosen.means.numpy() * _TURNED,
@@ -53,6 +59,6 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int) -> None:
         shN=rest * TURNED_SH[: rest.shape[1], None],
     )
     with atomic_file(path) as scratch:
-        write(scratch, data, version=3)
+        write(scratch, data, version=3, fractional_bits=bits)
         # Without the time of compression: the same Gaussians give the same file.
         scratch.write_bytes(gzip.compress(gzip.decompress(scratch.read_bytes()), mtime=0))
