@@ -12,15 +12,7 @@ from egosplat.artifacts.schemas import seconds_of
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.intervals import IntervalOptions, cluster, clustered_interval
 from egosplat.evaluation.options import ScoringOptions
-from egosplat.evaluation.queries import (
-    GROUPS,
-    InstanceMap,
-    Mask,
-    Query,
-    instances_of,
-    mask_of,
-    read_layers,
-)
+from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, instances_of, mask_of, read_layers
 from egosplat.frames.recording import Instance
 from egosplat.progress import track
 from egosplat.query.answers import ViewMatch
@@ -49,12 +41,7 @@ class Result:
 
 
 def score_query(
-    query: Query,
-    pixel: tuple[int, int] | None,
-    mask: Mask,
-    layers: InstanceMap,
-    valid: Mask,
-    hit_region: str,
+    query: Query, pixel: tuple[int, int] | None, mask: Mask, layers: InstanceMap, valid: Mask, hit_region: str
 ) -> dict[str, Result]:
     """Score one answer against the instances of each group.
 

@@ -21,13 +21,7 @@ _POINTS, _WITHIN = 300, 0.8
 # The learning rate of the means is this part of the radius, and is multiplied by this after each step.
 _RATE, _DECAY = 0.0032, 0.995
 # Few and short steps: all other rates are larger than those of a scene.
-_RATES = {
-    "quats": 0.002,
-    "log_scales": 0.01,
-    "logit_opacities": 0.05,
-    "sh_dc": 0.01,
-    "sh_rest": 0.0005,
-}
+_RATES = {"quats": 0.002, "log_scales": 0.01, "logit_opacities": 0.05, "sh_dc": 0.01, "sh_rest": 0.0005}
 
 _SSIM_LAMBDA = 0.2
 # Weight of the mean opacity in the loss: a Gaussian that explains nothing disappears.

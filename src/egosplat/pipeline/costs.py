@@ -67,10 +67,7 @@ def can_use_gpu(stage: str) -> bool:
 def gpus(stage: str, config: Config) -> int:
     """GPUs that a job of the stage can use: 1 if a key lets models or rendering run on one, else 0."""
     # Tracks are copied as they are.
-    idle = {
-        "segments": config["segments"]["segmenter"] == "classical",
-        "instances": not merges_masks(config),
-    }
+    idle = {"segments": config["segments"]["segmenter"] == "classical", "instances": not merges_masks(config)}
     values = stage_values(stage, config)
     wanted = any(values.get(key) in ("auto", "cuda") for key in ("device", "backend"))
     return int(wanted and not idle.get(stage))

@@ -17,13 +17,7 @@ from egosplat.pipeline.config import Config, stage_sections
 from egosplat.pipeline.scenes import Scene, check_recording
 from egosplat.pipeline.stages import STAGES, code_of
 from egosplat.pipeline.survey_file import Survey, read_survey
-from egosplat.pipeline.variants import (
-    artifact_path,
-    chosen_value,
-    method_of,
-    preset_of,
-    scene_config,
-)
+from egosplat.pipeline.variants import artifact_path, chosen_value, method_of, preset_of, scene_config
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,14 +46,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import GROW_GRAD2D, TrainingOptions
 from egosplat.gaussians.trainer import Curves, TrainingState, ViewSets, resume_and_train
-from egosplat.gaussians.training_views import (
-    Mask,
-    Masking,
-    Views,
-    open_masking,
-    read_views,
-    split_views,
-)
+from egosplat.gaussians.training_views import Mask, Masking, Views, open_masking, read_views, split_views
 from egosplat.language.joint import JointLanguage
 from egosplat.language.targets import CodeTargets
 from egosplat.models.checkpoints import joint_hash

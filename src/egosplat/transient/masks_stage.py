@@ -173,11 +173,7 @@ def _find_regions(
 
 
 def _put_refined(
-    artifact: Writer,
-    inputs: _Inputs,
-    chosen: NDArray[np.bool_],
-    regions: RegionMasks,
-    options: MasksOptions,
+    artifact: Writer, inputs: _Inputs, chosen: NDArray[np.bool_], regions: RegionMasks, options: MasksOptions
 ) -> tuple[float, float]:
     """Write the masks of all frames; returns the share of all pixels that are masked, and that regions alone mask."""
     count, height, width = inputs.transient.shape("probability")

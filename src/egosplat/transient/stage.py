@@ -166,11 +166,7 @@ def _put_residuals(
 
 @torch.no_grad()
 def _put_probability(
-    artifact: Writer,
-    frames: Artifact,
-    net: TransientNet,
-    options: TransientOptions,
-    device: torch.device,
+    artifact: Writer, frames: Artifact, net: TransientNet, options: TransientOptions, device: torch.device
 ) -> float:
     """Predict every frame and store the probabilities; returns the mean over frames of what their own masks leave."""
     # In mode train, prediction changes the running statistics; they are stored already.

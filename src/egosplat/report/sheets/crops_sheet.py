@@ -61,10 +61,7 @@ def run(
 
 
 def choose_instances(
-    owner: NDArray[np.int32],
-    inlier: NDArray[np.bool_],
-    level: NDArray[np.int8],
-    feature: NDArray[np.float64],
+    owner: NDArray[np.int32], inlier: NDArray[np.bool_], level: NDArray[np.int8], feature: NDArray[np.float64]
 ) -> list[int]:
     """Choose the instances to show.
 
